@@ -104,7 +104,7 @@ class Seen:
         """Names of what can be broken."""
         text = self.page.locator("body").inner_text()
         rows = text.partition("Break an actuator")[2].partition("Disturb")[0].split()
-        return [word for word in rows if word not in ("sound", "lock", "free", "weak")]
+        return [word for word in rows if word not in ("●", "sound", "lock", "free", "weak")]
 
     def beside(self, label: str) -> Locator:
         """The row of a label."""

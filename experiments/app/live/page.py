@@ -11,7 +11,9 @@ from queue import SimpleQueue
 from typing import Any
 
 import viser
+import websockets.asyncio.server
 
+from experiments.app.live.gate import guarded
 from experiments.app.live.kept import keep
 from experiments.app.live.panel import Panel
 from experiments.app.live.stage import FRAME_S, NAMES, Stage
@@ -31,7 +33,19 @@ _AT_ONCE = 5
 
 
 class LocalServer(viser.ViserServer):
-    """Of this machine alone: it refuses what viser's client may ask, a tunnel to the internet."""
+    """Of this machine and its own page alone, without a tunnel to the internet."""
+
+    def __init__(self, port: int) -> None:
+        """Begin to listen at a port, or the next that is free; see :mod:`.gate`."""
+        started, serve = list[bool](), websockets.asyncio.server.serve
+        websockets.asyncio.server.serve = guarded(self, started)  # type: ignore[assignment]
+        try:
+            super().__init__(HOST, port, verbose=False)
+        finally:
+            websockets.asyncio.server.serve = serve
+        if not started:  # another viser: nothing would be checked
+            self.stop()
+            raise WrongInput(f"viser {viser.__version__} is not known: pip install viser==1.1.1")
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """None: there is none."""
@@ -45,7 +59,7 @@ def local_server(port: int | None) -> LocalServer:
         WrongInput: The port is taken.
     """
     with redirect_stdout(io.StringIO()):  # it would print a table of its addresses
-        server = LocalServer(HOST, PORT if port is None else port, verbose=False)
+        server = LocalServer(PORT if port is None else port)
     if port is not None and server.get_port() != port:
         stop(server)
         raise WrongInput(f"--port {port}: another program listens there; leave --port out")

@@ -8,6 +8,7 @@ import numpy as np
 import viser
 from viser.uplot import Legend, Series
 
+from experiments.app.live.gate import NOW
 from experiments.app.live.stage import COLORS, NAMES
 from experiments.rig.choices import SOUND
 from experiments.rig.course import COURSES
@@ -61,9 +62,11 @@ class Panel:
 
     def _add_breaks(self, gui: viser.GuiApi) -> None:
         session = self._session
+        self._groups = list[viser.GuiButtonGroupHandle]()
         with gui.add_folder("Break an actuator"):
             for k, name in enumerate(session.rig.actuators):
                 group = gui.add_button_group(name, list(_KINDS))
+                self._groups.append(group)
                 group.on_click(
                     lambda event, k=k: self._do(session.make, k, _KINDS[event.target.value])
                 )
@@ -128,6 +131,10 @@ class Panel:
     def show(self, real_time_factor: float) -> None:
         """What is so now."""
         session, rig = self._session, self._session.rig
+        for group, state in zip(self._groups, session.states, strict=True):
+            now = tuple(f"{NOW}{w}" if kind == state else w for w, kind in _KINDS.items())
+            if group.options != now:
+                group.options = now
         second = round(1.0 / rig.period_s)
         broken = [f"{n} {s}" for n, s in zip(rig.actuators, session.states, strict=True)
                   if s != SOUND]  # fmt: skip
