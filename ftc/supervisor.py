@@ -61,7 +61,11 @@ class SupervisorState(NestedState):
     @property
     def status(self) -> str:
         """What is believed, not understood and done, in one sentence."""
-        return status(self)
+        return status(self, self.monitor.nominal.names)
+
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        return f"<SupervisorState after {self.ticks} ticks. {self.status}>"
 
     @property
     def is_learning(self) -> bool:
@@ -119,6 +123,12 @@ class Supervisor:
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_checks: SensorChecks | None = None
     test_motion: Callable[[float], Array] | None = None
+
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        nominal = self.monitor.nominal
+        names = ", ".join(nominal.names or (f"{nominal.actuators} actuators",))
+        return f"<Supervisor of {names}>"
 
     def __post_init__(self) -> None:
         mapping = check.instance("first", self.first, PrioritizedController).mapping

@@ -362,6 +362,7 @@ def tracking(
         preload=getattr(linear, "preload", None),
         friction=None if rubs is None else DryFriction(*rubs),
         implicit_damping=options.pop("implicit_damping", False),
+        names=options.pop("names", None),
     )
     if overshoots := _overshooting(nominal, linear):
         raise TaskLost(overshoots)

@@ -57,6 +57,12 @@ class Kinematics:
     system: Partition
     names: Names | None = None
 
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        each = known_actuators(self.names, self.system.joints.actuated)
+        left = ", ".join(next(iter(each[k]), f"actuator {k}") for k in self.actuators)
+        return f"<Kinematics of {left or 'no actuator'}>"
+
     @property
     def actuators(self) -> Indices:
         """Surviving actuators in nominal numbering, shape (n - q,)."""

@@ -272,6 +272,10 @@ class ConstrainedSystem:
         is_stated = self.geometry_accuracy is not None
         return Geometry(self.J_T, self.J_C, self.rank_tolerance, self.accuracy, is_stated)
 
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        return f"<ConstrainedSystem of {self}>"
+
     def __str__(self) -> str:
         failures = self.failures.in_words(self._known_actuators, self._known_velocities)
         velocities = counted(self.J_T.shape[1], "velocity", "velocities")

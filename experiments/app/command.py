@@ -29,6 +29,7 @@ def command(study: Study) -> Callable[..., None]:
     """The study as a command for Typer, which raises `Unsound` where a check failed."""
 
     def run(*, out: Path, quiet: bool, json: bool, **options: Any) -> None:
+        options = {"seed": 0, "quick": False} | options
         study.check_options(**options)
         results = conduct(study, out, partial(progress, shown=not quiet), **options)
         show(results, quiet=quiet, json=json)
@@ -88,19 +89,19 @@ def with_options(
     name: str,
     help: str,
     *,
-    seed: str,
-    quick: str,
+    seed: str | None,
+    quick: str | None,
     further: tuple[Option, ...] = (),
 ) -> Callable[..., None]:
     """The function as Typer takes it, with the options that all studies have, and further ones.
 
     It takes all of them by keyword. The name is that of the command and of its folder; `seed` says
-    what the seed is of, `quick` what --quick leaves out.
+    what the seed is of, `quick` what --quick leaves out; without one there is no such option.
     """
     options = (
         Option("out", Path, Path("results", name), "Folder for results; created if missing."),
-        Option("seed", int, 0, f"Seed of {seed}.", metavar="N"),
-        Option("quick", bool, False, quick),
+        *([] if seed is None else [Option("seed", int, 0, f"Seed of {seed}.", metavar="N")]),
+        *([] if quick is None else [Option("quick", bool, False, quick)]),
         *further,
         Option("quiet", bool, False, _QUIET),
         Option("json", bool, False, _JSON),

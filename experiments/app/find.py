@@ -55,7 +55,8 @@ def find(
     has none; of all folders below it likewise. Names are those of the columns or of the recordings'
     properties; their units may be others: named_s is named_ms / 1000. A missing number or word
     satisfies no comparison; "x is None" asks for it. A run without a recording is flown again from
-    its case number and compared with its row. The exit code is 0 if no run is found. docs/find.md has all.
+    its case number and compared with its row. The exit code is 0 if no run is found. docs/find.md
+    has all.
 
     Example: fjh find "named_s > 0.1 and kind == 'locked'" results/recover
     """

@@ -166,6 +166,7 @@ def _tracking(
             springs=robot.springs_count,
             unused=robot.unused,
             feedforward=options.feedforward != "off",
+            names=[own for own, *_ in names_of(plant.drives)],
         )
     except TaskLost as error:
         advice = "; try other rows (--major) or another start (--keyframe)"

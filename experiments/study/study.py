@@ -73,8 +73,8 @@ class Study:
     help: str  # a paragraph each: one line, what it does and how long it takes, files, an example
     runs: str
     results: str
-    quick: str  # what --quick leaves out
-    seed: str = "the detector noise"  # what the seed is of
+    quick: str | None  # what --quick leaves out; None: there is no shorter run
+    seed: str | None = "the detector noise"  # what the seed is of; None: nothing is random
     options: tuple[Option, ...] = ()
     check: str = ""
     streams: bool = False
@@ -112,7 +112,7 @@ class Study:
 
     def words(self, *, seed: int, quick: bool, **given: Any) -> list[str]:
         """The command that gives the same numbers, without its folder; defaults are left out."""
-        found, options = ["fjh", self.name], ["--quick"] * quick
+        found, options = ["fjh", self.name], ["--quick"] * (quick and self.quick is not None)
         for option in self.options:
             if (value := given.get(option.name, option.default)) == option.default:
                 continue
@@ -121,7 +121,7 @@ class Study:
                 continue
             options.append(f"--{option.name.replace('_', '-')}")
             options += [] if option.kind is bool else [str(value)]
-        return [*found, *options, "--seed", str(seed)]
+        return [*found, *options, *([] if self.seed is None else ["--seed", str(seed)])]
 
     @contextmanager
     def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:

@@ -132,6 +132,7 @@ class NominalModel:
         implicit_damping: Whether a step of the integration takes the forces of dampers with the
             velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
         friction: Dry friction of the plant's positions, beside its A; None: nothing rubs.
+        names: Of the actuators, for sentences; None: these have numbers.
 
     All arrays are copied, and read-only.
 
@@ -151,6 +152,7 @@ class NominalModel:
     spring: Array | None = None
     preload: Array | None = None
     friction: DryFriction | None = None
+    names: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         import control  # late, as in ftc.compensator
@@ -175,6 +177,10 @@ class NominalModel:
         check.all_positive("noise", kept["noise"], plant.noutputs)
         if self.friction is not None:
             kept["friction"] = check.instance("friction", self.friction, DryFriction).checked(k)
+        if self.names is not None:
+            kept["names"] = check.members("names", self.names, str)
+            if len(kept["names"]) != n:
+                raise ValueError(f"names must be {n}, got {len(kept['names'])}")
         for name in ("period_s", "step_s"):
             kept[name] = check.duration(name, getattr(self, name))
         if not kept["step_s"] <= kept["period_s"] <= MOST_STEPS * kept["step_s"]:

@@ -121,6 +121,10 @@ class Manipulability:
         """The gap of the rank decision of each finding."""
         return {name: finding.gap for name, finding in self.findings.items()}
 
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        return f"<Manipulability. {' '.join(str(self).splitlines())}>"
+
     def __str__(self) -> str:
         sentences = [finding.sentence for finding in self.findings.values()]
         sentences += gain_sentences(self.largest_gain, self.worst_gain)

@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from experiments.rig.hexapod.choices import STRUTS
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.verdicts import Verdict, verdicts
@@ -104,6 +105,7 @@ def nominal_model(
         step_s=float(model.opt.timestep),
         spring=linear.spring,
         preload=linear.preload,
+        names=[own for own, _ in STRUTS],
     )
 
 
