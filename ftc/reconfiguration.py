@@ -17,6 +17,11 @@ WEAKEST = 0.5
 seven times as much because of a wrong diagnosis, a sound strut would make the loop unstable:
 docs/recover.md."""
 
+LEAST_ASSUMED = 0.7
+"""Part of the displacement that a diagnosed actuator is assumed to keep, at least: it is commanded
+at most 3 dB more, half of the gain margin of 6 dB that loops have. If it works again before anybody
+can know, the other half is left."""
+
 
 def used_share(nominal: NominalModel, fault: Fault) -> float:
     """Part of its commanded displacement that the mapping assumes for an actuator; 0: not used."""
@@ -55,7 +60,12 @@ locked is the better model even without the spring (docs/theory.md)."""
 
 
 def goal_after(
-    goal: Goal, diagnoses: Sequence[Diagnosis], nominal: NominalModel, unused: Unused = "free"
+    goal: Goal,
+    diagnoses: Sequence[Diagnosis],
+    nominal: NominalModel,
+    unused: Unused = "free",
+    *,
+    least: float = 0.0,
 ) -> Goal:
     """The goal with failures that are known.
 
@@ -64,10 +74,12 @@ def goal_after(
         diagnoses: What has failed.
         nominal: Linear model of the sound machine.
         unused: What an actuator counts as that is free, loose, or too weak to be used.
+        least: Of what a weak one that is used did, it is assumed to do this part at least.
 
     Raises:
         ValueError, TypeError: Of another kind than that, or of another mechanism.
     """
+    check.at_most_one("least", least)
     n = check.instance("nominal", nominal, NominalModel).actuators
     check.instance("goal", goal, Goal).of(n)
     check.choice("unused", unused, get_args(Unused))
@@ -82,7 +94,7 @@ def goal_after(
         if found.fault.kind == "locked":
             locked_at[actuator] = found.displacement
         elif (share := used_share(nominal, found.fault)) > 0:
-            effectiveness[actuator] = share
+            effectiveness[actuator] = max(share, least)
         elif unused == "locked":
             locked_at[actuator] = 0.0
         else:

@@ -33,7 +33,6 @@ class SensorState:
         repeats: Of each row, ticks since it last changed while the commands did.
         ticks: So far.
         gap_ticks: Without a usable reading, up to now; 0: this one is usable.
-        good_ticks: Within a loss, that a reading would have been usable up to now.
         lost: Whether the gap is longer than a short one, or a row is stuck.
         since: The tick at which the present gap, or the last one, began.
         cause: What was wrong with the latest reading that was not usable.
@@ -48,7 +47,6 @@ class SensorState:
     repeats: tuple[int, ...]
     ticks: int = 0
     gap_ticks: int = 0
-    good_ticks: int = 0
     lost: bool = False
     since: int = 0
     cause: str = ""
@@ -64,8 +62,8 @@ class SensorState:
 
     @property
     def new(self) -> bool:
-        """Whether it also says something new, and does not repeat the reading before."""
-        return not self.gap_ticks and not (self.repeats and all(self.repeats))
+        """Whether it also says something new, and no row repeats the reading before."""
+        return not self.gap_ticks and not any(self.repeats)
 
     def sentence(
         self,
@@ -81,16 +79,16 @@ class SensorState:
             return f"{name} is usable{past if bad else ''}"
         if not self.lost:
             return f"{name} {self.cause} for {self.gap_ticks} ticks: {instead}"
-        again = ", and reads again" if self.good_ticks else ""
-        return f"{name} {self.cause} since {self.since * period_s:.3f} s{again}: {instead}"
+        return f"{name} {self.cause} since {self.since * period_s:.3f} s: {instead}"
 
 
 @dataclass(frozen=True)
 class SensorCheck:
     """The rule by which a reading is usable.
 
-    Without a usable reading the controller's state and its commands stay as they are. That is all
-    for a short gap. After it the sensor is lost, until its readings have been usable for a while.
+    Without a usable reading the controller's state and its commands stay as they are. After a short
+    gap the sensor is lost; the next usable reading is used at once, as a controller that checks
+    nothing would: to wait for more of them leaves the loop open for longer than the sensor does.
 
     Attributes:
         period_s: Between readings.
@@ -99,9 +97,9 @@ class SensorCheck:
         noisy: Whether noise changes each reading. Not so for a sensor whose noise is below its
             resolution, nor in a simulation without noise, where a machine at rest repeats itself.
         stuck_s: A row that repeats for so long is stuck, though not before 5 readings; one at the
-            end of what its sensor can show repeats as well.
+            end of what its sensor can show repeats as well. A bus or a driver that is late repeats
+            for some tens of milliseconds, in which a loop is better off with the old reading.
         gap_s: A longer gap is a loss.
-        usable_s: After a loss readings are used again when they have been usable for so long.
 
     Raises:
         ValueError, TypeError: Of another kind than that, or a time longer than a day.
@@ -110,13 +108,12 @@ class SensorCheck:
     period_s: float
     limits: tuple[float, ...] | None = None
     noisy: bool = True
-    stuck_s: float = 10e-3
+    stuck_s: float = 50e-3
     gap_s: float = 20e-3
-    usable_s: float = 20e-3
 
     def __post_init__(self) -> None:
         check.duration("period_s", self.period_s)
-        for name in ("stuck_s", "gap_s", "usable_s"):
+        for name in ("stuck_s", "gap_s"):
             check.duration(name, getattr(self, name), least=0.0)
         check.flag("noisy", self.noisy)
         if self.limits is not None:
@@ -155,24 +152,19 @@ class SensorCheck:
         elif any(repeats):
             repeats = (0,) * len(last)
         read = {"last": seen, "sent": sent, "repeats": repeats, "repeated": repeated}
-        usable = {"ticks": state.ticks + 1, "gap_ticks": 0, "good_ticks": 0, "lost": False}
+        usable = {"ticks": state.ticks + 1, "gap_ticks": 0, "lost": False}
         after = changed(state, **read, **usable)
         if any(repeats) and (state.lost or self._is_stuck(repeats)):
             return self._without(state, after, "repeats one value")
-        if state.lost and state.good_ticks + 1 < self._ticks(self.usable_s):
-            return self._without(state, after, state.cause, state.good_ticks + 1)
         return after
 
-    def _without(
-        self, before: SensorState, after: SensorState, cause: str, good_ticks: int = 0
-    ) -> SensorState:
+    def _without(self, before: SensorState, after: SensorState, cause: str) -> SensorState:
         """The state after a reading that is not used."""
         gap, longest = before.gap_ticks + 1, max(after.repeats)
         lost = before.lost or self._is_stuck(after.repeats) or gap > self._ticks(self.gap_s)
         return replace(
             after,
             gap_ticks=gap,
-            good_ticks=good_ticks,
             lost=lost,
             since=before.since if before.gap_ticks else after.ticks - max(longest, 1),
             cause=cause,

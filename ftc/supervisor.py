@@ -19,7 +19,7 @@ from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
-from ftc.reconfiguration import Unused, goal_after, lost_displacement
+from ftc.reconfiguration import LEAST_ASSUMED, WEAKEST, Unused, goal_after, lost_displacement
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks, Sensors, in_numbers
 from ftc.status import status
@@ -254,6 +254,8 @@ class Supervisor:
                 state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
             state = self._reconfigured(state, known, commanded, measurement)
             watch = state.watch
+        elif state.ticks % state.monitor.ticks == 0 and state.current.mapping.goal.effectiveness:
+            state = self._followed(state, watch)
         if not (sensors.task.usable or sensors.estimates):
             return changed(state, watch=watch, sensors=sensors, ticks=ticks)
         if self.estimate is not None and sensors.estimates:
@@ -322,6 +324,31 @@ class Supervisor:
         monitor, watch = state.monitor.believing(state.watch)
         return replace(state, monitor=monitor, watch=watch)
 
+    def _followed(self, state: SupervisorState, watch: MonitorState) -> SupervisorState:
+        """State in which weak actuators are driven by the inverse of the most that they may have.
+
+        So that none ever does more than a sound one: what evidence is older than, or an alarm calls
+        in question, is given up before anything else is known.
+        """
+        strongest, confirmed = dict(state.monitor.watch.strongest(watch.watch)), []
+        driven = state.current.mapping.goal.effectiveness
+        known = {each.actuator: each.effectiveness for each in state.monitor.watch.weak}
+        for each in state.confirmed:
+            fault, k = each.fault, each.fault.actuator
+            if k in driven and k in known and fault.kind == "weak" and not fault.is_sound:
+                most = min(max(strongest[k], known[k]), _NEARLY_ALL)
+                if abs(most - fault.effectiveness) > self.monitor.config.effectiveness_step:
+                    each = replace(each, fault=replace(fault, effectiveness=most))
+            confirmed.append(each)
+        if tuple(confirmed) == state.confirmed:
+            return state
+        state = replace(state, confirmed=tuple(confirmed))
+        current, controller = self._transferred(state, state.standing)
+        if watch.evidence is not None:
+            # What moved may be what was commanded more: that is taken back at once.
+            controller = state.controller
+        return replace(state, current=current, controller=controller)
+
     def _can(self, believed: Sequence[Diagnosis]) -> bool:
         return self.is_possible([each.fault for each in believed])
 
@@ -332,6 +359,8 @@ class Supervisor:
         lost_displacements: Array | None = None,
     ) -> tuple[PrioritizedController[Any], ControllerState[Any]]:
         """The controller for these diagnoses, and its state if it took over now."""
+        step = self.monitor.config.effectiveness_step
+        believed = [_in_use(each, step) for each in believed]
         current, n = self.reconfigured(believed), self._nominal.actuators
         acting, keeps = np.zeros(n), np.zeros(n)
         if lost_displacements is not None:
@@ -382,8 +411,22 @@ class Supervisor:
         return round(_AHEAD_S / (self.monitor.ticks * self.first.period_s))
 
 
+_NEARLY_ALL = 0.999
+"""Of its force: what a weak actuator that may be sound by now counts as."""
+
 _AHEAD_S = 1.0
 """So far ahead errors are predicted for a decision; what was asked of late is taken backwards."""
+
+
+def _in_use(found: Diagnosis, step: float) -> Diagnosis:
+    """The diagnosis; of one too weak to be used by less than its estimate may be off, as if used.
+
+    Nothing is taken out of use, nor given back, because an estimate is revised a little.
+    """
+    fault = found.fault
+    if fault.kind != "weak" or not WEAKEST - step < fault.effectiveness < WEAKEST:
+        return found
+    return replace(found, fault=replace(fault, effectiveness=WEAKEST))
 
 
 def _is_taken_back(known: Diagnosis, now: Diagnosis | None) -> bool:
@@ -467,4 +510,4 @@ def _reconfigured(
     found: Sequence[Diagnosis],
 ) -> PrioritizedController[Any]:
     """The controller that knows of these failures; a closure could not be pickled."""
-    return controller(goal_after(goal, found, watched, unused))
+    return controller(goal_after(goal, found, watched, unused, least=LEAST_ASSUMED))

@@ -133,7 +133,8 @@ class Monitor:
             return state
         state = changed(state, recent=self.test.push(state.recent, watch.residual))
         if self.test.alarm(state.recent):
-            state = replace(state, alarm_ticks=(*state.alarm_ticks, state.ticks - 1))
+            alarms, watch = (*state.alarm_ticks, state.ticks - 1), self.watch.doubting(state.watch)
+            state = replace(state, alarm_ticks=alarms, watch=watch)
             return self._judge.judged(self._judge.begun(state, self.config.look_back_s))
         return state
 
@@ -216,5 +217,7 @@ def monitor(
     test = residual_test(
         len(nominal.noise), config.false_alarms_per_hour, period_s, config.dither_hz
     )
-    watch = Watch(believed, config, period_s, test.threshold)
+    weak = [each for each in faults if each.kind == "weak" and 0 < each.effectiveness < 1]
+    followed = tuple(weak) if config.uncertainty.gain > 0 else ()
+    watch = Watch(believed, config, period_s, test.threshold, followed)
     return Monitor(nominal, tuple(faults), config, ticks, watch, test)

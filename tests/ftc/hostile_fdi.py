@@ -129,7 +129,7 @@ TARGETS = {
     "SensorCheck": Target(
         checked,
         {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True}
-        | {"stuck_s": 1e-2, "gap_s": 2e-2, "usable_s": 2e-2},
+        | {"stuck_s": 1e-2, "gap_s": 2e-2},
     ),
     "SensorChecks": Target(
         lambda **a: SensorChecks(**a).start(2, N).failed,

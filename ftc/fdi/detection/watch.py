@@ -12,7 +12,13 @@ from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.fault_model import Fault
 from ftc.fdi.uncertainty import UncertainModel
+
+_FORGOTTEN_S, _JUMP = 2.0, 0.5
+"""What an actuator that is weak has left of its force is a random walk: two standard deviations
+after so long without motion that shows it, and one at an alarm, are half of the force of a sound
+one."""
 
 _SLOWER = 40.0
 """Times slower than the dither are inputs that no failure is inferred from."""
@@ -87,12 +93,15 @@ class Watch:
         period_s: Of a sample.
         largest: Sum of squares of an innovation that is still learned from, once the spectrum is
             known: what an alarm is raised for would move the parameters.
+        weak: Actuators known to be weak; what they have left is followed as the error of their
+            gain, where the model has such errors.
     """
 
     model: UncertainModel
     config: FdiConfig
     period_s: float
     largest: float = np.inf
+    weak: tuple[Fault, ...] = ()
 
     def start(self, calibration: Calibration | None = None) -> WatchState:
         """At rest at the equilibrium, with what is known of the machine already.
@@ -187,7 +196,30 @@ class Watch:
     def _drift(self) -> Array:
         p, errors = len(self.model.C), len(self.model.M) - 1
         given = self.period_s, p, self.config.uncertainty, self.model.limits
-        return drift(errors + p, *given)
+        rate = 0.25 / np.sqrt(_FORGOTTEN_S)
+        return np.hypot(
+            drift(errors + p, *given), self._strength_steps(rate * np.sqrt(self.period_s))
+        )
+
+    def _strength_steps(self, part: float) -> Array:
+        """Steps of the parameters (J + p,) by which weak actuators have this part more force."""
+        steps = np.zeros(len(self.model.M) - 1 + len(self.model.C))
+        for fault in self.weak:
+            steps[fault.actuator] = part / (self.config.uncertainty.gain * fault.effectiveness)
+        return steps
+
+    def doubting(self, state: WatchState) -> WatchState:
+        """The state at an alarm: what weak actuators have left may be anything."""
+        return replace(state, parameters=state.parameters.spread(self._strength_steps(_JUMP)))
+
+    def strongest(self, state: WatchState) -> list[tuple[int, float]]:
+        """Weak actuators, and the most that each may have of its force: two standard deviations."""
+        mean, root = state.parameters.mean, state.parameters.root
+        return [
+            (fault.actuator, fault.effectiveness * (1 + self.config.uncertainty.gain * float(most)))
+            for fault in self.weak
+            for most in [mean[fault.actuator] + 2 * np.linalg.norm(root[fault.actuator])]
+        ]
 
     def observed(self, state: WatchState) -> Array:
         """Part of each parameter's prior variance that the motion so far has removed, (J + p,).
