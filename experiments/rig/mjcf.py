@@ -138,6 +138,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         warnings=warnings_of(robot),
         part=robot.scene.part,
         file=file,
+        soft_locks=frozenset(robot.known.soft_locks),
         robot=robot,
         track=track,
         mismatch=EXACT,

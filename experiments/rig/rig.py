@@ -81,6 +81,7 @@ class Rig(ABC):
         warnings: What was left out of the model, and what a user would not expect.
         part: What of the model the task involves; None is everything.
         file: The MJCF as the user named it; None is the hexapod's own.
+        soft_locks: Actuators by number whose lock gives way, which a warning says.
     """
 
     title: str
@@ -106,6 +107,7 @@ class Rig(ABC):
     warnings: tuple[str, ...]
     part: Part | None
     file: Path | None = field(default=None, kw_only=True)
+    soft_locks: frozenset[int] = field(default=frozenset(), kw_only=True)
 
     @staticmethod
     def hexapod(

@@ -215,6 +215,7 @@ def warnings_of(robot: Robot) -> tuple[str, ...]:
         *scene.moved,
         *robot.mechanism.nominal.jacobians.warnings,
         *beyond_linear(scene.own, scene.own_start),
+        *robot.known.soft_locks.values(),
     )
 
 

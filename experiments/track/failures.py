@@ -77,6 +77,9 @@ def uncompared(
         return f"it does not have {', '.join(dict.fromkeys(each.name for each in events))}"
     if run.task_lost:
         return "the controller gave the task up"
+    for each in failures:
+        if each.kind == "locked" and each.number in rig.soft_locks:
+            return f"the lock of {rig.actuators[each.number]} gives way"
     named = {each for failure in failures for each in named_since(rig, run, failure)}
     for each in run.diagnoses:
         if each not in named or each.withdrawn_s is not None:

@@ -9,7 +9,7 @@ from sim.errors import ModelError
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 _TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
-_STEPS = 2
+STEPS = 2
 """Time constant of a lock, in physics steps: the stiffest that MuJoCo integrates."""
 _IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2]
 
@@ -67,9 +67,28 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     return bool(missing)
 
 
+def weakens_locks(model: mujoco.MjModel) -> bool:
+    """Whether the integrator takes dampers after constraints, and so out of the forces of locks.
+
+    Damped joints that move then drag a locked one along, the more the longer a step is.
+    """
+    integrator, flags = model.opt.integrator, model.opt.disableflags
+    if integrator == mujoco.mjtIntegrator.mjINT_EULER:
+        explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER
+        return bool(model.dof_damping.any() and not flags & explicit)
+    kinds = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+    return integrator in kinds
+
+
+def stiffness_of(model: mujoco.MjModel, equality: int) -> float:
+    """Acceleration per displacement with which an equality pulls back, about, [1/s^2]."""
+    (time_s, damping), most = model.eq_solref[equality], model.eq_solimp[equality, 1]
+    return float(-time_s / most**2 if time_s < 0 else 1 / (most * time_s * damping) ** 2)
+
+
 def stiffen(equality: mujoco.MjsEquality, timestep_s: float) -> None:
     """Make an equality as stiff as the time step allows."""
-    equality.solref = [_STEPS * timestep_s, 1.0]
+    equality.solref = [STEPS * timestep_s, 1.0]
     equality.solimp = _IMPEDANCE
 
 

@@ -217,7 +217,8 @@ class Bench:
             ValueError: Times that are no vector, a period that is not positive or too long, another
                 number of accelerations, a failure of an actuator that the plant does not have, a
                 delay that is no whole number, or hysteresis of another number of springs.
-            ModelError: The period is not a whole number of physics steps.
+            ModelError: The period is not a whole number of physics steps; or an actuator is to lock
+                that has no lock.
             TypeError: An argument is of another type: `sensors` do not read, `drives` is no
                 function, or `events` has none of these methods.
         """
@@ -233,9 +234,11 @@ class Bench:
         failures = check.members("failures", failures, Failure)
         for failure in failures:  # an actuator may fail twice
             if isinstance(failure.actuator, str):
-                plant.number(failure.actuator)
+                number = plant.number(failure.actuator)
             else:
-                check.index("failures", failure.actuator, len(plant.drives))
+                number = check.index("failures", failure.actuator, len(plant.drives))
+            if failure.kind == "locked":
+                plant.check_lock(number)
         if hysteresis is not None:
             check.instance("hysteresis", hysteresis, MaxwellSlip)
             if len(hysteresis.slip) != len(plant.drives):

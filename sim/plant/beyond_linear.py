@@ -9,6 +9,7 @@ import numpy as np
 from sim.array import Array
 from sim.closing.equalities import equality_name
 from sim.mjcf.limits import at_limits, touching
+from sim.mjcf.locks import stiffness_of
 from sim.mjcf.model import name_of
 from sim.mjcf.part import Part
 from sim.mjcf.transmission import drives
@@ -76,10 +77,8 @@ def _names(of_kind: Callable[[int], Any], numbers: Iterable[int]) -> list[str]:
 
 def _is_soft(model: mujoco.MjModel, equality: int) -> bool:
     """Whether it is much softer at its centre than equalities are by default."""
-    (time_s, damping), impedance = model.eq_solref[equality], model.eq_solimp[equality]
-    most = impedance[1]
-    stiffness = -time_s / most**2 if time_s < 0 else 1 / (most * time_s * damping) ** 2
-    return bool(stiffness * impedance[0] < _SOFT * _STIFFNESS)
+    stiffness = stiffness_of(model, equality) * model.eq_solimp[equality, 0]
+    return bool(stiffness < _SOFT * _STIFFNESS)
 
 
 class Met:

@@ -28,6 +28,8 @@ from sim.mjcf.part import Part
 from sim.mjcf.transmission import drive_rows
 from sim.plant.actuators import (
     activate_lock,
+    enable_locks,
+    lockable,
     locks_of,
     plant_drives,
     reserve_off_group,
@@ -35,6 +37,7 @@ from sim.plant.actuators import (
     strengths_of,
     switch_off,
     take_spring,
+    yields,
 )
 from sim.plant.commands import commands_of, spring_forces
 from sim.plant.displacement_limits import rest_limits
@@ -90,7 +93,8 @@ class Plant:
                 world.
             payload: Site, or :class:`Body`, that is the task frame, in any orientation.
             locks: Equality that locks each actuator's joint or tendon, in actuator order; None is
-                `lock1`, `lock2`, ..., which :func:`load_model` adds on request.
+                `lock1`, `lock2`, ..., which :func:`load_model` adds on request, or any that holds
+                it alone.
             start: A state, such as of :func:`assemble`, whose `qpos` is the nominal pose, with the
                 equalities that are active and the mocap bodies. Controls then hold the machine
                 still against gravity and springs, with actuator forces of least norm; contacts and
@@ -130,6 +134,7 @@ class Plant:
         self._warnings = _warnings(self.data)
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
+        enable_locks(self.model, self.data)
         self._last = self.integration_state()
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
@@ -209,6 +214,21 @@ class Plant:
         """
         k = self._index(actuator)
         activate_lock(self.model, self.data, self.drives[k], self._locks[k])
+
+    def check_lock(self, actuator: int) -> None:
+        """Refuse an actuator 0..n-1 that cannot lock.
+
+        Raises:
+            ModelError: It has no lock.
+        """
+        lockable(self.model, self.drives[actuator], self._locks[actuator])
+
+    @property
+    def soft_locks(self) -> dict[int, str]:
+        """Of each drive whose lock would give way at the present pose, by how much, and why."""
+        each = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
+        found = {k: yields(self.model, self.data, *one) for k, one in each}
+        return {k: said for k, said in found.items() if said is not None}
 
     def release(self, actuator: int) -> None:
         """Torque failure: actuator 0..n-1 is switched off, from now on.
