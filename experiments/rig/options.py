@@ -210,7 +210,8 @@ LOOPS = (
         float | None,
         _USUAL.noise,
         "Standard deviation of one sample of each sensor, [rad] or [m].  [default: a hundredth "
-        "of what the path moves it]",
+        "of what a path of the default size moves it: of a row 0.01 mrad, or 1e-5 of the model's "
+        "extent]",
         "SIGMA",
     ),
     Option(

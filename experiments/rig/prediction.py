@@ -51,8 +51,11 @@ def predicted(
     told: Learns,
     noise: Array | None = None,
     dither: Dither | None = None,
+    bent: Array | float = 0.0,
 ) -> Prediction:
     """The prediction of a flight; see :meth:`experiments.rig.Rig.predict`.
+
+    `bent` is what the task deviates by from the linear model besides, of the shape of the path.
 
     The plant is linear about its start and changes with each fault; the mapping is that of the
     start, and is reconfigured at the tick at which the controller learns of a fault; the actuators
@@ -82,8 +85,9 @@ def predicted(
         stages.append(Stage(after.A, after.B, tick, *then))
     C = rig.nominal.plant.C
     reference, demands = path if noise is None else path - noise, rig.feedforward_demands(path)
+    reference = reference - bent
     ticks = list(steps(stages, C, rig.loops, reference, secondary=swing, feedforward=demands))
-    error = path - np.array([tick.output for tick in ticks])
+    error = path - bent - np.array([tick.output for tick in ticks])
     halves, leaves = [], None
     for part, stage in ((slice(first), stages[0]), (slice(first, None), stages[-1])):
         leaves = leaves or _leaving(rig, [tick.x for tick in ticks[part]])

@@ -1,10 +1,11 @@
-"""Whether a path is within reach, by the kinematics of the controller's own model."""
+"""Whether a path is within reach, and the linear model's range, by the controller's kinematics."""
 
 from typing import Any
 
 import numpy as np
 
 from argument_checks.ties import greatest
+from experiments.rig.prediction import predicted
 from experiments.rig.rig import Rig
 from experiments.study.study import WrongInput
 from sim import Array
@@ -15,6 +16,8 @@ _STEPS = 4
 """Gauss-Newton steps to each."""
 _SHORT = 0.02
 """Of the path's size: as much may be lacking."""
+AGREES = 0.2
+"""Relative error of the linear model's prediction of an RMS error, all major rows together."""
 
 
 def check_reach(rig: Rig, path: Array) -> None:
@@ -37,6 +40,39 @@ def check_reach(rig: Rig, path: Array) -> None:
                 f"stays {np.abs(lacking[row]):.3g} {rig.row_units[row]} short"
                 f"{_at_limits(rig, commanded)}; choose a smaller --size, or another start"
             )
+
+
+def beyond_linear_range(rig: Rig, path: Array, noise: Array, ratio: float) -> str | None:
+    """Why the linear model, which is that of the start, is not held to a path; None: it is.
+
+    The task deviates from the linear model where its geometry is curved. An error that is `ratio`
+    times the predicted one is the path's, and not the machine's, if this deviation explains it.
+    """
+    mapping = rig.mapping(rig.goal)
+    pose, gain, bent = mapping.nominal, mapping.major_gain(), []
+    points = np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int))
+    for tick in points:
+        for _ in range(2):
+            pose = mapping.estimate(gain @ path[tick], pose)
+        bent.append(mapping.reached(pose) - path[tick])
+    ticks = np.arange(len(path))
+    along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(bent)])
+    linear, whole = (
+        float(np.linalg.norm(predicted(rig, path, (), told=False, noise=noise, bent=each)[0]))
+        for each in (0.0, along)
+    )
+    if not (1 + AGREES) * linear < whole > ratio * linear:
+        return None
+    unit = "m" if "m" in rig.row_units else "rad"
+    said = (
+        f"a path of {1e3 * rig.size:.3g} m{unit} is beyond the range of the linear model, which is "
+        f"that of the start: its geometry alone may make the error {whole / linear:.2g} times the "
+        "predicted one, so that the two are not compared"
+    )
+    if ratio < 1 + AGREES:
+        return said
+    holds = rig.size * np.sqrt(((1 + AGREES) ** 2 - 1) / (ratio**2 - 1))  # an error of second order
+    return f"{said}; it holds up to a --size of about {1e3 * holds:.1g} m{unit}"
 
 
 def _nearer(mapping: Any, target: Array, pose: Any, commanded: Array) -> Array:

@@ -168,7 +168,8 @@ class Rig(ABC):
                 keyframe, or qpos0.
             sense: What the diagnosis looks at: a sensor of the task, encoders, or both.
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
-                hundredth of what the path moves it.
+                hundredth of what a path of the default size moves it: of a row 0.01 mrad, or a
+                hundred-thousandth of the model's extent.
             servo_hz: Natural frequency of the position servos that torque motors get.
             feedforward: Whether the path is demanded as of :meth:`feedforward_demands`, and the
                 loops add to it.

@@ -46,7 +46,8 @@ _HELD = 0.5
 """Part of the stiffness with which an actuator is held that its own spring must give: it then
 stands nearly still without force."""
 _NOISE = 1e-2
-"""Of a sensor, in what the path moves it: a row by its size, an actuator as far as it moves any."""
+"""Of a sensor, in what a path of the default size moves it: a row by that size, an actuator as far
+as it moves any. A longer path has no worse sensors."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,9 @@ class Robot:
     @property
     def noise(self) -> float:
         """Of a sample of each major row."""
-        return _NOISE * self.size if self.options.noise is None else self.options.noise
+        if self.options.noise is not None:
+            return self.options.noise
+        return _NOISE * _usual_size(self.model, self.options.rows)
 
     @cached_property
     def encoder_noise(self) -> float:
@@ -198,12 +201,14 @@ def robot_of(
         raise ModelError(f"{file}: {error}") from None
     model = scene.whole
     steps = max(1, math.ceil(options.period / model.opt.timestep - 1e-9))
-    size = options.size
-    if size is None:
-        turns = all(row < 3 for row in options.rows)
-        size = _SIZE if turns else _SIZE * float(model.stat.extent)
+    size = _usual_size(model, options.rows) if options.size is None else options.size
     goal = _goal(len(drives(scene.own)), options)
     return Robot(scene, options, steps * model.opt.timestep, goal, size)
+
+
+def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
+    """Of a path in these rows, [rad] if all of them turn, else [m]."""
+    return _SIZE if all(row < 3 for row in rows) else _SIZE * float(model.stat.extent)
 
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:

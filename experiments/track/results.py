@@ -10,6 +10,7 @@ from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
 from experiments.rig.limiting import limiting
+from experiments.rig.reach import AGREES, beyond_linear_range
 from experiments.rig.run import Named
 from experiments.rig.units import (
     ROWS,
@@ -31,9 +32,6 @@ from experiments.track.runs import Tracked
 from ftc.fdi.dither_design import DitherDesign
 from sim import Array
 from sim.plant.friction import dry_friction
-
-AGREES = 0.2
-"""Relative error of the linear model's prediction of an RMS error, all major rows together."""
 
 _OF_ROWS = (
     *("path_size", "sensor_noise", "rms_before", "rms_after"),
@@ -81,6 +79,11 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     before, after, _ = tracked.predicted
     when_named = tracked.comparable.rms_after
     is_predicted = bool(failures) and not tracked.events
+    after_too = None if tracked.uncompared else _ratio(error[cut:], when_named)
+    ratios, beyond = (_ratio(error[:cut], before), after_too), None
+    if (off := [each for each in ratios if each is not None and abs(each - 1.0) >= AGREES]):
+        noise = np.nan_to_num(run.measured - run.true)
+        beyond = beyond_linear_range(rig, run.desired, noise, max(off))
     summary: dict[str, Any] = {
         "experiment": "track",
         "seed": tracked.seed,
@@ -128,13 +131,13 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "predicted_rms_before": _listed(before),
         "predicted_rms_after": _listed(after) if is_predicted else None,
         "predicted_rms_after_when_named": _listed(when_named) if is_predicted else None,
-        **_agreement("before", _ratio(error[:cut], before)),
-        **_agreement("after", None if tracked.uncompared else _ratio(error[cut:], when_named)),
+        **_agreement("before", ratios[0], beyond),
+        **_agreement("after", ratios[1], beyond),
         "status": run.status,
         "warnings": list(rig.warnings),
         "left_out": list(rig.left_out),
         "dry_friction": list(dry_friction(rig.model)),
-        "met": list(tracked.met),
+        "met": [*tracked.met, *([beyond] if beyond is not None else ())],
         "possible_after": list(tracked.possible[1:]),
         "dither": dither_entry(tracked.dither, rig),
         "diagnoses": diagnoses(tracked),
@@ -179,9 +182,9 @@ def _ratio(error: Array, predicted: Array) -> float | None:
     return float(np.sqrt((error**2).sum(axis=1).mean() / (predicted**2).sum()))
 
 
-def _agreement(when: str, ratio: float | None) -> dict[str, float | None]:
-    """Measured over predicted error, and by how much it is not one."""
-    off = None if ratio is None else abs(ratio - 1.0)
+def _agreement(when: str, ratio: float | None, beyond: str | None) -> dict[str, float | None]:
+    """Measured over predicted error, and by how much it is not one, in the model's range."""
+    off = None if ratio is None or beyond is not None else abs(ratio - 1.0)
     return {f"measured_over_predicted_{when}": ratio, f"prediction_off_{when}": off}
 
 
@@ -259,7 +262,7 @@ def _unlike(tracked: Tracked, summary: dict[str, Any]) -> str:
     ]
     if not factors:
         return ""
-    causes = "; ".join((*tracked.rig.warnings, *tracked.met)) or "nothing that file or run names"
+    causes = "; ".join((*tracked.rig.warnings, *summary["met"])) or "nothing that file or run names"
     return f" The RMS error is {' and '.join(factors)}. Not in the linear model: {causes}."
 
 
@@ -359,8 +362,9 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
         found.append(_dither_said(tracked.dither, summary, rig.units))
     found += loops_said(rig.major, rig.margins)
     demanded = "is" if rig.feedforward else "is not"
-    found += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*rig.warnings, *tracked.met)]
-    exact = "" if rig.warnings or tracked.met else "exact "
+    assumed = (*rig.warnings, *summary["met"])
+    found += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in assumed]
+    exact = "" if assumed else "exact "
     found.append(
         f"The path {demanded} demanded through the inverse of the linear model. "
         f"{sizes_said(summary)} Diagnosis and controller have the {exact}model of the robot."
