@@ -12,6 +12,7 @@ from argument_checks.ties import greatest
 from sim.array import Array
 from sim.compiled import compiled
 from sim.errors import ModelError
+from sim.mjcf.drive import is_turn
 from sim.mjcf.frame import Located
 from sim.mjcf.model import name_of, with_sleepers
 from sim.mjcf.part import equality_bodies, moved_bodies, task_part
@@ -145,6 +146,29 @@ class Closures(NamedTuple):
             # The first three columns of cdof are a joint's axis, if it turns its body.
             compiled().at_midpoints(self._open(data), data.cdof, self.points, self.carried, out)
 
+    def frames(self, model: mujoco.MjModel) -> tuple[Located, ...]:
+        """What connects and welds keep together."""
+        frames = list[Located]()
+        for k in dict.fromkeys(self.equality.tolist()):
+            if model.eq_type[k] in (_CONNECT, _WELD):
+                is_site = model.eq_objtype[k] == _SITE
+                ends = zip(_ends(model, k), _bodies(model, k), strict=True)
+                frames += [Located(end, body, is_site) for end, body in ends]
+        return tuple(frames)
+
+    def turns(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
+        """Whether each row's gap is an angle, shape (c,); otherwise it is a length."""
+        turns = np.zeros(len(self.units), dtype=bool)
+        for k in dict.fromkeys(self.equality.tolist()):
+            rows, kind = np.flatnonzero(self.equality == k), model.eq_type[k]
+            if kind == _WELD:
+                turns[rows[3:]] = True
+            elif kind in (_JOINT, _TENDON):
+                tendon = int(model.eq_obj1id[k]) if kind == _TENDON else None
+                joint = int(model.eq_obj1id[k]) if kind == _JOINT else None
+                turns[rows] = is_turn(model, joint, tendon)
+        return turns
+
     def _open(self, data: mujoco.MjData) -> Array:
         """MuJoCo's residuals, those of the closures first."""
         return data.efc_pos if self.places is None else data.efc_pos[self.places]
@@ -184,8 +208,8 @@ def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
     _check_flags(model, data)
     with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
     equality, places = data.efc_id[: data.ne].astype(np.intp), None
-    if len(others := np.setdiff1d(model.eq_type, list(_KINDS))):
-        places = np.flatnonzero(~np.isin(model.eq_type[equality], others))
+    if of_flexes := _of_flexes(model, data):
+        places = np.flatnonzero(~np.isin(equality, of_flexes))
         equality = equality[places]
     units, points, carried, start = np.ones(len(equality)), [], [np.zeros((0, model.nv))], 0
     for k in dict.fromkeys(equality.tolist()):

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -54,6 +55,11 @@ class Hold:
             pin_rows(model, data, located_pins(model, self.pins)),
         ]
         return np.vstack(rows), np.concatenate(gaps)
+
+    def turns(self) -> list[bool]:
+        """Whether each of these gaps is an angle; otherwise it is a length."""
+        of_pins = ([True, True, True, False, False, False][pin.rows] for pin in self.pins)
+        return [*(drive.unit == "rad" for drive in self.drives), *chain(*of_pins)]
 
     def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":
         """The same after a motion (nv,) from the state: transmissions grow as it says."""

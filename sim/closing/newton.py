@@ -1,5 +1,7 @@
 """Newton's method on the gaps of closed loops."""
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 import scipy.linalg
@@ -8,17 +10,26 @@ from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import active_closures, equality_name
 from sim.closing.hold import Hold
+from sim.closing.pin import located_pins
 from sim.errors import ClosureError
 from sim.mjcf.accuracy import COARSEST, written_accuracy
 from sim.mjcf.dynamics import mass_of
+from sim.mjcf.frame import own_length
+from sim.mjcf.ranges import turning
 
 CLOSED = 1e-10
-"""Gap below which a closure counts as closed, [m] or [rad]."""
+"""Gap below which a closure counts as closed, [rad], or a part of the mechanism's own length.
 
+In models longer than 1 in their unit less is aimed at, the same number in that unit, and this is
+enough where round-off lets no step come nearer.
+"""
+
+_ROUND_OFF = 1e-14
+"""Of positions in the model's unit: a smaller gap is none, whatever the own length."""
 _MOST_STEPS = 60
 _SHORTEST_STEP = 2.0**-10
 _LONGEST_MOVE = 0.5
-"""Of any joint in one step, [m] or [rad]: farther, the linearization means nothing."""
+"""Of any joint in one step, [rad] or own lengths: farther, the linearization means nothing."""
 _REDUNDANT = 1e-9
 """Singular values of the rows below this fraction of their norm close nothing."""
 _MARGIN = 10.0
@@ -37,25 +48,51 @@ def close(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: flo
     Raises:
         ClosureError: What does not close.
     """
+    if largest_gap(model, data, fixed)[0] < _ROUND_OFF:  # mostly, and faster
+        return
+    units = _units(model, data, fixed)
+    aim = CLOSED * np.minimum(1.0, 1.0 / units.rows)
     for _ in range(_MOST_STEPS):
-        gap, equality = largest_gap(model, data, fixed)
-        if gap < CLOSED:
+        rows, gaps = _linearized(model, data, fixed, units)
+        if (np.abs(gaps) < aim).all():
             return
-        rows, gaps = _linearized(model, data, fixed)
-        closing = _closing(model, rows[:, fixed.free], accuracy)
+        closing = _closing(model, (rows * units.velocities)[:, fixed.free], accuracy)
         closable = closing @ gaps
         rest = gaps - closing.T @ closable
         # Both in the units of the rows: a gap that motion can close is closed, however small.
         if np.abs(gaps - rest).max(initial=0.0) < CLOSED <= np.abs(rest).max(initial=0.0):
             inexact = written_accuracy(model) if accuracy is None else accuracy
-            if gap < _MARGIN * inexact * np.linalg.norm(rows):
+            size = np.linalg.norm(rows * units.velocities)
+            if np.abs(gaps).max() < _MARGIN * inexact * size:
                 return
             break
         step = _least_change(mass_of(model, data), closing @ rows, -closable, fixed.free)
-        if not _come_nearer(model, data, fixed, step, closing):
+        if not _come_nearer(model, data, fixed, step, closing, units):
             break
+    if (np.abs(_linearized(model, data, fixed, units)[1]) < CLOSED).all():
+        return
     gap, equality = largest_gap(model, data, fixed)
     raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or begin nearer")
+
+
+class _Units(NamedTuple):
+    """What gaps and velocities are measured in: 1 of an angle, the own length of a length.
+
+    Attributes:
+        rows: Of each closure, held transmission and row of a pin, shape (c,).
+        velocities: Shape (nv,).
+    """
+
+    rows: Array
+    velocities: Array
+
+
+def _units(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> _Units:
+    closures = active_closures(model, data)
+    pinned = [pin.frame for pin in located_pins(model, fixed.pins)]
+    length = own_length(model, [*closures.frames(model), *pinned])
+    turns = np.append(closures.turns(model), fixed.turns()).astype(bool)
+    return _Units(np.where(turns, 1.0, length), np.where(turning(model), 1.0, length))
 
 
 def lacking(
@@ -74,13 +111,15 @@ def lacking(
         The least change (nv,) that closes them; and what no motion closes, as a part of the most
         that a motion of this length may open.
     """
-    rows, gaps = _linearized(model, data, goal)
+    units = _units(model, data, goal)
+    rows, gaps = _linearized(model, data, goal, units)
     gaps = gaps + rows @ motion
-    closing = _closing(model, rows[:, goal.free], accuracy)
+    closing = _closing(model, (rows * units.velocities)[:, goal.free], accuracy)
     closable = closing @ gaps
     change = _least_change(mass_of(model, data), closing @ rows, -closable, goal.free)
     rest = np.linalg.norm(gaps - closing.T @ closable)
-    return change, float(rest / (np.linalg.norm(rows) * np.linalg.norm(motion)))
+    most = np.linalg.norm(rows * units.velocities) * np.linalg.norm(motion / units.velocities)
+    return change, float(rest / most)
 
 
 def _closing(model: mujoco.MjModel, rows: Array, accuracy: float | None) -> Array:
@@ -103,12 +142,16 @@ def largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tupl
     return of_closures, equality_name(model, equality) if equality >= 0 else ""
 
 
-def _linearized(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[Array, Array]:
-    """Rows of everything that must be closed, and their gaps, [m] or [rad]."""
+def _linearized(
+    model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, units: _Units
+) -> tuple[Array, Array]:
+    """Rows of everything that must be closed, and their gaps, both in units of the rows."""
     rows, gaps = fixed.rows_and_gaps(model, data)
     closures = active_closures(model, data)
+    closures.largest_gap(data)  # raises if it is not finite
     of_closures = closures.units[:, None] * closures.rows(model, data)
-    return np.vstack([of_closures, rows]), np.concatenate([closures.gaps(data), gaps])
+    gaps = np.concatenate([closures.gaps(data), gaps])
+    return np.vstack([of_closures, rows]) / units.rows[:, None], gaps / units.rows
 
 
 def _least_change(mass: Array, rows: Array, change: Array, free: Array) -> Array:
@@ -122,15 +165,21 @@ def _least_change(mass: Array, rows: Array, change: Array, free: Array) -> Array
 
 
 def _come_nearer(
-    model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, step: Array, closing: Array
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    fixed: Hold,
+    step: Array,
+    closing: Array,
+    units: _Units,
 ) -> bool:
     """Take the step, halved until the gaps shrink; False, and no step, if they do not."""
 
     def distance() -> float:
-        return float(np.linalg.norm(closing @ _linearized(model, data, fixed)[1]))
+        return float(np.linalg.norm(closing @ _linearized(model, data, fixed, units)[1]))
 
     here, before = data.qpos.copy(), distance()
-    step = step * min(1.0, _LONGEST_MOVE / max(np.abs(step).max(initial=0.0), _LONGEST_MOVE))
+    longest = np.abs(step / units.velocities).max(initial=0.0)
+    step = step * min(1.0, _LONGEST_MOVE / max(longest, _LONGEST_MOVE))
     fraction = 1.0
     while fraction >= _SHORTEST_STEP:
         data.qpos[:] = here

@@ -16,7 +16,7 @@ from sim.array import Array
 from sim.closing.equalities import Closures
 from sim.closing.pin import Pin
 from sim.mjcf.drive import Drive
-from sim.mjcf.frame import Located, located
+from sim.mjcf.frame import Located, located, own_length
 from sim.mjcf.ranges import turning
 from sim.mjcf.rounding import Rounding, moved, roundings
 
@@ -24,7 +24,7 @@ Jacobians = tuple[Array, Array]
 """J_T and J_C."""
 _WELD, _CONNECT = int(mujoco.mjtEq.mjEQ_WELD), int(mujoco.mjtEq.mjEQ_CONNECT)
 _JOINT = int(mujoco.mjtEq.mjEQ_JOINT)
-_SITE, _OF_JOINT = int(mujoco.mjtObj.mjOBJ_SITE), int(mujoco.mjtWrap.mjWRAP_JOINT)
+_OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _ROUND_OFF = 1e-14
 """Part of the largest entry below which a difference is none."""
 _MARGIN = 4.0
@@ -71,27 +71,8 @@ class Natural:
 
     @cached_property
     def length(self) -> float:
-        """The mechanism's own length [m]: the longest chain from a joint to a frame that is read.
-
-        Where no frame is away from a joint, that of MuJoCo's statistic of the model.
-        """
-        reach = max((self._reach(frame) for frame in self.frames), default=0.0)
-        return reach or float(self.model.stat.extent)
-
-    def _reach(self, frame: Located) -> float:
-        model = self.model
-        offsets = np.linalg.norm(model.body_pos, axis=1)
-        total = np.linalg.norm(model.site_pos[frame.id]) if frame.is_site else 0.0
-        body = frame.body if model.body_weldid[frame.body] else 0
-        while body:
-            first, parent = model.body_jntadr[body], model.body_parentid[body]
-            for joint in range(first, first + model.body_jntnum[body]):
-                total += np.linalg.norm(model.jnt_pos[joint])
-            if not model.body_weldid[parent]:  # what stands on the ground may stand anywhere
-                break
-            total += offsets[body]
-            body = parent
-        return float(total)
+        """The mechanism's own length [m]; see :func:`own_length`."""
+        return own_length(self.model, self.frames)
 
     @cached_property
     def velocity_units(self) -> Array:
@@ -196,14 +177,8 @@ def frames_of(
     of_tasks: Iterable[Located],
 ) -> tuple[Located, ...]:
     """What tasks, closures and pins read."""
-    frames = [*(located(model, "pinned", pin.frame) for pin in pins), *of_tasks]
-    for k in dict.fromkeys(closures.equality.tolist()):
-        if model.eq_type[k] in (_CONNECT, _WELD):
-            for end in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):
-                is_site = model.eq_objtype[k] == _SITE
-                body = int(model.site_bodyid[end]) if is_site else end
-                frames.append(Located(end, body, is_site))
-    return tuple(frames)
+    pinned = (located(model, "pinned", pin.frame) for pin in pins)
+    return (*pinned, *of_tasks, *closures.frames(model))
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,20 +100,11 @@ class Drive:
     @cached_property
     def unit(self) -> str:
         """Of its displacement: "rad" if it turns, or its tendon only adds up angles, else "m"."""
-        model = self.model
-        if self.joint is not None:
-            joints = [self.joint]
-        elif self.tendon is not None:
-            first = int(model.tendon_adr[self.tendon])
-            parts = slice(first, first + int(model.tendon_num[self.tendon]))
-            fixed = (model.wrap_type[parts] == _OF_JOINT).all()
-            joints = model.wrap_objid[parts].tolist() if fixed else []
-        else:
-            force, moment = np.split(model.actuator_gear[self.ids[0]], 2)
-            of_site = model.actuator_trntype[self.ids[0]] == _AT_SITE
+        if self.joint is None and self.tendon is None:
+            force, moment = np.split(self.model.actuator_gear[self.ids[0]], 2)
+            of_site = self.model.actuator_trntype[self.ids[0]] == _AT_SITE
             return "rad" if of_site and moment.any() and not force.any() else "m"
-        turns = [model.jnt_type[joint] == _HINGE for joint in joints]
-        return "rad" if turns and all(turns) else "m"
+        return "rad" if is_turn(self.model, self.joint, self.tendon) else "m"
 
     @cached_property
     def force_range(self) -> tuple[float, float]:
@@ -137,6 +128,17 @@ class Drive:
         """1 or -1 where the actuators push in this direction of the velocity only; 0 is both."""
         least, most = self.force_range
         return int(least >= 0.0) - int(most <= 0.0)
+
+
+def is_turn(model: mujoco.MjModel, joint: int | None, tendon: int | None) -> bool:
+    """Whether a joint turns, or a tendon only adds up angles; otherwise it is a length."""
+    joints = [joint] if joint is not None else []
+    if tendon is not None:
+        first = int(model.tendon_adr[tendon])
+        parts = slice(first, first + int(model.tendon_num[tendon]))
+        if (model.wrap_type[parts] == _OF_JOINT).all():
+            joints = model.wrap_objid[parts].tolist()
+    return bool(joints) and all(model.jnt_type[joint] == _HINGE for joint in joints)
 
 
 def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:

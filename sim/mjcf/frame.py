@@ -1,5 +1,7 @@
 """Frames of a model: sites and bodies, their motion and their pose."""
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -63,6 +65,28 @@ class Located(NamedTuple):
         """Overwrite an array (6, nv) by it, or one (3, nv) by its linear rows."""
         of_frame = mujoco.mj_jacSite if self.is_site else mujoco.mj_jacBody
         of_frame(model, data, out[-3:], out[:3] if len(out) > 3 else None, self.id)
+
+
+def own_length(model: mujoco.MjModel, frames: Iterable[Located]) -> float:
+    """A mechanism's own length [m]: the longest chain from a joint to one of its frames.
+
+    Where no frame is away from a joint, that of MuJoCo's statistic of the model.
+    """
+    return max((_reach(model, frame) for frame in frames), default=0.0) or model.stat.extent
+
+
+def _reach(model: mujoco.MjModel, frame: Located) -> float:
+    total = math.hypot(*model.site_pos[frame.id].tolist()) if frame.is_site else 0.0
+    body = frame.body if model.body_weldid[frame.body] else 0
+    while body:
+        first, parent = model.body_jntadr[body], model.body_parentid[body]
+        for joint in range(first, first + model.body_jntnum[body]):
+            total += math.hypot(*model.jnt_pos[joint].tolist())
+        if not model.body_weldid[parent]:  # what stands on the ground may stand anywhere
+            break
+        total += math.hypot(*model.body_pos[body].tolist())
+        body = parent
+    return total
 
 
 def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:

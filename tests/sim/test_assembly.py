@@ -313,13 +313,8 @@ def test_a_planar_mechanism_goes_its_way_although_its_axes_are_not_quite_paralle
 
 def test_what_the_numbers_of_a_model_show_needs_no_statement():
     """Components of 1e-7 in its axes: the mechanism assembles and moves by itself."""
-    text = planar_linkage(0.0).replace(
-        'axis="0.0 0.0 1.0" name="left"', 'axis="1e-7 0 1" name="left"'
-    )
-    text = text.replace(
-        'axis="0.0 0.0 1.0" name="right_elbow"', 'axis="0 2e-7 1" name="right_elbow"'
-    )
-    model = model_of(text)
+    model = model_of(planar_linkage(0.0))
+    model.joint("left").axis, model.joint("right_elbow").axis = [1e-7, 0, 1], [0, 2e-7, 1]
     data = opened(model, 0.02)
     data = assemble(model, data)
     kin = ConstrainedSystem.of(jacobians(model, data, "tool")).kinematics()
@@ -473,3 +468,41 @@ def test_an_offset_that_mujoco_drops_is_warned_of(offset, is_dropped):
     assert (data.site("near").xpos[0] != offset) == is_dropped
     said = jacobians(model, data, "tip").warnings
     assert ["near" in sentence for sentence in said] == [True] * is_dropped
+
+
+def crane(L: float) -> mujoco.MjModel:
+    """A box that hangs on a rod by a weld, on a slide that a gear couples; in 1/L of a metre."""
+    return mujoco.MjModel.from_xml_string(f"""
+    <mujoco><compiler angle="radian"/><worldbody>
+      <body pos="{0.3 * L} 0 0"><joint name="lift" type="slide" axis="0 0 1"/>
+        <geom size="{0.05 * L}" mass="1"/>
+        <body name="arm" pos="0 0 {0.4 * L}"><joint name="swing" axis="0 1 0"/>
+          <geom type="capsule" fromto="0 0 0 {0.5 * L} 0 0" size="{0.02 * L}" mass="1"/>
+          <site name="end" pos="{0.5 * L} 0 0"/></body></body>
+      <body name="box" pos="{0.8 * L} 0 {0.4 * L}"><freejoint name="box"/>
+        <geom type="box" size="{0.1 * L} {0.1 * L} {0.05 * L}" mass="2"/><site name="top"/></body>
+      <body pos="{0.9 * L} 0 0"><joint name="weight" type="slide" axis="0 0 1"/>
+        <geom size="{0.05 * L}" mass="1"/></body>
+    </worldbody>
+    <tendon><fixed name="rope">
+      <joint joint="lift" coef="1"/><joint joint="weight" coef="1"/></fixed></tendon>
+    <equality><weld site1="end" site2="top"/><tendon tendon1="rope"/></equality>
+    <actuator><position joint="lift"/></actuator></mujoco>""")
+
+
+@pytest.mark.parametrize("L", [1e-3, 1.0, 1e3, 1e4])
+def test_in_any_unit_of_length_the_same_pose_is_closed_to_a_part_of_the_own_length(L):
+    """From half a length off; a weld, a slide, a coupling of slides and a pinned frame."""
+    model = crane(L)
+    data = mujoco.MjData(model)
+    data.joint("lift").qpos = 0.3 * L
+    data.joint("swing").qpos = 0.4
+    data.joint("weight").qpos = 0.6 * L
+    data.joint("box").qpos[:3] += np.array([-0.4, 0.3, 0.5]) * L
+    closed = assemble(model, data, pinned=["end"])
+    mujoco.mj_kinematics(model, data)
+    end, top, was = (one.xpos for one in (closed.site("end"), closed.site("top"), data.site("end")))
+    assert np.abs(end - top).max() < 1e-9 * L
+    assert np.abs(end - was).max() < 1e-9 * L
+    np.testing.assert_allclose(closed.site("end").xmat, closed.site("top").xmat, atol=1e-9)
+    assert abs(closed.joint("lift").qpos[0] + closed.joint("weight").qpos[0]) < 1e-9 * L
