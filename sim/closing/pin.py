@@ -17,7 +17,7 @@ class Pin:
     """A frame that stays where it is, as a foot that stands: a contact taken as an equality.
 
     Attributes:
-        frame: Name of a site, or a :class:`Body`.
+        frame: Name of a site or else of a body, or a :class:`Body`.
         weld: Whether it does not turn either; otherwise only its origin stays.
     """
 

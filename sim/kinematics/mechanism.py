@@ -81,7 +81,7 @@ class Mechanism:
         Args:
             model: The mechanism without failures.
             data: Its nominal posture, loops closed; None is `qpos0`.
-            site: The task frame: a site's name, or a :class:`Body`.
+            site: The task frame: the name of a site or else of a body, or a :class:`Body`.
             axes: Site that gives the axes of the task; None is the world.
             pinned: Frames that stay where they are.
             springs: Whether what closures and actuators leave free moves as the springs have it,

@@ -56,8 +56,8 @@ def jacobians(
         data: Its state; `eq_active` decides which equalities count. See :func:`assemble`. Frames,
             tendons and rows of equalities in it are brought up to date; contacts and the mass
             matrix stay as they were.
-        site: The task: name of a site, :class:`Body`, :class:`CenterOfMass` or :class:`Relative`;
-            or several, whose rows are stacked.
+        site: The task: name of a site or, if there is none, of a body; :class:`Body`,
+            :class:`CenterOfMass` or :class:`Relative`; or several, whose rows are stacked.
         axes: Site whose axes velocities are expressed in; None is the world.
         pinned: Frames that stay where they are, as feet that stand: names of sites,
             :class:`Body`, or :class:`Pin`.

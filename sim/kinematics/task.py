@@ -36,7 +36,7 @@ class Relative:
     """A frame as seen from another one, which may move too: six rows.
 
     Attributes:
-        frame: Name of a site, or a :class:`Body`.
+        frame: Name of a site or else of a body, or a :class:`Body`.
         root: The same; motion that both share is none.
     """
 

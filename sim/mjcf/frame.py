@@ -90,7 +90,7 @@ def _reach(model: mujoco.MjModel, frame: Located) -> float:
 
 
 def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
-    """The frame that an argument names.
+    """The frame that an argument names: a site if there is one of this name, else a body.
 
     Raises:
         ModelError: There is no such site or body.
@@ -101,9 +101,9 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
         return Located(body, body, is_site=False)
     try:
         site = element_id(model, "site", check.instance(argument, frame, str))
-    except ModelError as error:
+    except ModelError:
         if any(model.body(k).name == frame for k in range(model.nbody)):
-            raise ModelError(f'{error}; it is a body: Body("{frame}")') from None
+            return located(model, argument, Body(frame))
         raise
     return Located(site, int(model.site_bodyid[site]), is_site=True)
 
@@ -129,8 +129,8 @@ def _body(model: mujoco.MjModel, name: str | int) -> int:
 
 def frame_pose(data: mujoco.MjData, frame: str | Body) -> tuple[Array, Array]:
     """Rotation (3, 3) and position (3,) of a frame in the world."""
-    seen = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
-    return seen.xmat.reshape(3, 3).copy(), seen.xpos.copy()
+    seen = located(data.model, "frame", frame)
+    return seen.rotation(data).copy(), seen.position_m(data).copy()
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -41,7 +41,7 @@ class FrameTask(_OnTwist):
     about one axis, and its origin takes the straight line.
 
     Attributes:
-        frame: Name of a site, or a :class:`sim.Body`.
+        frame: Name of a site or else of a body, or a :class:`sim.Body`.
         axes: Site or body in whose axes the rows are, which may be the frame itself; None is the
             world.
         rows: Which rows of the twist, among 0..5.
@@ -70,7 +70,7 @@ class RelativeFrameTask(_OnTwist):
     """A frame is to be at a pose as seen from another one, which may move too.
 
     Attributes:
-        frame: Name of a site, or a :class:`sim.Body`.
+        frame: Name of a site or else of a body, or a :class:`sim.Body`.
         root: The same; rows and target are in its axes.
         rows: Which rows of the relative twist [angular; linear], among 0..5.
         target: A pose as seen from `root`, as of :class:`FrameTask`.

@@ -35,7 +35,7 @@ class LookAtTask(TaskFunction):
     perpendicular to it.
 
     Attributes:
-        frame: Name of a site, or a :class:`sim.Body`.
+        frame: Name of a site or else of a body, or a :class:`sim.Body`.
         axis: The axis that looks, a vector in the frame of any length but zero, shape (3,); a
             camera of MuJoCo looks along (0, 0, -1).
         target: Position in the world, shape (3,).

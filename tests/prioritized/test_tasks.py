@@ -10,6 +10,7 @@ from sim import (
     Body,
     CenterOfMass,
     ModelError,
+    Pin,
     Pose,
     Relative,
     advance,
@@ -189,9 +190,23 @@ def test_a_task_that_does_not_exist_is_refused_by_name(model):
         pose_error(model, data, "left", Pose(np.stack([np.eye(3)] * 2), np.zeros((2, 3))))
 
 
-def test_a_body_where_a_site_is_meant_is_pointed_out(model):
-    with pytest.raises(ModelError, match=r'no site named "fore1".*; it is a body: Body\("fore1"\)'):
-        jacobians(model, mujoco.MjData(model), "fore1")
+def test_a_name_is_that_of_a_site_or_else_of_a_body(model):
+    """In tasks, pins, poses and axes."""
+    data = mujoco.MjData(model)
+    by_name = jacobians(model, data, ["fore1", Relative("left", "fore1")], axes="fore1")
+    by_body = jacobians(model, data, [Body("fore1"), Relative("left", Body("fore1"))])
+    R = data.body("fore1").xmat.reshape(3, 3)
+    np.testing.assert_allclose(by_name.J_T, np.kron(np.eye(4), R.T) @ by_body.J_T, atol=1e-12)
+    pose = pose_of(model, data, "fore1")
+    np.testing.assert_array_equal(pose.translation_m, data.body("fore1").xpos)
+    for pin in ("fore1", Pin("fore1")):
+        held = jacobians(model, data, "left", pinned=[pin], active=True).J_C
+        np.testing.assert_array_equal(held[-3:], by_body.J_T[3:6])
+    both = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body name="tip"><joint name="j"/>
+      <geom size="1"/><site name="tip" pos="1 0 0"/></body></worldbody>
+      <actuator><motor joint="j"/></actuator></mujoco>""")
+    there = pose_of(both, mujoco.MjData(both), "tip").translation_m
+    np.testing.assert_array_equal(there, [1.0, 0.0, 0.0])
 
 
 def test_a_model_without_joints_has_nothing_to_move():
