@@ -4,6 +4,7 @@ Nothing is imported that takes time: wrong ones are refused at once.
 """
 
 from numbers import Real
+from typing import Any
 
 from experiments.study.study import WrongInput
 
@@ -21,14 +22,15 @@ BOUNDS = {
 LARGEST_WEIGHT = 1e12
 
 
-def check_number(name: str, value: float) -> None:
+def check_number(name: str, value: Any) -> None:
     """Refuse a number of the command that no robot, and no computer, has any use for.
 
     Raises:
         WrongInput: It is not within :data:`BOUNDS`.
     """
     low, high = BOUNDS[name]
-    if not isinstance(value, Real) or isinstance(value, bool) or not low <= value <= high:
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:
         raise WrongInput(f"--{name} must be from {low:g} to {high:g}, got {value!r:.80}")
 
 

@@ -105,7 +105,8 @@ def _changes(
     """At each tick at which something changes: faults that strike, and those that get known."""
     times: Sequence[float | None] = [each.time_s if told else None for each in failures]
     if not isinstance(told, bool):
-        times = check.instance("told", told, bool, list, tuple, np.ndarray)
+        check.instance("told", told, bool, list, tuple, np.ndarray)
+        times = told
     if len(times) != len(failures):
         raise ValueError(f"told must be a time for each of {len(failures)} failures, got {told}")
     changes = dict[int, list[tuple[Fault, bool]]]()

@@ -54,8 +54,9 @@ def test_a_copy_flies_the_same_to_the_bit(how, name, made):
     """The rig, the pilot, both at once; and a run is copied with the state of its pilot."""
     one, other = rig(name), pilot(name, made)
     run, copied = flown(one, other), COPIES[how]
-    for each in (copied((one, other)), (copied(one), other), (one, copied(other))):
-        assert_same(run, flown(*each))
+    both: tuple[Rig, Any] = copied((one, other))
+    for a_rig, a_pilot in (both, (copied(one), other), (one, copied(other))):
+        assert_same(run, flown(a_rig, a_pilot))
     assert_same(run, copied(run))
 
 

@@ -114,9 +114,8 @@ class Event:
             raise ValueError(f'there is no event "{self.name:.80}"{hint(self.name, EVENTS)}')
         is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
         if not (is_time and 0.0 <= self.time_s <= LATEST_S):
-            raise ValueError(
-                f"time_s must be a time from zero to {LATEST_S:g} s, got {self.time_s!r:.80}"
-            )
+            said = f"a time from zero on, got {self.time_s!r:.80}, and at most {LATEST_S:g} s"
+            raise ValueError(f"time_s must be {said}")
         is_number = isinstance(self.actuator, Integral) and not isinstance(self.actuator, bool)
         if not (isinstance(self.actuator, str | None) or (is_number and self.actuator >= 0)):
             said = f"a name, or a number from 0 on, got {self.actuator!r:.80}"
