@@ -30,7 +30,7 @@ def check_number(name: str, value: Any) -> None:
     """
     low, high = BOUNDS[name]
     is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high:
+    if not is_number or not low <= value <= high:  # pyright: ignore[reportOperatorIssue]
         raise WrongInput(f"--{name} must be from {low:g} to {high:g}, got {value!r:.80}")
 
 
