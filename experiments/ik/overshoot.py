@@ -46,10 +46,11 @@ class Trial(NamedTuple):
 
         The motion is tried: of each level that which its rows and those of levels before it need.
         A level that misses half of its way, as before a target out of reach, gets the second
-        derivative of its error besides the first: rows whose squares are its curvature |S|, eigenvalues without their sign.
-        So the step is that of Newton, the damping of Levenberg and Marquardt in each direction what
-        the error makes it, and vanishes with that; and what does not curve the error is left to
-        the levels after it.
+        derivative of its error besides the first: rows whose squares are |S|, S being what the
+        error times the second derivatives of its rows are, less those of levels before it that
+        must not move. So the step is that of Newton, or a damping of Levenberg and Marquardt (here
+        in each direction what it must be) that vanishes with the error: the robot comes to rest
+        where it is nearest. What does not curve the error is left to the levels after it.
 
         Args:
             at: Where the motion begins.

@@ -10,9 +10,8 @@ from prioritized import ConstrainedSystem, Hierarchy, HierarchySolution, Kinemat
 from sim import Array, Jacobians
 from sim.mjcf.model import listed
 
-
 _LEAST = 1e-2
-"""Damping of levels from the first one on that is held back, per size of their rows."""
+"""Damping of levels after the first one that is held back, per size of their rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ class IkProblem:
         if self.held_back:
             # Differences leave no null space exact: what is lost by round-off is not divided by.
             first = [len(B) > 0 for B in self.held_back].index(True)
-            least = [_LEAST * size * (k >= first) for k, (_, size) in enumerate(there.decided)]
+            least = [_LEAST * size * (k > first) for k, (_, size) in enumerate(there.decided)]
             damping = tuple(map(max, there.damping, least))
             there = replace(there, held_back=self.held_back, damping=damping)
         return there.solve(self.targets)

@@ -18,7 +18,6 @@ from sim.mjcf.model import element_id, name_of, with_sleepers
 from sim.mjcf.ranges import turning
 from sim.mjcf.transmission import drives, extra_drives, required_drives, simple_velocities
 
-
 _ROUND_OFF = 1e-13
 """Part of the largest entry of a Jacobian, or of 1, that is zero but for round-off."""
 

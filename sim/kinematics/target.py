@@ -38,8 +38,8 @@ def target_pose(name: str, target: Target) -> Pose | Array:
         return Pose(rotation_of(f"the quaternion of {name}", quat_wxyz), position_m)
     given: Any = target  # pyright knows no classes of scipy
     A = check.real(name, given.as_matrix() if isinstance(given, RigidTransform) else given)
-    if A.shape == (3,):
-        return check.frozen(A)
+    if A.ndim == 1:
+        return check.frozen(check.exactly(name, A, 3))
     if A.shape != (4, 4):
         turn = ": a rotation R alone is Pose(R, position)" if A.shape == (3, 3) else ""
         raise ValueError(

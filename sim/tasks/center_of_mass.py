@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 
@@ -29,7 +29,7 @@ class CenterOfMassTask(TaskFunction):
         TypeError: An argument is of another kind.
     """
 
-    _checks = {
+    _checks: ClassVar = {
         "rows": lambda _, value: rows_among(value, 3),
         "body": lambda _, value: CenterOfMass(value).body,
     }

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 
@@ -19,7 +19,7 @@ _AS_WRITTEN = tuple(range(6)), tuple(range(3, 6))
 
 @dataclass(eq=False, kw_only=True)
 class _OnTwist(TaskFunction):
-    _checks = {
+    _checks: ClassVar = {
         "rows": lambda _, value: rows_among(value, 6),
         "frame": frame_name,
         "root": frame_name,

@@ -68,8 +68,8 @@ class TaskFunction(ABC):
         checks = {**_CHECKS, **self._checks}
         if self._is_given and name in checks and name != "gain":
             raise AttributeError(
-                f"{name} of {type(self).__name__} is fixed once an Ik has the task, only target and "
-                "gain may be set: make another task, and another Ik"
+                f"{name} of {type(self).__name__} is fixed once an Ik has the task, only target "
+                "and gain may be set: make another task, and another Ik"
             )
         if name == "target":
             value = None if value is None else self.checked(value)

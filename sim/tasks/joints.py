@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -48,7 +48,7 @@ class PostureTask(TaskFunction):
     Further attributes and errors are those of :class:`TaskFunction`.
     """
 
-    _checks = {"joints": _names}
+    _checks: ClassVar = {"joints": _names}
 
     joints: Iterable[str] | None = field(default=None, kw_only=True)
 
@@ -75,7 +75,7 @@ class DampingTask(TaskFunction):
     :class:`TaskFunction`.
     """
 
-    _checks = {"joints": _names}
+    _checks: ClassVar = {"joints": _names}
 
     joints: Iterable[str] | None = field(default=None, kw_only=True)
 
@@ -139,7 +139,7 @@ class JointCouplingTask(TaskFunction):
         TypeError: An argument is of another kind.
     """
 
-    _checks = {"coefficients": _factors}
+    _checks: ClassVar = {"coefficients": _factors}
 
     coefficients: Mapping[str, float]
     target: float = field(default=0.0, kw_only=True, repr=False)

@@ -1,7 +1,7 @@
 """Pointing: an axis of a frame is to look at a point."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -47,7 +47,7 @@ class LookAtTask(TaskFunction):
         TypeError: An argument is of another kind.
     """
 
-    _checks = {"frame": frame_name, "axis": _direction}
+    _checks: ClassVar = {"frame": frame_name, "axis": _direction}
 
     frame: str | Body
     axis: ArrayLike

@@ -323,7 +323,7 @@ def test_before_a_target_out_of_reach_a_hand_comes_to_rest_unless_its_damping_is
 
 
 def three_links(*, bent: bool = True) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A planar arm with a reach of 0.9 m, whose joints are at zero where it is stretched along x."""
+    """A planar arm with a reach of 0.9 m, stretched along x where its joints are at zero."""
     link = """<body pos="{} 0 0"><joint name="{}" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/>"""
     links = "".join(map(link.format, (0, 0.3, 0.3), "abc"))
