@@ -390,7 +390,8 @@ class LimitsOf(NamedTuple):
         braked = self.limits.acceleration is not None
         if braked:
             v[: self.model.nv] = check.series("data.qvel", data.qvel)
-            v[self.model.nv :] = drive_rows(self.model, data, self.extra) @ data.qvel
+            if self.extra:
+                v[self.model.nv :] = drive_rows(self.model, data, self.extra) @ data.qvel
             v[kinematics.system.joints.stuck] = 0.0
         box = viable_rates(
             x,
@@ -400,7 +401,10 @@ class LimitsOf(NamedTuple):
             acceleration_limits=self.acceleration,
             period_s=period_s,
         )
-        if not self.has_rows and not (braked and len(kinematics.passive)):
+        is_coupled = self.has_rows or (
+            braked and (len(kinematics.passive) > 0 or kinematics.is_tied)
+        )
+        if not is_coupled:
             return VelocityLimits(
                 *(self, _NO_PAIRS, (box.lower, box.upper), *self.without),
                 *(None, box.viable, period_s),
