@@ -14,16 +14,16 @@ from experiments.study.terminal import Ending, print_ending, progress
 
 _HELP = """Break a machine in the browser, and see what its controller does about it.
 
-    Two machines fly side by side in real time: one is supervised, the other's controller does
-    nothing about failures. Buttons lock, release or weaken each actuator, bump the payload, add
-    hum, freeze a sensor, let the supply sag; others change path, weights and diagnosis. The robot
-    is an MJCF file; without one it is the hexapod. A dot marks what each actuator is now. The page
-    is for browsers of this machine alone, at the address that is printed, until Ctrl-C; no other
-    page that is open there can press its buttons. It is there within 8 s, the first time after half
-    a minute. Needs the extra `live`.
+    Two machines fly side by side, in real time as far as this computer keeps up: one is supervised,
+    the other's controller does nothing about failures. Buttons lock, release or weaken each
+    actuator, and a dot marks what it is now; others bump the payload, add hum, freeze a sensor, let
+    the supply sag, or change path, weights and diagnosis. The robot is an MJCF file; without one it
+    is the hexapod. The page is for browsers of this machine alone, at the address that is printed,
+    until Ctrl-C; no other page that is open there can press its buttons. It is there within 8 s,
+    the first time after half a minute. Needs the extra `live`.
 
     Writes nothing, unless asked for the last minute: live_1.rrd and so on in the folder. With
-    --tour there is no server: each failure and disturbance is flown for 4.5 s and filmed, on one
+    --tour nobody has to watch: each failure and disturbance is flown for 4.5 s and filmed, on one
     page that needs no network; two minutes, less for the hexapod.
 
     Example: fjh live arm.xml --site tool --major 3,4,5
