@@ -1,8 +1,8 @@
 """Functions that are compiled when their module is first imported, and then read from the cache.
 
-Compiling them all takes half a minute. It happens once for each version and processor, and is
-announced by one log record a process; where all are in the cache there is none. A cache that cannot
-be read or written is another record, and costs this half a minute at every start.
+Compiling them all takes 90 to 135 s of one core. It happens once for each version and processor,
+and is announced by one log record a process; where all that it needs are in the cache there is
+none. A cache that cannot be read or written is another record, and costs this time at every start.
 """
 
 import logging
@@ -17,7 +17,10 @@ from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache
 
-NOTICE = "fjh: compiling numeric functions for this computer, once: about half a minute"
+NOTICE = (
+    "fjh: compiling numeric functions (mappings, limits, control, diagnosis) for this computer, "
+    "once: up to two minutes"
+)
 
 _complaints: list[str] = []
 """That the cache cannot be used; a process says so once."""
@@ -62,7 +65,7 @@ def _complaint(function: Callable[..., Any], error: Exception) -> str:
     why = " ".join(f"{type(error).__name__}: {error}".split())
     return (
         f"fjh: the compiler's cache {place} cannot be used ({why}): until it is removed or can be "
-        "written to, every start takes half a minute longer"
+        "written to, every start takes up to two minutes longer"
     )
 
 

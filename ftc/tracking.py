@@ -311,7 +311,8 @@ def tracking(
         crossover_hz: Gain crossover of all rows; None is the rule of this module.
         sense: What the diagnosis looks at.
         options: `limits`, `when_limited`, `springs`, `handover_s`, `unused` and `feedforward` of
-            :class:`Tracking`, and `implicit_damping` of :class:`ftc.fdi.fault_model.NominalModel`.
+            :class:`Tracking`, and `implicit_damping` and `names` of
+            :class:`ftc.fdi.fault_model.NominalModel`.
 
     Raises:
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or

@@ -14,7 +14,7 @@ STUDY = Study(
     from the controller's model. A minute and a half on two cores, 30 s with --quick.
 
     Writes table1.json, the table as table1.md, Figures 4 to 6, and for each column of the table
-    its data (.npz, 1 kHz) and its recording (.rrd, 500 Hz). With --controller three more columns,
+    its data (.npz, 1 kHz) and its recording (.rrd, 200 Hz). With --controller three more columns,
     by that controller: without failure, with strut 1 locked and known, and locked and not known.
 
     Example: fjh table1 --configuration demand-limit --seed 7 --out /tmp/mine

@@ -13,12 +13,13 @@ STUDY = Study(
     sensors are those of the testbed: it takes none of the options for these. The major rows are
     controlled in a closed loop through the mapping, at the joint positions of a keyframe or qpos0.
     An actuator that fails is diagnosed from the measurements, and the mapping is reconfigured. The
-    errors are compared with the linear model of the plant. A minute for most robots.
+    errors are compared with the linear model of the plant, and where something fails or happens
+    with the same run without diagnosis. A minute for most robots.
 
-    Writes track.json, track.npz, the figure track.png, and the recording track.rrd with the
-    mechanism in 3D, its path, actuators and failures.
+    Writes track.json, the tables as track.md, every tick as track.npz, the figure track.png, and
+    the recording track.rrd with the mechanism in 3D, its path, actuators and failures.
 
-    Example: fjh track panda.xml --site hand --major 3,4,5 --fail actuator4:locked@4 --out panda
+    Example: fjh track panda.xml --site hand --major x,y,z --fail actuator4:locked@4 --out panda
     """,
     runs="experiments.track.runs:run_track",
     results="experiments.track.results:results",

@@ -99,15 +99,13 @@ def test_single_runs_of_several_folders(table1_folder, recover_folder, tmp_path)
 
 
 @pytest.mark.long
-def test_the_review_of_a_tracked_run_has_its_numbers_and_the_name_of_its_model(
-    made_once, tmp_path, table1_folder
-):
+def test_the_review_of_a_tracked_run_has_its_numbers_and_the_name_of_its_model(made_once, tmp_path):
     """Digit by digit those of the table that `fjh track` prints, before and after the failure."""
     words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
     arm, fails = str(HEXAPOD_MJCF.with_name("arm.xml")), ("--fail", "joint2:locked@0.3")
     folder = made_once("track_of_the_arm", fjh("track", arm, *words, *fails))
     out = tmp_path / "review.rrd"
-    assert main(["review", str(folder), str(table1_folder / "W_a.npz"), "--out", str(out)]) == 0
+    assert main(["review", str(folder), "--out", str(out)]) == 0
     [row] = [line for line in rrd.notes(out).splitlines() if "turn x" in line]
     assert row.startswith("| redundant serial arm, pointing | ")
     printed = (folder / "track.md").read_text().splitlines()

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -14,6 +15,7 @@ from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.rig import HexapodRig
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput
+from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.oracle import NEVER, OracleController
 from sim import HEXAPOD_MJCF, Body, Failure, Mechanism, Plant, load_model
@@ -53,6 +55,40 @@ def test_an_actuator_fails_by_its_name_or_its_number(name):
         one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
     with pytest.raises(TypeError, match="failures must be a Failure"):
         one.predict(path, failures=[joint])  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_what_is_printed_calls_actuators_by_their_names(name):
+    """An object has its own line for a prompt, and a status of its own knows the robot's names."""
+    one = rig(name)
+    pilot, called = one.supervisor(dither=None), one.actuators[2]
+    state = one.fly(pilot, path_of(name, 0.02)).state
+    broken = replace(state, confirmed=(Diagnosis.told(Fault(2, "locked")),))
+    assert broken.status.startswith(f"{called} is locked; the other actuators")
+    assert called in repr(broken) and called in repr(pilot) and called in repr(one)
+    for each in (broken, pilot, one, one.classified([Fault(2, "locked")])):
+        assert "\n" not in repr(each) and len(repr(each)) < 1000
+
+
+@pytest.mark.parametrize(
+    ("major", "rows"),
+    [
+        (["x", "y", "z"], (3, 4, 5)),
+        (("z", "rx"), (5, 0)),
+        (["ry", 5], (1, 5)),
+        ("x,y", (3, 4)),
+        (np.array([4, 3]), (4, 3)),
+    ],
+)
+def test_rows_are_called_by_name_or_by_number(major, rows):
+    arm = HEXAPOD_MJCF.with_name("arm.xml")
+    assert Rig.of_mjcf(arm, major=major, crossover=0.7).major == rows
+
+
+@pytest.mark.parametrize("major", [["x", "w"], ["x", 3], ["x", ""], "", "rot x"])
+def test_rows_of_no_such_name_and_rows_named_twice_are_refused(major):
+    with pytest.raises((WrongInput, ValueError), match=r"^major must be"):
+        Rig.of_mjcf(HEXAPOD_MJCF.with_name("arm.xml"), major=major)
 
 
 def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():

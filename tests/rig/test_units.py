@@ -1,12 +1,15 @@
 """Every displacement has its unit: from the model's joints to the names of published numbers."""
 
+from pathlib import Path
+
 import mujoco
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.rig import Rig
-from experiments.rig.units import by_unit, largest_by_unit, sizes_said
+from experiments.rig.bodies import model_name
+from experiments.rig.units import by_unit, largest_by_unit, said, sizes_said
 from sim.mjcf.transmission import drives
 
 _ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
@@ -24,12 +27,30 @@ def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
 
 def test_sentences_name_the_units_that_there_are():
     sizes = by_unit("path_size", 1e-3, ["rad", "m"]) | by_unit("sensor_noise", 1e-6, ["rad", "m"])
-    said = sizes_said(sizes | by_unit("encoder_noise", 2e-6, ["rad", "rad"]))
-    assert said == (
-        "Path of 0.001 rad and 0.001 m, sensors with noise of 1e-06 rad and 1e-06 m, encoders of "
-        "2e-06 rad (standard deviation of a sample)."
+    text = sizes_said(sizes | by_unit("encoder_noise", 2e-6, ["rad", "rad"]))
+    assert text == (
+        "Path of 1 mrad and 1 mm, sensors with noise of 1 µrad and 1 µm, encoders of "
+        "2 µrad (standard deviation of a sample)."
     )
     assert largest_by_unit([1.0, 3.0, 2.0], ["m", "rad", "rad"]) == "1 m, 3 rad"
+
+
+@given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))
+def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
+    number, unit = said(sign * size, "m").split()
+    power = {"m": 0, "mm": -3, "µm": -6, "nm": -9}[unit]
+    assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
+    assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000
+    assert size > 9e5 or "e" not in number
+
+
+def test_a_model_is_called_as_its_file_says_or_as_its_file():
+    """In one line, whatever XML can hold; what MuJoCo calls a model without a name is no name."""
+    for stated, name in (
+        (' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x"),
+    ):  # fmt: skip
+        model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
+        assert model_name(model, Path("some/file.xml")) == name
 
 
 TRANSMISSIONS = """

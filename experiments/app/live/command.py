@@ -20,13 +20,13 @@ _HELP = """Break a machine in the browser, and see what its controller does abou
     the supply sag, or change path, weights and diagnosis. The robot is an MJCF file; without one it
     is the hexapod. The page is for browsers of this machine alone, at the address that is printed,
     until Ctrl-C; no other page that is open there can press its buttons. It is there within 8 s,
-    the first time after half a minute. Needs the extra `live`.
+    the first time on a computer after up to two minutes. Needs the extra `live`.
 
     Writes nothing, unless asked for the last minute: live_1.rrd and so on in the folder. With
     --tour nobody has to watch: each failure and disturbance is flown for 4.5 s and filmed, on one
     page that needs no network; two minutes, less for the hexapod.
 
-    Example: fjh live arm.xml --site tool --major 3,4,5
+    Example: fjh live arm.xml --site tool --major x,y,z
     """
 _OPTIONS = (
     ROBOT,
