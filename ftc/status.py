@@ -29,6 +29,8 @@ def status(state: "SupervisorState", names: Sequence[str] | None = None) -> str:
     elif state.standing:
         parts.append("the other actuators do the task")
     said = "; ".join(parts)
+    if names is not None and state.standing:
+        return f"{said}."  # a name stays as it is
     return f"{said[0].upper()}{said[1:]}."
 
 

@@ -106,5 +106,5 @@ def _by_row(shown: "Shown", name: str, values: Any) -> dict[str, float]:
 
 def _verdict(shown: "Shown") -> str:
     """The errors in a sentence."""
-    first = shown.happened[0][1] if shown.happened else "no failure"
-    return f"{first[0].upper()}{first[1:]}: RMS error of {shown.rms_said()}."
+    first = shown.happened[0][1] if shown.happened else "No failure"
+    return f"{first}: RMS error of {shown.rms_said()}."

@@ -81,7 +81,7 @@ def test_each_belief_and_act_has_its_sentence(state, said):
 
 def test_actuators_are_called_as_a_robot_calls_them():
     names = [f"strut{k}" for k in range(1, 7)]
-    assert status(CONFIRMED, names) == "Strut3 is locked; the other actuators do the task."
+    assert status(CONFIRMED, names) == "strut3 is locked; the other actuators do the task."
 
 
 def test_an_actuator_that_works_again_is_believed_sound():

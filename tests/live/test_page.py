@@ -144,7 +144,7 @@ def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser
     other = Seen(browser.new_page(viewport=SMALL), hexapod.url)
     other.make("strut2", "free")
     for each in (page, other):
-        each.until(lambda said: said.supervised.startswith("Strut2 is free"))
+        each.until(lambda said: said.supervised.startswith("strut2 is free"))
     other.page.get_by_text("Weights: what a motion costs").click()
     other.write("W1 strut5", 7.5)
     page.page.get_by_text("Weights: what a motion costs").click()

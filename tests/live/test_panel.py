@@ -56,9 +56,9 @@ def test_a_pilot_that_learns_what_no_failure_explains_does_not_speak_of_its_firs
 def test_a_failure_that_is_believed_is_named_with_its_kind(learned):
     found = diagnosis(Fault(1, "locked"))
     named = replace(learned, watch=replace(learned.watch, diagnosis=found))
-    assert says(named) == "Strut2 is locked, not yet confirmed; the other actuators do the task."
+    assert says(named) == "strut2 is locked, not yet confirmed; the other actuators do the task."
     sure = replace(learned, confirmed=(replace(found, confirmed=True),))
-    assert says(sure) == "Strut2 is locked; the other actuators do the task."
+    assert says(sure) == "strut2 is locked; the other actuators do the task."
 
 
 def test_a_controller_says_that_it_does_not_diagnose():

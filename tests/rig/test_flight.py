@@ -189,4 +189,4 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     (named,) = run.diagnoses
     assert (named.actuator, named.kind) == ("strut4", "locked") and 1.1 < named.time_s < 1.4
     assert run.status == f"{named}."
-    assert flight.belief.startswith("Strut4 is locked")
+    assert flight.belief.startswith("strut4 is locked")
