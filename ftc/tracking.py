@@ -57,6 +57,8 @@ if TYPE_CHECKING:
 
 LARGEST_PEAK = 1.7
 ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
+_DECAYS = 1e-9
+"""Part of its frequency below which the decay of a motion is round-off."""
 _FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
 """Crossovers that are tried, times the control period: to the second, else to the last."""
 _HALVINGS = 12
@@ -72,7 +74,16 @@ major task is measured, or with encoders alone computed from them."""
 
 
 class TaskLost(ValueError):
-    """The mechanism cannot do the major task, or its loops cannot be closed; says why."""
+    """The mechanism cannot do the major task, or its loops cannot be closed; says why.
+
+    Attributes:
+        elsewhere: Whether other rows or another pose help, which the message then does not say.
+    """
+
+    def __init__(self, why: str, *, elsewhere: bool = False) -> None:
+        """With a reason, and what helps against it unless that is another task."""
+        super().__init__(why)
+        self.elsewhere = elsewhere
 
 
 @dataclass(frozen=True)
@@ -334,7 +345,9 @@ def tracking(
     kinematics = MechanismGeometry(model, springs=springs).system.kinematics()
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
-        raise TaskLost(f"the actuators cannot do the major task: {deciding_sentence(report)}")
+        raise TaskLost(
+            f"the actuators cannot do the major task: {deciding_sentence(report)}", elsewhere=True
+        )
     J_m = kinematics.J[list(rows)]
     if singular := _singular(J_m, rows, _SINGULAR):
         raise TaskLost(singular)
@@ -456,7 +469,12 @@ def _slowest_mode(linear: Any) -> str:
     """The motion of a plant that decays most slowly, or grows, and the joints that move in it."""
     pole, motion = _mode(linear, np.real)
     hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
-    return f"{motion} at {hz:.2g} Hz decays by {decay_per_s:.2g} 1/s only"
+    if decay_per_s < -_DECAYS * abs(pole):
+        return f"{motion} grows by {-decay_per_s:.2g} 1/s: stiffen what holds it (kp)"
+    decays = f"decays by {decay_per_s:.2g} 1/s only"
+    if decay_per_s < _DECAYS * abs(pole):
+        decays = "does not decay"
+    return f"{motion} at {hz:.2g} Hz {decays}: damp its joints, or their servos (kv)"
 
 
 def _overshooting(nominal: NominalModel, linear: Any) -> str:
@@ -499,7 +517,10 @@ def _loops(
         try:
             return _at(plant, period_s, check.positive("crossover_hz", crossover_hz))
         except (UnstableLoop, NoResponse) as error:
-            raise TaskLost(f"the loops would be unstable: {error}") from None
+            raise TaskLost(
+                f"the loops would be unstable: {error}; without a crossover of yours the highest "
+                "that is stable is taken"
+            ) from None
     if fastest := _within_peak(plant, period_s, _FASTEST / period_s):
         return fastest
     for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):

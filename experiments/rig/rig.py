@@ -165,7 +165,8 @@ class Rig(ABC):
             site: Task frame: a site, or a body; by its number where it has no name.
             axes: Site that gives the axes; None is the world.
             start: Keyframe by name or number, or joint positions (nq,); None is the first
-                keyframe, or qpos0.
+                keyframe, or qpos0. Beyond a joint's range it begins inside, and a warning says so,
+                as of a collision.
             sense: What the diagnosis looks at: a sensor of the task, encoders, or both.
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
                 hundredth of what a path of the default size moves it: of a row 0.01 mrad, or a

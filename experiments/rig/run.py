@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from argument_checks.ties import greatest
 from experiments.rig.events.kinds import Event
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, LoopRun, run_loop
@@ -61,7 +62,9 @@ class Run:
         diagnoses: That the pilot made, in order.
         task_lost: Whether the pilot believes that the major task cannot be done whole any more.
         undiagnosed: Why the pilot named nothing; None where it did.
-        status: What the pilot made of the flight, one sentence.
+        lost: That the major task is lost, by what happened or as the pilot believes, one sentence;
+            None where it is not.
+        status: What the pilot made of the flight, one sentence, after that one.
         events: What else happened and has a name, in the order of time.
     """
 
@@ -83,6 +86,7 @@ class Run:
     undiagnosed: str | None
     status: str
     events: tuple[Event, ...] = ()
+    lost: str | None = None
 
     def __repr__(self) -> str:
         """One line; the arrays are thousands."""
@@ -161,11 +165,14 @@ def run_of(
     pose = Pose(bench.rotation[kept], bench.translation_m[kept])
     assert bench.qpos is not None and bench.actuator_force is not None  # rigs keep them
     state = looped.state
-    named = named_of(rig, state, time_s[since:])
+    named, true = named_of(rig, state, time_s[since:]), rig.reached(pose)
+    task_lost = isinstance(state, SupervisorState) and state.task_lost
+    lost = _lost(rig, time_s[kept], desired[kept] - true, failures, believed=task_lost)
+    said = status_of(rig, state, named)
     return Run(
         time_s=time_s[kept],
         desired=desired[kept],
-        true=rig.reached(pose),
+        true=true,
         measured=looped.measured[kept],
         pose=pose,
         estimated=looped.poses[kept],
@@ -177,10 +184,31 @@ def run_of(
         failures=tuple(failures),
         state=state,
         diagnoses=named,
-        task_lost=isinstance(state, SupervisorState) and state.task_lost,
+        task_lost=task_lost,
         undiagnosed=None if named else _undiagnosed(state, rig.actuators),
-        status=status_of(rig, state, named),
+        status=said if lost is None else f"{lost} {said}",
+        lost=lost,
     )
+
+
+_LOST = 5.0
+"""Error in path sizes beyond which a task is lost: to stand still would cost one."""
+
+
+def _lost(
+    rig: "Rig", time_s: Array, error: Array, failures: Sequence[Failure], *, believed: bool
+) -> str | None:
+    """That the task is lost: in the second half of the time since a failure, or by belief."""
+    since_s = min((each.time_s for each in failures), default=np.inf)
+    late = np.abs(error[time_s >= (since_s + time_s[-1]) / 2])
+    if late.size and np.sqrt((late**2).sum(axis=1).mean()) > _LOST * rig.size:
+        tick, row = np.unravel_index(greatest(late), late.shape)
+        unit = rig.row_units[row]
+        return (
+            f"The major task is lost: it ends up to {1e3 * late[tick, row]:.3g} m{unit} off its "
+            f"path, whose size is {1e3 * rig.size:.3g} m{unit}."
+        )
+    return "The major task cannot be done whole any more." if believed else None
 
 
 def after_rest(ticks: int, signal: Array) -> Array:
@@ -261,8 +289,7 @@ def status_of(rig: "Rig", state: Any, named: Sequence[Named]) -> str:
     )
     if named and state.watch.unexplained:
         found += f"; {_UNEXPLAINED}"
-    lost = "; the major task cannot be done whole any more" if state.task_lost else ""
-    return f"{found}{lost}{read}."
+    return f"{found}{read}."
 
 
 class _Counted:

@@ -75,6 +75,7 @@ class Results:
     arrays: "Mapping[str, Mapping[str, NDArray[Any]]]" = field(default_factory=dict)
     records: Sequence[Callable[[Path], None]] = ()
     published: bool = False
+    caveat: str | None = None  # a sentence without which nobody is to read that checks passed
 
     @property
     def failed_check(self) -> str | None:
@@ -88,7 +89,8 @@ class Results:
             return "There is nothing to be checked."
         if failed := [str(check) for check in self.checks if not check.passed]:
             return f"{len(failed)} of {len(self.checks)} checks failed: {'; '.join(failed)}."
-        return f"All checks passed ({len(self.checks)})."
+        passed = f"All checks passed ({len(self.checks)})."
+        return passed if self.caveat is None else f"{self.caveat} {passed}"
 
     def markdown(self) -> str:
         """Tables and notes as a page."""

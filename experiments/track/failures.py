@@ -77,6 +77,8 @@ def uncompared(
         return f"it does not have {', '.join(dict.fromkeys(each.name for each in events))}"
     if run.task_lost:
         return "the controller gave the task up"
+    if run.lost is not None:
+        return "the task is lost"
     for each in failures:
         if each.kind == "locked" and each.number in rig.soft_locks:
             return f"the lock of {rig.actuators[each.number]} gives way"

@@ -55,6 +55,7 @@ def results(tracked: Tracked) -> Results:
         pictures=pictures(tracked, summary),
         arrays={"track.npz": arrays},
         records=[partial(record, tracked, summary, checks(summary))],
+        caveat=tracked.run.lost,
     )
 
 
@@ -144,7 +145,8 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "advice": list(tracked.advice),
         "task_lost": tracked.run.task_lost,
         "closure_residual_max_m": float(run.closure_m.max()),
-        "limited_by": None if tracked.events else limiting(rig, run, failures),
+        "lost": run.lost,
+        "limited_by": None if tracked.events or run.lost else limiting(rig, run, failures),
     }
     if (other := tracked.other) is not None:
         theirs = other.run.desired - other.run.true
@@ -161,7 +163,8 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     for key in _OF_ROWS:
         summary |= by_unit(key, summary[key], rig.row_units)
     summary |= by_unit("encoder_noise", rig.encoder_noise, rig.units)
-    return summary | {"verdict": verdict(tracked, summary) + _unlike(tracked, summary)}
+    first = "" if run.lost is None else f"{run.lost} "
+    return summary | {"verdict": first + verdict(tracked, summary) + _unlike(tracked, summary)}
 
 
 def first_tick(tracked: Tracked) -> int:

@@ -129,6 +129,8 @@ def run_track(
     happens = numbered(rig, given, others, shorter, seed)
     failures, events = happens.failures, happens.events
     check_reach(rig, desired)
+    for said in rig.warnings:
+        notice(said)
     if controller is not None:
         controller_factory(controller)  # a wrong name is refused before anything flies
     design = option_dither(rig, dither)

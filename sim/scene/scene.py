@@ -6,6 +6,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.closing.assembly import assemble
@@ -30,6 +31,9 @@ _OF_CONTROLS = "actuator_ctrlrange", "actuator_ctrllimited"
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _INSIDE = 0.05
 """Part of its range by which a joint begins inside: at its limit it could move one way only."""
+_OVERLAPS = 1e-3
+"""Part of the model's extent by which bodies must overlap to be in collision."""
+_ELSEWHERE = "start elsewhere, at a keyframe for one (--keyframe, start=)"
 _MOVED = 1e-3
 """Displacement of a joint, [rad] or [m], that is worth a sentence."""
 
@@ -46,7 +50,8 @@ class Scene:
             controls that keep it there. None is everything, which its actuators hold at `start`.
         own: Model of that part alone, for its controller; the whole where nothing is left out.
         own_start: Its state, the same, loops closed: in the physics they give a little.
-        moved: What moved from where the file has it until it came to rest, in words.
+        moved: How the start differs from what was asked for, or is in collision, and what moved
+            until all came to rest, in words.
     """
 
     whole: mujoco.MjModel
@@ -101,8 +106,10 @@ def robot_scene(
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
         part = replace(part, model=model)
     held = settle and is_held(part, start)
+    begun = (*_beyond_ranges(part, stated), *_in_collision(part, start))
     if not part.rest and (not settle or (held and not pinned)):
-        return Scene(model, start, frame, None, model, start, _moved(part, stated, start))
+        moved = (*begun, *_moved(part, stated, start))
+        return Scene(model, start, frame, None, model, start, moved)
     rested = _rested(part, start, held=held) if settle else start
     own = model
     if part.rest:
@@ -110,7 +117,7 @@ def robot_scene(
         _take_actuators(own, part)
     own_start = mujoco.MjData(own)
     own_start.qpos[:] = rested.qpos[part.positions]
-    moved = _moved(part, stated, rested)
+    moved = (*begun, *_moved(part, stated, rested))
     return Scene(model, rested, frame, part, own, assemble(own, own_start), moved)
 
 
@@ -148,11 +155,46 @@ def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
 
 def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Put joints that begin beyond their ranges inside, by :data:`_INSIDE`."""
-    some = np.flatnonzero(model.jnt_limited.astype(bool) & one_axis(model))
+    some = _beyond(model, data.qpos)
     at, (low, high) = model.jnt_qposadr[some], model.jnt_range[some].T
-    given, margin = data.qpos[at], _INSIDE * (high - low)
-    beyond = (given < low) | (given > high)
-    data.qpos[at] = np.where(beyond, given.clip(low + margin, high - margin), given)
+    margin = _INSIDE * (high - low)
+    data.qpos[at] = data.qpos[at].clip(low + margin, high - margin)
+
+
+def _beyond(model: mujoco.MjModel, qpos: Array) -> NDArray[np.intp]:
+    """Joints that stand beyond their ranges."""
+    some = np.flatnonzero(model.jnt_limited.astype(bool) & one_axis(model))
+    given, (low, high) = qpos[model.jnt_qposadr[some]], model.jnt_range[some].T
+    return some[(given < low) | (given > high)]
+
+
+def _beyond_ranges(part: Part, stated: Array) -> tuple[str, ...]:
+    """That the start is beyond ranges of joints of the part, in one sentence; none where not."""
+    model = part.model
+    mine = set(np.delete(model.dof_jntid, part.still).tolist())
+    said = [
+        f"{joint_name(model, j)} at {stated[model.jnt_qposadr[j]]:.3g}, its range "
+        f"{model.jnt_range[j, 0]:.3g} to {model.jnt_range[j, 1]:.3g}"
+        for j in _beyond(model, stated).tolist()
+        if j in mine
+    ]
+    if not said:
+        return ()
+    where = f"the start is beyond ranges, and begins inside them instead: {listed(said)}"
+    return (f"{where}; {_ELSEWHERE}",)
+
+
+def _in_collision(part: Part, start: mujoco.MjData) -> tuple[str, ...]:
+    """That bodies of the part overlap at the start, in one sentence; none where none do."""
+    model, deep = part.model, dict[str, None]()
+    for contact in start.contact[: start.ncon]:
+        bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom if geom >= 0]
+        rigid = {int(model.body_weldid[body]) for body in bodies}
+        if contact.dist < -_OVERLAPS * model.stat.extent and rigid & part.bodies:
+            deep[" and ".join(name_of(model.body(body)) for body in bodies)] = None
+    if not deep:
+        return ()
+    return (f"the start is in collision: {listed(list(deep))}; {_ELSEWHERE}",)
 
 
 def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[Located]:
