@@ -82,7 +82,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     is_predicted = bool(failures) and not tracked.events
     after_too = None if tracked.uncompared else _ratio(error[cut:], when_named)
     ratios, beyond = (_ratio(error[:cut], before), after_too), None
-    if (off := [each for each in ratios if each is not None and abs(each - 1.0) >= AGREES]):
+    if off := [each for each in ratios if each is not None and abs(each - 1.0) >= AGREES]:
         noise = np.nan_to_num(run.measured - run.true)
         beyond = beyond_linear_range(rig, run.desired, noise, max(off))
     summary: dict[str, Any] = {

@@ -65,6 +65,45 @@ def test_a_posture_that_is_nearly_singular_is_refused_with_the_row_to_leave_out(
     assert holds(rig(tmp_path, 0.8))
 
 
+def test_an_undamped_servo_is_refused_with_the_damping_that_helps(tmp_path):
+    """Neither other rows nor another start do."""
+    with pytest.raises(WrongInput, match=r"a motion of .* does not decay: damp .* \(kv\)$"):
+        rig(tmp_path, kv=0)
+    assert holds(rig(tmp_path, kv=8))
+
+
+@pytest.mark.parametrize("size", [None, 2e-4, 5e-3])
+def test_noise_does_not_grow_with_the_path(tmp_path, size):
+    """A hundredth of the default path, which is a thousandth of the extent of 1 m."""
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM.format(kv=8, option=""))
+    one = Rig.of_mjcf(file, site="tool", major=(3, 5), start=[0.3, 0.8], size=size)
+    assert one.noise == pytest.approx(1e-5)
+
+
+def test_a_start_in_collision_says_so_before_it_flies(tmp_path):
+    """The end of the second link, folded back, lies in a ball at the base."""
+    file = tmp_path / "arm.xml"
+    ball = '<body name="ball"><geom size="0.1"/></body><body>'
+    file.write_text(ARM.format(kv=8, option="").replace("<body>", ball, 1))
+    for bend, collides in ((2.9, True), (0.8, False)):
+        said = Rig.of_mjcf(file, site="tool", major=(3,), start=[0.3, bend]).warnings
+        assert (
+            any(each.startswith("the start is in collision: ball and") for each in said) == collides
+        )
+
+
+def test_a_lost_task_is_the_first_sentence(tmp_path):
+    """A link without force hangs down, far from a path of a millimetre."""
+    one = rig(tmp_path)
+    failures = [Failure("b", "free", 0.2)]
+    run = one.fly(one.controller(), one.path("circle", duration_s=1.5), failures=failures)
+    off_mm = 1e3 * np.abs(run.desired - run.true)[-100:].max()
+    assert off_mm > 100 and run.lost is not None
+    assert run.status.startswith("The major task is lost: it ends up to ")
+    assert one.fly(one.controller(), one.path("circle", duration_s=0.3)).lost is None
+
+
 def hexapod(method: str, **good: Any) -> list[Target]:
     """A method of the hexapod's rig, which is made when it is called."""
     return [Target(lambda **given: getattr(known_rig("hexapod"), method)(**given), good)]
