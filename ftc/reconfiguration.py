@@ -17,10 +17,10 @@ WEAKEST = 0.5
 seven times as much because of a wrong diagnosis, a sound strut would make the loop unstable:
 docs/recover.md."""
 
-LEAST_ASSUMED = 0.7
-"""Part of the displacement that a diagnosed actuator is assumed to keep, at least: it is commanded
-at most 3 dB more, half of the gain margin of 6 dB that loops have. If it works again before anybody
-can know, the other half is left."""
+_LEAST_ASSUMED = 0.8
+"""Part of the displacement that a weak actuator is assumed to keep, at least, by a diagnosis: it is
+commanded at most 2 dB more, a third of the gain margin of 6 dB that loops have. If it works again
+before anybody can know, the rest of the margin is left, and the step is a quarter larger."""
 
 
 def used_share(nominal: NominalModel, fault: Fault) -> float:
@@ -60,12 +60,7 @@ locked is the better model even without the spring (docs/theory.md)."""
 
 
 def goal_after(
-    goal: Goal,
-    diagnoses: Sequence[Diagnosis],
-    nominal: NominalModel,
-    unused: Unused = "free",
-    *,
-    least: float = 0.0,
+    goal: Goal, diagnoses: Sequence[Diagnosis], nominal: NominalModel, unused: Unused = "free"
 ) -> Goal:
     """The goal with failures that are known.
 
@@ -74,12 +69,10 @@ def goal_after(
         diagnoses: What has failed.
         nominal: Linear model of the sound machine.
         unused: What an actuator counts as that is free, loose, or too weak to be used.
-        least: Of what a weak one that is used did, it is assumed to do this part at least.
 
     Raises:
         ValueError, TypeError: Of another kind than that, or of another mechanism.
     """
-    check.at_most_one("least", least)
     n = check.instance("nominal", nominal, NominalModel).actuators
     check.instance("goal", goal, Goal).of(n)
     check.choice("unused", unused, get_args(Unused))
@@ -94,7 +87,7 @@ def goal_after(
         if found.fault.kind == "locked":
             locked_at[actuator] = found.displacement
         elif (share := used_share(nominal, found.fault)) > 0:
-            effectiveness[actuator] = max(share, least)
+            effectiveness[actuator] = share
         elif unused == "locked":
             locked_at[actuator] = 0.0
         else:
@@ -105,3 +98,10 @@ def goal_after(
         effectiveness=effectiveness,
         free=tuple(sorted(free - {*locked_at})),
     )
+
+
+def with_margin(goal: Goal, told: Goal) -> Goal:
+    """The goal whose weak actuators, but for those that were told, leave the loops their margin."""
+    least = {k: min(_LEAST_ASSUMED, told.effectiveness.get(k, 1.0)) for k in goal.effectiveness}
+    driven = {k: max(left, least[k]) for k, left in goal.effectiveness.items()}
+    return replace(goal, effectiveness=driven)

@@ -19,7 +19,7 @@ from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
-from ftc.reconfiguration import LEAST_ASSUMED, WEAKEST, Unused, goal_after, lost_displacement
+from ftc.reconfiguration import WEAKEST, Unused, goal_after, lost_displacement, with_margin
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks, Sensors, in_numbers
 from ftc.status import status
@@ -344,7 +344,7 @@ class Supervisor:
             return state
         state = replace(state, confirmed=tuple(confirmed))
         current, controller = self._transferred(state, state.standing)
-        if watch.evidence is not None:
+        if watch.evidence is not None or watch.alarm_ticks != state.watch.alarm_ticks:
             # What moved may be what was commanded more: that is taken back at once.
             controller = state.controller
         return replace(state, current=current, controller=controller)
@@ -510,4 +510,4 @@ def _reconfigured(
     found: Sequence[Diagnosis],
 ) -> PrioritizedController[Any]:
     """The controller that knows of these failures; a closure could not be pickled."""
-    return controller(goal_after(goal, found, watched, unused, least=LEAST_ASSUMED))
+    return controller(with_margin(goal_after(goal, found, watched, unused), goal))

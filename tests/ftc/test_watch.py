@@ -8,9 +8,10 @@ import pytest
 
 from ftc.fdi.detection.watch import Watch, WatchState
 from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
-from tests.cart_runs import Record, carts
+from tests.cart_runs import Record, carts, outputs
 
 NOMINAL, PERIOD_S = carts(1), 10e-3
 
@@ -68,3 +69,47 @@ def test_at_rest_no_gain_is_learned():
     state = watched(gains, np.ones((100, 2)), np.zeros((100, 2)))
     np.testing.assert_allclose(state.parameters.covariance[:2, :2], np.eye(2))
     np.testing.assert_array_equal(state.parameters.mean[:2], 0.0)
+
+
+GAINS = replace(CERTAIN, gain=0.02)
+
+
+def strongest(left: np.ndarray, u: np.ndarray, believed: float = 0.5) -> list[float]:
+    """The most that cart 0, believed weak, may have of its force, while it has `left` (N,)."""
+    faults = (Fault(0, "weak", believed),)
+    bank = hypothesis_bank(NOMINAL, faults, GAINS, 2)
+    watch = Watch(bank.believed, FdiConfig(uncertainty=GAINS, order=3), PERIOD_S, weak=faults)
+    state, before, seen = watch.start(), np.zeros(2), []
+    y = outputs(NOMINAL, 2, u * np.column_stack([left, np.ones(len(u))]))
+    y += np.random.default_rng(0).standard_normal(y.shape)
+    for measured, command in zip(y, u, strict=True):
+        state, _ = watch.step(state, np.concatenate([command, before, [1.0]]), measured)
+        before = command
+        [(actuator, most)] = watch.strongest(state)
+        assert actuator == 0
+        seen.append(most)
+    [(_, doubted)] = watch.strongest(watch.doubting(state))
+    assert doubted >= 1.0  # at an alarm it may be sound, whatever was believed
+    return seen
+
+
+def test_without_motion_a_weak_actuator_may_be_sound_two_seconds_later():
+    """From half of its force: evidence that is older counts for nothing."""
+    seen = strongest(np.full(260, 0.5), np.zeros((260, 2)))
+    assert np.diff(seen).min() > 0
+    assert seen[50] < 0.9 and 1.0 <= seen[200] < 1.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_weak_actuator_has_left_is_followed_and_no_sound_one_is_driven_harder(seed):
+    """While it fails further, stays, comes back and becomes twice as strong as ever.
+
+    Commanded by the inverse of the most that it may have, or as a sound one, it does at most a
+    twentieth more than a sound one.
+    """
+    rng = np.random.default_rng(seed)
+    u = np.cumsum(3e-2 * rng.standard_normal((500, 2)), axis=0)
+    left = np.interp(np.arange(500), [0, 100, 200, 300, 400, 500], [0.5, 0.5, 0.4, 1, 1, 2])
+    seen = np.array(strongest(left, u))[50:]
+    assert (left[50:] / np.minimum(seen, 1.0) <= np.maximum(1.1, left[50:])).all()
+    assert (seen < left[50:] + 0.25).all()

@@ -13,11 +13,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from experiments.recover.event_row import Holding
 from experiments.rig import Rig, Run
 from experiments.rig.events import EVENTS, Event, actuator, events_of, machine, sensor
 from experiments.rig.events.hooks import EFFECTS
 from experiments.study.study import WrongInput
+from ftc.oracle import NEVER
 from sim import HEXAPOD_MJCF, Failure, Reading
+from sim.mjcf.transmission import drives
 
 ONSET, TICKS = 30, 160
 OF_ONE = {name for name, kind in EVENTS.items() if kind.of == "actuator"}
@@ -126,6 +129,23 @@ class Forces:
     def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
         """At the end of the tick before."""
         self.force.append(data.actuator_force.copy())
+
+
+class Strength:
+    """One actuator has these parts of its force from these times [s] on."""
+
+    def __init__(self, one: Rig, which: int, parts: dict[float, float]) -> None:
+        among = None if one.part is None else one.part.actuators
+        self.ids = list(drives(one.model, among=among)[which].ids)
+        self.parts = {round(at_s / one.period_s): part for at_s, part in parts.items()}
+        self.now = 1.0
+
+    def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
+        """Of the plant's model."""
+        part = self.parts.get(tick, self.now)
+        for parameters in (model.actuator_gainprm, model.actuator_biasprm):
+            parameters[self.ids, :3] *= part / self.now
+        self.now = part
 
 
 def forces(events: Sequence[Event], ticks: int, hz: float = 0.0) -> np.ndarray:
@@ -472,3 +492,27 @@ def test_what_cannot_be_is_refused_in_a_sentence(made, said):
 def test_an_actuator_that_a_robot_does_not_have_is_refused_with_the_nearest():
     with pytest.raises(WrongInput, match='no actuator or joint "strut33"; did you mean "strut3"'):
         flown(rig("hexapod"), [event("slow", 0.0, "strut33")])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+@pytest.mark.parametrize(
+    "parts",
+    [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2: 0.7, 2.2: 1.4}],
+    ids=lambda parts: " ".join(f"{part:g} at {at_s:g} s" for at_s, part in parts.items()),
+)
+def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
+    """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""
+    one = rig(name).drawn("all", 4)
+    pilot, path = one.supervisor(), one.path("circle", duration_s=3.2, turn_s=1.5)
+    inner = one.controller()
+    nothing = Holding(inner, inner, NEVER, secondary=pilot.secondary)
+    ours, theirs = (
+        one.fly(each, path, events=Strength(one, 1, parts)) for each in (pilot, nothing)
+    )
+    for since_s in parts:
+        error, bound = (
+            float(np.sqrt(((run.desired - run.true)[round(since_s / one.period_s) :] ** 2).mean()))
+            for run in (ours, theirs)
+        )
+        assert error < max(1.05 * bound, bound + one.noise)
