@@ -105,11 +105,12 @@ def test_what_a_weak_actuator_has_left_is_followed_and_no_sound_one_is_driven_ha
     """While it fails further, stays, comes back and becomes twice as strong as ever.
 
     Commanded by the inverse of the most that it may have, or as a sound one, it does at most a
-    twentieth more than a sound one.
+    tenth more than a sound one.
     """
     rng = np.random.default_rng(seed)
-    u = np.cumsum(3e-2 * rng.standard_normal((500, 2)), axis=0)
-    left = np.interp(np.arange(500), [0, 100, 200, 300, 400, 500], [0.5, 0.5, 0.4, 1, 1, 2])
+    u = np.cumsum(3e-2 * rng.standard_normal((700, 2)), axis=0)
+    left = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
     seen = np.array(strongest(left, u))[50:]
-    assert (left[50:] / np.minimum(seen, 1.0) <= np.maximum(1.1, left[50:])).all()
-    assert (seen < left[50:] + 0.25).all()
+    does = left[50:] / np.minimum(seen, 1.0)
+    assert (does / np.maximum(1.0, left[50:])).max() < 1.1
+    assert (seen - left[50:]).max() < 0.25
