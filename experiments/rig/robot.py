@@ -35,7 +35,7 @@ from sim import (
     Sensors,
     TaskSensor,
 )
-from sim.mjcf.model import listed
+from sim.mjcf.model import listed, start_of
 from sim.mjcf.transmission import drives
 from sim.plant.beyond_linear import beyond_linear
 from sim.scene.scene import Scene, robot_scene
@@ -234,13 +234,10 @@ def left_out_of(robot: Robot) -> tuple[str, ...]:
 
 def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> mujoco.MjData:
     """Joint positions (nq,), or a keyframe by name or number; neither is the first, or qpos0."""
-    data = mujoco.MjData(model)
+    data = start_of(model) if at is None else mujoco.MjData(model)
     if at is not None:
         data.qpos[:] = check.exactly("start", at, model.nq)
-        return data
-    if keyframe is None:
-        if model.nkey:
-            mujoco.mj_resetDataKeyframe(model, data, 0)
+    if at is not None or keyframe is None:
         return data
     names = [model.key(k).name for k in range(model.nkey)]
     number = names.index(keyframe) if keyframe in names else index_in(model.nkey, keyframe)

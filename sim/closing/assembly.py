@@ -12,7 +12,7 @@ from sim.closing.hold import hold
 from sim.closing.newton import close
 from sim.closing.pin import Pin, located_pins
 from sim.mjcf.frame import Body
-from sim.mjcf.model import check_state
+from sim.mjcf.model import check_state, start_of
 
 
 def assemble(
@@ -40,7 +40,8 @@ def assemble(
 
     Args:
         model: Any model.
-        data: The state to begin from, which stays as it is; None is the model's `qpos0`.
+        data: The state to begin from, which stays as it is; None is the model's
+            first keyframe, or `qpos0` where it has none, as everywhere.
         held: What does not move: names of joints, tendons or actuators, or velocity indices as in
             `system.stuck`.
         pinned: Frames that stay where they are: names of sites, :class:`Body`, or :class:`Pin`.
@@ -61,7 +62,7 @@ def assemble(
     check.instance("model", model, mujoco.MjModel)
     if data is not None:
         check_state(model, data)
-    closed = mujoco.MjData(model) if data is None else copy.copy(data)
+    closed = start_of(model) if data is None else copy.copy(data)
     accuracy = checked_accuracy(geometry_accuracy)
     for sentence in assemble_in_place(model, closed, held, pinned, accuracy):
         warnings.warn(sentence, RuntimeWarning, stacklevel=2)

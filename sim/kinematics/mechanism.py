@@ -18,7 +18,7 @@ from sim.kinematics.payload import Payload
 from sim.kinematics.pose import Pose, computed
 from sim.kinematics.reader import JacobianReader
 from sim.mjcf.frame import Body, located
-from sim.mjcf.model import check_state
+from sim.mjcf.model import check_state, start_of
 from sim.mjcf.transmission import drives
 
 _LOOPS_FIRST = 1e4
@@ -80,7 +80,7 @@ class Mechanism:
 
         Args:
             model: The mechanism without failures.
-            data: Its nominal posture, loops closed; None is `qpos0`.
+            data: Its nominal posture, loops closed; None is the first keyframe, or `qpos0`.
             site: The task frame: the name of a site or else of a body, or a :class:`Body`.
             axes: Site that gives the axes of the task; None is the world.
             pinned: Frames that stay where they are.
@@ -93,7 +93,7 @@ class Mechanism:
         check.instance("model", model, mujoco.MjModel)
         check.flag("springs", springs)
         self._model = copy.copy(model)
-        self._data = mujoco.MjData(model) if data is None else copy.copy(data)
+        self._data = start_of(model) if data is None else copy.copy(data)
         check_state(self._model, self._data)
         self._reader = JacobianReader(
             self._model, site, axes, pinned=pinned, closure_tolerance=np.inf

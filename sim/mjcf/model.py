@@ -67,6 +67,14 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
     return spec, model
 
 
+def start_of(model: mujoco.MjModel) -> mujoco.MjData:
+    """Where a model starts unless it is said: at its first keyframe, or else at `qpos0`."""
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    return data
+
+
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
     """The machine without gravity, and without the preload that carried the weight.
 

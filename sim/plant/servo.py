@@ -14,7 +14,7 @@ from sim.errors import ModelError
 from sim.mjcf.drive import Drive
 from sim.mjcf.dynamics import mass_of
 from sim.mjcf.law import law_of
-from sim.mjcf.model import check_state
+from sim.mjcf.model import check_state, start_of
 from sim.mjcf.transmission import drive_rows, drives
 from sim.plant.linear import allowed
 
@@ -44,7 +44,8 @@ def servoed(
         model: The model, which stays as it is.
         natural_frequency_hz: Undamped, of each drive.
         damping_ratio: 1 is critical.
-        data: The pose, closed, at which inertias are taken; None is `qpos0`.
+        data: The pose, closed, at which inertias are taken; None is the first keyframe,
+            or `qpos0`.
         among: Numbers of the actuators that count, all others without force; None is all.
 
     Raises:
@@ -66,7 +67,7 @@ def servoed(
     if among is not None:
         among = sorted(check.index_set("among", among, model.nactuator))
     servo, of_model = copy.copy(model), drives(model, among=among)
-    state = mujoco.MjData(model) if data is None else copy.copy(data)
+    state = start_of(model) if data is None else copy.copy(data)
     check_state(model, state)
     check_closures(model, state, among=among)
     mujoco.mj_fwdPosition(model, state)

@@ -1,5 +1,6 @@
 """Closure: assembled from afar, verdicts that no small gap changes, motion that stays closed."""
 
+import re
 import warnings
 
 import mujoco
@@ -11,6 +12,7 @@ from prioritized import ConstrainedSystem
 from sim import (
     Body,
     ClosureError,
+    Mechanism,
     ModelError,
     Pin,
     advance,
@@ -506,3 +508,26 @@ def test_in_any_unit_of_length_the_same_pose_is_closed_to_a_part_of_the_own_leng
     assert np.abs(end - was).max() < 1e-9 * L
     np.testing.assert_allclose(closed.site("end").xmat, closed.site("top").xmat, atol=1e-9)
     assert abs(closed.joint("lift").qpos[0] + closed.joint("weight").qpos[0]) < 1e-9 * L
+
+
+KEYED = """
+<mujoco><compiler angle="radian"/><worldbody><body><joint name="joint1" axis="0 0 1"/>
+  <geom size="0.03" mass="1"/><body pos="0.3 0 0"><joint name="joint2" axis="0 0 1"/>
+  <geom size="0.03" mass="1"/><site name="payload" pos="0.3 0 0"/></body></body></worldbody>
+<actuator><position joint="joint1" kp="9"/><position joint="joint2" kp="9"/></actuator>
+<keyframe><key name="home" qpos="0.3 0.8"/><key name="away" qpos="0.1 2.0"/></keyframe></mujoco>"""
+
+
+def test_without_a_state_a_model_starts_at_its_first_keyframe():
+    """As a rig does: at qpos0 this arm is stretched and cannot move along itself."""
+    model = model_of(KEYED)
+    start = assemble(model)
+    np.testing.assert_array_equal(start.qpos, [0.3, 0.8])
+    report = ConstrainedSystem.of(jacobians(model, start, "payload")).kinematics()
+    assert not report.manipulability(major=[3, 4]).unmanipulable
+    nominal = Mechanism(model, site="payload").nominal
+    np.testing.assert_array_equal(nominal.qpos, start.qpos)
+    given = mujoco.MjData(model)
+    np.testing.assert_array_equal(assemble(model, given).qpos, model.qpos0)
+    plain = model_of(re.sub("<keyframe>.*</keyframe>", "", KEYED))
+    np.testing.assert_array_equal(assemble(plain).qpos, model.qpos0)
