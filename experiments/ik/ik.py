@@ -150,6 +150,7 @@ class Ik:
         asked, units = self._targets.of_rows(), system.geometry.velocity_units
         self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
+        self._is_open = not len(actuated.system.joints.moving)
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
@@ -175,12 +176,23 @@ class Ik:
         return met if self._limits.tightened(data, limits, met) is None else None
 
     def _approaches(self, J_T: Array, asked: Array, met: Array, period_s: float) -> bool:
-        """Whether a step clearly lowers the errors of all tasks: see :meth:`Trial.held_back`."""
+        """Whether a step lowers the errors of all tasks, by an estimate of its second order.
+
+        Where it may not, the step is tried: see :meth:`Trial.held_back`.
+        """
         rows, weight, of_rates = self._rows
         J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
-        flat, rest = J.ravel(), wanted - J.dot(y)
-        bend = 0.5 * period_s * sqrt(len(y) * flat.dot(flat)) * y.dot(y)
-        return bool(sqrt(rest.dot(rest)) + bend <= MISSED * sqrt(wanted.dot(wanted)))
+        flat, moved = J.ravel(), J.dot(y)
+        rest, h = wanted - moved, 0.25 * period_s * sqrt(flat.dot(flat))
+        spare = MISSED * sqrt(wanted.dot(wanted)) - sqrt(rest.dot(rest))
+        if h * y.dot(y) <= spare:
+            return True
+        if spare <= 0.0 or not self._is_open:
+            return False
+        try:  # without what lower levels do in the null space
+            return bool(h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare)
+        except np.linalg.LinAlgError:
+            return False
 
     def _solved(
         self,

@@ -349,6 +349,7 @@ def rested(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:the step is shortened")
 @pytest.mark.parametrize(
     "limits", [FREELY, Limits(velocity=2.0), Limits(velocity=2.0, acceleration=20.0)]
 )
