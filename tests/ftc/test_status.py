@@ -76,12 +76,13 @@ AGAIN = replace(Diagnosis.told(Fault(2, "weak", 1.0)), confirmed=False)
     ],
 )
 def test_each_belief_and_act_has_its_sentence(state, said):
-    assert state.status == said
+    assert status(state) == said
 
 
 def test_actuators_are_called_as_a_robot_calls_them():
     names = [f"strut{k}" for k in range(1, 7)]
     assert status(CONFIRMED, names) == "strut3 is locked; the other actuators do the task."
+    assert CONFIRMED.status == status(CONFIRMED, names)  # the model of a rig knows its names
 
 
 def test_an_actuator_that_works_again_is_believed_sound():
