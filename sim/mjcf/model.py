@@ -60,6 +60,8 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
             model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
+        if "package://" in file.read_text(errors="replace"):
+            reason += "; for meshes of package:// see docs/urdf.md: meshdir and strippath"
         raise ModelError(f"{file} is not a valid MJCF or URDF model: {reason}") from None
     check_numbers(file, model)
     for each in said:  # what is refused is refused in one sentence
