@@ -12,7 +12,7 @@ import numpy as np
 import argument_checks as check
 from experiments.ik.levels import Levels
 from experiments.ik.limits import Limits, VelocityLimits
-from experiments.ik.overshoot import MISSED, Trial
+from experiments.ik.overshoot import MISSED, NEGLIGIBLE, Trial
 from experiments.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
 from sim import Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
@@ -106,7 +106,7 @@ class Ik:
         here = self._reader.read(data)
         asked = self._asked_at(data, period_s)
         met = self._met(data, here.J_T, here.J_C, here.error_bound, asked)
-        if met is None or not self._approaches(here.J_T, asked[1], met, period_s):
+        if met is None or not self._approaches(data, here.J_T, asked[1], met, period_s):
             return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
         qvel, fraction = self._kept(data, met, asked[0], None)
         if fraction < 1.0 and asked[0].braking is not None and len(here.J_C):
@@ -175,24 +175,25 @@ class Ik:
             return None
         return met if self._limits.tightened(data, limits, met) is None else None
 
-    def _approaches(self, J_T: Array, asked: Array, met: Array, period_s: float) -> bool:
-        """Whether a step lowers the errors of all tasks, by an estimate of its second order.
+    def _approaches(
+        self, data: mujoco.MjData, J_T: Array, asked: Array, met: Array, period_s: float
+    ) -> bool:
+        """Whether a step lowers the errors of all tasks: by its second order, or as it is tried.
 
-        Where it may not, the step is tried: see :meth:`Trial.held_back`.
+        What lower levels do in the null space does not count, where no loops tie it.
         """
         rows, weight, of_rates = self._rows
         J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
         flat, moved = J.ravel(), J.dot(y)
         rest, h = wanted - moved, 0.25 * period_s * sqrt(flat.dot(flat))
-        spare = MISSED * sqrt(wanted.dot(wanted)) - sqrt(rest.dot(rest))
+        spare = MISSED * (sqrt(wanted.dot(wanted)) - sqrt(rest.dot(rest))) + NEGLIGIBLE / period_s
         if h * y.dot(y) <= spare:
             return True
-        if spare <= 0.0 or not self._is_open:
-            return False
-        try:  # without what lower levels do in the null space
-            return bool(h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare)
-        except np.linalg.LinAlgError:
-            return False
+        if self._is_open:
+            alone = np.linalg.lstsq(J, moved)[0]
+            if h * alone.dot(alone) <= spare:
+                return True
+        return self._trial.comes_nearer(data, period_s * moved, period_s * asked, period_s * met)
 
     def _solved(
         self,

@@ -10,7 +10,11 @@ from prioritized import ConstrainedSystem, Hierarchy, Kinematics
 from sim import Array, JacobianReader
 
 MISSED = 0.5
-"""Part of the way that is asked for that a step may miss."""
+"""Part of a way, or of what the Jacobian says that a step lowers an error by, that it may miss."""
+NEGLIGIBLE = 1e-9
+"""Errors in natural units that no step needs to lower."""
+_FAR = 1.0
+"""Motion in natural units, 1 rad for one, as far as a step is tried: none is taken farther."""
 _SMALL = 1e-6
 """Of steps in natural units that differences are taken of."""
 _CLEAR = 1e-6
@@ -77,7 +81,8 @@ class Trial(NamedTuple):
                 stack = np.vstack([before, A / h])
                 alone = units * np.linalg.lstsq(stack, stack @ step)[0]
                 self._move(at, kinematics.velocities(alone))
-                missed = np.concatenate([W @ self._missed(q, way[q.own]) for W, _, q in tasks])
+                left = [self._error(q) - (1.0 / q.task.gain - 1.0) * way[q.own] for *_, q in tasks]
+                missed = np.concatenate([W @ e for (W, *_), e in zip(tasks, left, strict=True)])
                 if np.linalg.norm(missed) <= MISSED * (size + h * allowed):
                     before, allowed = stack, allowed + size / h
                 else:
@@ -96,6 +101,33 @@ class Trial(NamedTuple):
             rows[k] = _root(bend @ of_rows, least) / units
         return tuple(rows) if any(map(len, rows)) else ()
 
+    def comes_nearer(self, at: mujoco.MjData, moved: Array, way: Array, motion: Array) -> bool:
+        """Whether the error of each level falls by half of what the Jacobian says, or more.
+
+        Args:
+            at: Where the motion begins.
+            moved: How far the Jacobian says that the rows of all tasks come, in natural units.
+            way: What all tasks ask for until the next tick, (t,).
+            motion: Of all velocities, (N,).
+        """
+        geometry, first = self.system.geometry, 0
+        part = min(1.0, _FAR / max(_FAR, np.abs(motion / geometry.velocity_units).max()))
+        moved = part * moved
+        self._move(at, part * motion)
+        for level in self.targets.levels:
+            sizes = np.zeros(3)
+            for part in (each for each in level if each.among is None):
+                rows = slice(first, first := first + part.size)
+                error = way[part.own] / part.task.gain / geometry.task_units[rows]
+                left = self._error(part) / geometry.task_units[rows]
+                sizes += [e.dot(e) for e in (error, error - moved[rows], left)]
+            before, predicted, after = np.sqrt(sizes)
+            is_free = all(part.task.damping is None for part in level)
+            allowed = before - (1.0 - MISSED) * (before - predicted) + NEGLIGIBLE
+            if is_free and after > allowed:
+                return False
+        return True
+
     def _move(self, at: mujoco.MjData, motion: Array) -> None:
         """Go to the state after a motion (N,), loops not closed again."""
         there = self.data
@@ -104,10 +136,9 @@ class Trial(NamedTuple):
         mujoco.mj_integratePos(self.model, there.qpos, motion[: self.model.nv], 1.0)
         self.reader.read(there)
 
-    def _missed(self, part: Part, way: Array) -> Array:
-        """Of a way that is a part of the error, what is left of it after the motion."""
-        gain = part.task.gain
-        return part.located.error(self.model, self.data) - (1.0 - gain) / gain * way
+    def _error(self, part: Part) -> Array:
+        """What is left after the motion."""
+        return part.located.error(self.model, self.data)
 
     def _bend(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:
         """Second derivatives of all rows by the rates in natural units, (n, n, m)."""

@@ -70,9 +70,12 @@ class IkProblem:
         there = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
         if self.held_back:
             # Differences leave no null space exact: what is lost by round-off is not divided by.
-            first = [len(B) > 0 for B in self.held_back].index(True)
-            least = [_LEAST * size * (k > first) for k, (_, size) in enumerate(there.decided)]
-            damping = tuple(map(max, there.damping, least))
+            sizes = [float(np.linalg.norm(B)) for B in self.held_back]
+            first = next(k for k, size in enumerate(sizes) if size)
+            sizes[first + 1 :] = [size for _, size in there.decided[first + 1 :]]
+            damping = tuple(
+                max(own, _LEAST * size) for own, size in zip(there.damping, sizes, strict=True)
+            )
             there = replace(there, held_back=self.held_back, damping=damping)
         return there.solve(self.targets)
 
