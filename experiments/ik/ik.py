@@ -209,11 +209,12 @@ class Ik:
         if met is None:
             problem = self._tightened(data, problem)
         velocities = problem.velocities if met is None else met
-        way, motion = period_s * asked[1], period_s * velocities
-        held_back = self._trial.held_back(data, self._hierarchy, problem.kinematics, way, motion)
-        if held_back:
-            problem, met = self._tightened(data, replace(problem, held_back=held_back)), None
-            velocities = problem.velocities
+        if not self._approaches(data, jac.J_T, asked[1], velocities, period_s):
+            way, motion = period_s * asked[1], period_s * velocities
+            held = self._trial.held_back(data, self._hierarchy, problem.kinematics, way, motion)
+            if held:
+                problem, met = self._tightened(data, replace(problem, held_back=held)), None
+                velocities = problem.velocities
         qvel, fraction = self._kept(data, velocities, limits, problem.braking)
         return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
 

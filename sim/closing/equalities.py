@@ -252,7 +252,7 @@ def constraint_rows(
 ) -> Array:
     """MuJoCo's own of these constraints, which may be a view; equalities come first."""
     if not mujoco.mj_isSparse(model):
-        return data.efc_J.reshape(data.nefc, model.nv)[which]
+        return data.efc_J[: data.nefc * model.nv].reshape(-1, model.nv)[which]
     filled, first = data.efc_J_rownnz[which], data.efc_J_rowadr[which]
     mujoco.mju_sparse2dense(
         rows := np.zeros((len(filled), model.nv)), data.efc_J, filled, first, data.efc_J_colind

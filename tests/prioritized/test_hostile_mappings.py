@@ -363,7 +363,7 @@ TRUSTED = {
     *(f"Kinematics.{name}" for name in ("cleaned", "gain_uncertainty", "gap_of", "holds")),
     *("Kinematics.in_order", "Kinematics.measure", "VelocityMapping.belonging_to"),
     *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain"),
-    *("Failures.and_also", "Failures.in_words"),
+    *("Failures.and_also", "Failures.in_words", "HierarchySolution.in_words"),
 }
 
 

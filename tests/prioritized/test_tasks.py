@@ -193,8 +193,8 @@ def test_a_task_that_does_not_exist_is_refused_by_name(model):
 def test_a_name_is_that_of_a_site_or_else_of_a_body(model):
     """In tasks, pins, poses and axes."""
     data = mujoco.MjData(model)
-    by_name = jacobians(model, data, ["fore1", Relative("left", "fore1")], axes="fore1")
-    by_body = jacobians(model, data, [Body("fore1"), Relative("left", Body("fore1"))])
+    by_name = jacobians(model, data, ["fore1", Relative("right", "fore1")], axes="fore1")
+    by_body = jacobians(model, data, [Body("fore1"), Relative("right", Body("fore1"))])
     R = data.body("fore1").xmat.reshape(3, 3)
     np.testing.assert_allclose(by_name.J_T, np.kron(np.eye(4), R.T) @ by_body.J_T, atol=1e-12)
     pose = pose_of(model, data, "fore1")

@@ -21,7 +21,7 @@ TRUSTED = {
     *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
     # Of numbers that are checked, at every tick.
     *("Plant.hold", "Plant.observed", "Bench.advance", "Distances.near", "Distances.fits"),
-    *("Distances.farthest", "Distances.largest_fraction"),
+    *("Distances.farthest", "Distances.largest_fraction", "Plant.check_lock"),
 }
 
 
