@@ -40,6 +40,7 @@ class SupervisorState(NestedState):
             task; the controller then goes on as it was, with what it still reaches.
         ticks: So far.
         withdrawn: Diagnoses that were taken back, and when.
+        acted: Diagnoses from which the controller in use changed.
         references: Of the major task of late, one for each sample of the diagnosis, newest first.
         feedforward: Demands beside the compensators, likewise; empty: none were given.
         refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
@@ -54,6 +55,7 @@ class SupervisorState(NestedState):
     task_lost: bool = False
     ticks: int = 0
     withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
+    acted: tuple[Diagnosis, ...] = ()
     references: tuple[Array, ...] = ()
     feedforward: tuple[Array, ...] = ()
     refused: Diagnosis | None = None
@@ -314,7 +316,9 @@ class Supervisor:
             if can:
                 lost = lost_displacement(self._nominal, found, faults, commanded)
                 goes = self._transferred(state, believed, lost)
-                if not self._pays(state, found, stays, goes, measurement):
+                if self._pays(state, found, stays, goes, measurement):
+                    state = replace(state, acted=(*state.acted, found))
+                else:
                     goes, refused = stays, found
         current, controller = goes
         state = replace(state, current=current, controller=controller, refused=refused)

@@ -29,16 +29,20 @@ class Named:
         kind: What it was taken for.
         time_s: When.
         withdrawn_s: When the pilot took that back; None is never.
+        acted_s: From when the commands follow from it; None is never.
     """
 
     actuator: str
     kind: FaultKind
     time_s: float
     withdrawn_s: float | None
+    acted_s: float | None = None
 
     def __str__(self) -> str:
+        later = self.acted_s is not None and self.acted_s > self.time_s
+        acted = f", commands changed at {self.acted_s:.3f} s" if later else ""
         back = "" if self.withdrawn_s is None else f" and cleared at {self.withdrawn_s:.3f} s"
-        return f"{self.actuator} was named {self.kind} at {self.time_s:.3f} s{back}"
+        return f"{self.actuator} was named {self.kind} at {self.time_s:.3f} s{acted}{back}"
 
 
 @dataclass(frozen=True)
@@ -239,6 +243,7 @@ def named_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Named, ...]:
             found.fault.kind,
             float(time_s[found.tick]),
             float(time_s[withdrawn[found]]) if found in withdrawn else None,
+            float(time_s[found.tick]) if found in state.acted else None,
         )
         last = next((each for each in named[::-1] if each.actuator == one.actuator), None)
         if found.fault.is_sound:  # it works again, which a confirmation must show
@@ -247,8 +252,10 @@ def named_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Named, ...]:
             continue
         if last is None or last.kind != one.kind or last.withdrawn_s is not None:
             named.append(one)
-        elif one.withdrawn_s is not None:
-            named[named.index(last)] = replace(last, withdrawn_s=one.withdrawn_s)
+            continue
+        acted_s = one.acted_s if last.acted_s is None else last.acted_s
+        back_s = last.withdrawn_s if one.withdrawn_s is None else one.withdrawn_s
+        named[named.index(last)] = replace(last, withdrawn_s=back_s, acted_s=acted_s)
     return tuple(named)
 
 

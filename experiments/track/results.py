@@ -209,10 +209,9 @@ def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
     entries = []
     for found in named.values():
         delay_s = found.time_s - struck.get(found.actuator, np.inf)
-        entry = {"actuator": found.actuator, "kind": found.kind}
-        entries.append(
-            entry | {"delay_s": delay_s if delay_s >= 0 else None, "time_s": found.time_s}
-        )
+        entry = {"actuator": found.actuator, "kind": found.kind, "time_s": found.time_s}
+        delay_s = delay_s if delay_s >= 0 else None
+        entries.append(entry | {"delay_s": delay_s, "acted_s": found.acted_s})
     return entries
 
 
@@ -340,16 +339,18 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
         f"that the sensors had, with a controller that {learns}."
     )
     named = summary["diagnoses"]
+    missing = "Without a delay: a false alarm; without a change: the commands went on as they were."
     found = (
         Column("actuator", "actuator"),
         Column("named", "kind"),
         Column("at, s", "time_s", ".3f"),
         Column("after, s", "delay_s", ".3f"),
+        Column("commands\nchange, s", "acted_s", ".3f"),
     )
     return [
         tabulate(title, columns, entries, legend),
         *event_tables(summary),
-        tabulate("Diagnoses", found, named, "Without a delay: a false alarm." if named else ""),
+        tabulate("Diagnoses", found, named, missing if named else ""),
     ]
 
 
