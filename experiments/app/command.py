@@ -29,7 +29,6 @@ def command(study: Study) -> Callable[..., None]:
     """The study as a command for Typer, which raises `Unsound` where a check failed."""
 
     def run(*, out: Path, quiet: bool, json: bool, **options: Any) -> None:
-        options = {"seed": 0, "quick": False} | options
         study.check_options(**options)
         results = conduct(study, out, partial(progress, shown=not quiet), **options)
         show(results, quiet=quiet, json=json)
@@ -96,12 +95,13 @@ def with_options(
     """The function as Typer takes it, with the options that all studies have, and further ones.
 
     It takes all of them by keyword. The name is that of the command and of its folder; `seed` says
-    what the seed is of, `quick` what --quick leaves out; without one there is no such option.
+    what the seed is of, `quick` what --quick leaves out; without one the option, which scripts give
+    to every study, is not in the help text.
     """
     options = (
         Option("out", Path, Path("results", name), "Folder for results; created if missing."),
-        *([] if seed is None else [Option("seed", int, 0, f"Seed of {seed}.", metavar="N")]),
-        *([] if quick is None else [Option("quick", bool, False, quick)]),
+        Option("seed", int, 0, seed and f"Seed of {seed}.", metavar="N"),
+        Option("quick", bool, False, quick),
         *further,
         Option("quiet", bool, False, _QUIET),
         Option("json", bool, False, _JSON),
@@ -124,6 +124,7 @@ def _parameter(option: Option) -> inspect.Parameter:
     bounds: dict[str, Any] = {"min": 0, "max": 2**32 - 1} if option.name == "seed" else {}
     metavar = "FOLDER" if option.name == "out" else option.metavar
     names = () if option.kind is not bool else (f"--{option.name.replace('_', '-')}",)
+    bounds["hidden"] = option.help is None
     info: Any = typer.Option(*names, help=option.help, metavar=metavar, **bounds)
     if option.positional:
         info = typer.Argument(help=option.help, metavar=metavar)

@@ -56,17 +56,15 @@ def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, Re
 
 
 def _names(found: Mapping[Path, RecordedRun]) -> list[str]:
-    """Short and different: a flight's model, else the file; with its folder where two agree."""
+    """Short and different: a flight's model, else the file; with more where two agree."""
     ways = []
     for file, run in found.items():
-        stem, place = file.stem, f"{file.parent.name}/{file.stem}"
-        each = [stem, place, str(file.with_suffix(""))]
+        each = [file.stem, f"{file.parent.name}/{file.stem}", str(file.with_suffix(""))]
         if run.experiment in _FLIGHTS:
-            robot = run.shown.robot
-            each = [robot, *(f"{robot}, {way}" for way in each[1:])]
-        ways.append(each)
+            each = [run.shown.robot, *(f"{run.shown.robot}, {way}" for way in each)]
+        ways.append([*each, each[-1]])
     names = [each[0] for each in ways]
-    for k in (1, 2):
+    for k in (1, 2, 3):
         names = [
             way[k] if names.count(name) > 1 else name for name, way in zip(names, ways, strict=True)
         ]

@@ -134,13 +134,10 @@ def flown(
     machine = bench if on_tick is None else _Counted(bench, on_tick, done)
     try:
         looped = run_loop(machine, pilot, reference, demands, begun=begun)
-    except ValueError as error:
-        if not bench.is_gap:
+    except (ValueError, TypeError, AttributeError):
+        if bench.gap is None:
             raise
-        raise ValueError(
-            "pilot must go on without a measurement, which events take away here, as "
-            f"Rig.supervisor() does: {error}"
-        ) from None
+        raise bench.gap from None
     return run_of(rig, bench, looped, times, reference, failures, kept)
 
 

@@ -28,7 +28,7 @@ class Option:
     name: str  # as a Python name; `--its-name` on the command line
     kind: Any  # type of its value; a `Literal` is a choice
     default: Any
-    help: str
+    help: str | None  # None: it is not in the help text
     metavar: str | None = None  # stands for the value in the help text; None: its type
     positional: bool = False  # an argument without a name
     check: Callable[[Any], object] | None = None  # raises at once; None is not checked

@@ -125,24 +125,28 @@ _HOOKS = {
 }
 
 
-def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> Any:
-    """What a hook makes of a reading: as many numbers, of which some may be NaN.
+def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> tuple[Any, Any]:
+    """What a hook makes of a reading, and the error of a pilot that needs one; None: it is one.
 
-    Raises:
-        ValueError, TypeError: It makes something else of it.
+    A reading has as many numbers as before, in arrays; NaN for those that are missing.
     """
     changed = hook(tick, reading)
     if not isinstance(reading, Reading):
-        return changed
+        return changed, None
     name, arrays = f"what events.measured returns at tick {tick}", list[Array]()
-    check.attributes(name, changed, *Reading._fields)
-    for part, before in zip(Reading._fields, reading, strict=True):
-        arrays.append(as_float64(f"{part} of {name}", getattr(changed, part)))
-        if arrays[-1].shape != before.shape:
-            raise ValueError(
-                f"{part} of {name} must have shape {before.shape}, got {arrays[-1].shape}"
-            )
-    return Reading(*arrays)
+    try:
+        check.attributes(name, changed, *Reading._fields)
+        for part, before in zip(Reading._fields, reading, strict=True):
+            arrays.append(as_float64(f"{part} of {name}", getattr(changed, part)))
+            if arrays[-1].shape != before.shape:
+                raise ValueError(
+                    f"{part} of {name} must have shape {before.shape}, got {arrays[-1].shape}"
+                )
+    except (ValueError, TypeError) as error:
+        return changed, error
+    is_whole = np.isfinite(arrays[0]).all()
+    missing = f"pilot must go on without numbers that are missing in {name}"
+    return Reading(*arrays), None if is_whole else ValueError(missing)
 
 
 def sent_by(hook: Callable[[int, Array], Array], tick: int, inputs: Array) -> Array:
@@ -174,7 +178,7 @@ class Bench:
         qpos: Joint positions, shape (N, nq); None where they are not kept.
         actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
             with them.
-        is_gap: Whether an event has left the last reading without all its numbers.
+        gap: The error of a pilot that needs what an event has taken from the last reading, or None.
         observed: The other arguments of `observe` in `sim._tick`, which writes this log.
     """
 
@@ -251,7 +255,7 @@ class Bench:
         self._on_plant, self._on_measured, self._on_sent = hooks
         delay = min(check.index("delay_ticks", delay_ticks), len(time_s))  # then it never comes
         self._under_way = deque([plant.command] * delay)
-        self._hysteresis, self.is_gap = hysteresis, False
+        self._hysteresis, self.gap = hysteresis, None
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
         self._time_s, self._floor = time_s, floor_m_per_s2
         self._to_come = sorted(failures, key=lambda failure: failure.time_s)
@@ -287,8 +291,7 @@ class Bench:
         reading = self.sensors.read(pose, self.displacement[tick])
         if self._on_measured is None:
             return reading
-        changed = measured_by(self._on_measured, tick, reading)
-        self.is_gap = isinstance(changed, Reading) and not np.isfinite(changed.output).all()
+        changed, self.gap = measured_by(self._on_measured, tick, reading)
         return changed
 
     def advance(self, closed: Callable[..., Array | None]) -> bool:

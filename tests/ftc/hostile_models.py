@@ -138,6 +138,9 @@ TARGETS = {
     ),
     "NominalModel": Target(model, MODEL),
     "NominalModel with loads": Target(lambda **a: model(**MODEL, **a), LOADED),
+    "NominalModel with names": Target(
+        lambda names: model(**MODEL, names=names), {"names": [f"motor{k}" for k in range(N)]}
+    ),
     "NominalModel with friction": Target(
         lambda friction: model(**MODEL, friction=friction), {"friction": RUBS}
     ),

@@ -38,5 +38,5 @@ def test_only_a_sound_run_that_was_long_enough_calibrates(learned):
     failed = RIG.fly(
         pilot, RIG.path("circle", duration_s=1.5), failures=[Failure(3, "locked", 1.1)]
     )
-    with pytest.raises(ValueError, match=r"got: Actuator 3 is locked"):
+    with pytest.raises(ValueError, match=r"got: strut4 is locked"):
         pilot.calibrated(failed.state)

@@ -209,7 +209,7 @@ def test_runs_of_different_robots_are_reviewed_side_by_side(kept, model, tmp_pat
     out, runs = tmp_path / "review.rrd", [str(file.with_suffix(".npz")), str(tmp_path)]
     assert main(["review", *runs, "--out", str(out)]) == 0
     assert {"/run_0/machine/bodies/hand", "/run_1/machine/bodies/payload"} <= rrd.entities(out)
-    assert "| flight | x " in rrd.notes(out) and "| made | alpha " in rrd.notes(out)
+    assert "| arm | x " in rrd.notes(out) and "| made | alpha " in rrd.notes(out)
 
 
 def test_every_event_is_a_line_over_the_axis_of_every_plot_and_in_the_list(kept, tmp_path):
@@ -280,4 +280,4 @@ def test_the_list_of_events_of_several_runs_says_whose_they_are(kept, tmp_path):
     assert main(["review", *runs, str(tmp_path / "again.npz"), "--out", str(out)]) == 0
     for number, name in enumerate(("flight", "again")):
         _, texts = rrd.rows(out, f"/run_{number}/events", "TextLog:text")
-        assert texts == [[f"{name}: b locked"]]
+        assert texts == [[f"arm, {name}: b locked"]]

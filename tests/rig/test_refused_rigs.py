@@ -186,7 +186,6 @@ VALUES = [
     ),
     (FLOWN, "events", [hooked(sent=lambda _, u: NAN * u)], r"events\.sent returns .* finite"),
     (FLOWN, "events", [reads(output=SHORT)], r"^output of what events\.measured returns at tick 0"),
-    (FLOWN, "events", [[reads(displacement=None)]], r"^displacement of what events\.measured"),
     (FLOWN, "events", [reads(output=MISSING), [Event("nan", 0.0)]], "^pilot must go on without"),
 ]
 KINDS = [

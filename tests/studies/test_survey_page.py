@@ -217,7 +217,7 @@ def test_every_lost_direction_of_the_survey_has_a_cell_with_its_failures(surveys
     assert lost == set(said)
     assert "motor1, motor2, motor3 or motor4 locked: turn z is lost" in notes(file)
     known = properties_of(file)
-    assert (known["study"], known["robot"]) == ("survey", "platform")
+    assert (known["study"], known["robot"]) == ("survey", "planar platform on four legs")
     assert known["verdict"] == "The major task survives each of the 8 single failures."
 
 

@@ -178,7 +178,9 @@ class Hooks:
         """What the controller reads instead."""
         for _, measured, _ in self._others:
             if measured is not None:
-                reading = measured_by(measured, tick, reading)
+                reading, gap = measured_by(measured, tick, reading)
+                if gap is not None:
+                    return reading
         for since, effect in self._begun(tick):
             if effect.measured is not None:
                 reading = reading._replace(output=effect.measured(since, reading.output))
