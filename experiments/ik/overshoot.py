@@ -11,7 +11,7 @@ from sim import Array, JacobianReader
 
 MISSED = 0.5
 """Part of a way, or of what the Jacobian says that a step lowers an error by, that it may miss."""
-NEGLIGIBLE = 1e-9
+NEGLIGIBLE = 1e-14
 """Errors in natural units that no step needs to lower."""
 _FAR = 1.0
 """Motion in natural units, 1 rad for one, as far as a step is tried: none is taken farther."""
