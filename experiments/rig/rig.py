@@ -323,7 +323,7 @@ class Rig(ABC):
         """
         check.instance("name", name, str, Path)
         ticks = self._ticks("duration_s", duration_s, BOUNDS["duration"][0])
-        check.within("turn_s", turn_s, *BOUNDS["turn"], " s")
+        check.within("turn_s", turn_s, BOUNDS["turn"][0], 1e9, " s")
         time_s = np.arange(max(2, ticks)) * self.period_s
         with by_argument():
             return path_of(str(name), len(self.major), self.size, time_s, turn_s, self.period_s)

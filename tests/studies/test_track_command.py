@@ -52,7 +52,7 @@ KEYS = {
     *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
     *("predicted_rms_after_when_named", "advice", "left_out"),
     *("measured_over_predicted_before", "measured_over_predicted_after", "dry_friction", "met"),
-    *("limited_by", "bodies", "events", "rms_after_without_diagnosis"),
+    *("limited_by", "bodies", "events", "rms_after_without_diagnosis", "lost"),
 }
 IN_UNITS = {
     *("path_size", "sensor_noise", "encoder_noise", "rms_before", "rms_after"),
