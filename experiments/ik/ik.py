@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import replace
 from math import sqrt
@@ -190,9 +191,9 @@ class Ik:
         if h * y.dot(y) <= spare:
             return True
         if self._is_open:
-            alone = np.linalg.lstsq(J, moved)[0]
-            if h * alone.dot(alone) <= spare:
-                return True
+            with suppress(np.linalg.LinAlgError):  # a singular one is tried
+                if 0.0 <= h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare:
+                    return True
         return self._trial.comes_nearer(data, period_s * moved, period_s * asked, period_s * met)
 
     def _solved(
