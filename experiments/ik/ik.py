@@ -151,7 +151,9 @@ class Ik:
         asked, units = self._targets.of_rows(), system.geometry.velocity_units
         self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
-        self._is_open = not len(actuated.system.joints.moving)
+        parts = [part for level in self._targets.levels for part in level]
+        has_rates = any(part.among is not None for part in parts)
+        self._has_free_rates = has_rates and not len(actuated.system.joints.moving)
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
@@ -181,7 +183,7 @@ class Ik:
     ) -> bool:
         """Whether a step lowers the errors of all tasks: by its second order, or as it is tried.
 
-        What lower levels do in the null space does not count, where no loops tie it.
+        What tasks of joints do in the null space does not count, where no loops tie it.
         """
         rows, weight, of_rates = self._rows
         J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
@@ -190,7 +192,7 @@ class Ik:
         spare = MISSED * (sqrt(wanted.dot(wanted)) - sqrt(rest.dot(rest))) + NEGLIGIBLE / period_s
         if h * y.dot(y) <= spare:
             return True
-        if self._is_open:
+        if self._has_free_rates:
             with suppress(np.linalg.LinAlgError):  # a singular one is tried
                 if 0.0 <= h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare:
                     return True

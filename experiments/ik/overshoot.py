@@ -63,7 +63,7 @@ class Trial(NamedTuple):
             way: What all tasks ask for until the next tick, (t,).
             motion: Of all velocities, (N,).
         """
-        units, far = kinematics.rate_units, dict[int, Array]()
+        units, far = kinematics.rate_units, dict[int, tuple[Array, Array]]()
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
@@ -88,7 +88,7 @@ class Trial(NamedTuple):
                 else:
                     of_rows = S.T @ wanted
                     force = np.linalg.lstsq((above @ J).T, J.T @ of_rows, _CLEAR)[0]
-                    far[k] = of_rows - above.T @ force
+                    far[k] = A, of_rows - above.T @ force
             above = np.vstack([above, S])
         if not far:
             return ()
@@ -96,9 +96,13 @@ class Trial(NamedTuple):
             self._bend(at, kinematics),
             [np.zeros((0, len(units)))] * len(self.targets.levels),
         )
-        for k, of_rows in far.items():
+        for k, (A, of_rows) in far.items():
             least = _CLEAR * float(np.linalg.norm(J) * np.linalg.norm(of_rows))
-            rows[k] = _root(bend @ of_rows, least) / units
+            curved = _root(bend @ of_rows, least)
+            # What hardly moves the error, and does not curve it, is no way to lower it.
+            size, V = np.linalg.svd(A, full_matrices=False)[1:]
+            idle = float(np.linalg.norm(curved)) * V[size < _CLEAR * size.max()]
+            rows[k] = np.vstack([curved, idle]) / units if len(curved) else curved
         return tuple(rows) if any(map(len, rows)) else ()
 
     def comes_nearer(self, at: mujoco.MjData, moved: Array, way: Array, motion: Array) -> bool:
