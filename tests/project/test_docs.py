@@ -96,7 +96,7 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
     (tmp_path / "yours.xml").write_text(mjcf)
     own = EXAMPLE.replace('fjh.MODELS / "arm.xml"', '"yours.xml"').replace("motor4", joint)
     names: dict = {}
-    exec(own.replace('"payload"', site).replace("major=[3, 4, 5]", rig), names)
+    exec(own.replace('"payload"', site).replace('major=["x", "y", "z"]', rig), names)
     last = capsys.readouterr().out.splitlines()[-1]
     assert names["rig"].actuators == actuators
     if joint == "j2":
