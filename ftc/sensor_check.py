@@ -108,7 +108,7 @@ class SensorCheck:
     period_s: float
     limits: tuple[float, ...] | None = None
     noisy: bool = True
-    stuck_s: float = 50e-3
+    stuck_s: float = 35e-3
     gap_s: float = 20e-3
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from ftc.sensor_check import SensorCheck, SensorState
 
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
-STUCK, GAP = 50, 20  # ticks of the usual times
+STUCK, GAP = 35, 20  # ticks of the usual times
 SOON = 10  # ticks that random readings repeat now and then
 
 

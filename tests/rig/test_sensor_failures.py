@@ -147,10 +147,7 @@ def test_a_sensor_that_comes_back_costs_no_more_than_with_a_controller_that_chec
 def test_encoders_stand_in_for_the_sensor_of_the_task(what):
     """With a task's sensor alone the commands are held."""
     sound = rms(flown("arm", "none"))
-    # A sensor that repeats is used for 50 ms more, so that bursts of repeats are not taken for it.
-    most = 15 if what == "stuck" else 10
-    assert rms(flown("arm", what)) < most * sound
-    assert 10 * sound < 0.05 * rms(flown("arm", what, "task"))
+    assert rms(flown("arm", what)) < 10 * sound < 0.05 * rms(flown("arm", what, "task"))
     said = "the task is estimated from the encoders"
     assert said in flown("arm", what).status and said not in flown("arm", what, "task").status
 
