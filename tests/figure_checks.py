@@ -3,6 +3,7 @@
 All but `faults` expect a figure that is laid out: `figure.draw_without_rendering()`.
 """
 
+import warnings
 from itertools import combinations
 
 from matplotlib.artist import Artist
@@ -34,9 +35,11 @@ NEAR_PT = 12
 
 def faults(figure: Figure) -> list[str]:
     """All that is wrong with a figure, a sentence each."""
-    figure.draw_without_rendering()
     checks = (text_faults, overlapping_texts, unexplained, hidden_data, labels_on_curves)
-    return [sentence for check in checks for sentence in check(figure)]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # as where figures are written
+        figure.draw_without_rendering()
+        return [sentence for check in checks for sentence in check(figure)]
 
 
 def text_faults(figure: Figure) -> list[str]:

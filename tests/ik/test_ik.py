@@ -305,6 +305,7 @@ def test_near_a_singular_pose_damping_bounds_the_rates_and_says_what_it_costs(be
     assert answer.status is Status.DAMPED and f"level 1 {lost:.2g}" in str(answer)
 
 
+@pytest.mark.long
 def test_before_a_target_out_of_reach_a_hand_comes_to_rest_unless_its_damping_is_none_at_all():
     """Without damping the arm, at its stretch, swings at the limit of its joints."""
     speeds = {}

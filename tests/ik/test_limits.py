@@ -192,7 +192,13 @@ def test_arms_that_chase_a_point_among_obstacles_touch_nothing(first):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(SCENES, 1000, 99))
+@pytest.mark.parametrize(
+    "first",
+    [
+        pytest.param(k, marks=() if k < SCENES + 3 * 99 else pytest.mark.night)
+        for k in range(SCENES, 1000, 99)
+    ],
+)
 def test_no_arm_of_1000_random_scenes_penetrates_anything(first):
     found = [chased(seed) for seed in range(first, min(first + 99, 1000))]
     assert max(nearer for nearer, _ in found) < 1e-6

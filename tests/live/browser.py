@@ -26,11 +26,11 @@ SMALL: ViewportSize = {"width": 800, "height": 420}
 """Of a window: what is drawn without a graphics card costs time by the pixel."""
 _SELDOM = """
 const next = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = draw => setTimeout(() => next(draw), 1000);
+window.requestAnimationFrame = draw => setTimeout(() => next(draw), {});
 window.cancelAnimationFrame = clearTimeout;
 """
-"""A picture a second leaves the processor to the machines."""
-_PATIENCE_S = 60.0
+"""A picture in so many ms leaves the processor to the machines."""
+_PATIENCE_S = 120.0
 _LONG_S = 3.0
 """Longer than a click takes: after it, new machines are younger than the former ones were."""
 _SAID = re.compile(
@@ -68,10 +68,11 @@ class Said:
 class Seen:
     """A page of a browser, by what a person sees of it and does with it."""
 
-    def __init__(self, page: Page, url: str) -> None:
-        """Open the page and wait until the machines move."""
+    def __init__(self, page: Page, url: str, picture_s: float = 1.0) -> None:
+        """Open the page and wait until the machines move; it draws at most so often."""
         self.page = page
-        page.add_init_script(_SELDOM)
+        page.set_default_timeout(1e3 * _PATIENCE_S)
+        page.add_init_script(_SELDOM.format(round(1e3 * picture_s)))
         page.goto(url)
         self.until(lambda said: said.clock_s > 0)
 

@@ -90,7 +90,7 @@ def ratios(summary: dict, part: str) -> np.ndarray:
 
 
 MECHANISMS = [
-    pytest.param(ARM, 2e-6, id="arm"),
+    pytest.param(ARM, 2e-6, id="arm", marks=pytest.mark.long),
     pytest.param(PLATFORM, 2e-6, id="platform", marks=pytest.mark.long),
     pytest.param(HAND, 5e-7, id="hand", marks=pytest.mark.long),
     pytest.param(ARMS, 2e-6, id="arms", marks=pytest.mark.long),
