@@ -1,10 +1,23 @@
-"""MuJoCo's own warnings: to the log, not into a file of the current folder."""
+"""MuJoCo's own warnings: to the log, not into a file; and which of them mean divergence."""
 
 import logging
 
 import mujoco
 
+NOT_FINITE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
+)
+"""After one of these MuJoCo starts a state again at qpos0 and at time zero."""
+
 _log = logging.getLogger(__name__)
+
+
+def has_diverged(data: mujoco.MjData) -> bool:
+    """Whether a state left the finite numbers since it was made or reset."""
+    return any(data.warning[kind].number for kind in NOT_FINITE)
 
 
 def log_warnings() -> None:

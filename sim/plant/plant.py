@@ -43,15 +43,9 @@ from sim.plant.commands import commands_of, spring_forces
 from sim.plant.displacement_limits import rest_limits
 from sim.plant.holding import holding_forces, refuse_beyond_ranges
 from sim.plant.linear import LinearPlant, linear_plant
+from sim.warning import NOT_FINITE
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
-
-_NOT_FINITE = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-    mujoco.mjtWarning.mjWARN_BADCTRL,
-)
 
 MOST_STEPS = 10_000_000
 """Physics steps of one period: some minutes of computing, hours for a large robot."""
@@ -464,7 +458,7 @@ class Plant:
 
 def _warnings(data: mujoco.MjData) -> list[Any]:
     """Those counters of a state that say that it left the finite numbers."""
-    return [data.warning[kind] for kind in _NOT_FINITE]
+    return [data.warning[kind] for kind in NOT_FINITE]
 
 
 def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray[np.intp] | None:

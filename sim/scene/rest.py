@@ -13,6 +13,7 @@ from sim.mjcf.part import Part
 from sim.mjcf.transmission import drives
 from sim.plant.commands import Commands, commands_of
 from sim.plant.holding import Balance, balance, refuse_beyond_ranges
+from sim.warning import has_diverged
 
 LONGEST_S = 10.0
 """Of physics, in which a file comes to rest."""
@@ -65,11 +66,16 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
     data.ctrl[:] = _holding(part, data)
     mine = np.setdiff1d(np.arange(model.nv), part.still)
     steps = max(1, round(_EVERY_S / model.opt.timestep))
-    while data.time < LONGEST_S:
+    for _ in range(round(LONGEST_S / _EVERY_S)):
         mujoco.mj_step(model, data, steps)
+        if has_diverged(data):
+            kind = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
+            raise ModelError(
+                "the file does not come to rest: its physics diverges, with a timestep of "
+                f"{model.opt.timestep:g} s and the integrator {kind}; take a shorter one, or "
+                "implicitfast"
+            )
         speed = np.abs(data.qvel)
-        if not np.isfinite(speed).all():
-            raise ModelError("the file does not come to rest: its physics is no longer finite")
         beside = speed[part.still].max(initial=0.0) < SLOW_BESIDE or data.time > _BESIDE_S
         if beside and speed[mine].max(initial=0.0) < SLOW:
             break

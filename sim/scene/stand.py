@@ -68,7 +68,9 @@ def standing(part: Part, data: mujoco.MjData) -> list[str]:
     """
     model, points = part.model, Counter[int]()
     data, steps = copy.copy(data), max(1, round(_LOOKED_S / model.opt.timestep))
-    while not data.ncon and data.time < _FALL_S:
+    for _ in range(round(_FALL_S / _LOOKED_S)):
+        if data.ncon:
+            break
         mujoco.mj_step(model, data, steps)
     mujoco.mj_step(model, data, steps)  # until all of a foot is down
     for one, other in data.contact.geom:

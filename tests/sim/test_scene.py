@@ -192,6 +192,35 @@ def test_a_servo_that_cannot_hold_the_start_sags_and_says_so(tmp_path):
     assert np.abs(held.displacements()).max() < 1e-6
 
 
+DIVERGING = """
+<mujoco>
+  <option integrator="{}"/>
+  <worldbody>
+    <body>
+      <freejoint/>
+      <geom size="0.05"/>
+    </body>
+    <body pos="0 0 1">
+      <joint name="hip" axis="0 1 0"/>
+      <geom size="0.02" pos="0.1 0 0" mass="0.1"/>
+      <site name="toe" pos="0.2 0 0"/>
+    </body>
+  </worldbody>
+  <actuator><position joint="hip" kp="100" kv="20"/></actuator>
+</mujoco>
+"""
+
+
+def test_physics_that_diverges_is_refused_with_what_helps(tmp_path):
+    """MuJoCo begins again at time zero, for ever: Euler's method explodes on so much damping."""
+    file = tmp_path / "stiff.xml"
+    file.write_text(DIVERGING.format("Euler"))
+    with pytest.raises(ModelError, match=r"diverges, .* of 0.002 s .* EULER; .* or implicitfast$"):
+        robot_scene(file, "toe", None, mujoco.MjData)
+    file.write_text(DIVERGING.format("implicitfast"))
+    assert robot_scene(file, "toe", None, mujoco.MjData).own.nu == 1
+
+
 def test_a_joint_that_the_file_has_outside_its_range_begins_inside(tmp_path):
     """By a twentieth of the range, and it says so; from there it moves both ways."""
     scene = desk(tmp_path, elbow='range="17.2 74.5" limited="true"')
