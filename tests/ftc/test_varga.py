@@ -117,6 +117,7 @@ def test_the_published_441_decisions_by_nu_gap_are_met():
 
 
 @pytest.mark.long
+@pytest.mark.night
 def test_nu_gap_itself_makes_the_published_441_decisions():
     gaps = [[nu_gap(model(parts), model(left)) for left in LEFT] for parts in GRID]
     assert np.bincount(np.argmin(gaps, axis=1), minlength=9).tolist() == MATCHES["nu-gap"]

@@ -494,12 +494,18 @@ def test_an_actuator_that_a_robot_does_not_have_is_refused_with_the_nearest():
         flown(rig("hexapod"), [event("slow", 0.0, "strut33")])
 
 
+CHANGES = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2: 0.7, 2.2: 1.4}]
+"""Of an actuator's force: from which times on it is multiplied by which parts."""
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["hexapod", "arm"])
 @pytest.mark.parametrize(
-    "parts",
-    [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2: 0.7, 2.2: 1.4}],
-    ids=lambda parts: " ".join(f"{part:g} at {at_s:g} s" for at_s, part in parts.items()),
+    ("name", "parts"),
+    [
+        *(("hexapod", parts) for parts in CHANGES),
+        ("arm", CHANGES[0]),
+        *(pytest.param("arm", parts, marks=pytest.mark.night) for parts in CHANGES[1:]),
+    ],
 )
 def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
     """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""

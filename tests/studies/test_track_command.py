@@ -118,7 +118,7 @@ def test_a_failure_is_given_by_the_name_of_the_joint_or_of_its_actuator(sound):
 
 FAILING = [
     pytest.param(ARM, id="arm", marks=pytest.mark.long),
-    pytest.param(ARMS, id="arms", marks=pytest.mark.long),
+    pytest.param(ARMS, id="arms", marks=(pytest.mark.long, pytest.mark.night)),
     pytest.param(None, id="hexapod", marks=pytest.mark.long),
 ]
 
