@@ -1,23 +1,31 @@
 """MuJoCo's own warnings: to the log, not into a file; and which of them mean divergence."""
 
 import logging
+from typing import Any
 
 import mujoco
+import numpy as np
 
-NOT_FINITE = (
+_NOT_FINITE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
     mujoco.mjtWarning.mjWARN_BADCTRL,
 )
-"""After one of these MuJoCo starts a state again at qpos0 and at time zero."""
+"""MuJoCo clears the controls after the last, and resets the state, its time too, after others."""
 
 _log = logging.getLogger(__name__)
 
 
+def divergences(data: mujoco.MjData) -> list[Any]:
+    """Counters of a state that say that it left the finite numbers; the last is of its controls."""
+    return [data.warning[kind] for kind in _NOT_FINITE]
+
+
 def has_diverged(data: mujoco.MjData) -> bool:
     """Whether a state left the finite numbers since it was made or reset."""
-    return any(data.warning[kind].number for kind in NOT_FINITE)
+    counted = any(counter.number for counter in divergences(data))
+    return counted or not bool(np.isfinite(data.qvel).all())
 
 
 def log_warnings() -> None:

@@ -3,7 +3,6 @@
 All but `faults` expect a figure that is laid out: `figure.draw_without_rendering()`.
 """
 
-import warnings
 from itertools import combinations
 
 from matplotlib.artist import Artist
@@ -12,6 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
+from experiments.study.plotting import names_in_any_script
 from tests.on_paper import (
     color_of,
     drawn,
@@ -36,8 +36,7 @@ NEAR_PT = 12
 def faults(figure: Figure) -> list[str]:
     """All that is wrong with a figure, a sentence each."""
     checks = (text_faults, overlapping_texts, unexplained, hidden_data, labels_on_curves)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # as where figures are written
+    with names_in_any_script():
         figure.draw_without_rendering()
         return [sentence for check in checks for sentence in check(figure)]
 

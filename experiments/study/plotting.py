@@ -1,7 +1,8 @@
 """Figures for print: widths, colours, style, and how they are saved. No display is needed."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
@@ -85,6 +86,14 @@ def name_rows(axes: Axes, names: Sequence[str], *, right: bool = False) -> None:
         text.set_in_layout(False)
 
 
+@contextmanager
+def names_in_any_script() -> Iterator[None]:
+    """Draw letters that the font lacks as boxes, without a warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")
+        yield
+
+
 def save_figure(
     figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
 ) -> None:
@@ -96,8 +105,7 @@ def save_figure(
 def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
     """What :func:`save_figure` writes, by the names of the files."""
     files = {}
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # names are in any script
+    with names_in_any_script():
         if figure.axes and (layout := figure.get_layout_engine()):
             layout.execute(figure)
             figure.set_layout_engine("none")  # laid out once: all formats are alike

@@ -43,7 +43,7 @@ from sim.plant.commands import commands_of, spring_forces
 from sim.plant.displacement_limits import rest_limits
 from sim.plant.holding import holding_forces, refuse_beyond_ranges
 from sim.plant.linear import LinearPlant, linear_plant
-from sim.warning import NOT_FINITE
+from sim.warning import divergences
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
@@ -125,7 +125,7 @@ class Plant:
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
         if part is not None:
             self._is_loop[list(part.apart)] = 0.0
-        self._warnings = _warnings(self.data)
+        self._warnings = divergences(self.data)
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
         enable_locks(self.model, self.data)
@@ -153,7 +153,7 @@ class Plant:
         return {name: value for name, value in vars(self).items() if name != "_warnings"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, _warnings=_warnings(state["data"]))
+        vars(self).update(state, _warnings=divergences(state["data"]))
 
     def step(self, command_m: Array, period_s: float) -> None:
         """Hold the commanded displacements (n,), [m] or [rad], for one period of physics steps.
@@ -454,11 +454,6 @@ class Plant:
         return not (a.number or b.number or c.number or d.number) and isfinite(
             dnrm2(self.data.qpos)
         )
-
-
-def _warnings(data: mujoco.MjData) -> list[Any]:
-    """Those counters of a state that say that it left the finite numbers."""
-    return [data.warning[kind] for kind in NOT_FINITE]
 
 
 def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray[np.intp] | None:

@@ -66,14 +66,11 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
     data.ctrl[:] = _holding(part, data)
     mine = np.setdiff1d(np.arange(model.nv), part.still)
     steps = max(1, round(_EVERY_S / model.opt.timestep))
-    for _ in range(round(LONGEST_S / _EVERY_S)):
+    while data.time < LONGEST_S:
         mujoco.mj_step(model, data, steps)
         if has_diverged(data):
-            kind = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
             raise ModelError(
-                "the file does not come to rest: its physics diverges, with a timestep of "
-                f"{model.opt.timestep:g} s and the integrator {kind}; take a shorter one, or "
-                "implicitfast"
+                f"the file does not come to rest: its physics diverges, {_advice(model)}"
             )
         speed = np.abs(data.qvel)
         beside = speed[part.still].max(initial=0.0) < SLOW_BESIDE or data.time > _BESIDE_S
@@ -90,6 +87,16 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
     data.time, data.qvel[:] = 0.0, 0.0
     mujoco.mj_forward(model, data)
     return data
+
+
+def _advice(model: mujoco.MjModel) -> str:
+    """What may keep the physics of a file from diverging, beside what it has."""
+    kind = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
+    other = "" if kind.startswith("IMPLICIT") else ", or implicitfast"
+    return (
+        f"with a timestep of {model.opt.timestep:g} s and the integrator {kind}; take a shorter "
+        f"timestep{other}"
+    )
 
 
 def _statics(part: Part, data: mujoco.MjData) -> tuple[tuple[Drive, ...], Balance, Commands]:

@@ -506,6 +506,11 @@ CHANGES = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.
         ("arm", CHANGES[0]),
         *(pytest.param("arm", parts, marks=pytest.mark.night) for parts in CHANGES[1:]),
     ],
+    ids=lambda value: (
+        value
+        if isinstance(value, str)
+        else " ".join(f"{part:g} at {at_s:g} s" for at_s, part in value.items())
+    ),
 )
 def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
     """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""
