@@ -16,6 +16,7 @@ def learned():
     return pilot, run
 
 
+@pytest.mark.long
 def test_a_lock_while_others_still_learn_is_named(learned):
     """0.3 s after the start, within 0.3 s; without a calibration it is part of the machine."""
     pilot, run = learned

@@ -91,6 +91,7 @@ def test_rows_of_no_such_name_and_rows_named_twice_are_refused(major):
         Rig.of_mjcf(HEXAPOD_MJCF.with_name("arm.xml"), major=major)
 
 
+@pytest.mark.long
 def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():
     """What was taken for the robot without a failure has been compared with nothing."""
     one = rig("arm")

@@ -86,6 +86,7 @@ def shown_by_markdown(text: str) -> str:
     return page.text
 
 
+@pytest.mark.long
 def test_the_page_of_a_matrix_has_every_sentence_and_its_names_are_no_markup(tmp_path, capfd):
     file = tmp_path / "rotors.csv"
     quoted = [f'"{name.replace(chr(34), 2 * chr(34))}"' for name in HOSTILE]

@@ -181,12 +181,14 @@ def sound() -> Tracked:
     return tracked(ARM, duration=0.4)
 
 
+@pytest.mark.long
 def test_the_same_seed_is_the_same_run(sound):
     again = tracked(ARM, duration=0.4, seed=0)
     for name, values in sound.run.arrays.items():
         np.testing.assert_array_equal(values, again.run.arrays[name])
 
 
+@pytest.mark.long
 def test_another_seed_is_other_noise_and_nothing_else(sound):
     other = tracked(ARM, duration=0.4, seed=1)
     np.testing.assert_array_equal(sound.run.desired, other.run.desired)
@@ -199,7 +201,7 @@ def test_another_seed_is_other_noise_and_nothing_else(sound):
 
 def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
     """To first order the noise of the task is that of the encoders through the Jacobian."""
-    one = tracked(ARM, duration=0.4, sense="joints", noise=1e-6)
+    one = tracked(ARM, duration=0.4, sense="joints", noise=1e-6, diagnosis="off")
     noise = one.run.measured - one.run.true
     np.testing.assert_allclose(noise.std(axis=0), one.rig.nominal.noise, rtol=0.1)
     np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4e-6 / np.sqrt(len(noise)))
@@ -210,20 +212,20 @@ def test_a_path_from_a_file_is_followed_as_it_stands(tmp_path, sound):
     file = tmp_path / "path.npz"
     times, desired = np.array([0.0, 0.1, 0.2]), np.array([[0, 0], [1e-4, 0], [1e-4, -2e-4]])
     np.savez(file, time_s=times, desired=desired)
-    run = tracked(ARM, duration=0.4, path=str(file)).run
+    run = tracked(ARM, duration=0.4, path=str(file), diagnosis="off").run
     np.testing.assert_allclose(run.desired[50], [5e-5, 0.0], atol=1e-18)
     np.testing.assert_allclose(run.desired[300], desired[-1], atol=1e-18)
 
 
 def test_steps_go_out_and_back_along_one_row_after_the_other():
-    run = tracked(ARM, duration=1.0, turn=1.0, path="steps").run
+    run = tracked(ARM, duration=0.4, turn=0.4, path="steps", diagnosis="off").run
     size = run.desired.max()
-    for tick, at in ((100, (0, 0)), (300, (1, 0)), (600, (0, 0)), (900, (0, 1))):
+    for tick, at in ((40, (0, 0)), (120, (1, 0)), (240, (0, 0)), (360, (0, 1))):
         np.testing.assert_array_equal(run.desired[tick], size * np.array(at))
 
 
 def test_a_spiral_grows_to_its_size_at_the_end(sound):
-    run = tracked(ARM, duration=0.4, turn=0.1, path="spiral").run
+    run = tracked(ARM, duration=0.4, turn=0.1, path="spiral", diagnosis="off").run
     radius = np.linalg.norm(run.desired, axis=1)
     assert radius[0] == 0.0
     assert (np.diff(radius) > 0).all()
