@@ -207,7 +207,7 @@ def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
     np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4e-6 / np.sqrt(len(noise)))
 
 
-def test_a_path_from_a_file_is_followed_as_it_stands(tmp_path, sound):
+def test_a_path_from_a_file_is_followed_as_it_stands(tmp_path):
     """Between its samples linear, after the last one at rest."""
     file = tmp_path / "path.npz"
     times, desired = np.array([0.0, 0.1, 0.2]), np.array([[0, 0], [1e-4, 0], [1e-4, -2e-4]])
