@@ -13,6 +13,7 @@ from filelock import FileLock
 from experiments.studies import STUDIES
 from tests import profiles
 from tests.processor_time import pytest_runtest_call as pytest_runtest_call
+from tests.processor_time import pytest_terminal_summary as pytest_terminal_summary
 
 # Whoever runs one test waits for what it imports: the command line, Dask, MuJoCo and matplotlib are
 # imported where a fixture needs them.

@@ -220,6 +220,7 @@ def test_the_tables_count_what_the_flights_say():
     assert "task sensor" not in found.markdown()
     more = described(summarize(outcome, read_back([*counted, lost])))
     assert more.summary["sensed"] == found.summary["sensed"]
+    assert more.failed_check is not None
     assert more.failed_check.endswith("number of flights that diverged is 1, expected below 1")
 
 
