@@ -1,0 +1,47 @@
+"""What runs at every tick, compiled from C: :data:`lib` has the functions of kernels.h.
+
+Arrays are passed by :func:`pointer`. Nothing is checked here: shapes and finiteness are, once and
+by name, where a user's argument enters.
+"""
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cffi import FFI
+
+from kernels.build import LIBRARY, digest
+
+__all__ = ["ffi", "lib", "pointer"]
+
+ffi = FFI()
+_KINDS = {"d": "double[]", "l": "int64_t[]", "q": "int64_t[]", "i": "int32_t[]", "b": "int8_t[]"}
+_KINDS["?"] = "bool[]"
+
+
+def _load() -> Any:
+    """The library that the installation built.
+
+    Raises:
+        ImportError: It is missing, or was built from other sources than these.
+    """
+    path = Path(os.environ.get("FJH_KERNELS", LIBRARY))
+    what = "compile the kernels of fjh first: `make venv`, or `pip install --editable .`"
+    if not path.exists():
+        raise ImportError(f"{path} is missing: {what}")
+    header = (Path(__file__).parent / "kernels.h").read_text(encoding="utf-8")
+    ffi.cdef(re.sub(r"^#.*$", "", header, flags=re.MULTILINE))
+    library: Any = ffi.dlopen(str(path))
+    if ffi.string(library.kernels_digest()).decode() != digest():
+        raise ImportError(f"{path} was built from other sources: {what}")
+    return library
+
+
+lib = _load()
+
+
+def pointer(array: np.ndarray[Any, Any]) -> Any:
+    """A contiguous array as an argument; a call refuses one whose numbers are of another type."""
+    return ffi.from_buffer(_KINDS[array.dtype.char], array)

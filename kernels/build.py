@@ -1,0 +1,75 @@
+"""Compile the C sources of this folder to a shared library.
+
+The installation calls this, also `--editable`, and so does `make`. Needs no package: `cc` compiles,
+or else the compiler of the package `ziglang`.
+"""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+LIBRARY = FOLDER / ("_kernels.dll" if os.name == "nt" else "_kernels.so")
+# The same bits on every processor of a family: no fused multiply-add, no instructions that some
+# lack. Without errno a square root is one instruction.
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared")
+SANITIZED = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined")
+_MISSING = (
+    "fjh needs a C compiler to be installed, and found none: install one (Debian and Ubuntu: "
+    "apt install gcc libc6-dev; macOS: xcode-select --install), or the package ziglang"
+)
+
+
+class BuildError(RuntimeError):
+    """The kernels cannot be compiled; the message is one sentence."""
+
+
+def digest() -> str:
+    """Digest of the sources, which a library built from them contains."""
+    text = b"".join(file.read_bytes() for file in sorted(FOLDER.glob("*.[ch]")))
+    return hashlib.sha256(text).hexdigest()[:16]
+
+
+def compiler() -> list[str] | None:
+    """The command of a C compiler on this machine; None if there is none."""
+    for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
+        if shutil.which(name):
+            return [name]
+    return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
+
+
+def build(library: Path = LIBRARY, flags: Sequence[str] = ()) -> None:
+    """Compile the library, with further flags if given.
+
+    Raises:
+        BuildError: There is no compiler, or it fails.
+    """
+    command = compiler()
+    if command is None:
+        raise BuildError(_MISSING)
+    library.parent.mkdir(parents=True, exist_ok=True)
+    # Moved to its place when complete: another process may be loading the old one.
+    made = library.with_name(f"{os.getpid()}{library.name}")
+    sources = sorted(map(str, FOLDER.glob("*.c")))
+    wanted = [*FLAGS, *flags, f'-DKERNELS_DIGEST="{digest()}"', "-o", str(made), *sources, "-lm"]
+    done = subprocess.run([*command, *wanted], capture_output=True, text=True)
+    if done.returncode:
+        made.unlink(missing_ok=True)
+        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+        raise BuildError(f"{' '.join(command)} cannot compile the kernels of fjh: {said}")
+    made.replace(library)
+
+
+if __name__ == "__main__":
+    try:
+        if "--sanitized" in sys.argv[1:]:
+            build(FOLDER.parent / "build" / "sanitized" / LIBRARY.name, SANITIZED)
+        else:
+            build()
+    except BuildError as error:
+        sys.exit(str(error))

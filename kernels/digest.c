@@ -1,0 +1,3 @@
+#include "kernels.h"
+
+const char *kernels_digest(void) { return KERNELS_DIGEST; }
