@@ -4,14 +4,15 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 COMMAND := .venv/command
+KERNELS := kernels/_kernels.so
 INSTALL := $(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable
 RUNS := results/report
 # Two flights of the arm around a circle of 30 mm whose shoulder locks after 3.25 s.
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
-.PHONY: venv table1 test test-all test-ci test-processors coverage wheel-test robots dist check hooks docs bench bench-quick pictures clean
+.PHONY: venv table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs bench bench-quick pictures clean
 
-venv: $(STAMP)
+venv: $(STAMP) $(KERNELS)
 
 $(BIN)/python:
 	$(PYTHON) -m venv .venv
@@ -25,7 +26,11 @@ $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -c "from prioritized._solver import bounded, batch, boxes, certain, closing, regular, unlimited; from sim import _tick; from ftc.control import _compensators; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.detection import _kernels; from ftc.fdi.isolation import _evidence; from experiments.rig.hexapod import _strut_tick"  # 90 s
 	touch $(COMMAND) $(STAMP)
 
-table1: $(COMMAND)
+# The installation builds them; this is for who changes them.
+$(KERNELS): kernels/build.py $(wildcard kernels/*.[ch]) | $(COMMAND)
+	$(BIN)/python kernels/build.py
+
+table1: $(COMMAND) $(KERNELS)
 	$(BIN)/fjh table1
 
 # On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take

@@ -3,17 +3,21 @@
 A name like `sim` at the top level would belong to whoever installs it last, and to any folder of a
 user's. Below `fjh` imports name their package in full, lines stay where they are, and type
 checkers and editors find sources where Python does. An editable installation is the checkout as it
-is (`fjh/_checkout.py`).
+is (`fjh/_checkout.py`). The kernels are compiled here, so a wheel is for one platform, and for all
+versions of Python: `ziglang` is asked for where no compiler is.
 """
 
 import re
 import shutil
+import sysconfig
+from functools import cached_property
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-FOLDERS = ("argument_checks", "experiments", "ftc", "models", "prioritized", "sim")
+FOLDERS = ("argument_checks", "experiments", "ftc", "kernels", "models", "prioritized", "sim")
 _NAME = rf"(?:{'|'.join(FOLDERS)})"
 _IMPORT = re.compile(rf"^(\s*(?:from|import) )({_NAME}(?:\.\w+)* (?:import|as) )", re.MULTILINE)
 _STRING = re.compile(rf"""(["'])({_NAME}(?:\.\w+)+(?::\w+)?\1)""")
@@ -41,8 +45,18 @@ def stage(root: Path, place: Path) -> None:
 class Wheel(BuildHookInterface):
     """Called by hatchling."""
 
+    def dependencies(self) -> list[str]:
+        """What the build needs beside hatchling: a compiler, if this machine has none."""
+        return [] if self._kernels.compiler() else ["ziglang"]
+
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add the package to a wheel; an editable one has a path to the checkout instead."""
+        """Compile, and add the package to a wheel; an editable one has a path to the checkout."""
+        try:
+            self._kernels.build()
+        except self._kernels.BuildError as error:
+            self.app.abort(str(error))
+        platform = re.sub(r"\W", "_", sysconfig.get_platform())
+        build_data.update(pure_python=False, tag=f"py3-none-{platform}")
         if version != "editable":
             shutil.rmtree(self._staged, ignore_errors=True)
             stage(Path(self.root), self._staged)
@@ -51,6 +65,15 @@ class Wheel(BuildHookInterface):
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Leave nothing behind."""
         shutil.rmtree(self._staged, ignore_errors=True)
+
+    @cached_property
+    def _kernels(self) -> Any:
+        """Their build, which is imported without them."""
+        spec = spec_from_file_location("build_kernels", Path(self.root) / "kernels" / "build.py")
+        assert spec is not None and spec.loader is not None
+        module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
 
     @property
     def _staged(self) -> Path:
