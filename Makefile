@@ -23,7 +23,7 @@ $(COMMAND): pyproject.toml constraints.txt | $(BIN)/python
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) ".[bench,live,test,check,docs]"
-	$(BIN)/python -c "from prioritized._solver import bounded, batch, boxes, certain, closing, regular, unlimited; from sim import _tick; from ftc.control import _compensators; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.detection import _kernels; from ftc.fdi.isolation import _evidence; from experiments.rig.hexapod import _strut_tick"  # 90 s
+	$(BIN)/python -c "from prioritized._solver import batch, boxes, certain, closing, regular, unlimited; from sim import _tick; from ftc.control import _compensators; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.detection import _kernels; from ftc.fdi.isolation import _evidence; from experiments.rig.hexapod import _strut_tick"  # 90 s
 	touch $(COMMAND) $(STAMP)
 
 # The installation builds them; this is for who changes them.

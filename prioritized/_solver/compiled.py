@@ -29,14 +29,6 @@ def elimination() -> Any:
 
 
 @cache
-def bounded() -> Any:
-    """Lexicographic least squares under bounds."""
-    from prioritized._solver import bounded as _bounded
-
-    return _bounded
-
-
-@cache
 def certain() -> Any:
     """Bounds of singular values."""
     from prioritized._solver import certain as _certain

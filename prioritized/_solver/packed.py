@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
+from kernels import ffi, lib, pointer
 from prioritized._solver.arrays import beside, none, read_only, times
-from prioritized._solver.compiled import bounded, unlimited
+from prioritized._solver.compiled import unlimited
 from prioritized._solver.limits import Limits
 from prioritized._solver.rank import frobenius, norm
 
-_INT8, _INT64, _BOOL = np.dtype(np.int8), np.dtype(np.int64), np.dtype(np.bool_)
+_INT8, _INT32, _INT64 = np.dtype(np.int8), np.dtype(np.int32), np.dtype(np.int64)
+_BOOL = np.dtype(np.bool_)
 """As they are looked up faster."""
 _OF_LIMITS = 1e-14
 """Part of the limits that is round-off."""
@@ -126,16 +128,21 @@ def solve(
         most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
     """
     count, _, n = packed.A.shape
-    solver, shape, active = bounded(), (count, n), np.zeros((count, n), _INT8)
+    shape, active = (count, n), np.zeros((count, n), _INT8)
     if start is not None and start.x.shape == shape:
-        how, x, active = solver.WARM, start.x.copy(), active_of(start, shape)
+        how, x, active = lib.LEXICOGRAPHIC_WARM, start.x.copy(), active_of(start, shape)
     elif optimum is not None:
-        how, x = solver.FROM_OPTIMUM, optimum.reshape(shape).copy()
+        how, x = lib.LEXICOGRAPHIC_FROM_OPTIMUM, optimum.reshape(shape).copy()
     else:
-        how, x = solver.COLD, np.zeros(shape)
+        how, x = lib.LEXICOGRAPHIC_COLD, np.zeros(shape)
     most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
     steps, ended, gap = np.empty(count, _INT64), np.empty(count, _BOOL), np.empty(count)
-    solver.solve_each(*packed, x, active, how, most, steps, ended, gap)
+    ends = pointer(packed.ends.astype(_INT32))
+    sizes = count, n, len(packed.ends), len(packed.lower), how, most, packed.tolerance, ends
+    problem = ffi.new("lexicographic_problem *", sizes)
+    room = np.empty(lib.lexicographic_room(problem))
+    numbers = packed.A, packed.b, packed.scales, packed.lower, packed.upper, room, x
+    lib.lexicographic_solve(problem, *map(pointer, (*numbers, active, steps, ended, gap)))
     return Point(read_only(x), active, steps, ended, gap)
 
 

@@ -1,0 +1,620 @@
+/* Lexicographic least squares under bounds: a primal active-set method, level by level.
+ *
+ * Unknowns are x = V y, V a product of reflections. Each level determines the coordinates y that
+ * its rows see of what the levels before it leave, and the reflections that make it so are kept:
+ * what is left to later levels are the coordinates that come after (Escande, Mansard, Wieber, IJRR
+ * 33(7), 2014, with bounds alone). The rank of a level is decided once: by the certificate of its
+ * triangle, or where that is in doubt by the singular values of its rows.
+ */
+#include <math.h>
+#include <string.h>
+#include "kernels.h"
+
+/* Rows of an orthonormal basis that are shorter than this depend on the others. */
+static const double DEPENDENT = 1e-10;
+/* Steps and residuals below this fraction of what they are computed from may be round-off. */
+static const double ROUND_OFF = 1e-14;
+/* Multipliers above this fraction show that a bound holds a level back. */
+static const double CLEAR = 1e-9;
+/* Where this fraction of an unknown is left, round-off of what it was asks for another pass. */
+static const double CANCELLED = 1e-3;
+/* Rows of this size are zero at any scale: products with their inverse may overflow. */
+static const double NOTHING = 1e-150;
+/* Of numbers that differ by less than this factor the first is taken. */
+static const double EQUAL = 1.0 + 1e-9;
+
+enum { PASSES = 3, DEGENERATE = 3, SWEEPS = 40 };
+
+typedef struct {
+    int n;              /* unknowns */
+    int fixed;          /* coordinates that are determined */
+    double least;       /* singular values of a level up to this one are zero */
+    double gap;         /* smallest factor by which a decision is clear */
+    int steps, most;    /* of the active set, and how many there may be */
+    double *V, *beta;   /* reflection t acts on coordinates from t on: row t of (n, n), and (n,) */
+    double *rows;       /* V, unknown by unknown, (n, n) */
+    double *M, *r;      /* a level's rows (k, n) and what they lack (k,) */
+    double *copy, *lack, *squares; /* the same again, and squares of its rows, (k,) */
+    double *K, *c, *t;  /* the level is |K t - c|, with (q, q) and (q,), at the present t */
+    int k;              /* active bounds that are independent */
+    double *Z, *Z_beta; /* reflections that begin with those of active bounds, (n, n) and (n,) */
+    double *L;          /* the triangle of active bounds, (n, n) */
+    double *P;          /* K after these reflections, (q, n) */
+    double *lambda;     /* multipliers, (n,) */
+    double *step, *move, *size, *none; /* (n,) */
+    int32_t *active;    /* unknowns whose bounds are active, in the order of their rows, (n,) */
+    int8_t *held;       /* unknowns whose bounds hold from now on, (n,) */
+} work_t;
+
+static inline double dot(const double *a, const double *b, int n)
+{
+    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
+    int j = 0;
+    for (; j + 4 <= n; j += 4) {
+        s0 += a[j] * b[j];
+        s1 += a[j + 1] * b[j + 1];
+        s2 += a[j + 2] * b[j + 2];
+        s3 += a[j + 3] * b[j + 3];
+    }
+    for (; j < n; j++)
+        s0 += a[j] * b[j];
+    return (s0 + s1) + (s2 + s3);
+}
+
+static inline void add(double *restrict a, double factor, const double *restrict b, int n)
+{
+    for (int j = 0; j < n; j++)
+        a[j] += factor * b[j];
+}
+
+static void swap_rows(double *a, double *b, int n)
+{
+    for (int j = 0; j < n; j++) {
+        double kept = a[j];
+        a[j] = b[j];
+        b[j] = kept;
+    }
+}
+
+/* Apply reflections `first` to `last` to a vector, in this order. */
+static void reflect(const double *V, const double *beta, int n, int first, int last, double *x)
+{
+    for (int t = first; t < last; t++)
+        add(x + t, -beta[t] * dot(V + t * n + t, x + t, n - t), V + t * n + t, n - t);
+}
+
+/* Apply them in the opposite order. */
+static void reflect_back(const double *V, const double *beta, int n, int first, int last, double *x)
+{
+    for (int t = last - 1; t >= first; t--)
+        add(x + t, -beta[t] * dot(V + t * n + t, x + t, n - t), V + t * n + t, n - t);
+}
+
+/* Make the reflection that leaves of a row, from column c on, its diagonal alone; returns that. */
+static double reflection(double *row, int n, int c, double *V, double *beta)
+{
+    double *v = V + c * n, norm = sqrt(dot(row + c, row + c, n - c));
+    double diagonal = row[c] >= 0.0 ? -norm : norm;
+    memcpy(v + c, row + c, (size_t)(n - c) * sizeof *v);
+    v[c] -= diagonal;
+    beta[c] = 1.0 / (norm * fabs(v[c]));
+    memset(row + c, 0, (size_t)(n - c) * sizeof *row);
+    row[c] = diagonal;
+    return diagonal;
+}
+
+/* Reduce rows of M (k, n) to a lower triangle from column `first` on, by reflections from the right.
+ *
+ * The longest remainder is next, until none is longer than `least`; r (k,), if there is one, is
+ * permuted with the rows; `squares` (k,) is room. Returns the rank; `left` is the norm of what
+ * remains.
+ */
+static int triangle(double *M, int k, int n, int first, double least, double *V, double *beta,
+                    double *r, double *squares, double *left)
+{
+    int rank = 0;
+    for (int i = 0; i < k; i++)
+        squares[i] = dot(M + i * n + first, M + i * n + first, n - first);
+    for (*left = 0.0; rank < k && first + rank < n; rank++) {
+        int c = first + rank, best = rank;
+        double most = -1.0;
+        for (int i = rank; i < k; i++)
+            if (squares[i] > most * EQUAL) {
+                most = squares[i];
+                best = i;
+            }
+        double *row = M + rank * n;
+        if (best != rank) {
+            swap_rows(row, M + best * n, n);
+            swap_rows(squares + rank, squares + best, 1);
+            if (r)
+                swap_rows(r + rank, r + best, 1);
+        }
+        if (!(sqrt(dot(row + c, row + c, n - c)) > least))
+            break;
+        reflection(row, n, c, V, beta);
+        for (int i = rank + 1; i < k; i++) {
+            double *other = M + i * n, before = squares[i];
+            add(other + c, -beta[c] * dot(V + c * n + c, other + c, n - c), V + c * n + c, n - c);
+            squares[i] -= other[c] * other[c];
+            if (!(squares[i] > CANCELLED * before)) /* else digits are lost */
+                squares[i] = dot(other + c + 1, other + c + 1, n - c - 1);
+        }
+    }
+    for (int i = rank; i < k && first + rank < n; i++) {
+        const double *rest = M + i * n + first + rank;
+        *left += dot(rest, rest, n - first - rank);
+    }
+    *left = sqrt(*left);
+    return rank;
+}
+
+/* Frobenius norm of the inverse of the triangle in M's first rows; `column` is room. */
+static double inverse_norm(const double *M, int n, int first, int rank, double *column)
+{
+    double total = 0.0;
+    for (int k = 0; k < rank; k++)
+        for (int i = k; i < rank; i++) {
+            double s = (i == k ? 1.0 : 0.0) - dot(M + i * n + first + k, column + k, i - k);
+            column[i] = s / M[i * n + first + i];
+            total += column[i] * column[i];
+        }
+    return sqrt(total);
+}
+
+/* Make rows of M (k, n) orthogonal from column `first` on, by rotations from the left, of r, too.
+ *
+ * Their norms are then the singular values (Hestenes, J. SIAM 6(1), 1958), the largest first.
+ */
+static void singular_rows(double *M, int k, int n, int first, double *r)
+{
+    int d = n - first;
+    bool turned = true;
+    for (int sweep = 0; sweep < SWEEPS && turned; sweep++) {
+        turned = false;
+        for (int i = 0; i < k; i++)
+            for (int j = i + 1; j < k; j++) {
+                double *a = M + i * n + first, *b = M + j * n + first;
+                double aa = dot(a, a, d), bb = dot(b, b, d), ab = dot(a, b, d);
+                if (aa < bb) {
+                    swap_rows(a, b, d);
+                    swap_rows(r + i, r + j, 1);
+                    double kept = aa;
+                    aa = bb;
+                    bb = kept;
+                }
+                if (!(fabs(ab) > 1e-15 * sqrt(aa) * sqrt(bb)))
+                    continue;
+                turned = true;
+                double zeta = (bb - aa) / (2.0 * ab);
+                double tangent = copysign(1.0, zeta) / (fabs(zeta) + sqrt(1.0 + zeta * zeta));
+                double cosine = 1.0 / sqrt(1.0 + tangent * tangent), sine = cosine * tangent;
+                for (int e = 0; e < d; e++) {
+                    double one = a[e];
+                    a[e] = cosine * one - sine * b[e];
+                    b[e] = sine * one + cosine * b[e];
+                }
+                double one = r[i];
+                r[i] = cosine * one - sine * r[j];
+                r[j] = sine * one + cosine * r[j];
+            }
+    }
+}
+
+/* Decide the rank of M's rows (k, n) from column `first` on, and reduce them to a triangle.
+ *
+ * The pivots of the triangle prove a rank q if they bound the q-th singular value from below and
+ * what is left bounds the next one from above. Where they do not, singular values decide, and rows
+ * that do not count are cleared.
+ */
+static int decide(work_t *w, double *M, int k, int first, double *V, double *beta, double *r)
+{
+    int n = w->n;
+    double left, least = w->least;
+    memcpy(w->copy, M, (size_t)(k * n) * sizeof *M);
+    memcpy(w->lack, r, (size_t)k * sizeof *r);
+    int rank = triangle(M, k, n, first, least, V, beta, r, w->squares, &left);
+    double doubt = least * inverse_norm(M, n, first, rank, w->none);
+    if (!(doubt < 1.0) || left > least) {
+        memcpy(M, w->copy, (size_t)(k * n) * sizeof *M);
+        memcpy(r, w->lack, (size_t)k * sizeof *r);
+        singular_rows(M, k, n, first, r);
+        doubt = left = 0.0;
+        for (rank = 0; rank < k && rank < n - first; rank++) {
+            const double *row = M + rank * n + first;
+            double sigma = sqrt(dot(row, row, n - first));
+            if (!(sigma > least)) {
+                left = sigma;
+                break;
+            }
+            doubt = least / sigma;
+        }
+        double nothing;
+        memset(M + rank * n, 0, (size_t)((k - rank) * n) * sizeof *M);
+        rank = triangle(M, rank, n, first, 0.0, V, beta, r, w->squares, &nothing);
+    }
+    if (doubt > 0.0)
+        w->gap = fmin(w->gap, 1.0 / doubt);
+    if (left > 0.0)
+        w->gap = fmin(w->gap, least / left);
+    return rank;
+}
+
+/* Turn |L t - r|, L the first q columns of M's k rows from `first` on, into |K t - c|, square.
+ *
+ * L is lower trapezoidal; K, (q, q), lower triangular if there are no more rows, else upper.
+ */
+static void square(double *M, int k, int n, int first, int q, double *r, double *K, double *c)
+{
+    for (int j = 0; j < q && k > q; j++) {
+        double total = 0.0, *on = M + j * n + first + j;
+        for (int i = j; i < k; i++)
+            total += M[i * n + first + j] * M[i * n + first + j];
+        double norm = sqrt(total), diagonal = *on >= 0.0 ? -norm : norm;
+        *on -= diagonal;
+        double beta = 1.0 / (norm * fabs(*on));
+        for (int e = j + 1; e <= q; e++) {
+            double s = 0.0;
+            for (int i = j; i < k; i++)
+                s += M[i * n + first + j] * (e < q ? M[i * n + first + e] : r[i]);
+            s *= beta;
+            for (int i = j; i < k; i++)
+                *(e < q ? M + i * n + first + e : r + i) -= s * M[i * n + first + j];
+        }
+        *on = diagonal;
+    }
+    for (int i = 0; i < q; i++) {
+        c[i] = r[i];
+        for (int j = 0; j < q; j++)
+            K[i * q + j] = (k > q ? j >= i : j <= i) ? M[i * n + first + j] : 0.0;
+    }
+}
+
+/* Solve K t = c, K triangular. */
+static void solve_triangle(const double *K, int q, bool is_upper, const double *c, double *t)
+{
+    for (int e = 0; e < q; e++) {
+        int i = is_upper ? q - 1 - e : e;
+        double s = c[i];
+        for (int j = is_upper ? i + 1 : 0; j < (is_upper ? q : i); j++)
+            s -= K[i * q + j] * t[j];
+        t[i] = s / K[i * q + i];
+    }
+}
+
+/* Fix what moves these bounds, rows of V in M (k, n): their coordinates come next in y. */
+static void hold(work_t *w, int k)
+{
+    double left;
+    int rank = triangle(w->M, k, w->n, w->fixed, DEPENDENT, w->V, w->beta, 0, w->none, &left);
+    w->fixed += rank;
+}
+
+/* Let no step move the bound of an unknown, if it depends on the active ones it does not anyway. */
+static void activate(work_t *w, int q, int j)
+{
+    int n = w->n, c = w->fixed + w->k;
+    double *row = w->L + w->k * n;
+    if (c == n)
+        return;
+    memcpy(row, w->rows + j * n, (size_t)n * sizeof *row);
+    reflect(w->Z, w->Z_beta, n, w->fixed, c, row);
+    if (!(sqrt(dot(row + c, row + c, n - c)) > DEPENDENT))
+        return;
+    reflection(row, n, c, w->Z, w->Z_beta);
+    w->active[w->k++] = j;
+    for (int i = 0; i < q; i++)
+        reflect(w->Z, w->Z_beta, n, c, c + 1, w->P + i * n);
+}
+
+/* Begin with the bounds that are active. */
+static void activate_all(work_t *w, int q, const int8_t *state)
+{
+    int n = w->n;
+    memset(w->P, 0, (size_t)(q * n) * sizeof *w->P);
+    for (int i = 0; i < q; i++)
+        memcpy(w->P + i * n + w->fixed, w->K + i * q, (size_t)q * sizeof *w->P);
+    w->k = 0;
+    for (int j = 0; j < n; j++)
+        if (state[j] && !w->held[j])
+            activate(w, q, j);
+}
+
+/* Write the step in y to the optimum of |K t - c| beside active bounds; returns the size of what
+ * it is computed from. */
+static double towards(work_t *w, int q)
+{
+    int n = w->n, f = w->fixed, c = w->fixed + w->k;
+    double size = 0.0;
+    memcpy(w->M, w->P, (size_t)(q * n) * sizeof *w->M);
+    for (int i = 0; i < q; i++) {
+        double total = fabs(w->c[i]);
+        w->r[i] = w->c[i];
+        for (int j = 0; j < q; j++) {
+            double part = w->K[i * q + j] * w->t[j];
+            w->r[i] -= part;
+            total += fabs(part);
+        }
+        size += total * total;
+    }
+    int rank = decide(w, w->M, q, c, w->Z, w->Z_beta, w->r);
+    memset(w->step, 0, (size_t)n * sizeof *w->step);
+    square(w->M, q, n, c, rank, w->r, w->copy, w->lack);
+    solve_triangle(w->copy, rank, q > rank, w->lack, w->step + c);
+    reflect_back(w->Z, w->Z_beta, n, f, c + rank, w->step);
+    return sqrt(size);
+}
+
+/* Find the bound to leave, -1 if there is none, and then bounds that clearly hold the level back.
+ *
+ * With `first_only` the first that may be left is taken, not the best.
+ */
+static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
+{
+    int n = w->n, f = w->fixed, k = w->k, chosen = -1;
+    double terms = 0.0, residual = 0.0, worst = 0.0, *g = w->move, *lambda = w->lambda;
+    memset(g, 0, (size_t)n * sizeof *g);
+    for (int i = 0; i < q; i++) {
+        double r = -w->c[i], total = fabs(w->c[i]);
+        for (int j = 0; j < q; j++) {
+            r += w->K[i * q + j] * w->t[j];
+            total += fabs(w->K[i * q + j] * w->t[j]);
+        }
+        for (int j = 0; j < q; j++)
+            g[f + j] += r * w->K[i * q + j];
+        residual += r * r;
+        terms += total * total;
+    }
+    residual = sqrt(residual);
+    terms = sqrt(terms);
+    if (!(residual > ROUND_OFF * terms))
+        return -1;
+    reflect(w->Z, w->Z_beta, n, f, f + k, g);
+    for (int i = k - 1; i >= 0; i--) {
+        double s = g[f + i];
+        for (int j = i + 1; j < k; j++)
+            s -= w->L[j * n + f + i] * lambda[j];
+        lambda[i] = s / w->L[i * n + f + i];
+    }
+    /* In the order of the unknowns, which no pivoting changes. */
+    for (int j = 0; j < n; j++)
+        w->none[j] = 0.0;
+    for (int i = 0; i < k; i++)
+        w->none[w->active[i]] = lambda[i] * state[w->active[i]];
+    for (int j = 0; j < n; j++)
+        if (w->none[j] > fmax(ROUND_OFF * terms, worst * EQUAL)) {
+            chosen = j;
+            worst = w->none[j];
+            if (first_only)
+                break;
+        }
+    if (chosen < 0)
+        for (int j = 0; j < n; j++)
+            if (w->none[j] < -fmax(ROUND_OFF * terms, CLEAR * residual))
+                w->held[j] = 1;
+    return chosen;
+}
+
+/* Minimize |K t - c| within bounds, from the present x; returns whether the optimum was reached. */
+static bool within(work_t *w, int q, const double *lower, const double *upper, double *x,
+                   int8_t *state)
+{
+    int n = w->n, f = w->fixed, idle = 0;
+    memset(w->t, 0, (size_t)q * sizeof *w->t);
+    activate_all(w, q, state);
+    for (; w->steps < w->most; w->steps++) {
+        double terms = towards(w, q), length = 1.0, most = 0.0, moved = 0.0;
+        int blocked = -1;
+        for (int i = 0; i < q; i++) {
+            double change = dot(w->K + i * q, w->step + f, q);
+            moved += change * change;
+        }
+        for (int j = 0; j < n; j++) {
+            w->move[j] = dot(w->rows + j * n + f, w->step + f, n - f);
+            if (state[j] || w->held[j])
+                w->move[j] = 0.0;
+            most = fmax(most, fabs(w->move[j]));
+        }
+        if (!(sqrt(moved) > ROUND_OFF * terms))
+            length = 0.0; /* it would be blocked in directions that mean nothing */
+        for (int j = 0; j < n && length > 0.0; j++) {
+            double room = INFINITY;
+            if (w->move[j] > ROUND_OFF * most)
+                room = (upper[j] - x[j]) / w->move[j];
+            else if (w->move[j] < -ROUND_OFF * most)
+                room = (lower[j] - x[j]) / w->move[j];
+            if (room < length) {
+                length = room;
+                blocked = j;
+            }
+        }
+        if (length > 0.0) {
+            add(w->t, length, w->step + f, q);
+            for (int j = 0; j < n; j++) {
+                double before = fabs(x[j]);
+                x[j] = fmin(fmax(x[j] + length * w->move[j], lower[j]), upper[j]);
+                if (fabs(x[j]) < 1e-15 * before)
+                    x[j] = 0.0;
+            }
+        }
+        idle = length > ROUND_OFF ? 0 : idle + 1;
+        if (blocked >= 0) {
+            state[blocked] = w->move[blocked] > 0.0 ? LEXICOGRAPHIC_UPPER : LEXICOGRAPHIC_LOWER;
+            x[blocked] = w->move[blocked] > 0.0 ? upper[blocked] : lower[blocked];
+            activate(w, q, blocked);
+            continue;
+        }
+        int chosen = multipliers(w, q, state, idle > DEGENERATE);
+        if (chosen < 0) {
+            w->steps++;
+            return true;
+        }
+        state[chosen] = LEXICOGRAPHIC_FREE;
+        activate_all(w, q, state);
+    }
+    return false;
+}
+
+/* Solve every level in turn from x; whether all came to an end. Without bounds x is overwritten. */
+static bool levels(work_t *w, const lexicographic_problem *p, const double *A, const double *b,
+                   const double *scales, const double *lower, const double *upper, double *x,
+                   int8_t *state, bool bounded)
+{
+    int n = w->n, first = 0, fixed = 0;
+    w->fixed = 0;
+    for (int j = 0; j < n; j++) {
+        w->held[j] = lower[j] == upper[j];
+        if (w->held[j]) {
+            memset(w->M + fixed * n, 0, (size_t)n * sizeof *w->M);
+            w->M[fixed++ * n + j] = 1.0;
+        }
+    }
+    hold(w, fixed);
+    if (bounded)
+        for (int j = 0; j < n; j++) {
+            memset(w->rows + j * n, 0, (size_t)n * sizeof *w->rows);
+            w->rows[j * n + j] = 1.0;
+            reflect(w->V, w->beta, n, 0, w->fixed, w->rows + j * n);
+        }
+    else
+        reflect(w->V, w->beta, n, 0, w->fixed, x); /* x is y until the end */
+    for (int level = 0; level < p->levels && w->fixed < n; first = p->ends[level++]) {
+        int k = p->ends[level] - first, f = w->fixed;
+        if (!k || !(scales[level] > NOTHING))
+            continue;
+        /* By a power of two, so that it changes no digit. */
+        int exponent;
+        double size = frexp(scales[level], &exponent), unit = ldexp(1.0, -exponent);
+        w->least = fmax(p->tolerance * size, NOTHING * unit);
+        for (int i = 0; i < k; i++) {
+            const double *row = A + (first + i) * n;
+            double *own = w->M + i * n;
+            for (int j = 0; j < n; j++)
+                own[j] = row[j] * unit;
+            w->r[i] = b[first + i] * unit;
+            if (bounded)
+                w->r[i] -= dot(own, x, n);
+            reflect(w->V, w->beta, n, 0, f, own);
+            if (!bounded)
+                w->r[i] -= dot(own, x, f);
+        }
+        int q = decide(w, w->M, k, f, w->V, w->beta, w->r);
+        square(w->M, k, n, f, q, w->r, w->K, w->c);
+        if (!bounded) {
+            solve_triangle(w->K, q, k > q, w->c, x + f);
+            w->fixed += q;
+            continue;
+        }
+        for (int j = 0; j < n; j++)
+            reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
+        if (q && !within(w, q, lower, upper, x, state))
+            return false;
+        w->fixed += q;
+        int held = 0;
+        for (int j = 0; j < n && q; j++)
+            if (state[j] && w->held[j] && lower[j] < upper[j])
+                memcpy(w->M + held++ * n, w->rows + j * n, (size_t)n * sizeof *w->M);
+        f = w->fixed;
+        hold(w, held);
+        for (int j = 0; j < n; j++)
+            reflect(w->V, w->beta, n, f, w->fixed, w->rows + j * n);
+    }
+    if (!bounded) {
+        memset(x + w->fixed, 0, (size_t)(n - w->fixed) * sizeof *x);
+        reflect_back(w->V, w->beta, n, 0, w->fixed, x);
+    }
+    return true;
+}
+
+/* Put unknowns that are beyond their bounds on them; whether none had to be. */
+static bool clip(int n, const double *lower, const double *upper, double *x, int8_t *state)
+{
+    bool inside = true;
+    for (int j = 0; j < n; j++) {
+        if (lower[j] == upper[j] || x[j] < lower[j]) {
+            inside = inside && x[j] == lower[j];
+            x[j] = lower[j];
+            state[j] = LEXICOGRAPHIC_LOWER;
+        } else if (x[j] > upper[j]) {
+            inside = false;
+            x[j] = upper[j];
+            state[j] = LEXICOGRAPHIC_UPPER;
+        } else if (state[j]) {
+            x[j] = state[j] == LEXICOGRAPHIC_LOWER ? lower[j] : upper[j];
+        }
+    }
+    return inside;
+}
+
+/* One problem of a batch. */
+static bool solve(work_t *w, const lexicographic_problem *p, const double *A, const double *b,
+                  const double *scales, const double *lower, const double *upper, double *x,
+                  int8_t *state)
+{
+    int n = w->n;
+    for (int j = 0; j < n; j++) {
+        if (p->start == LEXICOGRAPHIC_COLD)
+            x[j] = lower[j] == upper[j] ? lower[j] : 0.0;
+        if (p->start != LEXICOGRAPHIC_WARM)
+            state[j] = LEXICOGRAPHIC_FREE;
+    }
+    if (p->start == LEXICOGRAPHIC_COLD)
+        levels(w, p, A, b, scales, lower, upper, x, state, false);
+    if (clip(n, lower, upper, x, state) && p->start != LEXICOGRAPHIC_WARM)
+        return true;
+    for (int pass = 0; pass < PASSES; pass++) {
+        bool cancelled = false;
+        memcpy(w->size, x, (size_t)n * sizeof *x);
+        if (!levels(w, p, A, b, scales, lower, upper, x, state, true))
+            return false;
+        for (int j = 0; j < n; j++)
+            cancelled = cancelled || (!state[j] && fabs(x[j]) < CANCELLED * fabs(w->size[j]));
+        if (!cancelled)
+            break;
+    }
+    return true;
+}
+
+/* Largest number of rows in M: those of a level, or as many as unknowns. */
+static int64_t most_rows(const lexicographic_problem *p)
+{
+    int first = 0, most = 0;
+    for (int k = 0; k < p->levels; first = p->ends[k++])
+        most = p->ends[k] - first > most ? p->ends[k] - first : most;
+    return most > p->n ? most : p->n;
+}
+
+int64_t lexicographic_room(const lexicographic_problem *p)
+{
+    int64_t n = p->n, R = most_rows(p);
+    return 6 * n * n + 2 * R * n + 3 * R + 11 * n;
+}
+
+void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
+                         const double *scales, const double *lower, const double *upper,
+                         double *room, double *x, int8_t *state, int64_t *steps, bool *ended,
+                         double *gap)
+{
+    int n = p->n, rows = p->levels ? p->ends[p->levels - 1] : 0;
+    int64_t R = most_rows(p);
+    work_t w = {.n = n, .most = p->most_steps};
+    double *at = room;
+    double **parts[] = {&w.V, &w.rows, &w.K, &w.Z, &w.L, &w.P, &w.M, &w.copy, &w.r, &w.lack,
+                        &w.squares, &w.beta, &w.Z_beta, &w.c, &w.t, &w.lambda, &w.step, &w.move,
+                        &w.size, &w.none};
+    for (int i = 0; i < 20; i++) {
+        *parts[i] = at;
+        at += i < 6 ? n * n : i < 8 ? R * n : i < 11 ? R : n;
+    }
+    w.active = (int32_t *)at;
+    w.held = (int8_t *)(at + n);
+    for (int k = 0; k < p->count; k++) {
+        int bound = k % p->bounds * n;
+        w.steps = 0;
+        w.gap = INFINITY;
+        ended[k] = solve(&w, p, A + k * rows * n, b + k * rows, scales + k * p->levels,
+                         lower + bound, upper + bound, x + k * n, state + k * n);
+        steps[k] = w.steps;
+        gap[k] = w.gap;
+    }
+}
