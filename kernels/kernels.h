@@ -61,11 +61,14 @@ int single_solve(single_sizes sizes, const double *J, const double *S_m, const d
 enum { LEXICOGRAPHIC_LOWER = -1, LEXICOGRAPHIC_FREE = 0, LEXICOGRAPHIC_UPPER = 1 };
 enum { LEXICOGRAPHIC_COLD, LEXICOGRAPHIC_FROM_OPTIMUM, LEXICOGRAPHIC_WARM };
 
-/* Minimize |A_k x - b_k|, level by level, within lower <= x <= upper. */
+/* Minimize |A_k x - b_k|, level by level, and then |x|, within lower <= x <= upper. */
 typedef struct {
     int count;           /* problems of one shape */
     int n, levels;       /* unknowns, levels */
     int bounds;          /* pairs of bounds: one for all problems, or as many as these */
+    int norm;            /* unknowns, the first ones, whose norm is made least at last */
+    bool beside;         /* whether that is added to the last level, not after it */
+    const double *damping; /* of each level, in what it determines, (levels,); or nothing */
     int start;           /* nothing, the optima without bounds, or an earlier solution */
     int most_steps;      /* of the active set, for each problem */
     double tolerance;    /* part of a level's scale up to which singular values are zero */

@@ -455,75 +455,155 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
     return false;
 }
 
+/* Begin with all coordinates free but those of unknowns whose bounds are equal. */
+static void begin(work_t *w, const double *lower, const double *upper, double *x, bool bounded)
+{
+    int n = w->n, held = 0;
+    w->fixed = 0;
+    for (int j = 0; j < n; j++) {
+        w->held[j] = lower[j] == upper[j];
+        if (w->held[j]) {
+            memset(w->M + held * n, 0, (size_t)n * sizeof *w->M);
+            w->M[held++ * n + j] = 1.0;
+        }
+    }
+    hold(w, held);
+    for (int j = 0; j < n && bounded; j++) {
+        memset(w->rows + j * n, 0, (size_t)n * sizeof *w->rows);
+        w->rows[j * n + j] = 1.0;
+        reflect(w->V, w->beta, n, 0, w->fixed, w->rows + j * n);
+    }
+    if (!bounded)
+        reflect(w->V, w->beta, n, 0, w->fixed, x); /* x is y until the end */
+}
+
+/* Write a level's rows (k, n) to M, in coordinates, and what they lack to r; A none is the identity. */
+static void take(work_t *w, const double *A, const double *b, int k, double unit, const double *x,
+                 bool bounded)
+{
+    int n = w->n;
+    for (int i = 0; i < k; i++) {
+        double *row = w->M + i * n;
+        for (int j = 0; j < n; j++)
+            row[j] = A ? A[i * n + j] * unit : i == j;
+        w->r[i] = A ? b[i] * unit : 0.0;
+        if (bounded)
+            w->r[i] -= dot(row, x, n);
+        reflect(w->V, w->beta, n, 0, w->fixed, row);
+        if (!bounded)
+            w->r[i] -= dot(row, x, w->fixed);
+    }
+}
+
+/* Fix what this level has determined in the rows of the unknowns, and what holds it back. */
+static void keep(work_t *w, int q, const double *lower, const double *upper, const int8_t *state)
+{
+    int n = w->n, held = 0, f = w->fixed += q;
+    for (int j = 0; j < n; j++)
+        if (state[j] && w->held[j] && lower[j] < upper[j])
+            memcpy(w->M + held++ * n, w->rows + j * n, (size_t)n * sizeof *w->M);
+    hold(w, held);
+    for (int j = 0; j < n; j++)
+        reflect(w->V, w->beta, n, f, w->fixed, w->rows + j * n);
+}
+
+/* Add |damping y|^2 to |K t - c|^2, for the first d coordinates from `fixed` on, q of which K has. */
+static void damp(work_t *w, int q, int d, double damping, const double *x, bool bounded)
+{
+    int n = w->n, f = w->fixed;
+    memset(w->M, 0, (size_t)((q + d) * n) * sizeof *w->M);
+    for (int i = 0; i < q; i++) {
+        memcpy(w->M + i * n + f, w->K + i * q, (size_t)q * sizeof *w->M);
+        w->r[i] = w->c[i];
+    }
+    for (int i = 0; i < d; i++) {
+        double y = 0.0;
+        for (int j = 0; j < n && bounded; j++)
+            y += w->rows[j * n + f + i] * x[j];
+        w->M[(q + i) * n + f + i] = damping;
+        w->r[q + i] = -damping * y;
+    }
+    square(w->M, q + d, n, f, d, w->r, w->K, w->c);
+}
+
+/* Solve the level in M, and go on to the next; whether its optimum was reached.
+ *
+ * Its damping is of the coordinates that it determines, or if it is beside |x| of all that are left.
+ */
+static bool level(work_t *w, int k, double damping, bool beside, const double *lower,
+                  const double *upper, double *x, int8_t *state, bool bounded)
+{
+    int n = w->n, f = w->fixed, q = decide(w, w->M, k, f, w->V, w->beta, w->r);
+    bool is_upper = k > q;
+    square(w->M, k, n, f, q, w->r, w->K, w->c);
+    for (int j = 0; j < n && bounded; j++)
+        reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
+    if (damping > 0.0) {
+        int d = beside ? n - f : q;
+        damp(w, q, d, damping, x, bounded);
+        is_upper = q + d > d;
+        q = d;
+    }
+    if (!bounded) {
+        solve_triangle(w->K, q, is_upper, w->c, x + f);
+        w->fixed += q;
+        return true;
+    }
+    if (q && !within(w, q, lower, upper, x, state))
+        return false;
+    keep(w, q, lower, upper, state);
+    return true;
+}
+
+/* Make |x| least in what all levels leave, as the last one; whether the optimum was reached. */
+static bool least_norm(work_t *w, const lexicographic_problem *p, const double *lower,
+                       const double *upper, double *x, int8_t *state, bool bounded)
+{
+    int n = w->n, q = n - w->fixed;
+    w->least = fmax(p->tolerance, NOTHING);
+    if (p->norm < n) {
+        take(w, 0, 0, p->norm, 1.0, x, bounded);
+        return level(w, p->norm, 0.0, false, lower, upper, x, state, bounded);
+    }
+    if (!bounded)
+        return true; /* the other coordinates are zero */
+    for (int i = 0; i < q; i++) {
+        w->c[i] = 0.0;
+        for (int j = 0; j < n; j++)
+            w->c[i] -= w->rows[j * n + w->fixed + i] * x[j];
+        for (int j = 0; j < q; j++)
+            w->K[i * q + j] = i == j;
+    }
+    return within(w, q, lower, upper, x, state);
+}
+
 /* Solve every level in turn from x; whether all came to an end. Without bounds x is overwritten. */
 static bool levels(work_t *w, const lexicographic_problem *p, const double *A, const double *b,
                    const double *scales, const double *lower, const double *upper, double *x,
                    int8_t *state, bool bounded)
 {
-    int n = w->n, first = 0, fixed = 0;
-    w->fixed = 0;
-    for (int j = 0; j < n; j++) {
-        w->held[j] = lower[j] == upper[j];
-        if (w->held[j]) {
-            memset(w->M + fixed * n, 0, (size_t)n * sizeof *w->M);
-            w->M[fixed++ * n + j] = 1.0;
-        }
-    }
-    hold(w, fixed);
-    if (bounded)
-        for (int j = 0; j < n; j++) {
-            memset(w->rows + j * n, 0, (size_t)n * sizeof *w->rows);
-            w->rows[j * n + j] = 1.0;
-            reflect(w->V, w->beta, n, 0, w->fixed, w->rows + j * n);
-        }
-    else
-        reflect(w->V, w->beta, n, 0, w->fixed, x); /* x is y until the end */
-    for (int level = 0; level < p->levels && w->fixed < n; first = p->ends[level++]) {
-        int k = p->ends[level] - first, f = w->fixed;
-        if (!k || !(scales[level] > NOTHING))
+    int n = w->n, first = 0;
+    bool ended = true;
+    begin(w, lower, upper, x, bounded);
+    for (int i = 0; i < p->levels && w->fixed < n && ended; first = p->ends[i++]) {
+        int k = p->ends[i] - first, exponent;
+        if (!k || !(scales[i] > NOTHING))
             continue;
         /* By a power of two, so that it changes no digit. */
-        int exponent;
-        double size = frexp(scales[level], &exponent), unit = ldexp(1.0, -exponent);
+        double size = frexp(scales[i], &exponent), unit = ldexp(1.0, -exponent);
         w->least = fmax(p->tolerance * size, NOTHING * unit);
-        for (int i = 0; i < k; i++) {
-            const double *row = A + (first + i) * n;
-            double *own = w->M + i * n;
-            for (int j = 0; j < n; j++)
-                own[j] = row[j] * unit;
-            w->r[i] = b[first + i] * unit;
-            if (bounded)
-                w->r[i] -= dot(own, x, n);
-            reflect(w->V, w->beta, n, 0, f, own);
-            if (!bounded)
-                w->r[i] -= dot(own, x, f);
-        }
-        int q = decide(w, w->M, k, f, w->V, w->beta, w->r);
-        square(w->M, k, n, f, q, w->r, w->K, w->c);
-        if (!bounded) {
-            solve_triangle(w->K, q, k > q, w->c, x + f);
-            w->fixed += q;
-            continue;
-        }
-        for (int j = 0; j < n; j++)
-            reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
-        if (q && !within(w, q, lower, upper, x, state))
-            return false;
-        w->fixed += q;
-        int held = 0;
-        for (int j = 0; j < n && q; j++)
-            if (state[j] && w->held[j] && lower[j] < upper[j])
-                memcpy(w->M + held++ * n, w->rows + j * n, (size_t)n * sizeof *w->M);
-        f = w->fixed;
-        hold(w, held);
-        for (int j = 0; j < n; j++)
-            reflect(w->V, w->beta, n, f, w->fixed, w->rows + j * n);
+        take(w, A + first * n, b + first, k, unit, x, bounded);
+        bool beside = p->beside && i == p->levels - 1;
+        double damping = beside ? 1.0 : p->damping ? p->damping[i] : 0.0;
+        ended = level(w, k, damping * unit, beside, lower, upper, x, state, bounded);
     }
+    if (w->fixed < n && ended && p->norm)
+        ended = least_norm(w, p, lower, upper, x, state, bounded);
     if (!bounded) {
         memset(x + w->fixed, 0, (size_t)(n - w->fixed) * sizeof *x);
         reflect_back(w->V, w->beta, n, 0, w->fixed, x);
     }
-    return true;
+    return ended;
 }
 
 /* Put unknowns that are beyond their bounds on them; whether none had to be. */
@@ -575,13 +655,13 @@ static bool solve(work_t *w, const lexicographic_problem *p, const double *A, co
     return true;
 }
 
-/* Largest number of rows in M: those of a level, or as many as unknowns. */
+/* Largest number of rows in M: those of a level, or of its damping. */
 static int64_t most_rows(const lexicographic_problem *p)
 {
     int first = 0, most = 0;
     for (int k = 0; k < p->levels; first = p->ends[k++])
         most = p->ends[k] - first > most ? p->ends[k] - first : most;
-    return most > p->n ? most : p->n;
+    return most > 2 * p->n ? most : 2 * p->n;
 }
 
 int64_t lexicographic_room(const lexicographic_problem *p)

@@ -138,7 +138,7 @@ def solve(
     most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
     steps, ended, gap = np.empty(count, _INT64), np.empty(count, _BOOL), np.empty(count)
     ends = pointer(packed.ends.astype(_INT32))
-    sizes = count, n, len(packed.ends), len(packed.lower), how, most, packed.tolerance, ends
+    sizes = count, n, len(packed.ends), len(packed.lower), 0, False, ffi.NULL, how, most, packed.tolerance, ends
     problem = ffi.new("lexicographic_problem *", sizes)
     room = np.empty(lib.lexicographic_room(problem))
     numbers = packed.A, packed.b, packed.scales, packed.lower, packed.upper, room, x
