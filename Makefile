@@ -10,6 +10,9 @@ RUNS := results/report
 # Two flights of the arm around a circle of 30 mm whose shoulder locks after 3.25 s.
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
+# Tests that reach every kernel.
+SANITIZED := tests/kernels
+
 .PHONY: venv table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs bench bench-quick pictures clean
 
 venv: $(STAMP) $(KERNELS)
@@ -23,7 +26,6 @@ $(COMMAND): pyproject.toml constraints.txt | $(BIN)/python
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) ".[bench,live,test,check,docs]"
-	$(BIN)/python -c "from prioritized._solver import batch, boxes, certain, closing, regular, unlimited; from sim import _tick; from ftc.control import _compensators; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.detection import _kernels; from ftc.fdi.isolation import _evidence; from experiments.rig.hexapod import _strut_tick"  # 90 s
 	touch $(COMMAND) $(STAMP)
 
 # The installation builds them; this is for who changes them.
@@ -57,10 +59,17 @@ test-ci: venv
 test-processors: venv
 	$(BIN)/python tests/processors.py
 
-# Which lines the short tests run: a report in build/coverage, no bound. What numba compiles counts
-# as not run.
+# Which lines of Python the short tests run: a report in build/coverage, no bound.
 coverage: venv
 	PROPERTIES=local $(PYTEST) -m "not long" --cov --cov-report=term:skip-covered --cov-report=html:build/coverage
+
+# The kernels, compiled with the sanitizers of addresses and undefined behaviour: a number read or
+# written beyond an array ends the tests.
+test-sanitized: venv
+	$(BIN)/python kernels/build.py --sanitized
+	FJH_KERNELS=build/sanitized/_kernels.so ASAN_OPTIONS=detect_leaks=0 \
+	    LD_PRELOAD="$$(cc -print-file-name=libasan.so) $$(cc -print-file-name=libubsan.so)" \
+	    PROPERTIES=local $(BIN)/python -m pytest -p no:xdist -m "not long" $(SANITIZED)
 
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-FOLDERS = ("argument_checks", "experiments", "ftc", "prioritized", "sim")
+FOLDERS = ("argument_checks", "experiments", "ftc", "kernels", "prioritized", "sim")
 
 
 def find_beside(root: Path) -> None:

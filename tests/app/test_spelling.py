@@ -38,7 +38,7 @@ for words in json.loads(sys.argv[1]):
     with contextlib.redirect_stderr(io.StringIO()) as error:
         code = main(words.split())
     said[words] = (code, error.getvalue())
-slow = {"numba", "scipy", "control", "matplotlib", "ftc", "sim", "prioritized", "pyarrow", "rerun"}
+slow = {"cffi", "scipy", "control", "matplotlib", "ftc", "sim", "prioritized", "pyarrow", "rerun"}
 print(json.dumps([said, sorted(slow & set(sys.modules))]))
 """
 

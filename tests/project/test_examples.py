@@ -14,7 +14,6 @@ from PIL import Image
 from scipy.optimize import linprog
 from sphinx_gallery.notebook import python_to_jupyter_cli
 
-from argument_checks.compilation import NOTICE
 from sim import MODELS
 from tests.published.faces import LARGEST, WEIGHT, distances, effectiveness
 from tests.rrd import scalars
@@ -22,8 +21,8 @@ from tests.rrd import scalars
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PICTURES = ROOT / "docs" / "pictures"
-FIRST = {NOTICE, "Matplotlib is building the font cache; this may take a moment."}
-"""Said by the first process on a computer that compiles, or that looks for fonts for over 5 s."""
+FIRST = {"Matplotlib is building the font cache; this may take a moment."}
+"""Said by the first process on a computer that looks for fonts for over 5 s."""
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)

@@ -59,7 +59,7 @@ def test_only_the_night_tries_examples_that_were_not_tried_before(name, repeats)
 LIGHT = """
 import sys
 import tests.conftest
-heavy = {"control", "distributed", "matplotlib", "mujoco", "numba", "scipy", "typer"}
+heavy = {"control", "distributed", "matplotlib", "mujoco", "scipy", "typer"}
 print(*heavy & set(sys.modules))
 """
 
@@ -74,12 +74,12 @@ def test_whoever_runs_one_test_does_not_wait_for_what_it_does_not_need():
 CONTROLLER = """
 import sys
 import ftc
-heavy = {"control", "matplotlib", "mujoco", "numba", "scipy.signal", "scipy.stats"}
+heavy = {"control", "matplotlib", "mujoco", "scipy.signal", "scipy.stats"}
 print(*heavy & set(sys.modules))
 """
 
 
-def test_controllers_wait_neither_for_the_design_of_loops_nor_for_plots_nor_for_a_compiler():
+def test_controllers_wait_neither_for_the_design_of_loops_nor_for_plots():
     done = subprocess.run(
         [sys.executable, "-c", CONTROLLER], cwd=ROOT, check=True, capture_output=True, text=True
     )
