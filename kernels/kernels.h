@@ -61,30 +61,31 @@ int single_solve(single_sizes sizes, const double *J, const double *S_m, const d
 enum { LEXICOGRAPHIC_LOWER = -1, LEXICOGRAPHIC_FREE = 0, LEXICOGRAPHIC_UPPER = 1 };
 enum { LEXICOGRAPHIC_COLD, LEXICOGRAPHIC_FROM_OPTIMUM, LEXICOGRAPHIC_WARM };
 
-/* Minimize |A_k x - b_k|, level by level, and then |x|, within lower <= x <= upper. */
+/* Minimize |A_k x - b_k|, level by level, then |weight (x - wanted)|, within lower <= x <= upper. */
 typedef struct {
-    int count;           /* problems of one shape */
-    int n, levels;       /* unknowns, levels */
-    int bounds;          /* pairs of bounds: one for all problems, or as many as these */
-    int norm;            /* unknowns, the first ones, whose norm is made least at last */
-    bool beside;         /* whether that is added to the last level, not after it */
-    const double *damping; /* of each level, in what it determines, (levels,); or nothing */
-    int start;           /* nothing, the optima without bounds, or an earlier solution */
-    int most_steps;      /* of the active set, for each problem */
-    double tolerance;    /* part of a level's scale up to which singular values are zero */
-    const int32_t *ends; /* where each level ends in the rows of all, (levels,) */
+    int count;             /* problems of one shape */
+    int n, levels;         /* unknowns, levels */
+    int matrices, bounds;  /* A, and pairs of bounds: one for all problems, or as many as these */
+    int start;             /* nothing, the optima without bounds, or an earlier solution */
+    int most_steps;        /* of the active set, for each problem */
+    bool beside;           /* whether that norm is added to the last level, not after it */
+    double tolerance;      /* part of a level's scale up to which singular values are zero */
+    const int32_t *ends;   /* where each level ends in the rows of all, (levels,) */
+    const double *damping; /* of each level in what it determines, (levels,); or nothing */
+    const double *weight;  /* (n,), not below zero, then |x| is least at last; or nothing: |x| */
 } lexicographic_problem;
 
 /* Numbers that `room` must have. */
 int64_t lexicographic_room(const lexicographic_problem *p);
 
-/* Solve a batch, one problem after another: A (count, rows, n), b (count, rows), scales (count,
- * levels), the size of the matrices that each level was made of; bounds (bounds, n); x and state
- * (count, n), which are the start, too. Writes of each problem the steps of the active set, whether
- * every level came to an end within them, and the smallest gap of the rank decisions. */
+/* Solve a batch, one problem after another: A (matrices, rows, n), b (count, rows), scales
+ * (matrices, levels), the size of what each level was made of; bounds (bounds, n); with weights
+ * wanted (count, n); x and state (count, n), which are the start, too. Writes of each problem the
+ * steps of the active set, whether every level came to an end within them, and the smallest gap of
+ * the rank decisions. */
 void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
                          const double *scales, const double *lower, const double *upper,
-                         double *room, double *x, int8_t *state, int64_t *steps, bool *ended,
-                         double *gap);
+                         const double *wanted, double *room, double *x, int8_t *state,
+                         int64_t *steps, bool *ended, double *gap);
 
 #endif

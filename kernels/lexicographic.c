@@ -20,15 +20,31 @@ static const double CLEAR = 1e-9;
 static const double CANCELLED = 1e-3;
 /* Rows of this size are zero at any scale: products with their inverse may overflow. */
 static const double NOTHING = 1e-150;
+/* Part of a norm's weights up to which they are zero, however inaccurate the levels are. */
+static const double EXACT = 1e-10;
+/* Ratio of weights up to which unknowns are measured in parts of them without loss of digits. */
+static const double SPREAD = 1e4;
 /* Of numbers that differ by less than this factor the first is taken. */
 static const double EQUAL = 1.0 + 1e-9;
 
 enum { PASSES = 3, DEGENERATE = 3, SWEEPS = 40 };
 
+/* One problem, as `lexicographic_problem` says. */
+typedef struct {
+    int levels, damped; /* the first so many have a damping */
+    bool beside;
+    double tolerance;
+    const int32_t *ends;
+    const double *damping, *A, *b, *scales, *lower, *upper;
+} problem_t;
+
 typedef struct {
     int n;              /* unknowns */
     int fixed;          /* coordinates that are determined */
+    int turned;         /* reflections that made them: not those of a norm beside a level */
     double least;       /* singular values of a level up to this one are zero */
+    double slow, fast;  /* unknowns are measured in parts of weights of at least and most this */
+    bool doubt;         /* whether these hide a rank */
     double gap;         /* smallest factor by which a decision is clear */
     int steps, most;    /* of the active set, and how many there may be */
     double *V, *beta;   /* reflection t acts on coordinates from t on: row t of (n, n), and (n,) */
@@ -213,9 +229,11 @@ static int decide(work_t *w, double *M, int k, int first, double *V, double *bet
     double left, least = w->least;
     memcpy(w->copy, M, (size_t)(k * n) * sizeof *M);
     memcpy(w->lack, r, (size_t)k * sizeof *r);
-    int rank = triangle(M, k, n, first, least, V, beta, r, w->squares, &left);
-    double doubt = least * inverse_norm(M, n, first, rank, w->none);
+    int rank = triangle(M, k, n, first, least / w->fast, V, beta, r, w->squares, &left);
+    double doubt = least / w->slow * inverse_norm(M, n, first, rank, w->none);
+    left *= w->fast;
     if (!(doubt < 1.0) || left > least) {
+        w->doubt = w->doubt || w->slow < w->fast;
         memcpy(M, w->copy, (size_t)(k * n) * sizeof *M);
         memcpy(r, w->lack, (size_t)k * sizeof *r);
         singular_rows(M, k, n, first, r);
@@ -287,7 +305,7 @@ static void hold(work_t *w, int k)
 {
     double left;
     int rank = triangle(w->M, k, w->n, w->fixed, DEPENDENT, w->V, w->beta, 0, w->none, &left);
-    w->fixed += rank;
+    w->turned = w->fixed += rank;
 }
 
 /* Let no step move the bound of an unknown, if it depends on the active ones it does not anyway. */
@@ -507,46 +525,62 @@ static void keep(work_t *w, int q, const double *lower, const double *upper, con
         reflect(w->V, w->beta, n, f, w->fixed, w->rows + j * n);
 }
 
-/* Add |damping y|^2 to |K t - c|^2, for the first d coordinates from `fixed` on, q of which K has. */
-static void damp(work_t *w, int q, int d, double damping, const double *x, bool bounded)
+/* Write rows factor * y to M after k others, of d coordinates; returns the number of all rows. */
+static int with_norm(work_t *w, int k, int d, double factor, const double *x, bool bounded)
 {
     int n = w->n, f = w->fixed;
-    memset(w->M, 0, (size_t)((q + d) * n) * sizeof *w->M);
-    for (int i = 0; i < q; i++) {
-        memcpy(w->M + i * n + f, w->K + i * q, (size_t)q * sizeof *w->M);
-        w->r[i] = w->c[i];
-    }
-    for (int i = 0; i < d; i++) {
+    for (int i = 0; i < d; i++, k++) {
         double y = 0.0;
         for (int j = 0; j < n && bounded; j++)
             y += w->rows[j * n + f + i] * x[j];
-        w->M[(q + i) * n + f + i] = damping;
-        w->r[q + i] = -damping * y;
+        memset(w->M + k * n, 0, (size_t)n * sizeof *w->M);
+        w->M[k * n + f + i] = factor;
+        w->r[k] = -factor * y;
     }
-    square(w->M, q + d, n, f, d, w->r, w->K, w->c);
+    return k;
 }
 
-/* Solve the level in M, and go on to the next; whether its optimum was reached.
+/* Turn M's rows (k, n) into |K t - c|, and the coordinates so that these rows see the first ones.
  *
- * Its damping is of the coordinates that it determines, or if it is beside |x| of all that are left.
+ * With |x| beside them that is all coordinates, and no rank is decided. Returns the size of K;
+ * `is_upper` is which triangle it is.
  */
+static int level_of(work_t *w, int k, double damping, bool beside, const double *x, bool bounded,
+                    bool *is_upper)
+{
+    int n = w->n, f = w->fixed, q = n - f;
+    if (beside) {
+        k = with_norm(w, k, q, damping, x, bounded);
+    } else {
+        q = decide(w, w->M, k, f, w->V, w->beta, w->r);
+        for (int j = 0; j < n && bounded; j++)
+            reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
+    }
+    square(w->M, k, n, f, q, w->r, w->K, w->c);
+    if (damping > 0.0 && !beside) {
+        memset(w->M, 0, (size_t)(q * n) * sizeof *w->M);
+        for (int i = 0; i < q; i++)
+            memcpy(w->M + i * n + f, w->K + i * q, (size_t)q * sizeof *w->M);
+        memcpy(w->r, w->c, (size_t)q * sizeof *w->r);
+        k = with_norm(w, q, q, damping, x, bounded);
+        square(w->M, k, n, f, q, w->r, w->K, w->c);
+    }
+    *is_upper = k > q;
+    return q;
+}
+
+/* Solve the level in M, and go on to the next; whether its optimum was reached. */
 static bool level(work_t *w, int k, double damping, bool beside, const double *lower,
                   const double *upper, double *x, int8_t *state, bool bounded)
 {
-    int n = w->n, f = w->fixed, q = decide(w, w->M, k, f, w->V, w->beta, w->r);
-    bool is_upper = k > q;
-    square(w->M, k, n, f, q, w->r, w->K, w->c);
-    for (int j = 0; j < n && bounded; j++)
-        reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
-    if (damping > 0.0) {
-        int d = beside ? n - f : q;
-        damp(w, q, d, damping, x, bounded);
-        is_upper = q + d > d;
-        q = d;
-    }
+    bool is_upper;
+    int q = level_of(w, k, damping, beside, x, bounded, &is_upper);
+    if (w->doubt)
+        return false;
     if (!bounded) {
-        solve_triangle(w->K, q, is_upper, w->c, x + f);
+        solve_triangle(w->K, q, is_upper, w->c, x + w->fixed);
         w->fixed += q;
+        w->turned = beside ? w->turned : w->fixed;
         return true;
     }
     if (q && !within(w, q, lower, upper, x, state))
@@ -555,18 +589,12 @@ static bool level(work_t *w, int k, double damping, bool beside, const double *l
     return true;
 }
 
-/* Make |x| least in what all levels leave, as the last one; whether the optimum was reached. */
-static bool least_norm(work_t *w, const lexicographic_problem *p, const double *lower,
-                       const double *upper, double *x, int8_t *state, bool bounded)
+/* Make |x| least in what all levels leave, as the last one; whether that was reached. */
+static bool least_norm(work_t *w, const double *lower, const double *upper, double *x,
+                       int8_t *state)
 {
     int n = w->n, q = n - w->fixed;
-    w->least = fmax(p->tolerance, NOTHING);
-    if (p->norm < n) {
-        take(w, 0, 0, p->norm, 1.0, x, bounded);
-        return level(w, p->norm, 0.0, false, lower, upper, x, state, bounded);
-    }
-    if (!bounded)
-        return true; /* the other coordinates are zero */
+    w->least = EXACT;
     for (int i = 0; i < q; i++) {
         w->c[i] = 0.0;
         for (int j = 0; j < n; j++)
@@ -578,31 +606,27 @@ static bool least_norm(work_t *w, const lexicographic_problem *p, const double *
 }
 
 /* Solve every level in turn from x; whether all came to an end. Without bounds x is overwritten. */
-static bool levels(work_t *w, const lexicographic_problem *p, const double *A, const double *b,
-                   const double *scales, const double *lower, const double *upper, double *x,
-                   int8_t *state, bool bounded)
+static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool bounded)
 {
     int n = w->n, first = 0;
     bool ended = true;
-    begin(w, lower, upper, x, bounded);
+    begin(w, p->lower, p->upper, x, bounded);
     for (int i = 0; i < p->levels && w->fixed < n && ended; first = p->ends[i++]) {
         int k = p->ends[i] - first, exponent;
-        if (!k || !(scales[i] > NOTHING))
+        bool beside = p->beside && i == p->levels - 1;
+        if (!(p->scales[i] > NOTHING && (k || beside)))
             continue;
         /* By a power of two, so that it changes no digit. */
-        double size = frexp(scales[i], &exponent), unit = ldexp(1.0, -exponent);
+        double size = frexp(p->scales[i], &exponent), unit = ldexp(1.0, -exponent);
+        double damping = beside ? 1.0 : p->damping && i < p->damped ? p->damping[i] : 0.0;
         w->least = fmax(p->tolerance * size, NOTHING * unit);
-        take(w, A + first * n, b + first, k, unit, x, bounded);
-        bool beside = p->beside && i == p->levels - 1;
-        double damping = beside ? 1.0 : p->damping ? p->damping[i] : 0.0;
-        ended = level(w, k, damping * unit, beside, lower, upper, x, state, bounded);
+        take(w, p->A + first * n, p->b + first, k, unit, x, bounded);
+        ended = level(w, k, damping * unit, beside, p->lower, p->upper, x, state, bounded);
     }
-    if (w->fixed < n && ended && p->norm)
-        ended = least_norm(w, p, lower, upper, x, state, bounded);
-    if (!bounded) {
-        memset(x + w->fixed, 0, (size_t)(n - w->fixed) * sizeof *x);
-        reflect_back(w->V, w->beta, n, 0, w->fixed, x);
-    }
+    if (bounded)
+        return ended && (w->fixed == n || least_norm(w, p->lower, p->upper, x, state));
+    memset(x + w->fixed, 0, (size_t)(n - w->fixed) * sizeof *x);
+    reflect_back(w->V, w->beta, n, 0, w->turned, x);
     return ended;
 }
 
@@ -626,26 +650,24 @@ static bool clip(int n, const double *lower, const double *upper, double *x, int
     return inside;
 }
 
-/* One problem of a batch. */
-static bool solve(work_t *w, const lexicographic_problem *p, const double *A, const double *b,
-                  const double *scales, const double *lower, const double *upper, double *x,
-                  int8_t *state)
+/* Solve one problem whose norm is |x|; whether every level came to an end. */
+static bool solve(work_t *w, const problem_t *p, int start, double *x, int8_t *state)
 {
     int n = w->n;
     for (int j = 0; j < n; j++) {
-        if (p->start == LEXICOGRAPHIC_COLD)
-            x[j] = lower[j] == upper[j] ? lower[j] : 0.0;
-        if (p->start != LEXICOGRAPHIC_WARM)
+        if (start == LEXICOGRAPHIC_COLD)
+            x[j] = p->lower[j] == p->upper[j] ? p->lower[j] : 0.0;
+        if (start != LEXICOGRAPHIC_WARM)
             state[j] = LEXICOGRAPHIC_FREE;
     }
-    if (p->start == LEXICOGRAPHIC_COLD)
-        levels(w, p, A, b, scales, lower, upper, x, state, false);
-    if (clip(n, lower, upper, x, state) && p->start != LEXICOGRAPHIC_WARM)
+    if (start == LEXICOGRAPHIC_COLD && !levels(w, p, x, state, false))
+        return false;
+    if (clip(n, p->lower, p->upper, x, state) && start != LEXICOGRAPHIC_WARM)
         return true;
     for (int pass = 0; pass < PASSES; pass++) {
         bool cancelled = false;
         memcpy(w->size, x, (size_t)n * sizeof *x);
-        if (!levels(w, p, A, b, scales, lower, upper, x, state, true))
+        if (!levels(w, p, x, state, true))
             return false;
         for (int j = 0; j < n; j++)
             cancelled = cancelled || (!state[j] && fabs(x[j]) < CANCELLED * fabs(w->size[j]));
@@ -655,29 +677,138 @@ static bool solve(work_t *w, const lexicographic_problem *p, const double *A, co
     return true;
 }
 
-/* Largest number of rows in M: those of a level, or of its damping. */
+/* What a problem with weights is made into, and where it began. */
+typedef struct {
+    double *A, *b, *lower, *upper, *scales, *x; /* (rows + n, n), (rows + n,), (n,), (levels + 1,) */
+    int32_t *ends;
+    int8_t *state;
+} made_t;
+
+/* Solve with u = weight (x - wanted) in place of x, whose norm is |u|; false where that hides a
+ * rank, else `ended` is whether every level came to an end. */
+static bool measured(work_t *w, problem_t p, const double *weight, const double *wanted,
+                     const made_t *made, int start, double *x, int8_t *state, bool *ended)
+{
+    int n = w->n, rows = p.levels ? p.ends[p.levels - 1] : 0;
+    for (int i = 0; i < rows; i++) {
+        made->b[i] = p.b[i] - dot(p.A + i * n, wanted, n);
+        for (int j = 0; j < n; j++)
+            made->A[i * n + j] = p.A[i * n + j] / weight[j];
+    }
+    for (int j = 0; j < n; j++) {
+        made->lower[j] = (p.lower[j] - wanted[j]) * weight[j];
+        made->upper[j] = (p.upper[j] - wanted[j]) * weight[j];
+        x[j] = (x[j] - wanted[j]) * weight[j];
+    }
+    const double *lower = p.lower, *upper = p.upper;
+    p.A = made->A;
+    p.b = made->b;
+    p.lower = made->lower;
+    p.upper = made->upper;
+    *ended = solve(w, &p, start, x, state);
+    for (int j = 0; j < n; j++) {
+        x[j] = fmin(fmax(wanted[j] + x[j] / weight[j], lower[j]), upper[j]);
+        if (state[j])
+            x[j] = state[j] == LEXICOGRAPHIC_LOWER ? lower[j] : upper[j];
+    }
+    return !w->doubt;
+}
+
+/* Solve with the rows of |weight (x - wanted)| written out, beside those of the last level or after
+ * them; then |x| is least. */
+static bool written_out(work_t *w, problem_t p, const double *weight, const double *wanted,
+                        const made_t *made, int start, double *x, int8_t *state)
+{
+    int n = w->n, rows = p.levels ? p.ends[p.levels - 1] : 0, last = p.levels - p.beside;
+    double square = 0.0;
+    memcpy(made->A, p.A, (size_t)(rows * n) * sizeof *x);
+    memcpy(made->b, p.b, (size_t)rows * sizeof *x);
+    memset(made->A + rows * n, 0, (size_t)(n * n) * sizeof *x);
+    for (int j = 0; j < n; j++) {
+        made->A[(rows + j) * n + j] = weight[j];
+        made->b[rows + j] = weight[j] * wanted[j];
+        square += weight[j] * weight[j];
+    }
+    memcpy(made->ends, p.ends, (size_t)p.levels * sizeof *made->ends);
+    memcpy(made->scales, p.scales, (size_t)p.levels * sizeof *x);
+    made->ends[last] = rows + n;
+    if (!p.beside)
+        made->scales[last] = sqrt(square) * fmin(1.0, EXACT / p.tolerance);
+    p.levels = last + 1;
+    p.damped = last;
+    p.beside = false;
+    p.A = made->A;
+    p.b = made->b;
+    p.ends = made->ends;
+    p.scales = made->scales;
+    return solve(w, &p, start, x, state);
+}
+
+/* Solve one problem of a batch; whether every level came to an end. */
+static bool solve_weighted(work_t *w, const problem_t *p, const double *weight,
+                           const double *wanted, const made_t *made, int start, double *x,
+                           int8_t *state)
+{
+    int n = w->n;
+    double slow = INFINITY, fast = 0.0;
+    bool ended;
+    w->slow = w->fast = 1.0;
+    w->doubt = false;
+    if (!weight)
+        return solve(w, p, start, x, state);
+    for (int j = 0; j < n; j++) {
+        slow = fmin(slow, weight[j]);
+        fast = fmax(fast, weight[j]);
+    }
+    for (int i = 0; i < p->damped && p->damping; i++)
+        slow = p->damping[i] > 0.0 ? 0.0 : slow; /* the norm that it adds has no weights */
+    if (slow > 0.0 && fast < SPREAD * slow) {
+        memcpy(made->x, x, (size_t)n * sizeof *x);
+        memcpy(made->state, state, (size_t)n);
+        w->slow = slow;
+        w->fast = fast;
+        if (measured(w, *p, weight, wanted, made, start, x, state, &ended))
+            return ended;
+        memcpy(x, made->x, (size_t)n * sizeof *x);
+        memcpy(state, made->state, (size_t)n);
+        w->slow = w->fast = 1.0;
+        w->doubt = false;
+        w->gap = INFINITY;
+    }
+    return written_out(w, *p, weight, wanted, made, start, x, state);
+}
+
+/* Largest number of rows in M: those of a level and of a norm beside it. */
 static int64_t most_rows(const lexicographic_problem *p)
 {
-    int first = 0, most = 0;
+    int first = 0, most = p->n;
     for (int k = 0; k < p->levels; first = p->ends[k++])
         most = p->ends[k] - first > most ? p->ends[k] - first : most;
-    return most > 2 * p->n ? most : 2 * p->n;
+    return most + p->n;
+}
+
+static int64_t rows_of(const lexicographic_problem *p)
+{
+    return p->levels ? p->ends[p->levels - 1] : 0;
 }
 
 int64_t lexicographic_room(const lexicographic_problem *p)
 {
-    int64_t n = p->n, R = most_rows(p);
-    return 6 * n * n + 2 * R * n + 3 * R + 11 * n;
+    int64_t n = p->n, R = most_rows(p), all = rows_of(p) + n;
+    int64_t weighted = p->weight ? all * (n + 1) + 3 * n + 2 * p->levels + 2 + n : 0;
+    return 6 * n * n + 2 * R * n + 3 * R + 11 * n + weighted;
 }
 
 void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
                          const double *scales, const double *lower, const double *upper,
-                         double *room, double *x, int8_t *state, int64_t *steps, bool *ended,
-                         double *gap)
+                         const double *wanted, double *room, double *x, int8_t *state,
+                         int64_t *steps, bool *ended, double *gap)
 {
-    int n = p->n, rows = p->levels ? p->ends[p->levels - 1] : 0;
-    int64_t R = most_rows(p);
-    work_t w = {.n = n, .most = p->most_steps};
+    int64_t n = p->n, rows = rows_of(p), R = most_rows(p);
+    work_t w = {.n = p->n, .most = p->most_steps};
+    made_t made;
+    problem_t one = {p->levels, p->levels, p->beside, p->tolerance, p->ends, p->damping, A, b,
+                     scales, lower, upper};
     double *at = room;
     double **parts[] = {&w.V, &w.rows, &w.K, &w.Z, &w.L, &w.P, &w.M, &w.copy, &w.r, &w.lack,
                         &w.squares, &w.beta, &w.Z_beta, &w.c, &w.t, &w.lambda, &w.step, &w.move,
@@ -688,12 +819,25 @@ void lexicographic_solve(const lexicographic_problem *p, const double *A, const 
     }
     w.active = (int32_t *)at;
     w.held = (int8_t *)(at + n);
-    for (int k = 0; k < p->count; k++) {
-        int bound = k % p->bounds * n;
+    made.A = at + 2 * n;
+    made.b = made.A + (rows + n) * n;
+    made.lower = made.b + rows + n;
+    made.upper = made.lower + n;
+    made.x = made.upper + n;
+    made.scales = made.x + n;
+    made.ends = (int32_t *)(made.scales + p->levels + 1);
+    made.state = (int8_t *)(made.scales + 2 * p->levels + 2);
+    for (int64_t k = 0; k < p->count; k++) {
+        int64_t of_matrix = k % p->matrices, of_bounds = k % p->bounds * n;
+        one.A = A + of_matrix * rows * n;
+        one.b = b + k * rows;
+        one.scales = scales + of_matrix * p->levels;
+        one.lower = lower + of_bounds;
+        one.upper = upper + of_bounds;
         w.steps = 0;
         w.gap = INFINITY;
-        ended[k] = solve(&w, p, A + k * rows * n, b + k * rows, scales + k * p->levels,
-                         lower + bound, upper + bound, x + k * n, state + k * n);
+        ended[k] = solve_weighted(&w, &one, p->weight, p->weight ? wanted + k * n : 0, &made,
+                                  p->start, x + k * n, state + k * n);
         steps[k] = w.steps;
         gap[k] = w.gap;
     }

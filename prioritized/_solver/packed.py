@@ -138,11 +138,12 @@ def solve(
     most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
     steps, ended, gap = np.empty(count, _INT64), np.empty(count, _BOOL), np.empty(count)
     ends = pointer(packed.ends.astype(_INT32))
-    sizes = count, n, len(packed.ends), len(packed.lower), 0, False, ffi.NULL, how, most, packed.tolerance, ends
-    problem = ffi.new("lexicographic_problem *", sizes)
+    sizes = count, n, len(packed.ends), count, len(packed.lower), how, most, False
+    problem = ffi.new("lexicographic_problem *", (*sizes, packed.tolerance, ends))
     room = np.empty(lib.lexicographic_room(problem))
-    numbers = packed.A, packed.b, packed.scales, packed.lower, packed.upper, room, x
-    lib.lexicographic_solve(problem, *map(pointer, (*numbers, active, steps, ended, gap)))
+    given = map(pointer, (packed.A, packed.b, packed.scales, packed.lower, packed.upper))
+    made = map(pointer, (room, x, active, steps, ended, gap))
+    lib.lexicographic_solve(problem, *given, ffi.NULL, *made)
     return Point(read_only(x), active, steps, ended, gap)
 
 
