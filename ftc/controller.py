@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from math import inf
 from typing import Any, Generic, Protocol
 
@@ -18,6 +17,7 @@ from ftc.control.frequency_response import channels
 from ftc.control.geometry import Pose
 from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import PrioritizedMapping
+from kernels import lib, pointer
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,6 @@ class DirectDrive:
     def displacements(self, inputs: Array) -> Array:
         """The displacements themselves."""
         return inputs
-
-
-@cache
-def compiled() -> Any:
-    """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
-    from ftc.control import _compensators
-
-    return _compensators
 
 
 def checked_drives(drives: Converter, actuators: int) -> Any:
@@ -234,7 +226,9 @@ class PrioritizedController(Generic[Pose]):
             pose = self.mapping.estimate(commanded, state.pose)
 
         error, after = reference - output, np.empty(len(self._M))
-        compiled().compensate(self._M, state.compensator, error, after)
+        sizes = len(after), self._order, self._m1
+        given = pointer(self._M), *sizes, pointer(state.compensator), pointer(error)
+        lib.compensate(*given, pointer(after))
         compensator, demand = after[: self._order], after[self._order :]
         if self.demand_limit < inf:
             demanded = demand

@@ -23,11 +23,104 @@ void compensate(const double *M, int rows, int order, int inputs, const double *
 
 /* friction.c */
 
+/* Physics steps of models with dry friction, whose arrays stand one after another: of s states,
+ * r places that rub, n inputs, p outputs. See ftc.fdi.friction.Rubbing for what they are. */
+typedef struct {
+    int s, r, n, p, steps_a_tick;
+    const double *A, *B, *G, *E, *D, *K, *limit, *C;
+} rubbing;
+
+/* Change states X (states, s) of one model to those after a control tick with inputs U (states,
+ * n + 1). In each step the friction forces f minimize f'K f / 2 + f'c within their limits, by
+ * projected Gauss-Seidel, and x' = A x + B u + G f. Room for 2 s + 3 r numbers. */
+void slide(const rubbing *of, int states, const double *U, double *room, double *X);
+
+/* Correct samples of so many ticks that were stepped without friction, of H models and N onsets.
+ *
+ * `before` and X (H, N, rows, s) are the states before and after, `outputs` (H, N, rows, p) those
+ * of the sample: of the model in the first row, and first-order deviations in the others. From row
+ * `first` on they are what one limit, `spread` smaller, takes away; none where that is zero.
+ * `lifted` (H, s, s) is how states depend on those before without friction. Of v the first n are
+ * used. Room: r for held, sliding_room for the other. */
+int sliding_room(const rubbing *of, int ticks);
+void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps,
+                   const double *before, const double *v, const double *lifted, int ticks,
+                   int first, double spread, bool *held, double *room, double *X, double *outputs);
+
 /* segments.c */
 
-/* detection.c */
+/* Write the Mahalanobis distance (H, E) of each point (H, d) from each segment, starts + t ways
+ * (E, d), t in 0..1; room for d (d + 2) numbers. The covariance is own + other, of (H, d, d) and
+ * (E, d, d), or of `one` for all. By Cholesky factors: half the work of a general solution, and a
+ * forward substitution is enough. */
+void to_segments(int H, int E, int d, const double *points, const double *starts,
+                 const double *ways, const double *own, const double *other, bool one,
+                 double *room, double *distance);
 
-/* evidence.c */
+/* detection.c: the watch at every sample, of q residuals, J errors, p outputs; k = J + p */
+
+/* Write a root (k, k) with the squares of deviations (k) added to its covariance, by reflections,
+ * which leave it lower triangular; room for 2 k (k + 1) numbers. */
+void spread_root(const double *root, const double *deviations, int k, double *room, double *after);
+
+/* What a watch tracks: residuals and regressors (q, 1 + J, p); mean (k) of the parameters, and the
+ * root (k, k) of their covariance; latest residuals (q, p) and their covariance by lag (q, p). */
+typedef struct {
+    double *memory, *mean, *root, *recent, *covariance;
+} watched;
+
+/* What a sample y (p) makes of it, with its innovation: the second half of Watch.step.
+ *
+ * `predicted` (1 + J, p) are the model's outputs, and what each error adds to them, `drift` (k)
+ * standard deviations of steps of the parameters, `rate` the weight of this sample in the
+ * covariance, `largest` the sum of squares of an innovation that is still learned from. Returns
+ * whether it was: only the memory is to be used if not. Room for k (2 k + p + 2) + p numbers. */
+bool correct(int q, int J, int p, const watched *before, const double *predicted, const double *y,
+             const double *whitening, const double *drift, double rate, double largest,
+             bool learns, double *room, const watched *after, double *residual);
+
+/* Write the weights (q) of the latest samples, newest first, that predict the next one best, by
+ * the recursion of Levinson and Durbin, from autocovariances (q + 1). */
+void predict(const double *covariance, int q, double *weights);
+
+/* The window of ResidualTest.alarm, or 0, of M residuals and as many of the swing (M, 2), which is
+ * NULL where there is no dither; room for 3 p numbers. */
+int alarming(int M, int p, const double *recent, const double *swing, int shortest,
+             double threshold, double demodulated_threshold, double *room);
+
+/* evidence.c: H hypotheses and K onsets, of those that `steps` (H, K) */
+
+/* Change states X (H, K, rows, s) to those after a sample of inputs v (r), with outputs (H, K,
+ * rows, p) during it. What drives the last row grows with the age (K) of the onset, in samples.
+ * `alone`, `driven` and `spans` as of ftc.fdi.uncertainty.stacked. Room for 2 rows (p + s). */
+void advance_models(int H, int K, int rows, int s, int p, int r, const bool *steps,
+                    const double *alone, const double *driven, const int64_t *spans,
+                    const double *v, const double *age, double *room, double *X, double *outputs);
+
+/* Rows of memory (H, K, q, (5 + J) p); sums of products of R = J + p + 4 whitened regressors, the
+ * lower triangle row by row; of them and the residuals (H, K, R); and of the residuals (H, K). */
+typedef struct {
+    double *memory, *information, *score, *energy;
+} evidence;
+
+/* Add the residuals of a sample y (p), and if it `weighs` their products; in place if both are one.
+ *
+ * Of an onset (K) that `begins` hypotheses have the evidence of the first one, which therefore
+ * comes last. `mean` (J + p) is that of the prior; `weights` (2, q, (5 + J) p) of the rows of
+ * memory, the second of the last hypothesis; `slopes` (H, K, p) of the part lost. Room for
+ * p (2 J + p + 12) numbers. */
+void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bool *begins,
+                  bool weighs, const evidence *before, const double *outputs,
+                  const double *slopes, const double *y, const double *mean,
+                  const double *weights, double *room, const evidence *after);
+
+/* Solve S = 1 + spread' information spread for each of so many, by Cholesky.
+ *
+ * `spread` (R, R) is lower triangular; `solved` (count, R, 3) comes with the right-hand sides, and
+ * `log_det` (count) becomes half of log det S. S is at least 1, and so is each of its pivots: a
+ * smaller one is rounding, as is one that is lost beside the diagonal. Room for R (2 R + 1) numbers. */
+void integrate_out(int count, int R, const double *information, const double *spread,
+                   double *room, double *solved, double *log_det);
 
 /* rigid.c: poses, detectors, loops */
 

@@ -422,7 +422,7 @@ def _rubbing(
         E=E,
         D=D,
         K=rubs.rows @ push + np.diag(rubs.softness),
-        limit=rubs.limit.copy(),  # the compiled steps take no read-only arrays
+        limit=rubs.limit,
         C=plant.C / nominal.noise[:, None],
         steps_a_tick=round(nominal.period_s / h),
     )

@@ -9,13 +9,13 @@ J. Trinkle, Int. J. Numerical Methods in Engineering 39, 1996.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.fdi.compiled import compiled
+from kernels import ffi, lib, pointer
 
 
 class DryFriction(NamedTuple):
@@ -86,8 +86,15 @@ class Rubbing(NamedTuple):
         X = np.array(x, dtype=float).reshape(-1, len(self.A))
         U = np.ones((len(X), self.B.shape[1]))
         U[:, :-1] = commanded.reshape(len(X), -1)
-        compiled().friction.slide(X, U, *self[:7], self.steps_a_tick)
+        room = np.empty(2 * len(self.A) + 3 * len(self.K))
+        lib.slide(_given(self, self), len(X), pointer(U), pointer(room), pointer(X))
         return X.reshape(x.shape)
+
+
+def _given(one: Rubbing, parts: Sequence[Any]) -> Any:
+    """What the kernels take: of `one`, or of several like it, whose parts stand together."""
+    sizes = len(one.A), len(one.K), one.B.shape[1] - 1, len(one.C), one.steps_a_tick
+    return ffi.new("rubbing *", [*sizes, *(pointer(part) for part in parts[:8])])
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ class SampledFriction:
     @cached_property
     def _parts(self) -> list[Array]:
         every = zip(*self.rubbing, strict=True)
-        return [np.ascontiguousarray(np.array(part)) for part in every]
+        return [np.ascontiguousarray(np.array(part)) for part in every][:-1]
 
     @property
     def limits(self) -> int:
@@ -128,8 +135,12 @@ class SampledFriction:
             outputs: Shape (H, K, rows, p).
             v: Inputs of the sample.
         """
-        own = self.lifted, self.ticks, self.first, self.spread
-        compiled().friction.slide_samples(steps, before, X, outputs, v, *own, *self._parts)
+        every = _given(self.rubbing[0], self._parts)
+        room = np.empty(lib.sliding_room(every, self.ticks))
+        held = np.empty(len(self.rubbing[0].limit), dtype=bool)
+        given = pointer(steps), pointer(before), pointer(v), pointer(self.lifted), self.ticks
+        changing = pointer(held), pointer(room), pointer(X), pointer(outputs)
+        lib.slide_samples(every, *X.shape[:3], *given, self.first, self.spread, *changing)
 
 
 def together(parts: Sequence[SampledFriction]) -> SampledFriction:

@@ -16,7 +16,6 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array
 from ftc._records import changed
-from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.replay import learned, quieter, replayed
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
 from ftc.fdi.detection.watch import Calibration, Moment, Watch
@@ -55,8 +54,7 @@ class Monitor:
 
     def start(self) -> MonitorState:
         """State at rest at the equilibrium."""
-        compiled()  # no tick is to wait for that, nor for the bank
-        none, _ = np.zeros(self.nominal.actuators), self.bank
+        none, _ = np.zeros(self.nominal.actuators), self.bank  # no tick is to wait for the bank
         watch = self.watch.start(self.calibration)
         return MonitorState(0, (), (), none, watch, (), self.test.start())
 

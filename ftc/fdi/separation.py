@@ -15,7 +15,6 @@ from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.fdi.compiled import compiled
 from ftc.fdi.design.signatures import (
     HALF,
     Complex,
@@ -27,6 +26,7 @@ from ftc.fdi.design.signatures import (
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
+from kernels import lib, pointer
 
 ALIKE = 6.18
 """Below it more than one of a thousand is mistaken: Phi(-d / 2) = 1e-3."""
@@ -192,11 +192,16 @@ def separations_at(
     happens, happens_C = (_happening(each, responses.parts) for each in (change, C))
     first, last = _explanations(change, responses.parts)
     _, last_C = _explanations(C, responses.parts)  # errors of the larger loss, to be safe
-    if not errors.size:  # one covariance for all, factored once
+    one = not errors.size
+    if one:  # one covariance for all, factored once
         happens_C, last_C = np.zeros((2, 1, *S.shape))
     distance = np.empty((len(happens), len(first)))
     own, other = (_regular(S + each) / 2 for each in (happens_C, last_C))
-    compiled().segments.to_segments(happens, first, last - first, own, other, distance)
+    d = len(S)
+    given = [pointer(each) for each in (happens, first, last - first, own, other)]
+    lib.to_segments(
+        *distance.shape, d, *given, one, pointer(np.empty(d * (d + 2))), pointer(distance)
+    )
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.fdi.compiled import compiled
+from ftc._records import Pointers
 from ftc.fdi.fault_model import Fault, FaultModel, NominalModel
 from ftc.fdi.friction import SampledFriction
+from kernels import lib, pointer
 
 
 @dataclass(frozen=True)
@@ -125,22 +125,25 @@ class UncertainModel:
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
         """Outputs (1 + J, p) of a sample with inputs v that begins with X; and X after it."""
         after, Y = X.copy(), np.empty((len(X), len(self.C)))
-        own = after[None, None], Y[None, None], *self._stacked
-        compiled().evidence.advance(_ONE, *own, v, _AT_ONCE)
+        room = np.empty(2 * (after.size + Y.size))
+        sizes = 1, 1, *after.shape, Y.shape[1], len(v)
+        changing = pointer(room), pointer(after), pointer(Y)
+        lib.advance_models(*sizes, _STEPS, *self._stacked, pointer(v), _AT_ONCE, *changing)
         if self.friction is not None:
             self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
         return Y, after
 
     @cached_property
-    def _stacked(self) -> tuple[Array, Array, NDArray[np.uint64]]:
+    def _stacked(self) -> Pointers:
         return stacked(self.A[None], self.M[None], self.C[None], self.N[None])
 
 
-_ONE, _AT_ONCE = np.ones((1, 1), dtype=bool), np.ones(1)
+_ONE = np.ones((1, 1), dtype=bool)
+_STEPS, _AT_ONCE = pointer(_ONE), pointer(np.ones(1))
 
 
-def stacked(A: Array, M: Array, C: Array, N: Array) -> tuple[Array, Array, NDArray[np.uint64]]:
-    """Of H models, outputs before states and columns before rows, as :func:`advance` takes them.
+def stacked(A: Array, M: Array, C: Array, N: Array) -> Pointers:
+    """Of H models, outputs before states and columns before rows, as `advance_models` takes them.
 
     That is [C; A]' (H, s, p + s), of each row of a state, and [N; M]' (H, s + r, rows (p + s)),
     of the first row and the inputs; and where that begins and ends not to be zero (H, s + r, 2).
@@ -151,7 +154,8 @@ def stacked(A: Array, M: Array, C: Array, N: Array) -> tuple[Array, Array, NDArr
     acts, n = flat != 0.0, flat.shape[-1]
     ends = (acts * np.arange(1, n + 1)).max(axis=-1)
     starts = n - (acts * np.arange(n, 0, -1)).max(axis=-1)
-    return np.ascontiguousarray(alone), flat, np.stack([starts, ends], axis=-1).astype(np.uint64)
+    spans = np.stack([starts, ends], axis=-1).astype(np.int64)
+    return Pointers(np.ascontiguousarray(alone), flat, spans)
 
 
 STEP = 1e-3

@@ -8,10 +8,10 @@ import pytest
 
 from ftc._records import changed
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.isolation._evidence import integrate
 from ftc.fdi.isolation.evidence import EXTRA, Evidence
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import Uncertainty
+from kernels import lib, pointer
 from tests.cart_runs import ONSETS, Record, carts
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3, command=30.0, supply=0.2, scale=0.4)
@@ -105,8 +105,9 @@ def integrated(information: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray,
     """The inverse (R, 3) for three right-hand sides, and half of the log of the determinant."""
     R = len(spread)
     solved, log_det = np.eye(R)[None, None, :, :3].copy(), np.empty((1, 1))
-    lower = information[np.tril_indices(R)][None, None]
-    integrate(lower, np.zeros((1, 1, R)), spread, solved, log_det)
+    given = pointer(information[np.tril_indices(R)]), pointer(spread)
+    room = pointer(np.empty(R * (2 * R + 1)))
+    lib.integrate_out(1, R, *given, room, pointer(solved), pointer(log_det))
     return solved[0, 0], log_det[0, 0]
 
 

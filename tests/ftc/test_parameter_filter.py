@@ -6,8 +6,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ftc.fdi.detection._kernels import corrected
 from ftc.fdi.detection.parameter_filter import Parameters, drift
+from ftc.fdi.detection.watch import corrected
+from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
 J, P = 4, 2
@@ -29,11 +30,10 @@ def measurements(seed: int, samples: int, true: np.ndarray | None = None):
 def updated(parameters: Parameters, white, moving, walk) -> tuple[Parameters, np.ndarray]:
     """As the watch does it at a sample, without a spectrum; regressors of offsets are one."""
     errors, p = moving.shape
-    none, predicted = np.zeros((1, p)), np.vstack([np.zeros(p), moving])
-    memory, spectrum = np.zeros((1, errors + 1, p)), (none, none, 1.0, np.inf, True)
-    filtered = parameters.mean, parameters.root, walk
-    found = corrected(memory, predicted, white, np.ones((1, p)), *filtered, *spectrum)
-    return Parameters(found[3], found[4]), found[1]
+    predicted, memory = np.vstack([np.zeros(p), moving]), np.zeros((1, errors + 1, p))
+    filtered = np.ones((1, p)), parameters, walk, Spectrum.start(0, p)
+    found = corrected(memory, predicted, white, *filtered, 1.0, np.inf, learns=True)
+    return found[2], found[1]
 
 
 def tracked(regressors, white, rates: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:

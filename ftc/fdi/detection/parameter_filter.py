@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.compiled import compiled
 from ftc.fdi.uncertainty import Uncertainty
+from kernels import lib, pointer
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,10 @@ class Parameters:
 
     def spread(self, deviations: Array) -> "Parameters":
         """After independent random steps of these standard deviations, shape (J + p,)."""
-        return Parameters(self.mean, compiled().detection.spread(self.root, deviations))
+        k, after = len(deviations), np.empty_like(self.root)
+        room = pointer(np.empty(2 * k * (k + 1)))
+        lib.spread_root(pointer(self.root), pointer(deviations), k, room, pointer(after))
+        return Parameters(self.mean, after)
 
 
 def drift(

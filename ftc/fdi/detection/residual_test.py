@@ -12,15 +12,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from argument_checks import Array
-from ftc.fdi.compiled import compiled
+from kernels import ffi, lib, pointer
 
 WINDOWS = tuple(2**k for k in range(8))
 """Numbers of samples averaged: from one, for a jump, to 128, for a creeping change."""
 
 _DEMODULATED = WINDOWS[3:]
 """A shorter mean of a demodulated residual tells nothing of its frequency."""
-
-_NO_DITHER = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -53,10 +51,10 @@ class ResidualTest:
 
         The newest residual is the last.
         """
-        swing = _NO_DITHER if self.swing is None else self.swing
-        shortest = _DEMODULATED[0]
+        swing = ffi.NULL if self.swing is None else pointer(self.swing)
         thresholds = self.threshold, self.demodulated_threshold
-        return compiled().detection.alarm(recent, swing, shortest, *thresholds)
+        own = swing, _DEMODULATED[0], *thresholds, pointer(np.empty(3 * self.outputs))
+        return lib.alarming(*recent.shape, pointer(recent), *own)
 
 
 def residual_test(

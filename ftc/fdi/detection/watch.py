@@ -8,12 +8,12 @@ import numpy as np
 
 from argument_checks import Array
 from ftc._records import changed
-from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.uncertainty import UncertainModel
+from kernels import ffi, lib, pointer
 
 _FORGOTTEN_S, _JUMP = 2.0, 0.5
 """What an actuator that is weak has left of its force is a random walk: two standard deviations
@@ -157,17 +157,12 @@ class Watch:
         else:
             spectrum = state.spectrum
             known = spectrum.samples * self.period_s >= config.learning_s
-            memory, residual, is_learned, *after = compiled().detection.corrected(
-                *(state.memory, predicted, y, state.whitening),
-                *(before.mean, before.root, self._drift),
-                *(spectrum.recent, spectrum.covariance),
+            memory, residual, parameters, spectrum = corrected(
+                *(state.memory, predicted, y, state.whitening, before, self._drift, spectrum),
                 1 / min(spectrum.samples + 1, config.memory_s / self.period_s),
                 self.largest if gated and known else np.inf,
-                learns and whole,
+                learns=learns and whole,
             )
-            parameters = Parameters(after[0], after[1]) if is_learned else before
-            if is_learned:
-                spectrum = Spectrum(after[2], after[3], spectrum.samples + 1)
         after = {"X": X, "memory": memory, "parameters": parameters, "spectrum": spectrum}
         seen = {"residual": residual, "measured": measured}
         return changed(state, sample=state.sample + 1, **after, **seen), moment
@@ -241,3 +236,50 @@ class Watch:
             corner = 2 * np.pi * config.dither_hz / _SLOWER * self.period_s
             decoupled = spectrum.filter(fitted, memory, corner)
         return replace(state, whitening=whitening, decoupled=decoupled)
+
+
+def corrected(
+    memory: Array,
+    predicted: Array,
+    y: Array,
+    whitening: Array,
+    parameters: Parameters,
+    drift: Array,
+    spectrum: Spectrum,
+    rate: float,
+    largest: float,
+    *,
+    learns: bool,
+) -> tuple[Array, Array, Parameters, Spectrum]:
+    """What a sample makes of a state: the second half of :meth:`Watch.step`.
+
+    Args:
+        memory: Residuals and regressors before it, shape (q + 1, 1 + J, p).
+        predicted: Outputs of the model, and what each error adds to them, shape (1 + J, p).
+        y: Mean outputs, shape (p,).
+        whitening: Shape (q + 1, p).
+        parameters: Before it.
+        drift: Standard deviations of their steps, shape (J + p,).
+        spectrum: Before it.
+        rate: Weight of this sample in the spectrum's covariance.
+        largest: Sum of squares of an innovation that is still learned from.
+        learns: Whether anything is.
+
+    Returns:
+        Memory, innovation (p,), parameters and spectrum after it; the last two as they were if it
+        was not learned from.
+    """
+    before = memory, parameters.mean, parameters.root, spectrum.recent, spectrum.covariance
+    after = [np.empty_like(each) for each in before]
+    p, k = len(y), len(drift)
+    residual, room = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
+    is_learned = lib.correct(
+        *(len(memory), k - p, p, ffi.new("watched *", [pointer(each) for each in before])),
+        *(pointer(each) for each in (predicted, y, whitening, drift)),
+        *(rate, largest, learns, pointer(room)),
+        *(ffi.new("watched *", [pointer(each) for each in after]), pointer(residual)),
+    )
+    if is_learned:
+        parameters = Parameters(after[1], after[2])
+        spectrum = Spectrum(after[3], after[4], spectrum.samples + 1)
+    return after[0], residual, parameters, spectrum

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.compiled import compiled
+from kernels import lib, pointer
 
 _RIDGE = 1e-4
 
@@ -55,10 +55,11 @@ class Spectrum:
         weights = np.empty_like(self.covariance)
         lags = (0.0 if slow is None else slow) * np.arange(len(self.covariance))
         disturbance = 0.0 if slow is None else _SLOW_INPUT**2 * (1 + lags) * np.exp(-lags)
+        a = np.empty(len(self.covariance) - 1)
         for k, c in enumerate(self.covariance.T):
             ridged = c + disturbance
             ridged[0] *= 1 + _RIDGE
-            a = compiled().detection.predictor(ridged)
+            lib.predict(pointer(ridged), len(a), pointer(a))
             variance = max(ridged[0] - a @ ridged[1:], _RIDGE * ridged[0])
             weights[:, k] = np.concatenate([[1.0], -a]) / np.sqrt(error * variance)
         return weights

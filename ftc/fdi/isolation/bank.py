@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from argument_checks import Array, Indices
-from ftc._records import changed
-from ftc.fdi.compiled import compiled
+from ftc._records import Pointers, changed
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.friction import SampledFriction
@@ -16,6 +14,7 @@ from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.evidence import EXTRA, LOST, ONSET_SPREAD, PART_SPREAD, Evidence
 from ftc.fdi.isolation.verdict import Verdict, verdict
 from ftc.fdi.uncertainty import UncertainModel, stacked
+from kernels import ffi, lib, pointer
 
 
 @dataclass(frozen=True)
@@ -117,27 +116,33 @@ class HypothesisBank:
             later = self.onset @ _later(believed, sound, v)
             X[1:-1, now] = (X[0, 0] @ self.onset[1:-1].swapaxes(-1, -2))[:, None]
             X[1:-1, now, -2] = self.scaled[1:-1, None, None] * sound[0]
-        outputs = np.zeros((*X.shape[:3], state.memory.shape[-1]))
+        H, K, rows, s = X.shape
+        p, which = state.memory.shape[-1], pointer(steps)
+        outputs, room = np.zeros((H, K, rows, p)), np.empty(2 * rows * (p + s))
         before = None if self.friction is None else X.copy()
         age = np.maximum(sample - state.onsets, 0).astype(float)
-        compiled().evidence.advance(steps, X, outputs, *self._stacked, v, age)
+        given = which, *self._stacked, pointer(v), pointer(age)
+        changing = pointer(room), pointer(X), pointer(outputs)
+        lib.advance_models(H, K, rows, s, p, len(v), *given, *changing)
         if self.friction is not None and before is not None:
             self.friction.apply(steps, before, X, outputs, v)
         if now.any():
             X[1:-1, now, -3] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
             X[1:-1, now, -2] += shaken * self.placed[1:-1, None]
         sums = state.information, state.score, state.energy
-        given = (state.memory.reshape(*state.memory.shape[:3], -1), *sums)
+        given = state.memory, *sums
         after = tuple(np.empty_like(each) for each in given) if keeps else given
-        compiled().evidence.weigh(
-            *(steps, now, weighs, keeps),
-            *given,
-            outputs,
-            self._part_slopes(outputs[:, :, 0]),
-            whitening[0] if y is None else y,
-            state.prior.mean,
-            np.tile(np.stack([whitening, last])[:, ::-1], state.memory.shape[3]),
-            *after,
+        J = rows - EXTRA
+        lib.weigh_sample(
+            *(H, K, J, p, len(whitening), which, pointer(now), weighs),
+            ffi.new("evidence *", [pointer(each) for each in given]),
+            pointer(outputs),
+            pointer(self._part_slopes(outputs[:, :, 0])),
+            pointer(whitening[0] if y is None else y),
+            pointer(state.prior.mean),
+            pointer(np.tile(np.stack([whitening, last])[:, ::-1], rows + 1)),
+            pointer(np.empty(p * (2 * J + p + 12))),
+            ffi.new("evidence *", [pointer(each) for each in after]),
         )
         memory, information, score, energy = after
         if y is None:
@@ -146,7 +151,7 @@ class HypothesisBank:
             state,
             samples=state.samples + 1,
             X=X,
-            memory=memory.reshape(state.memory.shape),
+            memory=memory,
             information=information,
             score=score,
             energy=energy,
@@ -154,7 +159,7 @@ class HypothesisBank:
         )
 
     @cached_property
-    def _stacked(self) -> tuple[Array, Array, NDArray[np.uint64]]:
+    def _stacked(self) -> Pointers:
         return stacked(self.A, self.M, self.C, self.N)
 
     def _part_slopes(self, outputs: Array) -> Array:

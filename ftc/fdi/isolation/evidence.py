@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from argument_checks import Array, Indices, Mask
-from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.parameter_filter import Parameters
+from kernels import lib, pointer
 
 LOST = (0.25, 0.5, 0.75, 1.0)
 """Parts of an actuator's force that the models have lost. Within an eighth of each the part is one
@@ -71,14 +71,16 @@ class Evidence:
             of their covariance, (H, K); and the most likely parameters, less their prior mean,
             (H, K, R).
         """
-        spread = np.zeros((self.score.shape[-1],) * 2)
+        R = self.score.shape[-1]
+        spread, room = np.zeros((R, R)), np.empty(R * (2 * R + 1))
         spread[:-EXTRA, :-EXTRA] = self.prior.root
         spread[-EXTRA:, -EXTRA:] = np.eye(EXTRA)
         score = self.score @ spread
         solved = np.zeros((*score.shape, 3))
         solved[..., 0], solved[..., _CELLS, [1, 2]] = score, 1.0
         log_det = np.empty(self.energy.shape)
-        compiled().evidence.integrate(self.information, self.score, spread, solved, log_det)
+        given = pointer(self.information), pointer(spread), pointer(room)
+        lib.integrate_out(log_det.size, R, *given, pointer(solved), pointer(log_det))
         root = solved[..., 0]
         energy = self.energy - (score * root).sum(axis=-1)
         spreads = solved[..., _CELLS, 1:]
