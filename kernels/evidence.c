@@ -32,7 +32,8 @@ static void add_spans(const double *columns, int count, int stride, const int64_
             start = spans[2 * next] < start ? spans[2 * next] : start;
             end = spans[2 * next + 1] > end ? spans[2 * next + 1] : end;
         }
-        add_columns(columns + j * stride + start, next - j, stride, end - start, x + j, out + start);
+        const double *first = columns + j * stride + start;
+        add_columns(first, next - j, stride, end - start, x + j, out + start);
     }
 }
 

@@ -118,7 +118,7 @@ void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bo
  *
  * `spread` (R, R) is lower triangular; `solved` (count, R, 3) comes with the right-hand sides, and
  * `log_det` (count) becomes half of log det S. S is at least 1, and so is each of its pivots: a
- * smaller one is rounding, as is one that is lost beside the diagonal. Room for R (2 R + 1) numbers. */
+ * smaller one is rounding, as is one that is lost beside the diagonal. Room for R (2 R + 1). */
 void integrate_out(int count, int R, const double *information, const double *spread,
                    double *room, double *solved, double *log_det);
 

@@ -1,5 +1,7 @@
 """What each error of a model does to its outputs, against plants that really have that error."""
 
+import pickle
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import control
@@ -176,6 +178,18 @@ def test_in_samples_of_four_ticks_a_delay_of_one_is_nearly_so(seed, servo):
     found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), [], sent, 4)[:, 1]
     expected = means(outputs(nominal, [], late) - outputs(nominal, [], sent), 4)
     assert np.abs(found - expected).max() < 0.1 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("copied", [deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
+def test_a_model_that_was_stepped_is_copied_and_steps_as_before(copied):
+    """What it keeps for the kernels are addresses, which a copy has of its own arrays."""
+    nominal = Struts.random(0, servo=True).nominal()
+    model = uncertain_model(lambda faults: fault_model(nominal, faults), [], delay_ticks=0.5)
+    given = np.ones((len(model.M), len(model.A))), np.linspace(-1.0, 1.0, 7)
+    expected, other = model.step(*given), copied(model)
+    del model
+    for found, each in zip(other.step(*given), expected, strict=True):
+        np.testing.assert_array_equal(found, each)
 
 
 @pytest.mark.parametrize("name", list(vars(CERTAIN)))
