@@ -3,6 +3,15 @@
 
 #include "kernels.h"
 
+/* The sum of the squares of so many numbers. */
+static double sum_of_squares(const double *numbers, int count)
+{
+    double total = 0.0;
+    for (int i = 0; i < count; i++)
+        total += numbers[i] * numbers[i];
+    return total;
+}
+
 /* Write the transpose of a matrix (k, k). */
 static void transpose(const double *matrix, int k, double *out)
 {
@@ -111,10 +120,7 @@ bool correct(int q, int J, int p, const watched *before, const double *predicted
     memcpy(after->mean, before->mean, k * sizeof *after->mean);
     transpose(before->root, k, upper);
     measure(white, regressors, k, p, room, after->mean, upper, residual);
-    double square = 0.0;
-    for (int i = 0; i < p; i++)
-        square += residual[i] * residual[i];
-    if (!learns || square > largest)
+    if (!learns || sum_of_squares(residual, p) > largest)
         return false;
     spread(drift, k, room, upper);
     transpose(upper, k, after->root);
@@ -148,15 +154,6 @@ void predict(const double *covariance, int q, double *weights)
         }
         variance *= 1.0 - weights[k] * weights[k];
     }
-}
-
-/* The sum of the squares of so many numbers. */
-static double sum_of_squares(const double *numbers, int count)
-{
-    double total = 0.0;
-    for (int i = 0; i < count; i++)
-        total += numbers[i] * numbers[i];
-    return total;
 }
 
 int alarming(int M, int p, const double *recent, const double *swing, int shortest,
