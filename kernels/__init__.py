@@ -8,17 +8,19 @@ import os
 import re
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from cffi import FFI
 
 from kernels.build import LIBRARY, digest
 
-__all__ = ["ffi", "lib", "pointer"]
+__all__ = ["ffi", "filled", "lib", "pointer"]
 
 ffi = FFI()
 _KINDS = {"d": "double[]", "l": "int64_t[]", "q": "int64_t[]", "i": "int32_t[]", "b": "int8_t[]"}
 _KINDS["?"] = "bool[]"
+_held = WeakKeyDictionary[Any, dict[str, Any]]()
 
 
 def _load() -> Any:
@@ -45,3 +47,17 @@ lib = _load()
 def pointer(array: np.ndarray[Any, Any]) -> Any:
     """A contiguous array as an argument; a call refuses one whose numbers are of another type."""
     return ffi.from_buffer(_KINDS[array.dtype.char], array)
+
+
+def filled(kind: str, **fields: Any) -> Any:
+    """A struct of kernels.h as an argument, which keeps the arrays that it points to.
+
+    It cannot be copied: who has it makes another one for its copy.
+    """
+    values = {
+        name: pointer(value) if isinstance(value, np.ndarray) else value
+        for name, value in fields.items()
+    }
+    struct = ffi.new(f"{kind} *", values)
+    _held[struct] = values
+    return struct

@@ -124,7 +124,71 @@ void integrate_out(int count, int R, const double *information, const double *sp
 
 /* rigid.c: poses, detectors, loops */
 
+/* Where a log of a plant is read and written: N ticks of n drives. */
+typedef struct {
+    const double *counts;                               /* what a gap of each equality counts */
+    const double *xmat, *xpos, *base_xmat, *R_0, *p_0;  /* as of seen_from */
+    int drives, at_joints;                              /* n, and how many are joints */
+    const int64_t *joints, *places;   /* these, and where they are read in qpos */
+    const int64_t *others, *outputs;  /* the others, and where in the lengths of actuators */
+    const double *gear, *nominal;     /* of the others, and where each drive is nominally, (n) */
+    const double *qpos, *lengths, *forces;
+    int kept_qpos, kept_forces;  /* how many are logged */
+    double *rotation, *translation_m, *displacement, *closure_residual_m;
+    double *all_qpos, *all_forces;
+} observation;
+
+/* Numbers times a factor, rounded if whole, within limits; times a gain. */
+typedef struct {
+    double factor, lower, upper, gain;
+    bool whole;
+} conversion;
+
+/* Poses R (3, 3), t after displacements [rotation vector; translation], as many as `poses`. */
+void move(int poses, const double *R, const double *t, const double *twists, double *R_new,
+          double *t_new);
+/* Write [rotation vector; translation] from one pose to another; returns the angle. */
+double way(const double *R, const double *p, const double *R_to, const double *p_to, double *twist);
+/* Write the motion R, t of a frame at xmat, xpos since its nominal pose, in present base axes:
+ * R_now R_nominal^T. R_0 goes from world axes to those of the frame, nominally. */
+void seen_from(const double *xmat, const double *xpos, const double *base_xmat, const double *R_0,
+               const double *p_0, double *R, double *t);
+/* Largest of the first rows' gaps, each times the number that its owner counts. */
+double largest_gap(const double *gaps, const int32_t *owners, const double *counts, int rows);
+/* Largest of the gaps times their units; NaN if one is NaN. */
+double largest(const double *gaps, const double *units, int count);
+/* Take rows of J (., velocities) that keep pairs of anchors together as at their midpoints. Three
+ * of `points` (count) belong to each pair, whose gap is D; a joint about an axis (velocities, 6)
+ * that carries one or two of its bodies, (count, velocities), moves it by half of D x axis each. */
+void at_midpoints(const double *gaps, const double *axes, int velocities, const int64_t *points,
+                  int count, const double *carried, double *J);
+/* Write tick k of a log; gaps, owners and rows are as of largest_gap. */
+void observe(const observation *log, int k, const double *gaps, const int32_t *owners, int rows);
+/* Write the two angles at which a detector sees a beam along z, from a payload turned by R. The
+ * spot has noise times deviation added, and stays on the detector. */
+void spot(const double *R, double focal, double half_width, double deviation, const double *noise,
+          double *seen);
+/* Convert n numbers x to y; NaN stays NaN. */
+void convert(const conversion *by, int n, const double *x, double *y);
+
 /* struts.c: the hexapod */
+
+/* What follow finds. */
+enum { FOLLOWED, SINGULAR, NO_LENGTH };
+
+/* Write lengths (6) and A (6, 6) in l_dot = A x_dot of struts from bottom (6, 3) to top (6, 3), at
+ * as many poses; of a strut without length NaN. Returns whether all have one. */
+bool strut_lengths(int poses, const double *bottom, const double *top, const double *R,
+                   const double *t, double *lengths, double *A);
+/* Overwrite b (6) by the solution of A x = b, if A (6, 6) is not singular; returns that. */
+bool strut_twist(const double *A, double *b);
+/* Write the inverse of A; false unless |A| |inverse|, Frobenius norms, are below `most`. */
+bool strut_inverse(const double *A, double most, double *inverse);
+/* One Newton step on the strut lengths, from displacements `moved` (6) to those asked, where
+ * displacements are lengths less the nominal ones; the last four arguments are overwritten. */
+int follow(const double *bottom, const double *top, const double *nominal, const double *R,
+           const double *t, const double *A, const double *moved, const double *asked,
+           double *R_new, double *t_new, double *A_new, double *moved_new);
 
 /* boxes.c */
 

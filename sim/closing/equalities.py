@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from argument_checks.ties import greatest
+from kernels import lib, pointer
 from sim.array import Array
-from sim.compiled import compiled
 from sim.errors import ModelError
 from sim.mjcf.drive import is_turn
 from sim.mjcf.frame import Located
@@ -144,7 +144,9 @@ class Closures(NamedTuple):
         out[:] = constraint_rows(model, data, which)
         if self.points.size:
             # The first three columns of cdof are a joint's axis, if it turns its body.
-            compiled().at_midpoints(self._open(data), data.cdof, self.points, self.carried, out)
+            gaps, axes, rows = pointer(self._open(data)), pointer(data.cdof), pointer(self.points)
+            counts = model.nv, rows, len(self.points)
+            lib.at_midpoints(gaps, axes, *counts, pointer(self.carried), pointer(out))
 
     def frames(self, model: mujoco.MjModel) -> tuple[Located, ...]:
         """What connects and welds keep together."""
@@ -188,7 +190,8 @@ class Closures(NamedTuple):
         """
         if not self.units.size:
             return 0.0
-        largest = compiled().largest(self._open(data), self.units)
+        gaps, units = pointer(self._open(data)), pointer(self.units)
+        largest = lib.largest(gaps, units, len(self.units))
         if not isfinite(largest):
             raise ModelError("an equality of the model is not finite")
         return largest

@@ -1,5 +1,6 @@
 """Closed-form kinematics of a hexapod: strut lengths and their Jacobian from the pose."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,8 +8,8 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from kernels import lib, pointer
 from sim.array import Array
-from sim.compiled import compiled
 from sim.errors import ModelError
 from sim.kinematics.pose import Pose, computed, flat, keep
 from sim.mjcf.model import element_id
@@ -45,8 +46,8 @@ class Posture(Pose):
         displacement_m = check.exactly("displacement_m", displacement_m, 6)
         if self.inverse_jacobian.ndim != 2:
             raise ValueError("inverse_jacobian must be that of one pose, got a batch")
-        twist, code = displacement_m.copy(), compiled()
-        if code.solve(self.inverse_jacobian, twist[:, None]) != code.FOUND:
+        twist = displacement_m.copy()
+        if not lib.strut_twist(pointer(self.inverse_jacobian), pointer(twist)):
             raise ValueError(_SINGULAR)
         return twist
 
@@ -125,17 +126,11 @@ class Hexapod:
         """
         check.instance("pose", pose, Pose)
         check.flag("singular", singular)
-        lead, code = pose.lead, compiled()
+        lead = pose.lead
         length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
-        found = code.lengths(
-            self.bottom_m,
-            self.top_m,
-            flat(pose.rotation, 2, lead),
-            flat(pose.translation_m, 1, lead),
-            length_m.reshape(-1, 6),
-            A.reshape(-1, 6, 6),
-        )
-        if found == code.NO_LENGTH and not singular:
+        poses = flat(pose.rotation, 2, lead), flat(pose.translation_m, 1, lead)
+        given = (self.bottom_m, self.top_m, *poses, length_m, A)
+        if not lib.strut_lengths(math.prod(lead), *map(pointer, given)) and not singular:
             raise ValueError(_NO_LENGTH)
         return length_m, A
 
@@ -151,20 +146,14 @@ class Hexapod:
         asked = check.exactly("displacement_m", displacement_m, 6)
         fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
         R, t, A, moved_m = fields
-        code = compiled()
-        found = code.follow(
-            self.bottom_m,
-            self.top_m,
-            self.nominal_length_m,
-            here.rotation,
-            here.translation_m,
-            here.inverse_jacobian,
-            here.displacement_m,
-            asked,
-            *fields,
+        given = (
+            *(self.bottom_m, self.top_m, self.nominal_length_m),
+            *(here.rotation, here.translation_m, here.inverse_jacobian, here.displacement_m),
+            np.ascontiguousarray(asked),
         )
-        if found != code.FOUND:
-            raise ValueError(_SINGULAR if found == code.SINGULAR else _NO_LENGTH)
+        found = lib.follow(*map(pointer, (*given, *fields)))
+        if found != lib.FOLLOWED:
+            raise ValueError(_SINGULAR if found == lib.SINGULAR else _NO_LENGTH)
         return computed(
             Posture, rotation=R, translation_m=t, displacement_m=moved_m, inverse_jacobian=A
         )
@@ -181,8 +170,8 @@ def regular_jacobian(inverse_jacobian: Array) -> Array | None:
     must then be made.
     """
     inverse_jacobian = check.exactly("inverse_jacobian", inverse_jacobian, 6, 6)
-    J, code = np.empty((6, 6)), compiled()
-    return J if code.invert(inverse_jacobian, J, REGULAR) == code.FOUND else None
+    A, J = np.ascontiguousarray(inverse_jacobian), np.empty((6, 6))
+    return J if lib.strut_inverse(pointer(A), REGULAR, pointer(J)) else None
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import argument_checks as check
+from kernels import lib, pointer
 from sim.array import Array
-from sim.compiled import compiled
 from sim.mjcf.frame import one_half_turn
 
 
@@ -89,5 +89,6 @@ class Detector:
         if rotation.item(8) == 0.0:
             raise ValueError("rotation must not put the payload at right angles to the beam")
         optics, angles = (self.focal_length_m, self.half_width_m, self.noise_m), np.empty(2)
-        compiled().spot(rotation, *optics, rng.standard_normal(2), angles)
+        seen, noise = pointer(np.ascontiguousarray(rotation)), pointer(rng.standard_normal(2))
+        lib.spot(seen, *optics, noise, pointer(angles))
         return angles

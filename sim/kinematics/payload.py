@@ -1,19 +1,17 @@
 """The payload of a plant: where it is, seen from the base, and what pushes it."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
+from kernels import lib, pointer
 from sim.array import Array
-from sim.compiled import compiled
 from sim.kinematics.pose import Pose, computed
 from sim.mjcf.frame import Located
 
 _WORLD = check.frozen(np.eye(3))
-_WORLD_9 = _WORLD.reshape(1, 9)
 
 
 @dataclass(frozen=True)
@@ -44,15 +42,13 @@ class Payload:
     def pose(self, data: mujoco.MjData) -> Pose:
         """Motion from the nominal pose, in base axes: rotation R_now R_nominal^T."""
         rotation, translation_m = np.empty((3, 3)), np.empty(3)
-        compiled().seen_from(*self.frames(data), rotation, translation_m)
+        lib.seen_from(*map(pointer, (*self.frames(data), rotation, translation_m)))
         return computed(Pose, rotation=rotation, translation_m=translation_m)
 
-    def frames(self, data: mujoco.MjData) -> tuple[Any, ...]:
+    def frames(self, data: mujoco.MjData) -> tuple[Array, ...]:
         """What the compiled code takes to see this motion, good as long as `data` is."""
-        frame, base = self.frame, self.base
-        xmat, xpos = _arrays(frame, data)
-        base_xmat, number = (_WORLD_9, 0) if base is None else (_arrays(base, data)[0], base.id)
-        return xmat, xpos, frame.id, base_xmat, number, self.world_to_frame, self.origin_m
+        rotation, position_m = self.frame.rotation(data), self.frame.position_m(data)
+        return rotation, position_m, self.axes(data), self.world_to_frame, self.origin_m
 
     def force_at_centre_of_mass(self, data: mujoco.MjData, wrench: Array) -> Array:
         """[force; moment] in world axes, as `xfrc_applied`, of [moment; force] (6,) at it."""
@@ -60,8 +56,3 @@ class Payload:
         moment, force = axes @ wrench[:3], axes @ wrench[3:]
         arm = self.frame.position_m(data) - data.xipos[self.frame.body]
         return np.array([*force, *(moment + np.cross(arm, force))])
-
-
-def _arrays(frame: Located, data: mujoco.MjData) -> tuple[Array, Array]:
-    """Rotations (K, 9) and positions (K, 3) in the world of all frames of this kind."""
-    return (data.site_xmat, data.site_xpos) if frame.is_site else (data.xmat, data.xpos)

@@ -1,5 +1,6 @@
 """Poses of frames."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -8,8 +9,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import argument_checks as check
+from kernels import lib, pointer
 from sim.array import Array, lock
-from sim.compiled import compiled
 from sim.kinematics.rigid import adjoint, homogeneous, rigid_motion, rotation_of
 from sim.mjcf.frame import one_half_turn
 
@@ -50,12 +51,13 @@ class Pose:
         twist = check.shaped("twist", twist, 6)
         lead = check.common_axes({"the pose": self.lead, "twist": twist.shape[:-1]})
         rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
-        compiled().move(
-            flat(self.rotation, 2, lead),
-            flat(self.translation_m, 1, lead),
-            flat(twist, 1, lead),
-            rotation.reshape(-1, 3, 3),
-            translation_m.reshape(-1, 3),
+        lib.move(
+            math.prod(lead),
+            pointer(flat(self.rotation, 2, lead)),
+            pointer(flat(self.translation_m, 1, lead)),
+            pointer(flat(twist, 1, lead)),
+            pointer(rotation),
+            pointer(translation_m),
         )
         return computed(Pose, rotation=rotation, translation_m=translation_m)
 
@@ -146,18 +148,18 @@ def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Ar
     The vector is that of :func:`rotation_vector`, at every tick.
     """
     way = np.empty(6)
-    angle = compiled().way(rotation, position_m, to_rotation, to_m, way)
+    angle = lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, way)))
     if angle > _CLEARLY_LESS_RAD:
         way[:3] = one_half_turn(way[:3])
     return way
 
 
 def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
-    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch."""
+    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C."""
     if not lead:
-        return A[None]
+        return np.ascontiguousarray(A)[None]
     shape = A.shape[A.ndim - own :]
-    return np.broadcast_to(A, (*lead, *shape)).reshape(-1, *shape)
+    return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)
 
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:
@@ -175,9 +177,9 @@ def made(kind: type[_Kind], **fields: Any) -> _Kind:
 
 
 def keep(frozen: object, name: str, *shape: int) -> None:
-    """Check an array of a frozen dataclass, and keep a read-only copy."""
-    A = check.frozen(check.shaped(name, getattr(frozen, name), *shape))
-    object.__setattr__(frozen, name, A)
+    """Check an array of a frozen dataclass, and keep a read-only copy, in C's order."""
+    A = np.array(check.shaped(name, getattr(frozen, name), *shape), order="C")
+    object.__setattr__(frozen, name, check.read_only(A))
 
 
 NOMINAL = Pose(np.eye(3), np.zeros(3))

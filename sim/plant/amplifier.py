@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 import argument_checks as check
+from kernels import lib, pointer
 from sim.array import Array
-from sim.compiled import compiled
 
 
 @dataclass(frozen=True)
@@ -84,5 +84,5 @@ class _Conversion(NamedTuple):
 def _converted(name: str, value: Array, conversion: _Conversion) -> Array:
     x = check.finite(name, value)
     y = np.empty(x.shape)
-    compiled().convert(x.ravel(), *conversion, y.reshape(-1))
+    lib.convert([conversion], x.size, pointer(np.ascontiguousarray(x)), pointer(y))
     return y

@@ -10,8 +10,8 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks.arrays import as_float64
+from kernels import filled, lib, pointer
 from sim.array import Array
-from sim.compiled import compiled
 from sim.kinematics.mechanism import JointPosture, Mechanism
 from sim.kinematics.pose import Pose, computed
 from sim.plant.failure import Failure
@@ -179,7 +179,7 @@ class Bench:
         actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
             with them.
         gap: The error of a pilot that needs what an event has taken from the last reading, or None.
-        observed: The other arguments of `observe` in `sim._tick`, which writes this log.
+        observed: What `observe` in `kernels.h` takes, which writes this log.
     """
 
     def __init__(
@@ -271,22 +271,31 @@ class Bench:
         self.observed = self._observed()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the views of the plant's data, which a copy has of its own."""
+        """Without the pointers into the plant's data, which a copy has of its own."""
         return {name: value for name, value in vars(self).items() if name != "observed"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self.observed = self._observed()
 
-    def _observed(self) -> tuple[Any, ...]:
-        log = self.rotation, self.translation_m, self.displacement, self.closure_residual_m
-        return (*self.plant.observed(), *log, *self._kept)
+    def _observed(self) -> Any:
+        names = ("rotation", "translation_m", "displacement", "closure_residual_m")
+        all_qpos, all_forces = self._kept
+        return filled(
+            "observation",
+            **self.plant.observed(),
+            **{name: getattr(self, name) for name in names},
+            all_qpos=all_qpos,
+            all_forces=all_forces,
+            kept_qpos=all_qpos.shape[1],
+            kept_forces=all_forces.shape[1],
+        )
 
     def measure(self) -> Reading:
         """What the sensors read, after what happens now."""
         self._happen()
         tick, data = self._tick, self.plant.data
-        compiled().observe(tick, data.efc_pos, data.efc_id, data.ne, *self.observed)
+        lib.observe(self.observed, tick, pointer(data.efc_pos), pointer(data.efc_id), data.ne)
         pose = computed(Pose, rotation=self.rotation[tick], translation_m=self.translation_m[tick])
         reading = self.sensors.read(pose, self.displacement[tick])
         if self._on_measured is None:

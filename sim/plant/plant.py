@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
 import argument_checks as check
+from kernels import lib, pointer
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures, equality_name
-from sim.compiled import compiled
 from sim.errors import ClosureError, ModelError, SimulationDiverged
 from sim.kinematics.displacements import Displacements
 from sim.kinematics.payload import Payload
@@ -407,25 +407,27 @@ class Plant:
 
     def closure_residual_m(self) -> float:
         """Largest closure residual at the last physics step; a weld's angles count as m/rad."""
-        rows = self.data.ne  # equalities come first
-        return compiled().largest_gap(self.data.efc_pos, self.data.efc_id, self._is_loop, rows)
+        rows = self.data.efc_pos, self.data.efc_id, self._is_loop
+        return lib.largest_gap(*map(pointer, rows), self.data.ne)  # equalities come first
 
-    def observed(self) -> tuple[Any, ...]:
-        """What the compiled code reads of :attr:`data` to log a tick, as `counts` and on there."""
+    def observed(self) -> dict[str, Any]:
+        """What the compiled code reads of :attr:`data` to log a tick, by names of kernels.h."""
         data, gauges = self.data, self._gauges
-        return (
-            self._is_loop,
-            *self._payload.frames(data),
-            data.qpos,
-            gauges.joints,
-            gauges.qpos,
-            data.actuator_length,
-            gauges.others,
-            gauges.outputs,
-            gauges.gear,
-            gauges.nominal,
-            data.actuator_force,
-        )
+        where = ("xmat", "xpos", "base_xmat", "R_0", "p_0")
+        return dict(zip(where, self._payload.frames(data), strict=True)) | {
+            "counts": self._is_loop,
+            "drives": len(self.drives),
+            "at_joints": len(gauges.joints),
+            "joints": gauges.joints,
+            "places": gauges.qpos,
+            "others": gauges.others,
+            "outputs": gauges.outputs,
+            "gear": gauges.gear,
+            "nominal": gauges.nominal,
+            "qpos": data.qpos,
+            "lengths": data.actuator_length,
+            "forces": data.actuator_force,
+        }
 
     def integration_state(self) -> Array:
         """The complete state of the integration (mjSTATE_INTEGRATION)."""

@@ -84,7 +84,7 @@ def begun(
     log = _Log.of(ticks, first, pilot.mapping.geometry.posture(first.pose))
     measured, inputs = np.empty(reference.shape), log.inputs
     of_pilot = (*own, reference, feedforward, measured, *log)
-    given, call = (*bench.observed, *sensors.detecting(ticks), *of_pilot), code.tick
+    given, call = (*_observed(bench), *sensors.detecting(ticks), *of_pilot), code.tick
 
     def closed(tick: int, *loops: Any) -> Array | None:
         return inputs[tick + 1] if call(tick, *loops, *given) == code.DONE else None
@@ -109,3 +109,15 @@ def _of_pilot(pilot: Any) -> tuple[Any, ...] | None:
     if following is None or M is None or not isinstance(pilot.drives, Amplifier):
         return None
     return *pilot.drives.conversions, *following, M
+
+
+def _observed(bench: Bench) -> tuple[Any, ...]:
+    """The arguments of `observe` in :mod:`sim._tick` but for the first four."""
+    o = bench.plant.observed()
+    return (
+        *(o["counts"], o["xmat"].reshape(1, 9), o["xpos"][None], 0, o["base_xmat"].reshape(1, 9)),
+        *(0, o["R_0"], o["p_0"], o["qpos"], o["joints"], o["places"], o["lengths"]),
+        *(o["others"], o["outputs"], o["gear"], o["nominal"], o["forces"]),
+        *(bench.rotation, bench.translation_m, bench.displacement, bench.closure_residual_m),
+        *(bench.qpos, bench.actuator_force),
+    )
