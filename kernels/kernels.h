@@ -196,14 +196,36 @@ int follow(const double *bottom, const double *top, const double *nominal, const
 
 /* single.c */
 
+/* Ranks are clearly full; the SVD must decide; a number is not finite or too large. */
+enum { CLEAR, IN_DOUBT, REFUSED };
+/* Ratio of joint weights up to which rates are scaled by them without loss of digits. */
+enum { SPREAD = 10000 };
+
 /* Of a problem: major directions, task rows, rates, rows of W1, of W2, secondary directions. */
 typedef struct {
     int p, m, n, k1, k2, m2;
 } single_sizes;
 
-/* Factors and solution in one call: single.c. S_m (p, m), S_s (m2, m), J (m, n), W1 (k1, n), W2
- * (k2, m2); F has room for single_room(sizes) numbers. Returns CLEAR, IN_DOUBT or REFUSED. */
+/* Write the factors of a problem to F, which has room for single_room(sizes) numbers.
+ *
+ * J (m, n), S_m (p, m), S_s (m2, m), W1 (k1, n), W2 (k2, m2). `scale` is the size of J, below zero:
+ * its norm; `clear` the fraction of it above which a singular value is clearly not zero, and `exact`
+ * the part of `clear` for joint weights. Returns CLEAR, IN_DOUBT or REFUSED.
+ */
 int single_room(single_sizes sizes);
+int single_factor(single_sizes sizes, const double *J, const double *S_m, const double *S_s,
+                  const double *W1, const double *W2, double scale, double clear, double exact,
+                  double *F);
+
+/* Write the optimal rates x (n,) for a target v (p,), rates_d (n,), v_sd (m2,), or return REFUSED.
+ *
+ * F is CLEAR; `work` has room for single_work(sizes) numbers.
+ */
+int single_work(single_sizes sizes);
+int single_apply(single_sizes sizes, const double *F, const double *v, const double *rates_d,
+                 const double *v_sd, double *work, double *x);
+
+/* Both in one call; F has room for single_room(sizes) numbers. */
 int single_solve(single_sizes sizes, const double *J, const double *S_m, const double *S_s,
                  const double *W1, const double *W2, double scale, double clear, double exact,
                  const double *v, const double *rates_d, const double *v_sd, double *F, double *x);
