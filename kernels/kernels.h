@@ -171,25 +171,6 @@ void spot(const double *R, double focal, double half_width, double deviation, co
 /* Convert n numbers x to y; NaN stays NaN. */
 void convert(const conversion *by, int n, const double *x, double *y);
 
-/* struts.c: the hexapod */
-
-/* What follow finds. */
-enum { FOLLOWED, SINGULAR, NO_LENGTH };
-
-/* Write lengths (6) and A (6, 6) in l_dot = A x_dot of struts from bottom (6, 3) to top (6, 3), at
- * as many poses; of a strut without length NaN. Returns whether all have one. */
-bool strut_lengths(int poses, const double *bottom, const double *top, const double *R,
-                   const double *t, double *lengths, double *A);
-/* Overwrite b (6) by the solution of A x = b, if A (6, 6) is not singular; returns that. */
-bool strut_twist(const double *A, double *b);
-/* Write the inverse of A; false unless |A| |inverse|, Frobenius norms, are below `most`. */
-bool strut_inverse(const double *A, double most, double *inverse);
-/* One Newton step on the strut lengths, from displacements `moved` (6) to those asked, where
- * displacements are lengths less the nominal ones; the last four arguments are overwritten. */
-int follow(const double *bottom, const double *top, const double *nominal, const double *R,
-           const double *t, const double *A, const double *moved, const double *asked,
-           double *R_new, double *t_new, double *A_new, double *moved_new);
-
 /* boxes.c */
 
 /* closing.c */
@@ -266,5 +247,61 @@ void lexicographic_solve(const lexicographic_problem *p, const double *A, const 
                          const double *scales, const double *lower, const double *upper,
                          const double *wanted, double *room, double *x, int8_t *state,
                          int64_t *steps, bool *ended, double *gap);
+/* struts.c: the hexapod */
+
+/* How demands (2) become displacements (6): optimal of the survivors, which are not locked, and zero
+ * of the others. The rest is as of single_solve. */
+typedef struct {
+    single_sizes sizes;
+    const int64_t *survivors;
+    const double *S_m, *S_s, *W1, *W2;
+    double clear, exact;
+} strut_mapping;
+
+/* A flight of N ticks. */
+typedef struct {
+    const observation *observed;
+    double focal_length_m, half_width_m, noise_m;
+    const double *noise, *zeros; /* of the detector, (N, 2) each */
+    conversion to_displacement, to_input;
+    const double *bottom_m, *top_m, *nominal_length_m;
+    bool constant; /* whether the first Jacobian is that of all ticks */
+    const strut_mapping *mapping;
+    const double *M; /* of `compensate`, for states (order) and two errors */
+    int order;
+    const double *reference, *feedforward; /* (N, 2) each */
+    double *room;                          /* for single_room(sizes) numbers, and for order + 2 */
+    double *measured;                      /* (N, 2) */
+    /* What the controller knows before the first tick and after each, N + 1 rows of everything. */
+    double *compensator, *rotation, *translation_m, *inverse_jacobian, *displacement_m;
+    double *demand, *displacements, *inputs;
+} strut_task;
+
+/* What follow finds. */
+enum { FOLLOWED, SINGULAR, NO_LENGTH };
+
+/* Write lengths (6) and A (6, 6) in l_dot = A x_dot of struts from bottom (6, 3) to top (6, 3), at
+ * as many poses; of a strut without length NaN. Returns whether all have one. */
+bool strut_lengths(int poses, const double *bottom, const double *top, const double *R,
+                   const double *t, double *lengths, double *A);
+/* Overwrite b (6) by the solution of A x = b, if A (6, 6) is not singular; returns that. */
+bool strut_twist(const double *A, double *b);
+/* Write the inverse of A; false unless |A| |inverse|, which is no less than the condition number, is
+ * below 1e6: ranks must then be decided. */
+bool strut_inverse(const double *A, double *inverse);
+/* One Newton step on the strut lengths, from displacements `moved` (6) to those asked, where
+ * displacements are lengths less the nominal ones; the last four arguments are overwritten. */
+int follow(const double *bottom, const double *top, const double *nominal, const double *R,
+           const double *t, const double *A, const double *moved, const double *asked,
+           double *R_new, double *t_new, double *A_new, double *moved_new);
+
+/* Write displacements for a demand where l_dot = A x_dot; F has room for single_room(sizes) numbers.
+ * False where ranks are in doubt, or numbers not finite. */
+bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
+                         double *F, double *displacements);
+/* Tick k, from what the sensors see to the inputs of the drives; false where the pose is singular,
+ * ranks are in doubt, or numbers not finite. The last three arguments are as of `observe`. A locked
+ * strut, which is at zero, is commanded zero from the first tick on. */
+bool strut_tick(const strut_task *task, int k, const double *gaps, const int32_t *owners, int rows);
 
 #endif

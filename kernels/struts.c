@@ -3,12 +3,14 @@
 
 #include "kernels.h"
 
-enum { N = 6 };
+enum { N = 6, ANGLES = 2 };
 
 /* Part of a column below which a pivot is round-off. */
 static const double DEPENDENT = 1e-12;
 /* Square of the largest number that the argument checks let pass. */
 static const double MOST = 1e240;
+/* Product of the norms of a Jacobian and its inverse beyond which ranks must be decided. */
+static const double REGULAR = 1e6;
 
 /* Sum of the squares of some numbers. */
 static double square(const double *x, int count)
@@ -98,11 +100,11 @@ bool strut_twist(const double *A, double *b)
     return solve(A, 1, b);
 }
 
-bool strut_inverse(const double *A, double most, double *inverse)
+bool strut_inverse(const double *A, double *inverse)
 {
     for (int i = 0; i < N * N; i++)
         inverse[i] = i % (N + 1) == 0 ? 1.0 : 0.0;
-    return solve(A, N, inverse) && square(A, N * N) * square(inverse, N * N) < most * most;
+    return solve(A, N, inverse) && square(A, N * N) * square(inverse, N * N) < REGULAR * REGULAR;
 }
 
 int follow(const double *bottom, const double *top, const double *nominal, const double *R,
@@ -119,4 +121,68 @@ int follow(const double *bottom, const double *top, const double *nominal, const
     for (int k = 0; k < N; k++)
         moved_new[k] -= nominal[k];
     return found ? FOLLOWED : NO_LENGTH;
+}
+
+bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
+                         double *F, double *displacements)
+{
+    static const double still[N] = {0.0};
+    double inverse[N * N], J[N * N], rates[N], square_J = 0.0;
+    int left = mapping->sizes.n;
+    if (!strut_inverse(A, inverse))
+        return false;
+    for (int i = 0; i < N; i++)
+        for (int j = 0; j < left; j++) {
+            double part = inverse[i * N + mapping->survivors[j]];
+            J[i * left + j] = part;
+            square_J += part * part;
+        }
+    double scale = sqrt((double)N) + sqrt(square_J); /* J_T = [0, 1] has the first size */
+    if (single_solve(mapping->sizes, J, mapping->S_m, mapping->S_s, mapping->W1, mapping->W2, scale,
+                     mapping->clear, mapping->exact, demand, still, still, F, rates) != CLEAR)
+        return false;
+    memset(displacements, 0, N * sizeof *displacements);
+    for (int j = 0; j < left; j++)
+        displacements[mapping->survivors[j]] = rates[j];
+    return true;
+}
+
+bool strut_tick(const strut_task *task, int k, const double *gaps, const int32_t *owners, int rows)
+{
+    const double *turned = task->observed->rotation + 9 * k;
+    observe(task->observed, k, gaps, owners, rows);
+    if (!(fabs(turned[8]) > 0.0))
+        return false;
+    double *measured = task->measured + ANGLES * k, errors[ANGLES];
+    spot(turned, task->focal_length_m, task->half_width_m, task->noise_m, task->noise + ANGLES * k,
+         measured);
+    for (int i = 0; i < ANGLES; i++) {
+        measured[i] += task->zeros[ANGLES * k + i];
+        errors[i] = task->reference[ANGLES * k + i] - measured[i];
+    }
+
+    double commanded[N], *R = task->rotation + 9 * k, *t = task->translation_m + 3 * k;
+    double *A = task->inverse_jacobian + N * N * k, *moved = task->displacement_m + N * k;
+    convert(&task->to_displacement, N, task->inputs + N * k, commanded);
+    if (task->constant) {
+        memcpy(A + N * N, A, N * N * sizeof *A);
+        memcpy(moved + N, moved, N * sizeof *moved);
+        if (!strut_twist(A, commanded))
+            return false;
+        move(1, task->rotation, task->translation_m, commanded, R + 9, t + 3);
+    } else if (follow(task->bottom_m, task->top_m, task->nominal_length_m, R, t, A, moved,
+                      commanded, R + 9, t + 3, A + N * N, moved + N) != FOLLOWED)
+        return false;
+
+    double *states = task->compensator + task->order * k, *after = task->room;
+    double *demand = task->demand + ANGLES * (k + 1);
+    compensate(task->M, task->order + ANGLES, task->order, ANGLES, states, errors, after);
+    memcpy(states + task->order, after, (size_t)task->order * sizeof *after);
+    for (int i = 0; i < ANGLES; i++)
+        demand[i] = task->feedforward[ANGLES * k + i] + after[task->order + i];
+    double *required = task->displacements + N * (k + 1);
+    if (!strut_displacements(task->mapping, A + N * N, demand, task->room, required))
+        return false;
+    convert(&task->to_input, N, required, task->inputs + N * (k + 1));
+    return true;
 }

@@ -159,10 +159,6 @@ class Hexapod:
         )
 
 
-REGULAR = 1e6
-"""Product of the norms of a Jacobian and its inverse beyond which ranks must be decided."""
-
-
 def regular_jacobian(inverse_jacobian: Array) -> Array | None:
     """J in [omega; v] = J l_dot, shape (6, 6), from A in l_dot = A [omega; v], for every tick.
 
@@ -171,7 +167,7 @@ def regular_jacobian(inverse_jacobian: Array) -> Array | None:
     """
     inverse_jacobian = check.exactly("inverse_jacobian", inverse_jacobian, 6, 6)
     A, J = np.ascontiguousarray(inverse_jacobian), np.empty((6, 6))
-    return J if lib.strut_inverse(pointer(A), REGULAR, pointer(J)) else None
+    return J if lib.strut_inverse(pointer(A), pointer(J)) else None
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:

@@ -52,9 +52,9 @@ class Amplifier:
         return _converted("input_percent", input_percent, self._to_displacement)
 
     @property
-    def conversions(self) -> tuple[float, ...]:
-        """From inputs to displacements and back, as the compiled code takes them, five each."""
-        return *self._to_displacement, *self._to_input
+    def conversions(self) -> dict[str, tuple[float, ...]]:
+        """From inputs to displacements and back, by names of kernels.h."""
+        return {"to_displacement": self._to_displacement, "to_input": self._to_input}
 
     @cached_property
     def _to_input(self) -> "_Conversion":

@@ -307,8 +307,8 @@ class Bench:
         """A tick whose inputs one compiled call finds; whether it did, else nothing has moved.
 
         Args:
-            closed: Takes the first four arguments of `observe` in `sim._tick`, does the same
-                with :attr:`observed`, and returns inputs (n,), or None where it cannot.
+            closed: Takes the arguments of `observe` in `kernels.h` but for :attr:`observed`, does
+                the same, and returns inputs (n,), or None where it cannot.
 
         Raises:
             SimulationDiverged: As :meth:`Plant.step`.

@@ -89,16 +89,14 @@ def test_what_happens_to_the_plant_happens_in_compiled_code(rig, compiled_ticks)
 def test_where_the_compiled_code_ends_the_flight_goes_on_step_by_step(
     rig, last, compiled_ticks, monkeypatch
 ):
-    code, told = compiled_loop.compiled(), []
+    code, told = compiled_loop.lib, []
 
     class Doubtful:
-        DONE = code.DONE
-
         @staticmethod
-        def tick(k, *given):
-            return code.tick(k, *given) if k < last else code.IN_DOUBT
+        def strut_tick(task, k, *loops):
+            return k < last and code.strut_tick(task, k, *loops)
 
-    monkeypatch.setattr(compiled_loop, "compiled", lambda: Doubtful)
+    monkeypatch.setattr(compiled_loop, "lib", Doubtful)
     pilot = controller_for(rig.testbed, COLUMNS[4].goal)
     struck = [Failure(1, "free", last * rig.period_s)]
     assert_same(*both_ways(rig, pilot, failures=struck, on_tick=told.append))

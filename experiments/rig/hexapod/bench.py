@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import astuple, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import mujoco
@@ -86,13 +86,17 @@ class HexapodSensors:
             displacement=self._gauges.read(displacements, self._gauge_rng),
         )
 
-    def detecting(self, ticks: int) -> tuple[Any, ...]:
-        """What the detector's first readings are made of, as the compiled code takes it.
+    def detecting(self, ticks: int) -> dict[str, Any]:
+        """What the detector's first readings are made of, by names of kernels.h.
 
         Its optics, noise (N, 2) and zeros (N, 2); nothing is read yet.
         """
         noise = deepcopy(self._detector_rng).standard_normal((ticks, 2))
-        return *astuple(self._detector), noise, self._zero_rad
+        return {
+            **asdict(self._detector),
+            "noise": noise,
+            "zeros": np.ascontiguousarray(self._zero_rad),
+        }
 
     def skip(self, ticks: int) -> None:
         """Go on as if so many ticks had been read."""

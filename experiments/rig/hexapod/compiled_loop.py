@@ -4,12 +4,15 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from experiments.rig.hexapod.bench import HexapodSensors
-from experiments.rig.hexapod.controller import StrutMapping, compiled
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.local_mapping import PreviousCommand
 from ftc.controller import ControllerState, PrioritizedController
 from ftc.loop import LoopRun
+from kernels import filled, lib, pointer
 from sim import Amplifier, Array, Bench, Pose, Posture
 from sim.kinematics.pose import computed, made
 
@@ -78,16 +81,26 @@ def begun(
     own, sensors = _of_pilot(pilot), bench.sensors
     if own is None or not isinstance(sensors, HexapodSensors):
         return None
-    ticks, first, code = len(reference), pilot.start(), compiled()
+    ticks, first = len(reference), pilot.start()
     if feedforward is None:
         feedforward = reference if pilot.reference_feedforward else np.zeros_like(reference)
     log = _Log.of(ticks, first, pilot.mapping.geometry.posture(first.pose))
     measured, inputs = np.empty(reference.shape), log.inputs
-    of_pilot = (*own, reference, feedforward, measured, *log)
-    given, call = (*_observed(bench), *sensors.detecting(ticks), *of_pilot), code.tick
+    task = filled(
+        "strut_task",
+        observed=bench.observed,
+        reference=np.ascontiguousarray(reference),
+        feedforward=np.ascontiguousarray(feedforward),
+        measured=measured,
+        **sensors.detecting(ticks),
+        **own,
+        **log._asdict(),
+    )
+    call = lib.strut_tick
 
-    def closed(tick: int, *loops: Any) -> Array | None:
-        return inputs[tick + 1] if call(tick, *loops, *given) == code.DONE else None
+    def closed(tick: int, gaps: Array, owners: NDArray[np.int32], rows: int) -> Array | None:
+        done = call(task, tick, pointer(gaps), pointer(owners), rows)
+        return inputs[tick + 1] if done else None
 
     done = 0
     while done < ticks and bench.advance(closed):
@@ -101,23 +114,15 @@ def begun(
     return LoopRun(measured[:done], inputs[1 : done + 1], log.poses(done), state)
 
 
-def _of_pilot(pilot: Any) -> tuple[Any, ...] | None:
+def _of_pilot(pilot: Any) -> dict[str, Any] | None:
     """What the compiled code takes of a controller; None where it does other things, too."""
     if type(pilot) is not PrioritizedController or type(pilot.mapping) is not StrutMapping:
         return None
-    following, M = pilot.mapping.following(), pilot.linear
-    if following is None or M is None or not isinstance(pilot.drives, Amplifier):
+    M = pilot.linear
+    if M is None or not isinstance(pilot.drives, Amplifier):
         return None
-    return *pilot.drives.conversions, *following, M
-
-
-def _observed(bench: Bench) -> tuple[Any, ...]:
-    """The arguments of `observe` in :mod:`sim._tick` but for the first four."""
-    o = bench.plant.observed()
-    return (
-        *(o["counts"], o["xmat"].reshape(1, 9), o["xpos"][None], 0, o["base_xmat"].reshape(1, 9)),
-        *(0, o["R_0"], o["p_0"], o["qpos"], o["joints"], o["places"], o["lengths"]),
-        *(o["others"], o["outputs"], o["gear"], o["nominal"], o["forces"]),
-        *(bench.rotation, bench.translation_m, bench.displacement, bench.closure_residual_m),
-        *(bench.qpos, bench.actuator_force),
-    )
+    order = len(M) - len(MAJOR)
+    following = pilot.mapping.following(order)
+    if following is None:
+        return None
+    return {**pilot.drives.conversions, **following, "M": np.ascontiguousarray(M), "order": order}

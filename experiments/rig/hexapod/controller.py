@@ -1,7 +1,7 @@
 """The hexapod's controller: the compensators of Fig. 3, the mapping to strut displacements."""
 
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -25,6 +25,7 @@ from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm, PrioritizedMapping
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
+from kernels import filled, lib, pointer
 from prioritized import ConstrainedSystem, Kinematics, VelocityMapping, WhenLimited
 from sim import (
     NOMINAL,
@@ -167,14 +168,6 @@ class HexapodGeometry:
         return self.hexapod.moved(pose, displacements)
 
 
-@cache
-def compiled() -> Any:
-    """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
-    from experiments.rig.hexapod import _strut_tick
-
-    return _strut_tick
-
-
 def task_coordinates(pose: Pose) -> Array:
     """[alpha, beta, gamma, t_x, t_y, t_z] of a pose, shape (6,)."""
     secondary = secondary_motion(pose.rotation, pose.translation_m)
@@ -215,25 +208,50 @@ class StrutMapping(PrioritizedMapping[Pose]):
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
         self._compiled = self._one_call()
 
-    def _one_call(self) -> tuple[Any, ...] | None:
-        """What the compiled code takes beside the Jacobian; None where it does not apply."""
+    def __getstate__(self) -> dict[str, Any]:
+        """Without pointers, which a copy has of its own."""
+        return {name: value for name, value in vars(self).items() if name != "_compiled"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._compiled = self._one_call()
+
+    def _one_call(self) -> tuple[Any, int] | None:
+        """What the compiled code takes beside the Jacobian, and how many numbers it works on.
+
+        None where it does not apply.
+        """
         ready, is_absolute = self._prepared.ready, self.form == "absolute"
         if ready is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
             return None
         if not isinstance(self._at_nominal.mapping, VelocityMapping):  # another optimality
             return None
-        return self._surviving, *ready.weighed, CLEARLY_REGULAR, ready.exact, ready.room
+        S_m, S_s, W1, W2 = map(np.ascontiguousarray, ready.weighed)
+        mapping = filled(
+            "strut_mapping",
+            sizes=(len(S_m), len(self._expand), len(self._surviving), len(W1), len(W2), len(S_s)),
+            survivors=self._surviving,
+            S_m=S_m,
+            S_s=S_s,
+            W1=W1,
+            W2=W2,
+            clear=CLEARLY_REGULAR,
+            exact=ready.exact,
+        )
+        return mapping, lib.single_room(mapping.sizes)
 
-    def following(self) -> tuple[Any, ...] | None:
+    def following(self, order: int) -> dict[str, Any] | None:
         """What the compiled code takes to estimate a pose and map a demand there; None: it cannot.
 
-        Nodes and lengths of the struts, whether their Jacobian is constant, and the arguments of
-        :meth:`displacements`.
+        Nodes and lengths of the struts, whether their Jacobian is constant, the mapping, and room
+        to work there and for compensators of this order; by names of kernels.h.
         """
         if self._compiled is None or not self._are_all_held:
             return None
-        own, constant = self.geometry, self.jacobian == "constant"
-        return own.bottom_m, own.top_m, own.nominal_length_m, constant, *self._compiled
+        own, (mapping, room) = self.geometry, self._compiled
+        nodes = {name: getattr(own, name) for name in ("bottom_m", "top_m", "nominal_length_m")}
+        room, constant = np.empty(max(room, order + len(MAJOR))), self.jacobian == "constant"
+        return nodes | {"constant": constant, "mapping": mapping, "room": room}
 
     def displacements(
         self,
@@ -248,11 +266,12 @@ class StrutMapping(PrioritizedMapping[Pose]):
             self._compiled is not None
             and secondary_reference is None
             and check.is_plain(demand)
-            and demand.ndim == 1
+            and demand.shape == (len(MAJOR),)
         ):
             A, displacements = self._model.jacobian(self._model.posture(pose)), np.empty(6)
-            code = compiled()
-            if code.displace(A, *self._compiled, demand, displacements) == code.DONE:
+            mapping, room = self._compiled
+            given = A, np.ascontiguousarray(demand), np.empty(room), displacements
+            if A.ndim == 2 and lib.strut_displacements(mapping, *map(pointer, given)):
                 return displacements
         return super().displacements(demand, pose, commanded, last, secondary_reference)
 
