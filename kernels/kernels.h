@@ -249,8 +249,16 @@ void lexicographic_solve(const lexicographic_problem *p, const double *A, const 
                          int64_t *steps, bool *ended, double *gap);
 /* struts.c: the hexapod */
 
+/* Nodes of the struts at the nominal pose, (6, 3) each, and their lengths there, (6). */
+typedef struct {
+    const double *bottom_m, *top_m, *nominal_length_m;
+} strut_nodes;
+
+/* Numbers that a mapping, or compensators, may work on in a tick. */
+enum { STRUT_ROOM = 1024 };
+
 /* How demands (2) become displacements (6): optimal of the survivors, which are not locked, and zero
- * of the others. The rest is as of single_solve. */
+ * of the others. The rest is as of single_solve; single_room(sizes) is at most STRUT_ROOM. */
 typedef struct {
     single_sizes sizes;
     const int64_t *survivors;
@@ -264,13 +272,12 @@ typedef struct {
     double focal_length_m, half_width_m, noise_m;
     const double *noise, *zeros; /* of the detector, (N, 2) each */
     conversion to_displacement, to_input;
-    const double *bottom_m, *top_m, *nominal_length_m;
+    const strut_nodes *nodes;
     bool constant; /* whether the first Jacobian is that of all ticks */
     const strut_mapping *mapping;
-    const double *M; /* of `compensate`, for states (order) and two errors */
+    const double *M; /* of `compensate`, for states (order) and two errors; order + 2 <= STRUT_ROOM */
     int order;
     const double *reference, *feedforward; /* (N, 2) each */
-    double *room;                          /* for single_room(sizes) numbers, and for order + 2 */
     double *measured;                      /* (N, 2) */
     /* What the controller knows before the first tick and after each, N + 1 rows of everything. */
     double *compensator, *rotation, *translation_m, *inverse_jacobian, *displacement_m;
@@ -280,10 +287,10 @@ typedef struct {
 /* What follow finds. */
 enum { FOLLOWED, SINGULAR, NO_LENGTH };
 
-/* Write lengths (6) and A (6, 6) in l_dot = A x_dot of struts from bottom (6, 3) to top (6, 3), at
- * as many poses; of a strut without length NaN. Returns whether all have one. */
-bool strut_lengths(int poses, const double *bottom, const double *top, const double *R,
-                   const double *t, double *lengths, double *A);
+/* Write lengths (6) and A (6, 6) in l_dot = A x_dot at as many poses; of a strut without length NaN.
+ * Returns whether all have one. */
+bool strut_lengths(const strut_nodes *nodes, int poses, const double *R, const double *t,
+                   double *lengths, double *A);
 /* Overwrite b (6) by the solution of A x = b, if A (6, 6) is not singular; returns that. */
 bool strut_twist(const double *A, double *b);
 /* Write the inverse of A; false unless |A| |inverse|, which is no less than the condition number, is
@@ -291,14 +298,14 @@ bool strut_twist(const double *A, double *b);
 bool strut_inverse(const double *A, double *inverse);
 /* One Newton step on the strut lengths, from displacements `moved` (6) to those asked, where
  * displacements are lengths less the nominal ones; the last four arguments are overwritten. */
-int follow(const double *bottom, const double *top, const double *nominal, const double *R,
-           const double *t, const double *A, const double *moved, const double *asked,
-           double *R_new, double *t_new, double *A_new, double *moved_new);
+int follow(const strut_nodes *nodes, const double *R, const double *t, const double *A,
+           const double *moved, const double *asked, double *R_new, double *t_new, double *A_new,
+           double *moved_new);
 
-/* Write displacements for a demand where l_dot = A x_dot; F has room for single_room(sizes) numbers.
- * False where ranks are in doubt, or numbers not finite. */
+/* Write displacements for a demand where l_dot = A x_dot; false where ranks are in doubt, or numbers
+ * not finite. */
 bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
-                         double *F, double *displacements);
+                         double *displacements);
 /* Tick k, from what the sensors see to the inputs of the drives; false where the pose is singular,
  * ranks are in doubt, or numbers not finite. The last three arguments are as of `observe`. A locked
  * strut, which is at zero, is commanded zero from the first tick on. */

@@ -22,9 +22,10 @@ static double square(const double *x, int count)
 }
 
 /* Lengths of the struts at one pose and rows [(R a) x u, u]; of one without length NaN. */
-static bool lengths_at(const double *bottom, const double *top, const double *R, const double *t,
-                       double *lengths, double *A)
+static bool lengths_at(const strut_nodes *nodes, const double *R, const double *t, double *lengths,
+                       double *A)
 {
+    const double *bottom = nodes->bottom_m, *top = nodes->top_m;
     bool found = true;
     for (int k = 0; k < N; k++, bottom += 3, top += 3, A += N) {
         double a0 = R[0] * top[0] + R[1] * top[1] + R[2] * top[2];
@@ -41,12 +42,12 @@ static bool lengths_at(const double *bottom, const double *top, const double *R,
     return found;
 }
 
-bool strut_lengths(int poses, const double *bottom, const double *top, const double *R,
-                   const double *t, double *lengths, double *A)
+bool strut_lengths(const strut_nodes *nodes, int poses, const double *R, const double *t,
+                   double *lengths, double *A)
 {
     bool found = true;
     for (int k = 0; k < poses; k++)
-        found &= lengths_at(bottom, top, R + 9 * k, t + 3 * k, lengths + N * k, A + N * N * k);
+        found &= lengths_at(nodes, R + 9 * k, t + 3 * k, lengths + N * k, A + N * N * k);
     return found;
 }
 
@@ -107,9 +108,9 @@ bool strut_inverse(const double *A, double *inverse)
     return solve(A, N, inverse) && square(A, N * N) * square(inverse, N * N) < REGULAR * REGULAR;
 }
 
-int follow(const double *bottom, const double *top, const double *nominal, const double *R,
-           const double *t, const double *A, const double *moved, const double *asked,
-           double *R_new, double *t_new, double *A_new, double *moved_new)
+int follow(const strut_nodes *nodes, const double *R, const double *t, const double *A,
+           const double *moved, const double *asked, double *R_new, double *t_new, double *A_new,
+           double *moved_new)
 {
     double step[N];
     for (int k = 0; k < N; k++)
@@ -117,17 +118,17 @@ int follow(const double *bottom, const double *top, const double *nominal, const
     if (!solve(A, 1, step))
         return SINGULAR;
     move(1, R, t, step, R_new, t_new);
-    bool found = lengths_at(bottom, top, R_new, t_new, moved_new, A_new);
+    bool found = lengths_at(nodes, R_new, t_new, moved_new, A_new);
     for (int k = 0; k < N; k++)
-        moved_new[k] -= nominal[k];
+        moved_new[k] -= nodes->nominal_length_m[k];
     return found ? FOLLOWED : NO_LENGTH;
 }
 
 bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
-                         double *F, double *displacements)
+                         double *displacements)
 {
     static const double still[N] = {0.0};
-    double inverse[N * N], J[N * N], rates[N], square_J = 0.0;
+    double inverse[N * N], J[N * N], F[STRUT_ROOM], rates[N], square_J = 0.0;
     int left = mapping->sizes.n;
     if (!strut_inverse(A, inverse))
         return false;
@@ -170,18 +171,18 @@ bool strut_tick(const strut_task *task, int k, const double *gaps, const int32_t
         if (!strut_twist(A, commanded))
             return false;
         move(1, task->rotation, task->translation_m, commanded, R + 9, t + 3);
-    } else if (follow(task->bottom_m, task->top_m, task->nominal_length_m, R, t, A, moved,
-                      commanded, R + 9, t + 3, A + N * N, moved + N) != FOLLOWED)
+    } else if (follow(task->nodes, R, t, A, moved, commanded, R + 9, t + 3, A + N * N,
+                      moved + N) != FOLLOWED)
         return false;
 
-    double *states = task->compensator + task->order * k, *after = task->room;
+    double *states = task->compensator + task->order * k, after[STRUT_ROOM];
     double *demand = task->demand + ANGLES * (k + 1);
     compensate(task->M, task->order + ANGLES, task->order, ANGLES, states, errors, after);
     memcpy(states + task->order, after, (size_t)task->order * sizeof *after);
     for (int i = 0; i < ANGLES; i++)
         demand[i] = task->feedforward[ANGLES * k + i] + after[task->order + i];
     double *required = task->displacements + N * (k + 1);
-    if (!strut_displacements(task->mapping, A + N * N, demand, task->room, required))
+    if (!strut_displacements(task->mapping, A + N * N, demand, required))
         return false;
     convert(&task->to_input, N, required, task->inputs + N * (k + 1));
     return true;

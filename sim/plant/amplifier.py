@@ -1,13 +1,13 @@
 """Digital-to-analog converter, current amplifier and voice coil: from command to displacement."""
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import argument_checks as check
-from kernels import lib, pointer
+from kernels import filled, lib, pointer
 from sim.array import Array
 
 
@@ -84,5 +84,11 @@ class _Conversion(NamedTuple):
 def _converted(name: str, value: Array, conversion: _Conversion) -> Array:
     x = check.finite(name, value)
     y = np.empty(x.shape)
-    lib.convert([conversion], x.size, pointer(np.ascontiguousarray(x)), pointer(y))
+    lib.convert(_struct(conversion), x.size, pointer(np.ascontiguousarray(x)), pointer(y))
     return y
+
+
+@lru_cache(maxsize=64)
+def _struct(conversion: _Conversion) -> Any:
+    """As the compiled code takes it, made once."""
+    return filled("conversion", **conversion._asdict())

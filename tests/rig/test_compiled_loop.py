@@ -92,6 +92,8 @@ def test_where_the_compiled_code_ends_the_flight_goes_on_step_by_step(
     code, told = compiled_loop.lib, []
 
     class Doubtful:
+        STRUT_ROOM = code.STRUT_ROOM
+
         @staticmethod
         def strut_tick(task, k, *loops):
             return k < last and code.strut_tick(task, k, *loops)

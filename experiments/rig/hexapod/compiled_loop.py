@@ -118,11 +118,10 @@ def _of_pilot(pilot: Any) -> dict[str, Any] | None:
     """What the compiled code takes of a controller; None where it does other things, too."""
     if type(pilot) is not PrioritizedController or type(pilot.mapping) is not StrutMapping:
         return None
-    M = pilot.linear
-    if M is None or not isinstance(pilot.drives, Amplifier):
+    following, M = pilot.mapping.following(), pilot.linear
+    if following is None or M is None or not isinstance(pilot.drives, Amplifier):
         return None
-    order = len(M) - len(MAJOR)
-    following = pilot.mapping.following(order)
-    if following is None:
+    if len(M) > lib.STRUT_ROOM:
         return None
-    return {**pilot.drives.conversions, **following, "M": np.ascontiguousarray(M), "order": order}
+    rest = {"M": np.ascontiguousarray(M), "order": len(M) - len(MAJOR)}
+    return {**pilot.drives.conversions, **following, **rest}

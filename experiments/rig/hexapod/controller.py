@@ -216,11 +216,8 @@ class StrutMapping(PrioritizedMapping[Pose]):
         vars(self).update(state)
         self._compiled = self._one_call()
 
-    def _one_call(self) -> tuple[Any, int] | None:
-        """What the compiled code takes beside the Jacobian, and how many numbers it works on.
-
-        None where it does not apply.
-        """
+    def _one_call(self) -> Any:
+        """What the compiled code takes beside the Jacobian; None where it does not apply."""
         ready, is_absolute = self._prepared.ready, self.form == "absolute"
         if ready is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
             return None
@@ -238,20 +235,18 @@ class StrutMapping(PrioritizedMapping[Pose]):
             clear=CLEARLY_REGULAR,
             exact=ready.exact,
         )
-        return mapping, lib.single_room(mapping.sizes)
+        return mapping if lib.single_room(mapping.sizes) <= lib.STRUT_ROOM else None
 
-    def following(self, order: int) -> dict[str, Any] | None:
+    def following(self) -> dict[str, Any] | None:
         """What the compiled code takes to estimate a pose and map a demand there; None: it cannot.
 
-        Nodes and lengths of the struts, whether their Jacobian is constant, the mapping, and room
-        to work there and for compensators of this order; by names of kernels.h.
+        Nodes of the struts, whether their Jacobian is constant, and the mapping, by names of
+        `kernels.h`.
         """
         if self._compiled is None or not self._are_all_held:
             return None
-        own, (mapping, room) = self.geometry, self._compiled
-        nodes = {name: getattr(own, name) for name in ("bottom_m", "top_m", "nominal_length_m")}
-        room, constant = np.empty(max(room, order + len(MAJOR))), self.jacobian == "constant"
-        return nodes | {"constant": constant, "mapping": mapping, "room": room}
+        nodes, constant = self.geometry.nodes, self.jacobian == "constant"
+        return {"nodes": nodes, "constant": constant, "mapping": self._compiled}
 
     def displacements(
         self,
@@ -269,9 +264,8 @@ class StrutMapping(PrioritizedMapping[Pose]):
             and demand.shape == (len(MAJOR),)
         ):
             A, displacements = self._model.jacobian(self._model.posture(pose)), np.empty(6)
-            mapping, room = self._compiled
-            given = A, np.ascontiguousarray(demand), np.empty(room), displacements
-            if A.ndim == 2 and lib.strut_displacements(mapping, *map(pointer, given)):
+            given = map(pointer, (A, np.ascontiguousarray(demand), displacements))
+            if A.ndim == 2 and lib.strut_displacements(self._compiled, *given):
                 return displacements
         return super().displacements(demand, pose, commanded, last, secondary_reference)
 
