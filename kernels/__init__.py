@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import _cffi_backend
 import numpy as np
 from cffi import FFI
 
@@ -17,9 +18,10 @@ from kernels.build import LIBRARY, digest
 
 __all__ = ["ffi", "filled", "lib", "pointer"]
 
-ffi = FFI()
-_KINDS = {"d": "double[]", "l": "int64_t[]", "q": "int64_t[]", "i": "int32_t[]", "b": "int8_t[]"}
-_KINDS["?"] = "bool[]"
+ffi: Any = FFI()
+_KINDS = {"f8": "double", "i8": "int64_t", "i4": "int32_t", "i1": "int8_t", "?": "bool"}
+_TYPES = {np.dtype(kind): ffi.typeof(f"{name}[]") for kind, name in _KINDS.items()}
+_from_buffer: Any = _cffi_backend.from_buffer  # that of FFI takes twice as long
 _held = WeakKeyDictionary[Any, dict[str, Any]]()
 
 
@@ -46,7 +48,7 @@ lib = _load()
 
 def pointer(array: np.ndarray[Any, Any]) -> Any:
     """A contiguous array as an argument; a call refuses one whose numbers are of another type."""
-    return ffi.from_buffer(_KINDS[array.dtype.char], array)
+    return _from_buffer(_TYPES[array.dtype], array)
 
 
 def filled(kind: str, **fields: Any) -> Any:
