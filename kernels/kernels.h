@@ -173,7 +173,31 @@ void convert(const conversion *by, int n, const double *x, double *y);
 
 /* boxes.c */
 
+/* argument_checks.ties.exceeds of two numbers. */
+bool exceeds(double value, double bound, double zero);
+
+/* The box of prioritized.viable_rates, all arrays (n). Returns whether the arguments are such as
+ * that function takes; else what is written means nothing. */
+bool viable_box(int n, const double *x, const double *v, const double *x_min, const double *x_max,
+                const double *v_min, const double *v_max, const double *a_min,
+                const double *a_max, double T, double *lower, double *upper, bool *viable);
+
 /* closing.c */
+
+/* Solve J_Cp [closing, -gain] = [1, J_Ca] by Gaussian elimination with row pivots: J_C (p, N),
+ * velocity indices of J_Ca (n) and of J_Cp (p); closing (p, p), gain (p, n), room p (2 p + n + 1)
+ * numbers. Returns whether no singular value of J_Cp is below `clear` of |J_C|: the least is at
+ * least 1 / |J_Cp^-1|, in the Frobenius norm. Otherwise the numbers mean nothing. */
+bool close_loops(const double *J_C, int p, int N, const int64_t *active, int n,
+                 const int64_t *moving, double clear, double *closing, double *gain, double *room);
+
+/* Write J = J_Ta + J_Tp gain, eq. (14), (m, n), and return the size of the two terms. */
+double reduce_task(const double *J_T, int m, int N, const int64_t *active, int n,
+                   const int64_t *moving, int p, const double *gain, double *J);
+
+/* Write the bases of prioritized.canonical_basis to zeros, (count, N, k). Overwrites orthonormal
+ * columns, of which zero ones come last then, (count, N, k); room for a vector (k). */
+void canonical_bases(int count, int N, int k, double *rest, double *made, double *along);
 
 /* single.c */
 
@@ -214,6 +238,49 @@ int single_solve(single_sizes sizes, const double *J, const double *S_m, const d
 /* batch.c */
 
 /* regular.c */
+
+/* All met; limits forbid it; others decide; a number is wrong. */
+enum { REGULAR_MET, REGULAR_LIMITED, REGULAR_IN_DOUBT, REGULAR_REFUSED };
+
+/* What no pose changes of levels S J rates that are to be met by the best rates: least is |weights
+ * (rates - wanted)|^2 + |E D J rates - e|^2. */
+typedef struct {
+    int m, c, N, t;   /* rows of J_T, of J_C, columns of both, targets of all levels */
+    int k, d, e;      /* rows of S, of D, of E */
+    int p, n, z;      /* passive velocities that move, rates, those of them without a weight */
+    int idles;        /* passive velocities that neither loops nor task know; they stay at rest */
+    const double *S;  /* of the levels on the task, (k, m) */
+    const double *D;  /* directions of the task in the last level, (d, m) */
+    const double *E;  /* their weights, (e, d) */
+    const double *T;  /* right sides of S, wanted rates, and e, per target, (k + n - z + e, t) */
+    const double *weight;              /* of the other rates, (n - z) */
+    const int64_t *order;              /* p velocities, z rates, all other rates, (p + n) */
+    const int64_t *place;              /* of each rate in this order its actuator, (n) */
+    const int64_t *idle;               /* (idles) */
+    double error_C, error_T;           /* size of the errors of J_C and J_T per bound */
+    double doubt_C, doubt_J;           /* part of them where a singular value is in doubt */
+    double directions;                 /* norm of S and D */
+    double settling, beside;           /* `clear` of |weight| and of |E D| per least weight */
+    double clear, least_weight;        /* part of a scale above which all is regular */
+} regular_plan;
+
+/* Write all velocities x (N), zero where stuck or idle. J_T (m, N), J_C (c, N), targets (t), limits
+ * of all velocities (N), which do not matter where stuck; bound of the errors of J_T and J_C in
+ * natural units. Where limits forbid it, room, of regular_room(plan) numbers, begins with passive
+ * velocities per rate (p, n), constraints of the rates (c - p, n), some of which may be zero, J (m,
+ * n), and the size of its terms (1, n), by actuator. */
+int regular_room(const regular_plan *plan);
+int regular_meet(const regular_plan *plan, const double *J_T, const double *J_C,
+                 const double *targets, const double *lower, const double *upper, double bound,
+                 double *x, double *room);
+
+/* certain.c */
+
+/* Whether the first ends[k] rows of A (rows, n) have singular values above least[k] alone, for
+ * every k (count). A = L Q, and |L_k^-1| in the Frobenius norm is at least that in the 2-norm, 1 /
+ * sigma_min. The inverse of a leading block L_k of a triangle is the leading block of its inverse.
+ * True is a proof but for round-off, of some 1e-15 of |A|; false says nothing. A is overwritten. */
+bool all_exceed(double *A, int rows, int n, const int64_t *ends, int count, const double *least);
 
 /* lexicographic.c */
 

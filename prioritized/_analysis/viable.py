@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Mask
+from kernels import lib, pointer
 from prioritized._solver.arrays import ReadOnly
-from prioritized._solver.compiled import boxes
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,8 @@ def _box(given: list[Array], T: float) -> RateBox | None:
     """The box of plain arrays (n,); None where one is not what it must be."""
     n = len(given[0])
     lower, upper, viable = np.empty(n), np.empty(n), np.empty(n, dtype=bool)
-    if not boxes().viable_box(*given, T, lower, upper, viable):
+    pointers = [pointer(A if A.flags.c_contiguous else A.copy()) for A in given]
+    if not lib.viable_box(n, *pointers, T, pointer(lower), pointer(upper), pointer(viable)):
         return None
     box = object.__new__(RateBox)  # read-only at little cost: the arrays are its own
     for name, A in (("lower", lower), ("upper", upper), ("viable", viable)):

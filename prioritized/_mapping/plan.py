@@ -1,25 +1,41 @@
 """What no pose changes of the levels that a tick solves."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from argument_checks import Array, Indices, Mask
+from kernels import ffi, pointer
 from prioritized._mapping.asked import Asked, Mechanism
 from prioritized._mapping.tasks import Level
 from prioritized._mechanism.conditioning import well_conditioned_above
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.geometry import Geometry
-from prioritized._solver.compiled import regular
 from prioritized._solver.rank import norm
 
+_CLEAR = 1e-6
+"""Part of a scale above which a singular value is regular: any way then finds nine digits."""
 _SPREAD = 1e4
 """Ratio of weights of rates up to which these are scaled by them without loss of digits."""
 
 
 class Plan(NamedTuple):
-    """Arguments of :func:`prioritized._solver.regular.meet`, which says what they are."""
+    """What ``regular_plan`` in ``kernels.h`` names.
+
+    Attributes:
+        S: Shape (k, m).
+        D: Shape (d, m).
+        E: Shape (e, d).
+        T: Shape (., t).
+        order: Shape (p + n,).
+        p: Passive velocities that move.
+        z: Rates without a weight.
+        place: Shape (n,).
+        idle: Passive velocities that stay at rest.
+        weight: Shape (n - z,).
+        errors: Its last numbers, (7,).
+    """
 
     S: Array
     D: Array
@@ -48,17 +64,25 @@ class Plan(NamedTuple):
         D, E, is_beside = _beside(levels[-1:] if has_rates else (), stacked.on_task)
         is_met = stacked.on_task.any(axis=1) & ~is_beside
         S, W, weighted = stacked.on_task[is_met], right_sides(asked), weight > 0.0
-        own, joints, clear = weight[weighted], system.joints, regular().CLEAR
+        own, joints = weight[weighted], system.joints
         order = np.append(np.flatnonzero(~weighted), np.flatnonzero(weighted))
         wanted = (rates.T @ W)[weighted] / own[:, None] ** 2
         moving, idle = _widest_last(system)
-        sizes = clear * np.array([norm(own), norm(E @ D)]) / own.min()
+        sizes = _CLEAR * np.array([norm(own), norm(E @ D)]) / own.min()
         return cls(
             *(S, D, E, np.concatenate([W[is_met], wanted, W[is_beside]])),
             np.concatenate([moving, joints.active[order]]),
             *(len(moving), len(weight) - len(own), order, idle, own),
             np.array([*_errors(system.geometry), norm(np.concatenate([S, D])), *sizes]),
         )
+
+    def for_kernel(self, c: int, N: int) -> Any:
+        """The same for :data:`kernels.lib` and J_C (c, N); of use as long as this plan lives."""
+        (k, m), t, n = self.S.shape, self.T.shape[1], len(self.place)
+        sizes = m, c, N, t, k, len(self.D), len(self.E), self.p, n, self.z, len(self.idle)
+        arrays = self.S, self.D, self.E, self.T, self.weight, self.order, self.place, self.idle
+        numbers = *self.errors.tolist(), _CLEAR, float(self.weight.min())
+        return ffi.new("regular_plan *", (*sizes, *map(pointer, arrays), *numbers))
 
 
 def _widest_last(system: Partition) -> tuple[Indices, Indices]:
@@ -121,7 +145,7 @@ def _weights(rows: Array, needs_all: bool) -> Array | None:
 
 def _errors(geometry: Geometry) -> tuple[float, ...]:
     """Size of the errors of J_C and J_T per bound, and where their singular values are in doubt."""
-    clear = max(regular().CLEAR, well_conditioned_above(geometry.rank_tolerance))
+    clear = max(_CLEAR, well_conditioned_above(geometry.rank_tolerance))
     if geometry.accuracy is None:
         return 0.0, 0.0, clear, clear
     of_task, of_loops, (fastest, slowest) = geometry.accuracy.extremes

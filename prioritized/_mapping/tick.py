@@ -1,6 +1,7 @@
 """The optimum of a hierarchy at one pose after another, where nothing is in doubt."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,11 +9,11 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
+from kernels import lib, pointer
 from prioritized._mapping.asked import Asked, Mechanism
 from prioritized._mapping.plan import Plan, right_sides
 from prioritized._mechanism.elimination import Partition
 from prioritized._solver.arrays import ReadOnly
-from prioritized._solver.compiled import regular
 from prioritized._solver.limits import Limits
 from prioritized._solver.packed import Equations, Rows, equations, pack_one, solve
 from prioritized._solver.rank import RANK_TOLERANCE
@@ -125,21 +126,38 @@ class Tick(ReadOnly):
         error_bound: float,
     ) -> tuple[bool, Array | None]:
         """Whether an argument is wrong or no plain array; and what a call returns."""
-        solver, (c, N), n = regular(), self.basis.shape, len(self.basis.joints[0])
-        velocities, reduced = np.empty(N), np.empty((c + self.plan.S.shape[1] + 1, n))
-        try:  # looking at the types would take longer
-            code = solver.meet(
-                *(J_T, J_C, targets, *velocity_limits, error_bound),
-                *(*self.plan, velocities, reduced),
-            )
-        except TypeError:
+        plan, shapes, room_size, reduced = self._prepared
+        lower, upper = velocity_limits
+        if (J_T.shape, J_C.shape, targets.shape, lower.shape, upper.shape) != shapes:
             return True, None
-        if code == solver.LIMITED:
-            lower, upper = (limit[self.plan.order] for limit in velocity_limits)
-            if lower.max() >= check.LARGEST or upper.min() <= -check.LARGEST:
+        velocities, room = np.empty(self.basis.shape[1]), np.empty(room_size)
+        try:  # looking at the types would take longer
+            there = pointer(J_T), pointer(J_C), pointer(targets), pointer(lower), pointer(upper)
+            made = pointer(velocities), pointer(room)
+            code = lib.regular_meet(plan, *there, error_bound, *made)
+        except (KeyError, TypeError, ValueError):  # other numbers; not contiguous
+            return True, None
+        if code == lib.REGULAR_LIMITED:
+            order = self.plan.order
+            if lower[order].max() >= check.LARGEST or upper[order].min() <= -check.LARGEST:
                 return True, None
-            return False, self._held_back(velocities, reduced, targets, velocity_limits)
-        return code == solver.REFUSED, velocities if code == solver.MET else None
+            rows = room[: reduced[0] * reduced[1]].reshape(reduced)
+            return False, self._held_back(velocities, rows, targets, velocity_limits)
+        return code == lib.REGULAR_REFUSED, velocities if code == lib.REGULAR_MET else None
+
+    @cached_property
+    def _prepared(self) -> tuple[Any, tuple[tuple[int, ...], ...], int, tuple[int, int]]:
+        """The plan for the kernel, shapes of the arrays that it takes, its room, and what it says.
+
+        The last is the shape of what it writes where limits forbid all.
+        """
+        (c, N), m, n = self.basis.shape, self.plan.S.shape[1], len(self.plan.place)
+        plan, t = self.plan.for_kernel(c, N), self.plan.T.shape[1]
+        return plan, ((m, N), (c, N), (t,), (N,), (N,)), lib.regular_room(plan), (c + m + 1, n)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what is prepared: pointers cannot be copied."""
+        return {name: value for name, value in vars(self).items() if name != "_prepared"}
 
     def limits(self, rates: Limits | None) -> Limits:
         """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from argument_checks import Array, Indices
+from kernels import lib, pointer
 from prioritized._mechanism.conditioning import certain_rank, clear_loops
 from prioritized._mechanism.geometry import Geometry
 from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import identity, none, read_only
 from prioritized._solver.canonical import canonical
-from prioritized._solver.compiled import elimination
 from prioritized._solver.rank import norm, whole_svd
 
 
@@ -103,8 +103,9 @@ class TaskJacobian(NamedTuple):
     def reduced(self, gain: Array) -> tuple[Array, float]:
         """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
         _, active, _, moving, *_ = self.joints
-        J = np.empty((len(self.J_T), len(active)))
-        scale = elimination().reduce(self.J_T, active, moving, gain, J)
+        (m, N), n, p = self.J_T.shape, len(active), len(moving)
+        J, own = np.empty((m, n)), (pointer(active), n, pointer(moving), p)
+        scale = lib.reduce_task(pointer(self.J_T), m, N, *own, pointer(gain), pointer(J))
         return read_only(J), scale
 
 
@@ -192,8 +193,10 @@ def passive_motion(system: Partition) -> PassiveMotion:
         return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
     clear = clear_loops(system.geometry)
     if c == p:
-        closing, gain = np.empty((p, p)), np.empty((p, n))
-        if elimination().close(J_C, active, moving, clear, closing, gain):
+        closing, gain, room = np.empty((p, p)), np.empty((p, n)), np.empty(p * (2 * p + n + 1))
+        own = p, J_C.shape[1], pointer(active), n, pointer(moving), clear
+        made = pointer(closing), pointer(gain), pointer(room)
+        if lib.close_loops(pointer(J_C), *own, *made):
             return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), none((0, c)))
     J_Cp = J_C.take(moving, 1)
     U, sigma, Vt = whole_svd(J_Cp)

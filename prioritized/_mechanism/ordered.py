@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from argument_checks import Array
+from kernels import lib, pointer
 from prioritized._mechanism.conditioning import certain_rank
 from prioritized._mechanism.measure import units_of
 from prioritized._mechanism.task_motion import Step, TaskMotion
 from prioritized._solver.arrays import read_only
-from prioritized._solver.compiled import certain
 from prioritized._solver.rank import RANK_TOLERANCE, norm, singular_values
 
 _BELOW = 1e-15
@@ -55,12 +55,20 @@ class Directions(NamedTuple):
         sizes = self.sizes * scale
         # A singular value that counts is above clear * size; the bound shows it of all of them. Its
         # own round-off is some 1e-15 of the size, and `clear` at least 1e-12.
-        if certain().all_exceed(self.S.dot(J), self.ends, _MARGIN * clear * sizes):
+        if all_exceed(self.S.dot(J), self.ends, _MARGIN * clear * sizes):
             return True
         for end, size in zip(self.ends, sizes.tolist(), strict=True):
             if certain_rank(singular_values(self.S[:end].dot(J)), size, clear) is None:
                 return False
         return True
+
+
+def all_exceed(A: Array, ends: NDArray[np.int64], least: Array) -> bool:
+    """Whether the first ends[k] rows of A (rows, n) are surely clear of least[k], for every k.
+
+    False says nothing. A is overwritten.
+    """
+    return lib.all_exceed(pointer(A), *A.shape, pointer(ends), len(ends), pointer(least))
 
 
 class Stacked(NamedTuple):

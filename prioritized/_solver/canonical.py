@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._solver.compiled import elimination
+from kernels import lib, pointer
 
 _ORTHONORMAL = 1e-6
 
@@ -36,6 +36,7 @@ def canonical(basis: Array) -> Array:
     """The same without checks, for every tick."""
     made = np.zeros(basis.shape)
     if made.size:
-        rest = np.array(basis, order="C").reshape(-1, *basis.shape[-2:])
-        elimination().canonical(rest, made.reshape(rest.shape))
+        (N, k), rest = basis.shape[-2:], np.array(basis, order="C")
+        given = pointer(rest), pointer(made), pointer(np.empty(k))
+        lib.canonical_bases(made.size // (N * k), N, k, *given)
     return made

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Task
-from prioritized._mechanism.ordered import Directions
-from prioritized._solver.certain import all_exceed
+from prioritized._mechanism.ordered import Directions, all_exceed
 from tests.profiles import examples
 from tests.random_systems import SEEDS, failures, major_and_rest, orthogonal, systems
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from argument_checks.ties import exceeds
+from kernels import lib
 from prioritized import RateBox, viable_rates
-from prioritized._solver.compiled import boxes
 from tests.random_systems import SEEDS
 
 EPS = np.finfo(float).eps
@@ -421,7 +421,7 @@ def test_arrays_of_other_shapes_and_numbers_are_no_plain_ones():
 
 @given(st.sampled_from(EXTREMES), st.sampled_from(EXTREMES), st.sampled_from([0.0, 1e-9, 1.0]))
 def test_the_compiled_rule_for_ties_is_the_rule(value, bound, zero):
-    assert boxes()._exceeds(value, bound, zero) == exceeds(value, bound, zero=zero)
+    assert lib.exceeds(value, bound, zero) == exceeds(value, bound, zero=zero)
 
 
 # Beside what is done without it.

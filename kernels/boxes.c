@@ -1,0 +1,91 @@
+/* Rates from which limits can be kept for ever: one joint after another. */
+#include <math.h>
+
+#include "kernels.h"
+
+/* Part of positions and rates by which limits may be missed and still count as kept. */
+static const double ROUND_OFF = 1e-12;
+/* As in argument_checks: arrays.py, and ties.py. */
+static const double LARGEST = 1e120, SMALLEST = 1e-120, ACCURACY = 1e-9;
+
+static double larger(double a, double b)
+{
+    return b > a ? b : a;
+}
+
+static double smaller(double a, double b)
+{
+    return b < a ? b : a;
+}
+
+/* Whether these are a lower and an upper limit, infinite where there is none; NaN is not. */
+static bool are_limits(double lower, double upper)
+{
+    bool is_number = fabs(lower) < LARGEST || lower == -INFINITY;
+    return is_number && (fabs(upper) < LARGEST || upper == INFINITY) && lower <= upper;
+}
+
+/* Zero where infinite: another term decides there. */
+static double finite(double number)
+{
+    return isinf(number) ? 0.0 : number;
+}
+
+/* The largest rate w of the next tick after which hard braking ends within a distance d.
+ *
+ * In n ticks the joint moves by T (w + (w - a T) + ... + (w - (n - 1) a T)), most far in
+ * n = ceil(w / (a T)) of them, the terms above zero. As the largest over n is to be d,
+ * w = min over n of d / (n T) + a T (n - 1) / 2, and the least is where d / (a T^2) lies between
+ * n (n - 1) / 2 and n (n + 1) / 2. A negative distance is to be made good in one tick. */
+static double stoppable(double distance, double braking, double T)
+{
+    if (isinf(distance))
+        return distance;
+    /* sqrt(8 d / (a T^2)), in an order that neither over- nor underflows */
+    double root = sqrt(8.0 * larger(distance, 0.0) / braking) / T;
+    double n = larger(ceil((hypot(1.0, root) - 1.0) / 2.0), 1.0);
+    return distance / (n * T) + finite(braking) * T * (n - 1.0) / 2.0;
+}
+
+static double clip(double number, double least, double most)
+{
+    return smaller(larger(number, least), most);
+}
+
+bool exceeds(double value, double bound, double zero)
+{
+    double room = larger(ACCURACY * finite(larger(fabs(value), fabs(bound))), zero);
+    return value > bound && !(value - bound <= room);
+}
+
+bool viable_box(int n, const double *x, const double *v, const double *x_min, const double *x_max,
+                const double *v_min, const double *v_max, const double *a_min,
+                const double *a_max, double T, double *lower, double *upper, bool *viable)
+{
+    for (int k = 0; k < n; k++) {
+        if (!(fabs(x[k]) < LARGEST && fabs(v[k]) < LARGEST && are_limits(x_min[k], x_max[k])
+              && are_limits(v_min[k], v_max[k]) && are_limits(a_min[k], a_max[k])
+              && v_min[k] <= 0.0 && 0.0 <= v_max[k] && a_min[k] <= -SMALLEST
+              && a_max[k] >= SMALLEST))
+            return false;
+        double slowest = v[k] + T * a_min[k], fastest = v[k] + T * a_max[k];
+        double least = -stoppable(x[k] - x_min[k], a_max[k], T);
+        double most = stoppable(x_max[k] - x[k], -a_min[k], T);
+        double size = larger(fabs(x[k]), finite(fabs(x_min[k])));
+        size = larger(size, finite(fabs(x_max[k])));
+        double lack = larger(larger(slowest, v_min[k]), least);
+        lack -= smaller(smaller(fastest, v_max[k]), most);
+        viable[k] = lack <= ROUND_OFF * (size / T + fabs(v[k]));
+        /* Beyond a limit, the return must not be so fast that the other one cannot be kept. */
+        if (x[k] > x_max[k])
+            most = larger(most, least);
+        if (x[k] < x_min[k])
+            least = smaller(least, most);
+        double slow = clip(v_min[k], slowest, fastest), fast = clip(v_max[k], slowest, fastest);
+        double low = clip(least, slow, fast), high = clip(most, slow, fast);
+        /* Where braking just suffices, one rate is left: round-off would make a direction of it. */
+        lower[k] = low;
+        upper[k] = exceeds(high, low, ACCURACY * fabs(v[k])) ? high : low;
+    }
+    return true;
+}
