@@ -58,10 +58,10 @@ bool exceeds(double value, double bound, double zero)
     return value > bound && !(value - bound <= room);
 }
 
-bool viable_box(int n, const double *x, const double *v, const double *x_min, const double *x_max,
-                const double *v_min, const double *v_max, const double *a_min,
-                const double *a_max, double T, double *lower, double *upper, bool *viable)
+bool viable_box(int n, const double *given, double T, double *lower, double *upper, bool *viable)
 {
+    const double *x = given, *v = x + n, *x_min = v + n, *x_max = x_min + n, *v_min = x_max + n;
+    const double *v_max = v_min + n, *a_min = v_max + n, *a_max = a_min + n;
     for (int k = 0; k < n; k++) {
         if (!(fabs(x[k]) < LARGEST && fabs(v[k]) < LARGEST && are_limits(x_min[k], x_max[k])
               && are_limits(v_min[k], v_max[k]) && are_limits(a_min[k], a_max[k])

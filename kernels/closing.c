@@ -74,9 +74,9 @@ bool close_loops(const double *J_C, int p, int N, const int64_t *active, int n,
             subtract(room + row[i], own, room[row[i] + k] / own[k], k + 1, w);
     }
     for (int k = p - 1; k >= 0; k--) {
-        double *own = room + row[k];
+        double *own = room + row[k], pivot = own[k];
         for (int j = p; j < w; j++)
-            own[j] /= own[k];
+            own[j] /= pivot;
         for (int i = 0; i < k; i++)
             subtract(room + row[i], own, room[row[i] + k], p, w);
         for (int j = 0; j < p; j++)

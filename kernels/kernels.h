@@ -176,11 +176,10 @@ void convert(const conversion *by, int n, const double *x, double *y);
 /* argument_checks.ties.exceeds of two numbers. */
 bool exceeds(double value, double bound, double zero);
 
-/* The box of prioritized.viable_rates, all arrays (n). Returns whether the arguments are such as
- * that function takes; else what is written means nothing. */
-bool viable_box(int n, const double *x, const double *v, const double *x_min, const double *x_max,
-                const double *v_min, const double *v_max, const double *a_min,
-                const double *a_max, double T, double *lower, double *upper, bool *viable);
+/* The box (n) of prioritized.viable_rates; given are positions, rates, lower and upper limits of
+ * positions, of rates, and of accelerations, (8, n). Returns whether they are such as that function
+ * takes; else what is written means nothing. */
+bool viable_box(int n, const double *given, double T, double *lower, double *upper, bool *viable);
 
 /* closing.c */
 
@@ -242,33 +241,34 @@ int single_solve(single_sizes sizes, const double *J, const double *S_m, const d
 /* All met; limits forbid it; others decide; a number is wrong. */
 enum { REGULAR_MET, REGULAR_LIMITED, REGULAR_IN_DOUBT, REGULAR_REFUSED };
 
-/* What no pose changes of levels S J rates that are to be met by the best rates: least is |weights
- * (rates - wanted)|^2 + |E D J rates - e|^2. */
+/* Levels of rows S J rates that the best rates are to meet, whatever the pose: least is
+ * |weight (rates - wanted)|^2 + |E D J rates - e|^2. */
 typedef struct {
-    int m, c, N, t;   /* rows of J_T, of J_C, columns of both, targets of all levels */
-    int k, d, e;      /* rows of S, of D, of E */
-    int p, n, z;      /* passive velocities that move, rates, those of them without a weight */
-    int idles;        /* passive velocities that neither loops nor task know; they stay at rest */
-    const double *S;  /* of the levels on the task, (k, m) */
-    const double *D;  /* directions of the task in the last level, (d, m) */
-    const double *E;  /* their weights, (e, d) */
-    const double *T;  /* right sides of S, wanted rates, and e, per target, (k + n - z + e, t) */
-    const double *weight;              /* of the other rates, (n - z) */
-    const int64_t *order;              /* p velocities, z rates, all other rates, (p + n) */
-    const int64_t *place;              /* of each rate in this order its actuator, (n) */
-    const int64_t *idle;               /* (idles) */
-    double error_C, error_T;           /* size of the errors of J_C and J_T per bound */
-    double doubt_C, doubt_J;           /* part of them where a singular value is in doubt */
-    double directions;                 /* norm of S and D */
-    double settling, beside;           /* `clear` of |weight| and of |E D| per least weight */
-    double clear, least_weight;        /* part of a scale above which all is regular */
+    int m, c, N, t;          /* rows of J_T, of J_C, columns of both, targets of all levels */
+    int k, d, e;             /* rows of S, of D, of E */
+    int p, n, z;             /* passive velocities that move, rates, those without a weight */
+    int idles;               /* passive velocities at rest: neither loops nor task know them */
+    const double *S;         /* rows of the levels on the task, (k, m) */
+    const double *D;         /* directions of the task in the last level, (d, m) */
+    const double *E;         /* their weights, (e, d) */
+    const double *T;         /* right sides of S, wanted rates, e; (k + n - z + e, t) */
+    const double *weight;    /* of all rates but the first z, (n - z) */
+    const int64_t *order;    /* indices of the p velocities and the n rates, (p + n) */
+    const int64_t *place;    /* of each rate in this order its actuator, (n) */
+    const int64_t *idle;     /* indices, (idles) */
+    double error_C, error_T; /* size of the errors of J_C and J_T per bound of them */
+    double doubt_C, doubt_J; /* part of J_C and of J up to which a singular value is in doubt */
+    double directions;       /* norm of S and D */
+    double settling, beside; /* `clear` times |weight| and |E D|, per least weight */
+    double clear;            /* part of a scale above which a singular value is regular */
+    double least_weight;
 } regular_plan;
 
-/* Write all velocities x (N), zero where stuck or idle. J_T (m, N), J_C (c, N), targets (t), limits
- * of all velocities (N), which do not matter where stuck; bound of the errors of J_T and J_C in
- * natural units. Where limits forbid it, room, of regular_room(plan) numbers, begins with passive
- * velocities per rate (p, n), constraints of the rates (c - p, n), some of which may be zero, J (m,
- * n), and the size of its terms (1, n), by actuator. */
+/* Write all velocities x (N), zero where stuck or idle, from J_T (m, N), J_C (c, N), targets (t),
+ * limits of all velocities (N), which do not matter where stuck, and a bound of the errors of the
+ * entries of J_T and J_C in natural units. Where limits forbid it, room, regular_room(plan)
+ * numbers, begins with passive velocities per rate (p, n), constraints of the rates (c - p, n),
+ * of which some may be zero, J (m, n), and the size of its terms (1, n), by actuator. */
 int regular_room(const regular_plan *plan);
 int regular_meet(const regular_plan *plan, const double *J_T, const double *J_C,
                  const double *targets, const double *lower, const double *upper, double bound,

@@ -139,11 +139,11 @@ static double eliminate(matrix M, int rows, int p, double *v, int *pivots)
         pivots[k] = k;
     }
     for (int i = p - 1; i >= 0; i--) {
-        double *own = row(M, i);
+        double *own = row(M, i), pivot = own[i];
         for (int k = i + 1; k < p; k++)
             add(own + p, -own[k], row(M, k) + p, M.width - p);
         for (int j = p; j < M.width; j++)
-            own[j] /= own[i];
+            own[j] /= pivot;
     }
     return inverse(M, pivots, p, v);
 }
@@ -596,7 +596,7 @@ int regular_meet(const regular_plan *g, const double *J_T, const double *J_C,
     if (!is_moderate(asked) || p > g->c || !are_idle(g, J_T, J_C, lower, upper))
         return REGULAR_IN_DOUBT;
     matrix M = {room + (g->c + g->m + 1) * n, g->c + 1, all};
-    double *v = row(M, g->c + 1);
+    double *v = row(M, g->c + 1); /* room of all functions, half of it for indices */
     int *pivots = (int *)(v + g->c + most + g->d);
     matrix J = {v + 2 * (g->c + most + g->d), g->m, n};
     reduction loops = through(g, J_T, J_C, sqrt(squares_T), sqrt(squares_C), bound, M, v, pivots);

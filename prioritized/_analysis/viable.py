@@ -95,14 +95,14 @@ def _box(given: list[Array], T: float) -> RateBox | None:
     """The box of plain arrays (n,); None where one is not what it must be."""
     n = len(given[0])
     lower, upper, viable = np.empty(n), np.empty(n), np.empty(n, dtype=bool)
-    pointers = [pointer(A if A.flags.c_contiguous else A.copy()) for A in given]
-    if not lib.viable_box(n, *pointers, T, pointer(lower), pointer(upper), pointer(viable)):
+    box = pointer(lower), pointer(upper), pointer(viable)
+    if not lib.viable_box(n, pointer(np.concatenate(given)), T, *box):
         return None
-    box = object.__new__(RateBox)  # read-only at little cost: the arrays are its own
+    made = object.__new__(RateBox)  # read-only at little cost: the arrays are its own
     for name, A in (("lower", lower), ("upper", upper), ("viable", viable)):
         A.setflags(write=False)
-        box.__dict__[name] = A
-    return box
+        made.__dict__[name] = A
+    return made
 
 
 def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> list[Array]:
