@@ -210,31 +210,108 @@ typedef struct {
     int p, m, n, k1, k2, m2;
 } single_sizes;
 
+/* Where W1, W2 and J stand in F, one after the other. */
+int single_arguments(single_sizes sizes);
+
 /* Write the factors of a problem to F, which has room for single_room(sizes) numbers.
  *
- * J (m, n), S_m (p, m), S_s (m2, m), W1 (k1, n), W2 (k2, m2). `scale` is the size of J, below zero:
- * its norm; `clear` the fraction of it above which a singular value is clearly not zero, and `exact`
- * the part of `clear` for joint weights. Returns CLEAR, IN_DOUBT or REFUSED.
+ * J (m, n), S_m (p, m), S_s (m2, m), W1 (k1, n), W2 (k2, m2). `scale` is the size of J, below
+ * zero: its norm; `clear` the fraction of it above which a singular value is clearly not zero,
+ * `exact` the part of `clear` for joint weights. Returns CLEAR, IN_DOUBT or REFUSED.
  */
 int single_room(single_sizes sizes);
 int single_factor(single_sizes sizes, const double *J, const double *S_m, const double *S_s,
                   const double *W1, const double *W2, double scale, double clear, double exact,
                   double *F);
 
+/* The same for weights given by their diagonals, k1 n or 0, and k2 m2 or 0. */
+int single_factor_diagonals(single_sizes sizes, const double *J, const double *S_m,
+                            const double *S_s, const double *w1, const double *w2, double scale,
+                            double clear, double exact, double *F);
+
 /* Write the optimal rates x (n,) for a target v (p,), rates_d (n,), v_sd (m2,), or return REFUSED.
  *
- * F is CLEAR; `work` has room for single_work(sizes) numbers.
+ * F is CLEAR; `work` has room for single_work(sizes) numbers here and below.
  */
 int single_work(single_sizes sizes);
 int single_apply(single_sizes sizes, const double *F, const double *v, const double *rates_d,
                  const double *v_sd, double *work, double *x);
 
-/* Both in one call; F has room for single_room(sizes) numbers. */
+/* Move the optimal rates x to the optimum within limits (2, n).
+ *
+ * Returns the steps of the active set, or -1 where another method decides. `state` (n,) are limits
+ * to begin with, -1 lower, 1 upper, 0 none; overwritten with those that hold.
+ */
+int single_within(single_sizes sizes, const double *F, const double *limits, double *work,
+                  double *x, int8_t *state);
+
+/* Both in one call; IN_DOUBT where another method decides. */
+int single_apply_within(single_sizes sizes, const double *F, const double *v,
+                        const double *rates_d, const double *v_sd, const double *limits,
+                        double *work, double *x);
+
+/* Factors and rates in one call; their arguments, and codes. */
 int single_solve(single_sizes sizes, const double *J, const double *S_m, const double *S_s,
                  const double *W1, const double *W2, double scale, double clear, double exact,
                  const double *v, const double *rates_d, const double *v_sd, double *F, double *x);
 
+/* A batch, one problem after the other; F has room for one.
+ *
+ * `each` are the numbers from one problem to the next in J, W1, W2 and scale, 0 where all have the
+ * same. Writes the rates to x (count, n), and to `ok` which problems have clearly full ranks.
+ */
+void single_solve_each(single_sizes sizes, int count, const int32_t *each, const double *J,
+                       const double *S_m, const double *S_s, const double *W1, const double *W2,
+                       const double *scale, double clear, double exact, const double *v,
+                       const double *rates_d, const double *v_sd, double *F, double *x, bool *ok);
+
+/* Write Problem 1 as levels for a target: A (p + k1 + k2 + n, n), b, and three scales.
+ *
+ * The rows are those of J_m, of [W1; W2 J_s], and of the identity, whose target is zero.
+ */
+void single_levels(single_sizes sizes, const double *F, const double *v, const double *rates_d,
+                   const double *v_sd, double exact, double *A, double *b, double *scales);
+
+/* Copy limits (n,) to `limits` (2, n); whether each lower is at most its upper one. */
+bool single_copy_limits(int n, const double *lower, const double *upper, double largest,
+                        double *limits);
+
+/* Write the levels of single_levels_within to A (k, n) and b (k,). */
+void single_unpack(int n, int levels, const int64_t *ends, const double *given, double *A,
+                   double *b);
+
+/* Minimize |A_k x - b_k| level by level within limits, where only one before |x| is not met.
+ *
+ * That is the first with which there are as many rows as unknowns. `given` is A_1, b_1, A_2, and
+ * so on, row by row; `ends` says where each of the levels ends in the rows of all, that of |x| at
+ * last. A singular value is clearly not zero above `clear`, a part of its level's norm; limits
+ * below `largest` pass, or infinite ones. `found` is x, the lower and the upper limits, (n,) each,
+ * and the norms of the levels; `state` as above. `work` has room for single_levels_work numbers,
+ * `rows` being the last end. Returns the steps of the active set, -1 where another method decides,
+ * -2 where that is to check the numbers first.
+ */
+int single_levels_work(int n, int rows);
+int single_levels_within(int n, int levels, const int64_t *ends, const double *given, double clear,
+                         double largest, const double *lower, const double *upper, double *work,
+                         double *found, int8_t *state);
+
 /* batch.c */
+
+/* Problems at a time. */
+enum { LANES = 16 };
+
+/* Write the optimal rates of a batch to x (count, n), and to `ok` which have clearly full ranks.
+ *
+ * J (count, m, n), S_m (p, m), G = W2 S_s (k2, m), w the diagonal of W1 (n,), none of it zero, W2
+ * (k2, m2); the scale of problem k is scale[k * each], and targets are v (count, p), rates_d
+ * (count, n), v_sd (count, m2). `work` has room for batch_work(sizes) numbers.
+ */
+int batch_work(single_sizes sizes);
+void batch_solve_each(single_sizes sizes, int count, const double *J, const double *S_m,
+                      const double *G, const double *w, const double *W2, const double *scale,
+                      int each, double clear, double exact, const double *v,
+                      const double *rates_d, const double *v_sd, double *work, double *x,
+                      bool *ok);
 
 /* regular.c */
 

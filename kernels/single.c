@@ -49,11 +49,19 @@ typedef struct {
     int rows, count, k, q;
 } shape;
 
-/* Rows that are met by reflections of W, and M's triangle, which weighs what they leave free. */
+/* How a point moves to within limits, of which k hold. */
 typedef struct {
-    const double *W, *W_beta, *M, *M_diagonal;
-    int n, count, q;
-} reduced;
+    int n, d, k;
+    double *C;      /* motions C y that keep what is met, (n, d) */
+    double *column; /* norm of each column of the rows that C y leaves, (n,) */
+    double *norm;   /* of each row of C, (n,) */
+    double *most;   /* largest size of each unknown on its way, (n,) */
+    double *sides;  /* 1 where a lower limit holds, -1 where an upper one does, else 0, (n,) */
+    double *u;      /* multipliers of those that hold, (d + 1,) */
+    double *r;      /* their change, (d,) */
+    double *v;      /* (d,) */
+    int *held;      /* unknowns whose limits hold, (d,) */
+} motion;
 
 static double larger(double a, double b)
 {
@@ -355,6 +363,239 @@ static void apply(const double *F, single_sizes z, const double *v, const double
         x[j] *= w[j];
 }
 
+/* Room for what `motion_in` makes of it. */
+static int room_within(int n)
+{
+    return n * (n + 8) + 1;
+}
+
+static motion motion_in(double *work, int n, int d)
+{
+    motion o = {.n = n, .d = d, .k = 0, .C = work};
+    o.column = o.C + n * d;
+    o.norm = o.column + n;
+    o.most = o.norm + n;
+    o.sides = o.most + n;
+    o.u = o.sides + n;
+    o.r = o.u + d + 1;
+    o.v = o.r + d;
+    o.held = (int *)(o.v + d);
+    return o;
+}
+
+/* Write to C the unknowns that keep the rows which are met; the objective is |y|^2.
+ *
+ * It is so of C y beside the optimum; W's reflections leave the last d free, of which M's triangle
+ * weighs the first q, and the identity the others.
+ */
+static void find_motions(motion o, const double *W, int count, const double *W_beta,
+                         const double *M, int q, const double *M_diagonal, const double *w)
+{
+    double *x = o.norm, *free = x + o.n - o.d; /* not needed yet */
+    for (int j = 0; j < o.n; j++) {
+        for (int i = 0; i < o.n; i++)
+            x[i] = i == j ? w[j] : 0.0;
+        reflect(W, o.n, count, W_beta, x);
+        for (int i = 0; i < q; i++) {
+            double s = free[i];
+            for (int t = 0; t < i; t++)
+                s -= M[t * q + i] * free[t];
+            free[i] = s / M_diagonal[i];
+        }
+        memcpy(o.C + j * o.d, free, (size_t)o.d * sizeof *free);
+    }
+}
+
+/* Write the norms of the columns of A (rows, n). */
+static void find_columns(const double *A, int rows, int n, double *norm)
+{
+    for (int j = 0; j < n; j++) {
+        double total = 0.0;
+        for (int i = 0; i < rows; i++)
+            total += A[i * n + j] * A[i * n + j];
+        norm[j] = sqrt(total);
+    }
+}
+
+/* The unknown farthest beyond a limit, per size of its row of C, and the side; -1 if none is.
+ *
+ * Limits of the start come before all others. What is beyond by round-off of the largest unknown,
+ * or of the rows' largest term, is not.
+ */
+static int most_beyond(motion o, const double *w, const double *lower, const double *upper,
+                       const double *x, const int8_t *state, double *side)
+{
+    int chosen = -1;
+    bool is_first = false;
+    double farthest = 0.0, size = 0.0, term = 0.0;
+    for (int j = 0; j < o.n; j++) {
+        size = larger(size, o.most[j] / w[j]);
+        term = larger(term, o.most[j] * o.column[j]);
+    }
+    for (int j = 0; j < o.n; j++) {
+        double beyond = larger(lower[j] - x[j], x[j] - upper[j]);
+        double allowed = o.most[j] + smaller(w[j] * size, term / o.column[j]);
+        if (beyond > ROUND_OFF * allowed) {
+            double towards = lower[j] > x[j] ? 1.0 : -1.0;
+            bool of_start = state[j] * towards < 0.0;
+            if ((of_start && !is_first)
+                || (of_start == is_first && !(beyond <= farthest * o.norm[j]))) {
+                chosen = j;
+                *side = towards;
+                farthest = beyond / o.norm[j];
+                is_first = of_start;
+            }
+        }
+    }
+    return chosen;
+}
+
+/* Reflect C's columns from k on so that the row of a limit ends there. */
+static void add_row(motion o, int new)
+{
+    double square = 0.0, *v = o.v, *own = o.C + new * o.d;
+    for (int i = o.k; i < o.d; i++) {
+        v[i] = own[i];
+        square += v[i] * v[i];
+    }
+    double diagonal = -copysign(sqrt(square), v[o.k]);
+    v[o.k] -= diagonal;
+    double beta = 1.0 / (sqrt(square) * fabs(v[o.k]));
+    for (int j = 0; j < o.n; j++) {
+        double *row = o.C + j * o.d, dot = 0.0;
+        for (int i = o.k; i < o.d; i++)
+            dot += row[i] * v[i];
+        dot *= beta;
+        for (int i = o.k; i < o.d; i++)
+            row[i] -= dot * v[i];
+    }
+    for (int i = o.k; i < o.d; i++)
+        own[i] = i == o.k ? diagonal : 0.0;
+}
+
+/* Rotate C's columns so that the rows of k limits without this one are a triangle again. */
+static void drop_row(motion o, int dropped)
+{
+    for (int a = dropped; a < o.k; a++)
+        o.u[a] = o.u[a + 1];
+    for (int a = dropped; a < o.k - 1; a++) {
+        o.held[a] = o.held[a + 1];
+        double *own = o.C + o.held[a] * o.d + a;
+        double size = hypot(own[0], own[1]), cos = own[0] / size, sin = own[1] / size;
+        for (int j = 0; j < o.n; j++) {
+            double *row = o.C + j * o.d + a, left = row[0], right = row[1];
+            row[0] = cos * left + sin * right;
+            row[1] = cos * right - sin * left;
+        }
+        own[1] = 0.0;
+    }
+}
+
+/* |L^-1|^2 of the rows of limits over weights, whose triangle L stands in C. */
+static double inverse_of_held(motion o, const double *w)
+{
+    double total = 0.0;
+    for (int c = 0; c < o.k; c++) {
+        for (int a = c; a < o.k; a++) {
+            const double *own = o.C + o.held[a] * o.d;
+            double s = a == c ? w[o.held[a]] : 0.0;
+            for (int b = c; b < a; b++)
+                s -= own[b] * o.v[b];
+            o.v[a] = s / own[a];
+            total += o.v[a] * o.v[a];
+        }
+    }
+    return total;
+}
+
+/* Move x by C y, |y| least, to within its limits; the steps taken, or -1 where in doubt.
+ *
+ * A dual active-set method (Goldfarb, Idnani, Math. Programming 27, 1983): k limits hold, whose
+ * rows of C are kept a lower triangle by orthogonal changes of y, and u are their multipliers. w is
+ * the unit of each unknown, `most_inverse` as above; x is what is nearest without limits. `state`
+ * are limits to begin with, -1 lower, 1 upper, 0 none; overwritten with those that hold.
+ */
+static int hold(motion o, const double *w, double most_inverse, const double *lower,
+                const double *upper, double *x, int8_t *state)
+{
+    int steps = 0, new;
+    double side = 0.0;
+    for (int j = 0; j < o.n; j++) {
+        o.norm[j] = sqrt(sum_of_squares(o.C + j * o.d, o.d));
+        o.most[j] = fabs(x[j]);
+        o.sides[j] = 0.0;
+    }
+    while ((new = most_beyond(o, w, lower, upper, x, state, &side)) >= 0) {
+        const double *own = o.C + new * o.d;
+        double limit = side > 0.0 ? lower[new] : upper[new];
+        int dropped = 0;
+        o.u[o.k] = 0.0;
+        while (dropped >= 0) {
+            steps++;
+            double square = sum_of_squares(own + o.k, o.d - o.k);
+            bool moves = square > squared(DEPENDENT * o.norm[new]);
+            double length = moves ? side * (limit - x[new]) / square : INFINITY;
+            dropped = -1;
+            for (int a = o.k - 1; a >= 0; a--) {
+                int j = o.held[a];
+                double s = own[a];
+                for (int b = a + 1; b < o.k; b++)
+                    s -= o.C[o.held[b] * o.d + a] * o.v[b];
+                o.v[a] = s / o.C[j * o.d + a];
+                o.r[a] = side * o.sides[j] * o.v[a];
+                /* What is fixed may be pushed either way. */
+                if (lower[j] < upper[j] && o.r[a] > 0.0 && o.u[a] < length * o.r[a]) {
+                    length = o.u[a] / o.r[a];
+                    dropped = a;
+                }
+            }
+            if (length == INFINITY || steps > STEPS * (o.n + 1))
+                return -1;
+            for (int j = 0; j < o.n && moves; j++) {
+                double dot = 0.0;
+                for (int i = o.k; i < o.d; i++)
+                    dot += o.C[j * o.d + i] * own[i];
+                x[j] += length * side * dot;
+                o.most[j] = larger(o.most[j], fabs(x[j]));
+            }
+            for (int a = 0; a < o.k; a++)
+                o.u[a] -= length * o.r[a];
+            o.u[o.k] += length;
+            if (dropped < 0) {
+                if (square < squared(REGULAR * o.norm[new]))
+                    return -1;
+                add_row(o, new);
+                o.held[o.k] = new;
+                o.sides[new] = side;
+                x[new] = limit;
+                o.k++;
+            } else {
+                o.sides[o.held[dropped]] = 0.0;
+                drop_row(o, dropped);
+                o.k--;
+            }
+        }
+    }
+    if (!(inverse_of_held(o, w) < most_inverse))
+        return -1;
+    for (int j = 0; j < o.n; j++) {
+        if (o.sides[j] == 0.0 && fabs(x[j]) < CANCELLED * o.most[j])
+            return -1;
+        state[j] = (int8_t)-o.sides[j];
+        x[j] = smaller(larger(x[j], lower[j]), upper[j]);
+    }
+    return steps;
+}
+
+/* Whether each number of x is between its limits (2, n). */
+static bool is_within(const double *limits, const double *x, int n)
+{
+    for (int j = 0; j < n; j++)
+        if (!(limits[j] <= x[j] && x[j] <= limits[n + j]))
+            return false;
+    return true;
+}
+
 /* Copy directions and weights to F; whether W1 is diagonal. */
 static bool weigh(double *F, single_sizes z, const double *S_m, const double *S_s,
                   const double *W1, const double *W2)
@@ -396,6 +637,11 @@ static bool is_moderate(single_sizes z, const double *v, const double *rates_d, 
            && sum_of_squares(v_sd, z.m2) < LARGEST;
 }
 
+int single_arguments(single_sizes z)
+{
+    return places_of(z).W1;
+}
+
 int single_room(single_sizes z)
 {
     return places_of(z).c + z.n + z.k1 + z.k2;
@@ -403,7 +649,7 @@ int single_room(single_sizes z)
 
 int single_work(single_sizes z)
 {
-    return z.n * (z.n + 10) + z.k1 + z.k2 + 1;
+    return room_within(z.n) + z.n + z.k1 + z.k2;
 }
 
 int single_factor(single_sizes z, const double *J, const double *S_m, const double *S_s,
@@ -413,6 +659,24 @@ int single_factor(single_sizes z, const double *J, const double *S_m, const doub
     return factor_at(F, z, J, weigh(F, z, S_m, S_s, W1, W2), scale, clear, exact);
 }
 
+int single_factor_diagonals(single_sizes z, const double *J, const double *S_m, const double *S_s,
+                            const double *w1, const double *w2, double scale, double clear,
+                            double exact, double *F)
+{
+    places a = places_of(z);
+    memcpy(F + a.S, S_m, (size_t)(z.p * z.m) * sizeof *F);
+    for (int i = 0; i < z.k1; i++)
+        for (int j = 0; j < z.n; j++)
+            F[a.W1 + i * z.n + j] = i == j ? w1[i] : 0.0;
+    for (int i = 0; i < z.k2; i++) {
+        for (int t = 0; t < z.m2; t++)
+            F[a.W2 + i * z.m2 + t] = i == t ? w2[i] : 0.0;
+        for (int t = 0; t < z.m; t++)
+            F[a.G + i * z.m + t] = w2[i] * S_s[i * z.m + t];
+    }
+    return factor_at(F, z, J, z.k1 > 0, scale, clear, exact);
+}
+
 int single_apply(single_sizes z, const double *F, const double *v, const double *rates_d,
                  const double *v_sd, double *work, double *x)
 {
@@ -420,6 +684,31 @@ int single_apply(single_sizes z, const double *F, const double *v, const double 
         return REFUSED;
     apply(F, z, v, rates_d, v_sd, work, x);
     return CLEAR;
+}
+
+int single_within(single_sizes z, const double *F, const double *limits, double *work, double *x,
+                  int8_t *state)
+{
+    if (is_within(limits, x, z.n)) {
+        memset(state, 0, (size_t)z.n);
+        return 0;
+    }
+    places a = places_of(z);
+    shape s = shape_of(F[0] == 1.0, z);
+    motion o = motion_in(work, z.n, z.n - z.p);
+    find_motions(o, F + a.W, s.count, F + a.W_beta, F + a.M, s.q, F + a.M_diagonal, F + a.w);
+    find_columns(F + a.J, z.m, z.n, o.column);
+    return hold(o, F + a.w, F[a.most], limits, limits + z.n, x, state);
+}
+
+int single_apply_within(single_sizes z, const double *F, const double *v, const double *rates_d,
+                        const double *v_sd, const double *limits, double *work, double *x)
+{
+    int8_t *state = (int8_t *)(work + room_within(z.n));
+    if (single_apply(z, F, v, rates_d, v_sd, work, x) == REFUSED)
+        return REFUSED;
+    memset(state, 0, (size_t)z.n);
+    return single_within(z, F, limits, work, x, state) < 0 ? IN_DOUBT : CLEAR;
 }
 
 int single_solve(single_sizes z, const double *J, const double *S_m, const double *S_s,
@@ -432,4 +721,189 @@ int single_solve(single_sizes z, const double *J, const double *S_m, const doubl
     if (found == CLEAR)
         apply(F, z, v, rates_d, v_sd, F + places_of(z).c, x);
     return found;
+}
+
+void single_solve_each(single_sizes z, int count, const int32_t *each, const double *J,
+                       const double *S_m, const double *S_s, const double *W1, const double *W2,
+                       const double *scale, double clear, double exact, const double *v,
+                       const double *rates_d, const double *v_sd, double *F, double *x, bool *ok)
+{
+    bool is_diagonal = false;
+    for (int k = 0; k < count; k++) {
+        if (k == 0 || each[1] || each[2])
+            is_diagonal = weigh(F, z, S_m, S_s, W1 + each[1] * k, W2 + each[2] * k);
+        ok[k] = factor_at(F, z, J + each[0] * k, is_diagonal, scale[each[3] * k], clear, exact)
+                == CLEAR;
+        if (ok[k])
+            apply(F, z, v + k * z.p, rates_d + k * z.n, v_sd + k * z.m2, F + places_of(z).c,
+                  x + k * z.n);
+    }
+}
+
+void single_levels(single_sizes z, const double *F, const double *v, const double *rates_d,
+                   const double *v_sd, double exact, double *A, double *b, double *scales)
+{
+    places a = places_of(z);
+    int rows = z.p + z.k1 + z.k2 + z.n;
+    memset(A, 0, (size_t)(rows * z.n) * sizeof *A);
+    memset(b, 0, (size_t)rows * sizeof *b);
+    for (int i = 0; i < z.p + z.k2; i++) {
+        double *row = A + (i < z.p ? i : z.k1 + i) * z.n;
+        for (int t = 0; t < z.m; t++) {
+            double s = F[a.S + i * z.m + t]; /* then G, which comes next */
+            for (int j = 0; j < z.n && s != 0.0; j++)
+                row[j] += s * F[a.J + t * z.n + j];
+        }
+    }
+    memcpy(b, v, (size_t)z.p * sizeof *b);
+    for (int i = 0; i < z.k1; i++)
+        for (int j = 0; j < z.n; j++) {
+            double w = F[a.W1 + i * z.n + j];
+            A[(z.p + i) * z.n + j] = w;
+            b[z.p + i] += w * rates_d[j];
+        }
+    for (int i = 0; i < z.k2; i++)
+        for (int t = 0; t < z.m2; t++)
+            b[z.p + z.k1 + i] += F[a.W2 + i * z.m2 + t] * v_sd[t];
+    for (int j = 0; j < z.n; j++)
+        A[(z.p + z.k1 + z.k2 + j) * z.n + j] = 1.0;
+    double scale = sqrt(sum_of_squares(F + a.J, z.m * z.n));
+    double square = sum_of_squares(F + a.G, z.k2 * z.m) * scale * scale;
+    scales[0] = sqrt(sum_of_squares(F + a.S, z.p * z.m)) * scale;
+    scales[1] = sqrt(sum_of_squares(F + a.W1, z.k1 * z.n) * exact * exact + square);
+    scales[2] = 1.0;
+}
+
+bool single_copy_limits(int n, const double *lower, const double *upper, double largest,
+                        double *limits)
+{
+    for (int i = 0; i < n; i++) {
+        double low = lower[i], high = upper[i];
+        /* NaN is in no order. */
+        if (!(low <= high) || low == INFINITY || high == -INFINITY)
+            return false;
+        if ((fabs(low) >= largest && low != -INFINITY)
+            || (fabs(high) >= largest && high != INFINITY))
+            return false;
+        limits[i] = low;
+        limits[n + i] = high;
+    }
+    return true;
+}
+
+void single_unpack(int n, int levels, const int64_t *ends, const double *given, double *A,
+                   double *b)
+{
+    int64_t first = 0;
+    for (int k = 0; k < levels - 1; k++) {
+        int64_t rows = ends[k] - first;
+        memcpy(A + first * n, given, (size_t)(rows * n) * sizeof *A);
+        memcpy(b + first, given + rows * n, (size_t)rows * sizeof *b);
+        given += rows * (n + 1);
+        first = ends[k];
+    }
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++)
+            A[(first + i) * n + j] = i == j ? 1.0 : 0.0;
+        b[first + i] = 0.0;
+    }
+}
+
+/* Write the norms of the levels; whether no product of these numbers over- or underflows. */
+static bool find_scales(int n, int levels, const int64_t *ends, const double *A, const double *b,
+                        double *scales)
+{
+    int64_t first = 0;
+    double targets = 0.0;
+    for (int k = 0; k < levels; k++) {
+        double square = 0.0;
+        for (int64_t i = first; i < ends[k]; i++) {
+            for (int j = 0; j < n; j++)
+                square += A[i * n + j] * A[i * n + j];
+            targets += b[i] * b[i];
+        }
+        if (!(1.0 / MODERATE < square && square < MODERATE))
+            return false;
+        scales[k] = sqrt(square);
+        first = ends[k];
+    }
+    return targets < MODERATE;
+}
+
+/* Whether the first rows of A x are b but for round-off of their terms. */
+static bool are_met(int n, const double *A, const double *b, int rows, const double *x)
+{
+    for (int i = 0; i < rows; i++) {
+        double rest = b[i], terms = fabs(b[i]);
+        for (int j = 0; j < n; j++) {
+            double part = A[i * n + j] * x[j];
+            rest -= part;
+            terms += fabs(part);
+        }
+        if (!(fabs(rest) <= MISSED * terms))
+            return false;
+    }
+    return true;
+}
+
+int single_levels_work(int n, int rows)
+{
+    return (3 * n + 2) * rows + 6 * n + room_within(n);
+}
+
+int single_levels_within(int n, int levels, const int64_t *ends, const double *given, double clear,
+                         double largest, const double *lower, const double *upper, double *work,
+                         double *found, int8_t *state)
+{
+    int last = 0, p = 0, all = (int)ends[levels - 1];
+    double *x = found, *limits = found + n, *scales = found + 3 * n, *A = work, *b = A + all * n;
+    clear = larger(clear, REGULAR);
+    single_unpack(n, levels, ends, given, A, b);
+    if (!single_copy_limits(n, lower, upper, largest, limits)
+        || !find_scales(n, levels, ends, A, b, scales))
+        return -2;
+    while (ends[last] < n)
+        p = (int)ends[last++];
+    int rows = (int)ends[last], q = n - p, k = rows - p;
+    double *W = b + all, *M = W + rows * n, *diagonal = M + k * q, *W_beta = diagonal + n;
+    double *M_diagonal = W_beta + n, *M_beta = M_diagonal + n, *c = M_beta + n, *w = c + rows + n;
+    memcpy(W, A, (size_t)(rows * n) * sizeof *W);
+    reduce_rows(W, rows, n, p, diagonal, W_beta);
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j < q; j++)
+            M[i * q + j] = W[(p + i) * n + p + j];
+    reduce_columns(M, k, q, 0, M_diagonal, M_beta);
+    double doubt = 0.0;
+    for (int level = 0; level < last; level++) {
+        double inverse = inverse_square(W, n, 1, (int)ends[level], diagonal, c);
+        double doubtful = inverse * squared(clear * scales[level]);
+        if (!(doubtful < 1.0)) /* nor is NaN */
+            return -1;
+        doubt = larger(doubt, doubtful);
+    }
+    double inverse = inverse_square(M, 1, q, q, M_diagonal, c);
+    if (!(inverse * squared(clear * scales[last]) < 1.0))
+        return -1;
+    for (int i = 0; i < rows; i++) {
+        double s = b[i];
+        for (int j = 0; j < i && j < p; j++)
+            s -= W[i * n + j] * c[j];
+        c[i] = i < p ? s / diagonal[i] : s;
+    }
+    least_squares(M, k, q, 0, M_diagonal, M_beta, c + p);
+    reflect_back(W, n, p, W_beta, c);
+    for (int j = 0; j < n; j++) {
+        x[j] = c[j];
+        w[j] = 1.0;
+    }
+    int steps = 0;
+    if (is_within(limits, x, n)) {
+        memset(state, 0, (size_t)n);
+    } else {
+        motion o = motion_in(w + n, n, q);
+        find_motions(o, W, p, W_beta, M, q, M_diagonal, w);
+        find_columns(A, rows, n, o.column);
+        steps = hold(o, w, most_inverse(doubt, inverse), limits, limits + n, x, state);
+    }
+    return are_met(n, A, b, p, x) ? steps : -1;
 }

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
+from kernels import lib, pointer
 from prioritized._mapping.solving import thresholds
 from prioritized._mapping.task import Status
-from prioritized._solver.arrays import read_only
-from prioritized._solver.compiled import unlimited
+from prioritized._solver.arrays import read_only, workspace
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import (
     Equations,
@@ -234,21 +234,28 @@ def _of_plain_arrays(
         counts.append(rows)
     low = limits("", None, n)[0] if lower is None else lower
     high = limits("", None, n)[1] if upper is None else upper
+    if not (check.is_plain(low) and check.is_plain(high) and low.shape == high.shape == (n,)):
+        return None
+    low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
     clear, ends = thresholds(tolerance)[0], ends_of(*counts, n)
     numbers, found = np.concatenate(given), np.empty(3 * n + len(ends))
     active = np.zeros(n, _INT8) if start is None else active_of(start, (1, n))[0]
-    try:
-        steps = unlimited().levels_within(
-            numbers, ends, clear, check.LARGEST, low, high, found, active
-        )
-    except TypeError:  # no vectors, or not of floats
-        return None
+    rows, count, work = _levels(*counts, n)
+    packed = n, count, rows, pointer(numbers), clear, check.LARGEST
+    last = workspace(work), pointer(found), pointer(active)
+    steps = lib.single_levels_within(*packed, pointer(low), pointer(high), *last)
     if steps < -1:
         return None
     solution = Solution(n, 0, len(counts), (numbers, ends, tolerance, found, active, steps))
     if steps < 0:
         vars(solution)["point"] = solve(solution.packed, None, start)
     return solution
+
+
+@lru_cache
+def _levels(*rows: int) -> tuple[Any, int, int]:
+    """Where levels of so many rows each end, as C takes it, their number, and the room for work."""
+    return pointer(ends_of(*rows)), len(rows), lib.single_levels_work(rows[-1], sum(rows))
 
 
 def _hard_rows(

@@ -25,6 +25,7 @@ from prioritized._mapping.solving import (
     Factors,
     Selected,
     Simple,
+    Target,
     batched_rates,
     factors_of,
     factors_of_diagonals,
@@ -33,6 +34,7 @@ from prioritized._mapping.solving import (
     rates_within,
     room,
     simple,
+    target_of,
     thresholds,
     velocity_gains,
 )
@@ -154,7 +156,8 @@ class VelocityMapping:
             factors = self._factors
         box = self._box
         if factors is not None and (box is not None or self.limiting is None):
-            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity, box)
+            target = target_of(factors, v_major, joint_velocity, secondary_velocity)
+            rates = rates_by(factors, target, box)
             if rates is not None:
                 return rates
         if self.limiting is None:
@@ -170,7 +173,8 @@ class VelocityMapping:
         """Optimal rates without limits."""
         factors, rates = self._factors, None
         if factors is not None:
-            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
+            target = target_of(factors, v_major, joint_velocity, secondary_velocity)
+            rates = rates_by(factors, target)
         elif self.problem.lead and not self.damping and self.problem.is_unconstrained:
             rates = batched_rates(self.problem, v_major, joint_velocity, secondary_velocity)
         if rates is not None:
@@ -193,7 +197,7 @@ class VelocityMapping:
     def _box(self) -> Array | None:
         """Limits of each rate (2, n), where nothing else limits them."""
         limiting: Limiting | None = vars(self)["limiting"]
-        return np.asarray(limiting.box) if limiting is not None and limiting.is_box else None
+        return np.array(limiting.box) if limiting is not None and limiting.is_box else None
 
     @property
     def _first(self) -> "VelocityMapping":
@@ -329,7 +333,7 @@ class VelocityMapping:
         answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
         if answer is not None:
             best = self._within_box(answer, begun)
-            return VelocitySolution(self, np.array(v_major, dtype=float), answer[1], best)
+            return VelocitySolution(self, np.array(v_major, dtype=float), answer[2], best)
         problem, limiting = self.problem, self.limiting
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
@@ -348,7 +352,7 @@ class VelocityMapping:
         v_major: ArrayLike,
         joint_velocity: ArrayLike | None,
         secondary_velocity: ArrayLike | None,
-    ) -> tuple[Factors, Array] | None:
+    ) -> tuple[Factors, Target, Array] | None:
         """Rates without limits for one target whose ranks are clearly full, and what made them.
 
         None where that is not so, or where anything but bounds of the rates limits them.
@@ -356,18 +360,17 @@ class VelocityMapping:
         factors, limiting = self._factors, self.limiting
         if factors is None or limiting is None or not limiting.is_box:
             return None
-        # The target stays in the factors until the limits are met: threads may not share them.
-        own = (factors[0].copy(), *factors[1:])
-        rates = rates_by(own, v_major, joint_velocity, secondary_velocity)
-        return None if rates is None else (own, rates)
+        target = target_of(factors, v_major, joint_velocity, secondary_velocity)
+        rates = rates_by(factors, target)
+        return None if rates is None else (factors, target, rates)
 
-    def _within_box(self, answer: tuple[Factors, Array], start: Point | None) -> Optimum:
+    def _within_box(self, answer: tuple[Factors, Target, Array], start: Point | None) -> Optimum:
         """The optimum within bounds for the target of this answer."""
-        (factors, rates), limiting = answer, self.limiting
-        assert limiting is not None
+        box = self._box
+        assert box is not None
         made = self._made
         metric = self.problem.major_metric if made is None else made[1][0].metric
-        return rates_within(factors, rates, limiting.box, self.tolerance, metric, start)
+        return rates_within(*answer, box, self.tolerance, metric, start)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -581,11 +584,13 @@ class VelocityMapping:
             return None
         J, *weighed = problem[:5]
         sizes = len(weighed[0]), *J.shape, *map(len, (*weighed[2:], weighed[1]))
-        return Ready((*weighed,), thresholds(problem.tolerance)[1], room(*sizes))
+        # The strut tick's numba code still takes more room than the C code: for target and rates.
+        own = sizes[0] + 2 * sizes[2] + sizes[5]
+        return Ready((*weighed,), thresholds(problem.tolerance)[1], room(*sizes) + own)
 
 
 class Ready(NamedTuple):
-    """Arguments of `solve` in :mod:`prioritized._solver.unlimited`.
+    """Arguments of `single_solve` in kernels.h.
 
     Attributes:
         weighed: Directions and weights.

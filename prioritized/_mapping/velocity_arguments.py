@@ -11,7 +11,7 @@ import argument_checks as check
 from argument_checks import Array
 from prioritized._mapping.limited import WhenLimited, limiting
 from prioritized._mapping.problem import checked
-from prioritized._mapping.solving import Selected, factors_of_diagonals, room, thresholds
+from prioritized._mapping.solving import Selected, factors_of_diagonals, thresholds
 from prioritized._mapping.task import are_rows, task_selection
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mechanism.measure import metric_of, units_of
@@ -195,7 +195,7 @@ def _selected(
     metric = None if units is None else metric_of(units_of(S_m, np.array(units)))
     M = None if metric is None else check.frozen(np.diag(metric))
     least = fractions[0] if clear is None else clear
-    return Selected(S_m, S_s, sizes, room(*sizes), least, fractions[1], M)
+    return Selected.of(S_m, S_s, sizes, least, fractions[1], M)
 
 
 _NOTHING = none((0,))

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
+from kernels import lib, pointer
 from prioritized._solver.arrays import read_only
-from prioritized._solver.compiled import unlimited
 
 Limits = tuple[Array, Array] | Array
 """Lower and upper limits, (n,) each, infinite where there is none."""
@@ -39,11 +39,9 @@ def plain_limits(value: Any, n: int) -> Array | None:
     if not (type(value) is tuple and len(value) == 2):
         return None
     lower, upper = value
-    if not type(lower) is type(upper) is np.ndarray:
+    if not (check.is_plain(lower) and check.is_plain(upper) and lower.shape == upper.shape == (n,)):
         return None
     both = np.empty((2, n))
-    try:
-        is_copied = unlimited().copy_limits(lower, upper, check.LARGEST, both)
-    except TypeError:  # no vectors, or not of floats
-        return None
-    return both if is_copied else None
+    low, high = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
+    given = pointer(low), pointer(high), check.LARGEST, pointer(both)
+    return both if lib.single_copy_limits(n, *given) else None

@@ -12,7 +12,6 @@ from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
 from kernels import ffi, lib, pointer
 from prioritized._solver.arrays import beside, none, read_only, times
-from prioritized._solver.compiled import unlimited
 from prioritized._solver.limits import Limits
 from prioritized._solver.rank import frobenius, norm
 
@@ -172,7 +171,8 @@ def unpacked(
 ) -> Packed:
     """One problem with A_1, b_1, A_2 and so on, row by row, in `given`, and a last level |x|."""
     A, b = np.empty((1, ends[-1], limits.shape[1])), np.empty((1, ends[-1]))
-    unlimited().unpack(given, ends, A[0], b[0])
+    levels = len(ends), pointer(ends), pointer(given)
+    lib.single_unpack(limits.shape[1], *levels, pointer(A), pointer(b))
     return Packed(A, b, ends, scales[None], tolerance, limits[:1], limits[1:])
 
 
