@@ -4,6 +4,7 @@
  * the processor works on several at once.
  */
 #include <math.h>
+#include <string.h>
 
 #include "kernels.h"
 
@@ -17,19 +18,6 @@ static void fill(lanes x, double value)
 {
     for (int s = 0; s < LANES; s++)
         x[s] = value;
-}
-
-static void copy(lanes x, const lanes y)
-{
-    for (int s = 0; s < LANES; s++)
-        x[s] = y[s];
-}
-
-/* x += factor * y. */
-static void add(lanes x, double factor, const lanes y)
-{
-    for (int s = 0; s < LANES; s++)
-        x[s] += factor * y[s];
 }
 
 /* x += a * b. */
@@ -118,11 +106,11 @@ static void least_squares(lanes *M, int q, int k2, lanes *z)
         }
     }
     for (int i = q - 1; i >= 0; i--) {
-        copy(dot, M[i * columns + q]);
+        memcpy(dot, M[i * columns + q], sizeof(lanes));
         for (int j = i + 1; j < q; j++)
             take_product(dot, M[i * columns + j], z[j]);
         divide(dot, z[i]);
-        copy(z[i], dot);
+        memcpy(z[i], dot, sizeof(lanes));
     }
 }
 
@@ -150,8 +138,8 @@ static void make_rows(lanes *T, const double *S, int rows, int m, int n, const d
             fill(W[i * n + j], 0.0);
             for (int t = 0; t < m; t++) {
                 double factor = S[i * m + t] / w[j];
-                if (factor != 0.0)
-                    add(W[i * n + j], factor, T[t * n + j]);
+                for (int s = 0; s < LANES && factor != 0.0; s++)
+                    W[i * n + j][s] += factor * T[t * n + j][s];
             }
         }
 }
@@ -202,7 +190,7 @@ void batch_solve_each(single_sizes z, int count, const double *J, const double *
         for (int i = 0; i < q; i++) {
             for (int j = 0; j < q; j++)
                 fill(M[i * columns + j], i == j ? 1.0 : 0.0);
-            copy(M[i * columns + q], X[p + i]);
+            memcpy(M[i * columns + q], X[p + i], sizeof(lanes));
         }
         for (int i = 0; i < p; i++) {
             for (int s = 0; s < LANES; s++)
@@ -222,16 +210,16 @@ void batch_solve_each(single_sizes z, int count, const double *J, const double *
                 take_product(row[q], of_task[j], X[j]);
             for (int j = 0; j < q; j++) {
                 if (reflected == p || j < i)
-                    copy(row[j], of_task[p + j]);
+                    memcpy(row[j], of_task[p + j], sizeof(lanes));
                 else if (i == j)
-                    copy(row[j], diagonal[p + j]);
+                    memcpy(row[j], diagonal[p + j], sizeof(lanes));
                 else
                     fill(row[j], 0.0);
             }
         }
         least_squares(M, q, k2, y);
         for (int i = 0; i < q; i++)
-            copy(X[p + i], y[i]);
+            memcpy(X[p + i], y[i], sizeof(lanes));
         for (int i = reflected - 1; i >= 0; i--)
             reflect(W + i * n, beta[i], X, i, n);
         inverse_square(W, n, p, diagonal, beta, inverse);

@@ -260,7 +260,7 @@ int single_solve(single_sizes sizes, const double *J, const double *S_m, const d
  * `each` are the numbers from one problem to the next in J, W1, W2 and scale, 0 where all have the
  * same. Writes the rates to x (count, n), and to `ok` which problems have clearly full ranks.
  */
-void single_solve_each(single_sizes sizes, int count, const int32_t *each, const double *J,
+void single_solve_each(single_sizes sizes, int count, const int64_t *each, const double *J,
                        const double *S_m, const double *S_s, const double *W1, const double *W2,
                        const double *scale, double clear, double exact, const double *v,
                        const double *rates_d, const double *v_sd, double *F, double *x, bool *ok);

@@ -723,7 +723,7 @@ int single_solve(single_sizes z, const double *J, const double *S_m, const doubl
     return found;
 }
 
-void single_solve_each(single_sizes z, int count, const int32_t *each, const double *J,
+void single_solve_each(single_sizes z, int count, const int64_t *each, const double *J,
                        const double *S_m, const double *S_s, const double *W1, const double *W2,
                        const double *scale, double clear, double exact, const double *v,
                        const double *rates_d, const double *v_sd, double *F, double *x, bool *ok)

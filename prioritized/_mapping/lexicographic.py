@@ -30,6 +30,8 @@ from prioritized._solver.packed import (
 )
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
+_MOST = 10**8
+"""Numbers up to which places in C's room for work are integers of 32 bits."""
 _FLOAT64, _INT8 = np.dtype(np.float64), np.dtype(np.int8)
 _Solved = tuple[Array, NDArray[np.int64], float, Array, NDArray[np.int8], int] | None
 """What the compiled solver took and found: levels, their ends, and tolerance; x with limits and
@@ -239,6 +241,8 @@ def _of_plain_arrays(
     low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
     clear, ends = thresholds(tolerance)[0], ends_of(*counts, n)
     numbers, found = np.concatenate(given), np.empty(3 * n + len(ends))
+    if numbers.size > _MOST:
+        return None
     active = np.zeros(n, _INT8) if start is None else active_of(start, (1, n))[0]
     rows, count, work = _levels(*counts, n)
     packed = n, count, rows, pointer(numbers), clear, check.LARGEST

@@ -1,5 +1,8 @@
 """Arguments that are plain arrays skip most checks: neither results nor refusals change."""
 
+import pickle
+from collections.abc import Callable
+from copy import copy, deepcopy
 from typing import Any
 
 import numpy as np
@@ -153,3 +156,29 @@ def test_rates_within_limits_are_those_of_the_solution():
         solution = mapping.solve(v, joint)
         np.testing.assert_array_equal(mapping(v, joint), solution.rates)
         assert np.all(np.abs(solution.rates) <= limit)
+
+
+def test_a_mapping_takes_arrays_in_any_order_of_memory():
+    rng = np.random.default_rng(1)
+    J, w, limits = rng.normal(size=(4, 6)), np.full(6, 2.0), (np.full(6, -0.5), np.full(6, 0.5))
+
+    def strided(A: np.ndarray) -> np.ndarray:
+        return np.repeat(A, 2)[::2] if A.ndim == 1 else np.asfortranarray(A)
+
+    plain = velocity_mapping(J, [0, 1], joint_weight=w, rate_limits=limits)
+    lower, upper = map(strided, limits)
+    other = velocity_mapping(
+        strided(J), [0, 1], joint_weight=strided(w), rate_limits=(lower, upper)
+    )
+    v, desired = rng.normal(size=2), rng.normal(size=6)
+    np.testing.assert_array_equal(other(strided(v), strided(desired)), plain(v, desired))
+
+
+@pytest.mark.parametrize("how", [copy, deepcopy, lambda A: pickle.loads(pickle.dumps(A))])
+@pytest.mark.parametrize("weight", [np.full(6, 2.0), np.diag(np.full(6, 2.0)) + 0.1])
+def test_a_copy_of_a_mapping_answers_the_same(how: Callable[[Any], Any], weight: np.ndarray):
+    J, v = np.random.default_rng(2).normal(size=(4, 6)), np.array([0.3, -0.2])
+    mapping = velocity_mapping(J, [0, 1], joint_weight=weight, rate_limits=(-0.1, 0.1))
+    rates, copied = mapping(v), how(mapping)
+    np.testing.assert_array_equal(copied(v), rates)
+    np.testing.assert_array_equal(copied.solve(v).rates, mapping.solve(v).rates)
