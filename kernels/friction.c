@@ -41,7 +41,7 @@ static void hold(const rubbing *of, const double *c, double *f)
 }
 
 /* Move x (s) by a step, in place; `driven` is B u and `pulled` D u, the room r + s numbers. */
-static void move(const rubbing *of, const double *driven, const double *pulled, double *x,
+static void rub(const rubbing *of, const double *driven, const double *pulled, double *x,
                  double *f, double *room)
 {
     double *c = room, *after = c + of->r;
@@ -68,7 +68,7 @@ void slide(const rubbing *of, int states, const double *U, double *room, double 
         product(of->D, r, of->n + 1, u, pulled);
         memset(f, 0, r * sizeof *f);
         for (int step = 0; step < of->steps_a_tick; step++)
-            move(of, driven, pulled, X + k * s, f, left);
+            rub(of, driven, pulled, X + k * s, f, left);
     }
 }
 
@@ -163,7 +163,7 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
             for (int step = 0; step < ticks * of.steps_a_tick; step++) {
                 for (int i = 0; step % of.steps_a_tick == 0 && i < s; i++)
                     mean[i] += x[i] / ticks;
-                move(&of, driven, pulled, x, f, left);
+                rub(&of, driven, pulled, x, f, left);
                 memcpy(forces + step * r, f, r * sizeof *f);
                 bool same = true;
                 for (int i = 0; i < r; i++) {
@@ -193,7 +193,7 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
                     for (int i = 0; step % of.steps_a_tick == 0 && i < s; i++)
                         mean[i] += x[i] / ticks;
                     memcpy(f, forces + step * r, r * sizeof *f); /* near those looked for */
-                    move(&weaker, driven, pulled, x, f, left);
+                    rub(&weaker, driven, pulled, x, f, left);
                 }
                 for (int i = 0; i < s; i++)
                     now[row * s + i] = now[i] - x[i];

@@ -15,7 +15,7 @@ static const double DEPENDENT = 1e-10;
 /* Steps and residuals below this fraction of what they are computed from may be round-off. */
 static const double ROUND_OFF = 1e-14;
 /* Multipliers above this fraction show that a bound holds a level back. */
-static const double CLEAR = 1e-9;
+static const double HELD_BACK = 1e-9;
 /* Where this fraction of an unknown is left, round-off of what it was asks for another pass. */
 static const double CANCELLED = 1e-3;
 /* Rows of this size are zero at any scale: products with their inverse may overflow. */
@@ -23,7 +23,7 @@ static const double NOTHING = 1e-150;
 /* Part of a norm's weights up to which they are zero, however inaccurate the levels are. */
 static const double EXACT = 1e-10;
 /* Ratio of weights up to which unknowns are measured in parts of them without loss of digits. */
-static const double SPREAD = 1e4;
+static const double MEASURED = 1e4;
 /* Of numbers that differ by less than this factor the first is taken. */
 static const double EQUAL = 1.0 + 1e-9;
 
@@ -408,7 +408,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
         }
     if (chosen < 0)
         for (int j = 0; j < n; j++)
-            if (w->none[j] < -fmax(ROUND_OFF * terms, CLEAR * residual))
+            if (w->none[j] < -fmax(ROUND_OFF * terms, HELD_BACK * residual))
                 w->held[j] = 1;
     return chosen;
 }
@@ -762,7 +762,7 @@ static bool solve_weighted(work_t *w, const problem_t *p, const double *weight,
     }
     for (int i = 0; i < p->damped && p->damping; i++)
         slow = p->damping[i] > 0.0 ? 0.0 : slow; /* the norm that it adds has no weights */
-    if (slow > 0.0 && fast < SPREAD * slow) {
+    if (slow > 0.0 && fast < MEASURED * slow) {
         memcpy(made->x, x, (size_t)n * sizeof *x);
         memcpy(made->state, state, (size_t)n);
         w->slow = slow;

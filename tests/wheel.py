@@ -24,7 +24,8 @@ import pkgutil, importlib
 from importlib.util import find_spec
 import fjh
 from fjh import ftc, prioritized
-assert not any(map(find_spec, ("argument_checks", "experiments", "ftc", "kernels", "prioritized", "sim")))
+rooms = "argument_checks", "experiments", "ftc", "kernels", "prioritized", "sim"
+assert not any(map(find_spec, rooms))
 assert not any(map(find_spec, ("mujoco", "rerun", "typer")))
 for package in (ftc, prioritized):
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):

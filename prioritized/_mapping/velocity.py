@@ -32,7 +32,6 @@ from prioritized._mapping.solving import (
     problem_of,
     rates_by,
     rates_within,
-    room,
     simple,
     target_of,
     thresholds,
@@ -582,11 +581,7 @@ class VelocityMapping:
         problem = self.problem
         if self.damping or self.limiting or problem.lead or not problem.is_unconstrained:
             return None
-        J, *weighed = problem[:5]
-        sizes = len(weighed[0]), *J.shape, *map(len, (*weighed[2:], weighed[1]))
-        # The strut tick's numba code still takes more room than the C code: for target and rates.
-        own = sizes[0] + 2 * sizes[2] + sizes[5]
-        return Ready((*weighed,), thresholds(problem.tolerance)[1], room(*sizes) + own)
+        return Ready(problem[1:5], thresholds(problem.tolerance)[1])
 
 
 class Ready(NamedTuple):
@@ -595,12 +590,10 @@ class Ready(NamedTuple):
     Attributes:
         weighed: Directions and weights.
         exact: Part of the rank tolerance for weights.
-        room: How many numbers it works on.
     """
 
     weighed: tuple[Array, ...]
     exact: float
-    room: int
 
 
 def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
