@@ -45,7 +45,9 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def sizes(A: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(A, axis=(-2, -1))
+    """Of each matrix, also where squares underflow."""
+    most = abs(A).max(axis=(-2, -1), initial=0.0)
+    return most * np.linalg.norm(A / np.where(most > 0, most, 1.0)[:, None, None], axis=(-2, -1))
 
 
 class Found(NamedTuple):
@@ -107,6 +109,9 @@ def kernel(
     for each, copy in zip(given, before, strict=True):
         assert each.tobytes() == copy.tobytes(), "an input was written"
     assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is not kept"
+    for side, bound in ((-1, batch.lower), (1, batch.upper)):
+        at = state == side
+        assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
     return Found(x, state, steps, ended, gap)
 
 

@@ -155,16 +155,21 @@ def test_a_bound_that_is_no_longer_there_is_no_start():
         ([([[1, 1, 0]], [3]), ([[1, -1, 0]], [0])], [-INF, -INF, 0.5], [1, INF, INF], [1, 2, 0.5]),
         ([(1e100 * np.eye(2), [3e100, -3e100])], [-1, -INF], [1, INF], [1, -3]),
         ([(np.eye(2), [3e100, -3e100])], [-1e100, -INF], [1e100, INF], [1e100, -3e100]),
-        ([([[1e-200, 0]], [1]), (np.eye(2), [1, 1])], [-9, -9], [9, 9], [1, 1]),  # as good as zero
+        (
+            [([[1e-200, 0]], [3e-200]), (np.eye(2), [1, 1])],
+            [-9, -9],
+            [9, 9],
+            [1, 1],
+        ),  # as good as zero
         ([([[1, 5e-324]], [1])], [-9, -9], [9, 9], [1, 0]),
     ],
 )
 def test_answers_known_by_hand(levels, lower, upper, x):
     batch = one(levels, lower, upper)
-    far = np.full((1, len(x)), 1e3), np.zeros((1, len(x)))
-    for found in (kernel(batch), kernel(batch, start=far)):
+    far = np.full((1, len(x)), 1e9), np.zeros((1, len(x)))
+    for found in (kernel(batch), kernel(batch, start=far)):  # no round-off of 1e9 is left
         assert found.ended.all()
-        np.testing.assert_allclose(found.x, [x], rtol=1e-14, atol=1e-12)
+        np.testing.assert_allclose(found.x, [x], rtol=1e-14, atol=1e-14)
 
 
 def test_what_is_below_1e_150_is_kept_within_bounds_and_else_counts_as_zero():
