@@ -46,6 +46,7 @@ typedef struct {
     double slow, fast;  /* unknowns are measured in parts of weights of at least and most this */
     bool doubt;         /* whether these hide a rank */
     double gap;         /* smallest factor by which a decision is clear */
+    double from;        /* size of what the level's rows lack is computed from */
     int steps, most;    /* of the active set, and how many there may be */
     double *V, *beta;   /* reflection t acts on coordinates from t on: row t of (n, n), and (n,) */
     double *rows;       /* V, unknown by unknown, (n, n) */
@@ -408,7 +409,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
         }
     if (chosen < 0)
         for (int j = 0; j < n; j++)
-            if (w->none[j] < -fmax(ROUND_OFF * terms, HELD_BACK * residual))
+            if (w->none[j] < -fmax(ROUND_OFF * fmax(terms, w->from), HELD_BACK * residual))
                 w->held[j] = 1;
     return chosen;
 }
@@ -495,22 +496,25 @@ static void begin(work_t *w, const double *lower, const double *upper, double *x
         reflect(w->V, w->beta, n, 0, w->fixed, x); /* x is y until the end */
 }
 
-/* Write a level's rows (k, n) to M, in coordinates, and what they lack to r; A none is the identity. */
+/* Write a level's rows (k, n) to M, in coordinates, and what they lack to r. */
 static void take(work_t *w, const double *A, const double *b, int k, double unit, const double *x,
                  bool bounded)
 {
     int n = w->n;
+    w->from = 0.0;
     for (int i = 0; i < k; i++) {
         double *row = w->M + i * n;
         for (int j = 0; j < n; j++)
-            row[j] = A ? A[i * n + j] * unit : i == j;
-        w->r[i] = A ? b[i] * unit : 0.0;
+            row[j] = A[i * n + j] * unit;
+        w->r[i] = b[i] * unit;
+        w->from += w->r[i] * w->r[i];
         if (bounded)
             w->r[i] -= dot(row, x, n);
         reflect(w->V, w->beta, n, 0, w->fixed, row);
         if (!bounded)
             w->r[i] -= dot(row, x, w->fixed);
     }
+    w->from = sqrt(w->from) + sqrt(dot(x, x, n)); /* in these units rows are no longer than one */
 }
 
 /* Fix what this level has determined in the rows of the unknowns, and what holds it back. */
@@ -537,6 +541,7 @@ static int with_norm(work_t *w, int k, int d, double factor, const double *x, bo
         w->M[k * n + f + i] = factor;
         w->r[k] = -factor * y;
     }
+    w->from += factor * sqrt(dot(x, x, n));
     return k;
 }
 
@@ -594,6 +599,7 @@ static bool least_norm(work_t *w, const double *lower, const double *upper, doub
                        int8_t *state)
 {
     int n = w->n, q = n - w->fixed;
+    w->from = sqrt(dot(x, x, n));
     w->least = EXACT;
     for (int i = 0; i < q; i++) {
         w->c[i] = 0.0;
@@ -644,7 +650,11 @@ static bool clip(int n, const double *lower, const double *upper, double *x, int
             x[j] = upper[j];
             state[j] = LEXICOGRAPHIC_UPPER;
         } else if (state[j]) {
-            x[j] = state[j] == LEXICOGRAPHIC_LOWER ? lower[j] : upper[j];
+            double bound = state[j] == LEXICOGRAPHIC_LOWER ? lower[j] : upper[j];
+            if (isfinite(bound))
+                x[j] = bound;
+            else
+                state[j] = LEXICOGRAPHIC_FREE; /* it was finite where this start comes from */
         }
     }
     return inside;
@@ -732,8 +742,8 @@ static bool written_out(work_t *w, problem_t p, const double *weight, const doub
     memcpy(made->ends, p.ends, (size_t)p.levels * sizeof *made->ends);
     memcpy(made->scales, p.scales, (size_t)p.levels * sizeof *x);
     made->ends[last] = rows + n;
-    if (!p.beside)
-        made->scales[last] = sqrt(square) * fmin(1.0, EXACT / p.tolerance);
+    square *= fmin(1.0, EXACT / p.tolerance) * fmin(1.0, EXACT / p.tolerance);
+    made->scales[last] = hypot(p.beside ? p.scales[last] : 0.0, sqrt(square));
     p.levels = last + 1;
     p.damped = last;
     p.beside = false;

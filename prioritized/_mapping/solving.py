@@ -30,10 +30,10 @@ _NAMES = "v_major", "joint_velocity", "secondary_velocity"
 
 
 class Factors:
-    """What was made of a J and its weights, all ranks clearly full; nothing changes it any more.
+    """What is made of a J and its weights where all ranks are clearly full, shared by threads.
 
     Attributes:
-        F: The numbers, read-only.
+        F: The numbers, read-only; C writes them once, when they are made.
         sizes: Of the problem.
         given: The sizes and F, as C takes them.
         work: How many numbers a call for one target works on.
@@ -43,7 +43,7 @@ class Factors:
 
     def __init__(self, F: Array, sizes: Sizes) -> None:
         struct, self.work = _struct(sizes)
-        self.F, self.sizes, self.given = F, sizes, (struct, pointer(F))
+        self.F, self.sizes, self.given = read_only(F), sizes, (struct, pointer(F))
 
     def __reduce__(self) -> tuple[type["Factors"], tuple[Array, Sizes]]:
         # Pointers are no use elsewhere.
@@ -85,10 +85,11 @@ def factors_of(problem: Problem) -> Factors | None:
     """
     J, S_m, S_s, W1, W2 = problem[:5]
     sizes = len(S_m), *J.shape, len(W1), len(W2), len(S_s)
-    given, scale = map(_at, (J, S_m, S_s, W1, W2)), float(problem.scale)
-    F, fractions = np.empty(room(*sizes)), thresholds(problem.tolerance)
-    code = lib.single_factor(sizes, *given, scale, *fractions, pointer(F))
-    return Factors(read_only(F), sizes) if code == _CLEAR else None
+    made = Factors(np.empty(room(*sizes)), sizes)
+    (struct, F), given = made.given, map(_at, (J, S_m, S_s, W1, W2))
+    fractions = float(problem.scale), *thresholds(problem.tolerance)
+    code = lib.single_factor(struct, *given, *fractions, F)
+    return made if code == _CLEAR else None
 
 
 class Selected(NamedTuple):
@@ -101,14 +102,14 @@ class Selected(NamedTuple):
     clear: float
     exact: float
     metric: Array | None
-    given: tuple[Any, Any, Any]
+    given: tuple[Any, Any]
 
     @staticmethod
     def of(
         S_m: Array, S_s: Array, sizes: Sizes, clear: float, exact: float, metric: Array | None
     ) -> "Selected":
-        """With what follows from these: the room, and `given`, as C takes sizes and tasks."""
-        given = _struct(sizes)[0], _at(S_m), _at(S_s)
+        """With what follows from these: the room, and `given`, the tasks as C takes them."""
+        given = _at(S_m), _at(S_s)
         return Selected(S_m, S_s, sizes, room(*sizes), clear, exact, metric, given)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -148,7 +149,7 @@ def factors_of_diagonals(
 
     A negative `scale` is the norm of J. None is also for what the checks must complain about.
     """
-    _, _, sizes, numbers, clear, exact, _, (struct, *tasks) = selected
+    _, _, sizes, numbers, clear, exact, _, tasks = selected
     _, m, n, k1, k2, m2 = sizes
     if not (
         J.dtype is w1.dtype is w2.dtype is _FLOAT64
@@ -157,9 +158,10 @@ def factors_of_diagonals(
         and (k2 == 0 or k2 == m2)
     ):
         return None
-    F, rest = np.empty(numbers), (_at(w1), _at(w2), scale, clear, exact)
-    code = lib.single_factor_diagonals(struct, _at(J), *tasks, *rest, pointer(F))
-    return Factors(read_only(F), sizes) if code == _CLEAR else None
+    made, rest = Factors(np.empty(numbers), sizes), (_at(w1), _at(w2), scale, clear, exact)
+    struct, F = made.given
+    code = lib.single_factor_diagonals(struct, _at(J), *tasks, *rest, F)
+    return made if code == _CLEAR else None
 
 
 def problem_of(factors: Factors, selected: Selected, scale: float, tolerance: float) -> Problem:

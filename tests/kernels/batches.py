@@ -1,0 +1,270 @@
+"""Batches of small lexicographic problems: as the kernel solves them, and by enumeration."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kernels import ffi, lib, pointer
+
+RANK = 1e-11
+"""Of a level's size: singular values below it are zero, for the kernel and for the enumeration."""
+FEASIBLE = 1e-11
+"""Of 1 + |x|: by so much a candidate of the enumeration may miss a bound or an equation."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
+
+    levels: Sequence[tuple[np.ndarray, np.ndarray]]
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def with_levels(self, *levels: tuple[np.ndarray, np.ndarray]) -> "Batch":
+        """Others within the same bounds."""
+        return Batch(levels, self.lower, self.upper)
+
+    def residuals(self, k: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """|A_k x - b_k|, and the size of what it is computed from, (B,)."""
+        A, b = self.levels[k]
+        size = sizes(A) * (1 + np.linalg.norm(x, axis=1)) + np.linalg.norm(b, axis=1)
+        return np.linalg.norm(times(A, x) - b, axis=1), size
+
+
+def one(levels: Any, lower: Any, upper: Any) -> Batch:
+    """A single problem."""
+    made = [(np.array(A, float)[None], np.array(b, float)[None]) for A, b in levels]
+    return Batch(made, np.array(lower, float)[None], np.array(upper, float)[None])
+
+
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return (A @ x[..., None])[..., 0]
+
+
+def sizes(A: np.ndarray) -> np.ndarray:
+    """Of each matrix, also where squares underflow."""
+    most = abs(A).max(axis=(-2, -1), initial=0.0)
+    return most * np.linalg.norm(A / np.where(most > 0, most, 1.0)[:, None, None], axis=(-2, -1))
+
+
+class Found(NamedTuple):
+    """What the kernel writes."""
+
+    x: np.ndarray
+    state: np.ndarray
+    steps: np.ndarray
+    ended: np.ndarray
+    gap: np.ndarray
+
+
+def kernel(
+    batch: Batch,
+    *,
+    start: tuple[np.ndarray, np.ndarray | None] | None = None,
+    weight: np.ndarray | None = None,
+    wanted: np.ndarray | None = None,
+    beside: bool = False,
+    damping: Sequence[float] | None = None,
+    most: int = 1000,
+    room: float = 0.0,
+) -> Found:
+    """Solve a batch: cold, from the optima without bounds (x, None), or warm from (x, state).
+
+    |x| is made least at last, before it |weight (x - wanted)| if given; `room` is what the kernel
+    finds in the room for its work.
+    """
+    count, n = len(batch.levels[0][0]) if batch.levels else len(batch.lower), batch.lower.shape[1]
+    A = np.concatenate([np.zeros((count, 0, n)), *(A for A, _ in batch.levels)], axis=1)
+    b = np.concatenate([np.zeros((count, 0)), *(b for _, b in batch.levels)], axis=1)
+    scales = np.zeros((count, len(batch.levels)))
+    for k, (rows, _) in enumerate(batch.levels):
+        scales[:, k] = sizes(rows)
+    given = (
+        A,
+        b,
+        scales,
+        *(np.ascontiguousarray(side, float) for side in (batch.lower, batch.upper)),
+    )
+    before = [each.copy() for each in given]
+    how = lib.LEXICOGRAPHIC_COLD
+    x, state = np.full((count, n), np.nan), np.full((count, n), 7, np.int8)
+    if start is not None:
+        how = lib.LEXICOGRAPHIC_FROM_OPTIMUM if start[1] is None else lib.LEXICOGRAPHIC_WARM
+        x = np.array(start[0], float)
+        state = state if start[1] is None else np.array(start[1], np.int8)
+    ends = np.cumsum([len(b[0]) for _, b in batch.levels]).astype(np.int32)
+    damped = ffi.NULL if damping is None else pointer(np.array(damping, float))
+    weighed = ffi.NULL if weight is None else pointer(weight)
+    goal = np.zeros((count, n)) if wanted is None else np.ascontiguousarray(wanted, float)
+    shape = count, n, len(batch.levels), count, len(batch.lower), how, most, beside
+    fields = (*shape, RANK, pointer(ends), damped, weighed)
+    problem = ffi.new("lexicographic_problem *", fields)
+    work = np.full(lib.lexicographic_room(problem), room)
+    steps, ended, gap = np.zeros(count, np.int64), np.zeros(count, bool), np.zeros(count)
+    made = goal, work, x, state, steps, ended, gap
+    lib.lexicographic_solve(problem, *map(pointer, (*given, *made)))
+    for each, copy in zip(given, before, strict=True):
+        assert each.tobytes() == copy.tobytes(), "an input was written"
+    assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is not kept"
+    for side, bound in ((-1, batch.lower), (1, batch.upper)):
+        at = state == side
+        assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
+    return Found(x, state, steps, ended, gap)
+
+
+def unlimited(batch: Batch) -> Batch:
+    """The same without bounds."""
+    side = np.full(batch.lower.shape, np.inf)
+    return Batch(batch.levels, -side, side)
+
+
+def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
+    """Solved cold, from the optima without bounds, and warm from far outside and from vertices."""
+    shape = batch.lower.shape
+    states = rng.integers(-1, 2, shape), rng.choice([-1, 1], shape)
+    far = 1e3 * rng.normal(size=shape)
+    optimum = kernel(unlimited(batch)).x
+    begun = [None, (optimum, None), *((far, state) for state in states)]
+    return [kernel(batch, start=start) for start in begun]
+
+
+# Random problems.
+
+
+def random_batch(
+    rng: np.random.Generator, count: int, n: int, rows: Sequence[int], heavy: bool = False
+) -> Batch:
+    """Problems with dependent, repeated and nearly repeated rows, zero columns, equal bounds.
+
+    Half of them have small integers, with many ties and degenerate vertices. Levels are scaled by
+    1e-9 to 1e9. `heavy`: rows have weights 0, 1 and 1e8.
+    """
+    whole = rng.random(count) < 0.5
+
+    def chance(p: float, *shape: int) -> np.ndarray:
+        return rng.random((count, *shape)) < p
+
+    lower, upper = -rng.uniform(0.1, 1.0, (count, n)), rng.uniform(0.1, 1.0, (count, n))
+    lower[whole], upper[whole] = np.ceil(2 * lower[whole]) / 2, np.ceil(2 * upper[whole]) / 2
+    lower[chance(0.2, n)], upper[chance(0.2, n)] = -np.inf, np.inf
+    same = chance(0.1, n) & np.isfinite(upper)
+    lower[same] = upper[same]
+    levels: list[tuple[np.ndarray, np.ndarray]] = []
+    seen, nowhere = np.zeros((count, 0, n)), chance(0.05, n)
+    for k in rows:
+        inner = min(k, n)
+        left, right = rng.normal(size=(count, k, inner)), rng.normal(size=(count, inner, n))
+        left[whole], right[whole] = np.round(left[whole]), np.round(right[whole])
+        left *= np.arange(inner) < rng.integers(1, 2 * inner + 1, count)[:, None, None]
+        A = np.where(chance(0.5)[:, None, None], left @ right, rng.normal(size=(count, k, n)))
+        A[whole] = np.round(A[whole])
+        A *= ~(nowhere | chance(0.05, n))[:, None]
+        for row, others in ((-1, A[:, :-1]), (0, seen)):
+            if others.shape[1]:
+                other = others[:, rng.integers(others.shape[1])]
+                size = 0.0 if heavy else 1e-13 * np.linalg.norm(other, axis=1, keepdims=True)
+                near = size * rng.normal(size=(count, n)) * chance(0.5)[:, None]
+                A[:, row] = np.where(chance(0.3)[:, None], 2 * other + near, A[:, row])
+        goal = rng.normal(size=(count, n)) * rng.choice([0.3, 1.0, 10.0], (count, 1))
+        goal[whole] = np.round(2 * goal[whole]) / 2
+        if heavy:
+            goal = np.clip(goal, lower, upper)
+        noise = np.round(2 * rng.normal(size=(count, k))) * chance(0.2 if heavy else 0.5)[:, None]
+        b = times(A, goal) + noise
+        seen = np.concatenate([seen, A], axis=1)
+        weights = rng.choice([0.0, 1.0, 1e8], (count, k), p=[0.2, 0.4, 0.4]) if heavy else 1.0
+        weights = weights * 10.0 ** rng.uniform(-9, 9, (count, 1))
+        levels.append((A * weights[..., None], b * weights))
+    return Batch(levels, lower, upper)
+
+
+# Enumeration.
+
+
+class Known(NamedTuple):
+    """Of each problem: x, the gap of its ranks, zero where none is found; condition, (B, ...)."""
+
+    x: np.ndarray
+    gap: np.ndarray
+    condition: np.ndarray
+
+
+class _Inverse:
+    """Singular values of matrices (P, k, n) beside those up to `least`, (P,)."""
+
+    def __init__(self, A: np.ndarray, least: np.ndarray) -> None:
+        self.U, sigma, self.Vt = np.linalg.svd(A, full_matrices=False)
+        large = sigma > least[:, None]
+        self.inverse = np.where(large, 1.0 / np.where(large, sigma, 1.0), 0.0)
+        self.Vt = self.Vt * large[..., None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = sigma / least[:, None]
+            gap = np.where(large, ratio, np.where(sigma > 0, 1 / ratio, np.inf))
+        self.gap = gap.min(axis=1, initial=np.inf)
+        self.condition = sigma.max(axis=1, initial=0.0) * self.inverse.max(axis=1, initial=0.0)
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        return times(self.Vt.mT, self.inverse * times(self.U.mT, b))
+
+
+def enumerated(batch: Batch) -> Known:
+    """The solutions, by trying every active set at every level: as `by_active_sets`, of many.
+
+    An active set leaves a least-squares problem in the free unknowns, with the levels before as
+    equations E x = e, each level's rows over their size. The best that keeps the bounds is the
+    level's optimum.
+    """
+    count, n = batch.lower.shape
+    cases = np.array(list(itertools.product((-1, 0, 1), repeat=n)))
+    low, high = batch.lower[:, None], batch.upper[:, None]
+    possible = np.where(cases < 0, np.isfinite(low), np.where(cases > 0, np.isfinite(high), True))
+    possible &= np.where(low == high, cases < 0, True)
+    of, which = np.nonzero(possible.all(axis=2))
+    active = cases[which]
+    held = np.where(active < 0, batch.lower[of], np.where(active > 0, batch.upper[of], 0.0))
+    free = active == 0
+    E, e = np.zeros((count, 0, n)), np.zeros((count, 0))
+    x, gap, condition = np.zeros((count, n)), np.full(count, np.inf), np.ones(count)
+    for A, b in [*batch.levels, (np.zeros((count, 0, n)), np.zeros((count, 0)))]:
+        size = sizes(A) + (sizes(A) == 0)
+        A, b = A / size[:, None, None], b / size[:, None]
+        kept = _Inverse(A, np.full(count, RANK)).Vt
+        A = A @ kept.mT @ kept  # or what does not count would choose among large x
+        earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
+        y = held + earlier.solve(e[of] - times(E[of], held))
+        rest = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
+        level = _Inverse(A[of] @ rest, np.full(len(of), RANK))
+        y = y + level.solve(b[of] - times(A[of], y))
+        slack = FEASIBLE * (1 + np.linalg.norm(y, axis=1))
+        kept = np.maximum(batch.lower[of] - y, y - batch.upper[of]).max(axis=1) <= slack
+        kept &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
+        value = np.linalg.norm(times(A[of], y) - b[of] if len(b[0]) else y, axis=1)
+        value[~kept] = np.inf
+        best = np.full(count, np.inf)
+        np.minimum.at(best, of, value)
+        gap[np.isinf(best)] = 0.0
+        # The first that is best, in the order of the problems.
+        winner = np.nonzero(value <= best[of])[0]
+        winner = winner[np.unique(of[winner], return_index=True)[1]]
+        x = np.clip(y[winner], batch.lower, batch.upper)
+        for each in (earlier, level):
+            gap = np.minimum(gap, each.gap[winner])
+            condition = np.maximum(condition, each.condition[winner])
+        E, e = np.concatenate([E, A], axis=1), np.concatenate([e, times(A, x)], axis=1)
+    return Known(x, gap, condition)
+
+
+def assert_alike(batch: Batch, x: np.ndarray, known: Known) -> None:
+    """Every level as good, and x as far as it is determined, where no rank is in doubt."""
+    clear = known.gap > 100
+    assert clear.mean() > 0.6  # of six problems
+    allowed = 1e-10 * known.condition
+    for k in range(len(batch.levels)):
+        got, size = batch.residuals(k, x)
+        best, _ = batch.residuals(k, known.x)
+        assert (np.abs(got - best) <= allowed * size)[clear].all()
+    off = np.linalg.norm(x - known.x, axis=1) / (1 + np.linalg.norm(known.x, axis=1))
+    assert (off <= allowed)[clear].all()
