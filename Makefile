@@ -29,7 +29,7 @@ $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	touch $(COMMAND) $(STAMP)
 
 # The installation builds them; this is for who changes them.
-$(KERNELS): kernels/build.py $(wildcard kernels/*.[ch]) | $(COMMAND)
+$(KERNELS): kernels/build.py $(wildcard kernels/*.[ch]) | $(BIN)/python
 	$(BIN)/python kernels/build.py
 
 table1: $(COMMAND) $(KERNELS)

@@ -35,7 +35,8 @@ def _load() -> Any:
     what = "compile the kernels of fjh first: `make venv`, or `pip install --editable .`"
     if not path.exists():
         raise ImportError(f"{path} is missing: {what}")
-    header = (Path(__file__).parent / "kernels.h").read_text(encoding="utf-8")
+    (file,) = Path(__file__).parent.glob("*.h")
+    header = file.read_text(encoding="utf-8")
     ffi.cdef(re.sub(r"^#.*$", "", header, flags=re.MULTILINE))
     library: Any = ffi.dlopen(str(path))
     if ffi.string(library.kernels_digest()).decode() != digest():

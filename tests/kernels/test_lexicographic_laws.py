@@ -181,7 +181,12 @@ def test_the_norm_beside_the_last_level_is_the_identity_stacked_on_it(drawn):
     assert_alike(stacked, kernel(batch, beside=True).x, enumerated(stacked))
 
 
-WEIGHTS = [[1.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0], [0.5, 1.0, 2.0, 3.0], [0.01, 1.0, 1.0, 100.0]]
+WEIGHTS = [
+    [1.0, 0.0, 0.0, 0.0],
+    [1.0, 1.0, 1.0, 0.0],
+    [0.5, 1.0, 2.0, 3.0],
+    [0.01, 1.0, 1.0, 100.0],
+]
 
 
 @pytest.mark.parametrize("beside", [False, True])

@@ -85,7 +85,7 @@ def test_a_kernel_is_plain_c_without_warnings(file, tmp_path):
         for line in file.read_text().splitlines()
         if "#include <" in line
     }
-    assert used <= {"math.h", "stdbool.h", "stdint.h", "string.h"}
+    assert used <= {"float.h", "math.h", "stdbool.h", "stdint.h", "string.h"}
 
 
 def test_what_a_kernel_leaves_to_others_is_mathematics_and_copying():

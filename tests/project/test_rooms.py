@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 ALLOWED = {
     "argument_checks": {"numpy", "scipy"},
-    "kernels": {"cffi", "numpy"},
+    "kernels": {"_cffi_backend", "cffi", "numpy"},
     "prioritized": {"numpy", "scipy", "argument_checks", "kernels"},
     "sim": {"numpy", "scipy", "mujoco", "argument_checks", "kernels"},
     "ftc": {"numpy", "scipy", "control", "prioritized", "argument_checks", "kernels"},

@@ -71,6 +71,7 @@ def test_table1_installs_the_command_alone_and_shows_what_pip_does(tmp_path):
     """The first hour; who has all that the tests need has the command, too."""
     for name in ("Makefile", "pyproject.toml", "constraints.txt"):
         shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "kernels", tmp_path / "kernels")
     assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "table1")) == [".[testbed]"]
     assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "test")) == [
         ".[bench,live,test,check,docs]"
