@@ -45,6 +45,7 @@ typedef struct {
     double least;       /* singular values of a level up to this one are zero */
     double slow, fast;  /* unknowns are measured in parts of weights of at least and most this */
     bool doubt;         /* whether these hide a rank */
+    double blur;        /* angle by which what counts as zero may turn what levels leave */
     double gap;         /* smallest factor by which a decision is clear */
     double from;        /* size of what the level's rows lack is computed from */
     int steps, most;    /* of the active set, and how many there may be */
@@ -222,9 +223,10 @@ static void singular_rows(double *M, int k, int n, int first, double *r)
  *
  * The pivots of the triangle prove a rank q if they bound the q-th singular value from below and
  * what is left bounds the next one from above. Where they do not, singular values decide, and rows
- * that do not count are cleared.
+ * that do not count are cleared. What counts as zero may have turned the rest by an angle `turned`.
  */
-static int decide(work_t *w, double *M, int k, int first, double *V, double *beta, double *r)
+static int decide(work_t *w, double *M, int k, int first, double *V, double *beta, double *r,
+                  double *turned)
 {
     int n = w->n;
     double left, least = w->least;
@@ -256,6 +258,7 @@ static int decide(work_t *w, double *M, int k, int first, double *V, double *bet
         w->gap = fmin(w->gap, 1.0 / doubt);
     if (left > 0.0)
         w->gap = fmin(w->gap, least / left);
+    *turned = doubt * left / least;
     return rank;
 }
 
@@ -305,7 +308,8 @@ static void solve_triangle(const double *K, int q, bool is_upper, const double *
 static void hold(work_t *w, int k)
 {
     double left;
-    int rank = triangle(w->M, k, w->n, w->fixed, DEPENDENT, w->V, w->beta, 0, w->none, &left);
+    double least = fmax(DEPENDENT, w->blur);
+    int rank = triangle(w->M, k, w->n, w->fixed, least, w->V, w->beta, 0, w->none, &left);
     w->turned = w->fixed += rank;
 }
 
@@ -318,7 +322,7 @@ static void activate(work_t *w, int q, int j)
         return;
     memcpy(row, w->rows + j * n, (size_t)n * sizeof *row);
     reflect(w->Z, w->Z_beta, n, w->fixed, c, row);
-    if (!(sqrt(dot(row + c, row + c, n - c)) > DEPENDENT))
+    if (!(sqrt(dot(row + c, row + c, n - c)) > fmax(DEPENDENT, w->blur)))
         return;
     reflection(row, n, c, w->Z, w->Z_beta);
     w->active[w->k++] = j;
@@ -344,7 +348,7 @@ static void activate_all(work_t *w, int q, const int8_t *state)
 static double towards(work_t *w, int q)
 {
     int n = w->n, f = w->fixed, c = w->fixed + w->k;
-    double size = 0.0;
+    double size = 0.0, turned;
     memcpy(w->M, w->P, (size_t)(q * n) * sizeof *w->M);
     for (int i = 0; i < q; i++) {
         double total = fabs(w->c[i]);
@@ -356,7 +360,7 @@ static double towards(work_t *w, int q)
         }
         size += total * total;
     }
-    int rank = decide(w, w->M, q, c, w->Z, w->Z_beta, w->r);
+    int rank = decide(w, w->M, q, c, w->Z, w->Z_beta, w->r, &turned);
     memset(w->step, 0, (size_t)n * sizeof *w->step);
     square(w->M, q, n, c, rank, w->r, w->copy, w->lack);
     solve_triangle(w->copy, rank, q > rank, w->lack, w->step + c);
@@ -479,6 +483,7 @@ static void begin(work_t *w, const double *lower, const double *upper, double *x
 {
     int n = w->n, held = 0;
     w->fixed = 0;
+    w->blur = 0.0;
     for (int j = 0; j < n; j++) {
         w->held[j] = lower[j] == upper[j];
         if (w->held[j]) {
@@ -557,7 +562,9 @@ static int level_of(work_t *w, int k, double damping, bool beside, const double 
     if (beside) {
         k = with_norm(w, k, q, damping, x, bounded);
     } else {
-        q = decide(w, w->M, k, f, w->V, w->beta, w->r);
+        double turned;
+        q = decide(w, w->M, k, f, w->V, w->beta, w->r, &turned);
+        w->blur = fmax(w->blur, turned);
         for (int j = 0; j < n && bounded; j++)
             reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
     }

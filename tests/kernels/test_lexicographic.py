@@ -132,6 +132,20 @@ def test_a_warm_start_at_a_vertex_is_left():
     assert (abs(cold.x - vertex).max(axis=1) > 1e-3).mean() > 0.3
 
 
+def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
+    """The level asks x_1 beyond its bound; x_3, of which it says nothing but round-off, is free.
+
+    What counts as zero, 7e-12 of the size, turns what the level leaves by 1e-9: towards x_1.
+    """
+    A = [[0.0, 1.0, 0.0], [5e-3, 0.0, 5e-12], [0.0, 0.0, 7e-12]]
+    batch = one([(A, [1.0, -1.0, 0.0])], [0.0, -INF, -3.0], [3.0, INF, 3.0])
+    for third in (-3.0, 0.5, 3.0):
+        start = np.array([[0.0, 1.0, third]]), np.array([[-1, 0, np.sign(third)]], np.int8)
+        found = kernel(batch, start=start)
+        np.testing.assert_allclose(found.x, [[0.0, 1.0, 0.0]], atol=1e-12)
+        assert found.gap > 1.0
+
+
 def test_a_bound_that_is_no_longer_there_is_no_start():
     batch = one([(np.eye(2), [3.0, 4.0])], [-INF, -INF], [INF, 1.0])
     for side in (-1, 1):
