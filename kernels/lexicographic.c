@@ -14,6 +14,8 @@
 static const double DEPENDENT = 1e-10;
 /* Steps and residuals below this fraction of what they are computed from may be round-off. */
 static const double ROUND_OFF = 1e-14;
+/* What is left below this fraction, of unknowns and of multipliers, is round-off alone. */
+static const double LEFT = 1e-15;
 /* Multipliers above this fraction show that a bound holds a level back. */
 static const double HELD_BACK = 1e-9;
 /* Where this fraction of an unknown is left, round-off of what it was asks for another pass. */
@@ -405,7 +407,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
     for (int i = 0; i < k; i++)
         w->none[w->active[i]] = lambda[i] * state[w->active[i]];
     for (int j = 0; j < n; j++)
-        if (w->none[j] > fmax(ROUND_OFF * terms, worst * EQUAL)) {
+        if (w->none[j] > fmax(LEFT * terms, worst * EQUAL)) {
             chosen = j;
             worst = w->none[j];
             if (first_only)
@@ -456,7 +458,7 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
             for (int j = 0; j < n; j++) {
                 double before = fabs(x[j]);
                 x[j] = fmin(fmax(x[j] + length * w->move[j], lower[j]), upper[j]);
-                if (fabs(x[j]) < 1e-15 * before)
+                if (fabs(x[j]) < LEFT * before)
                     x[j] = 0.0;
             }
         }
