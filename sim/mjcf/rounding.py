@@ -7,10 +7,15 @@ import mujoco
 import numpy as np
 
 from sim.array import Array
-from sim.mjcf.accuracy import SMALLEST_ANGLE_RAD, decimals_of_units, significant_digits
+from sim.mjcf.accuracy import (
+    FEWEST_DIGITS,
+    MOST_DIGITS,
+    half_units,
+    halves_of_units,
+    last_places,
+    significant_digits,
+)
 
-_FEWEST_DIGITS, _MOST_DIGITS = 5, 11
-"""Of the longest length to the file's last decimal: fewer are a design value, more are in full."""
 _POINTS = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 
 
@@ -38,39 +43,33 @@ def roundings(model: mujoco.MjModel) -> tuple[Rounding, ...]:
 
 
 def _of_lengths(model: mujoco.MjModel) -> Iterator[Rounding]:
-    """Lengths of one file have one last decimal; those of fewer digits have lost their zeros."""
+    """Those of five digits, and the shorter ones too of a file whose last decimal is a fine one."""
     eq_data = np.where(np.isin(model.eq_type, _POINTS)[:, None], model.eq_data, 0.0)[:, :3]
     fields = {name: getattr(model, name) for name in ("body_pos", "jnt_pos", "site_pos")}
     fields["eq_data"] = eq_data
     x = np.abs(np.concatenate([A.ravel() for A in fields.values()]))
     x = x[x > 0.0]
     digits = significant_digits(x)
-    written = digits <= _MOST_DIGITS
+    written = digits <= MOST_DIGITS
     if not written.any():
         return
-    last = np.floor(np.log10(x)).astype(int) - digits + 1  # exponent of the last digit
-    typical = int(np.percentile(last[written], 25, method="nearest"))
-    if np.floor(np.log10(x.max())) - typical + 1 < _FEWEST_DIGITS:
-        return
+    most = int(digits[written].max())
+    last = float(np.percentile(last_places(x[written]), 25, method="nearest"))
+    fewest = 1 if np.floor(np.log10(x.max())) - last + 1 >= FEWEST_DIGITS else FEWEST_DIGITS
     for name, A in fields.items():
-        for row, column in np.argwhere(A != 0.0):
-            size = np.abs(A[row, column : column + 1])
-            n = int(significant_digits(size)[0])
-            if n <= _MOST_DIGITS:
-                own = int(np.floor(np.log10(size[0]))) - n + 1
-                half = 0.5 * 10.0 ** min(own, typical)
-                yield Rounding(name, int(row), int(column), half, is_unit=False)
+        size = np.where(A == 0.0, 1.0, np.abs(A))
+        digits, halves = significant_digits(size), half_units(size, most, last)
+        for row, column in np.argwhere((A != 0.0) & (fewest <= digits) & (digits <= MOST_DIGITS)):
+            half = float(halves[row, column])
+            yield Rounding(name, int(row), int(column), half, is_unit=False)
 
 
 def _of_units(model: mujoco.MjModel) -> Iterator[Rounding]:
     for name in ("jnt_axis", "body_quat", "site_quat"):
-        unit = np.abs(getattr(model, name))
-        halves = 0.5 * 10.0 ** -decimals_of_units(unit)
-        for row, column in np.argwhere((unit > 1e-15) & (unit < 1.0)):
-            tiny = unit[row, column] < SMALLEST_ANGLE_RAD
-            half = float(unit[row, column] if tiny else halves[row])
-            if half > 0.0:
-                yield Rounding(name, int(row), int(column), half, is_unit=True)
+        halves = halves_of_units(getattr(model, name))
+        for row, column in np.argwhere(halves > 0.0):
+            half = float(halves[row, column])
+            yield Rounding(name, int(row), int(column), half, is_unit=True)
 
 
 def moved(model: mujoco.MjModel, rounding: Rounding, by: float) -> Array:
