@@ -35,11 +35,35 @@ AT_LENGTH = {
 """Fixtures that run a study or a cluster."""
 
 
+LONGEST = {
+    *("app/test_cli", "app/test_compare", "app/test_figure_checks", "app/test_find"),
+    *("app/test_habits", "app/test_interruptions", "app/test_render", "app/test_report"),
+    *("app/test_review", "ftc/test_excitation", "ftc/test_outside_hypotheses", "ik/test_limits"),
+    *("live/test_other_robots", "live/test_page", "live/test_tour", "rig/test_copies"),
+    *("prioritized/test_limited_mappings", "rig/test_other_controllers", "sim/test_plant"),
+    *("studies/test_benchmark", "studies/test_figures", "studies/test_mechanism_events"),
+    *("studies/test_mechanism_flights", "studies/test_sweep", "studies/test_sweep_threads"),
+    *("studies/test_track", "studies/test_track_command"),
+}
+"""Files whose long tests take a minute or more, three quarters of the time of all of them: they
+wait for the night."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as long whatever needs the files of a study, however it comes by them."""
+    tests = Path(__file__).parent
     for item in items:
         if AT_LENGTH & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.long)
+        file = item.path.relative_to(tests).with_suffix("").as_posix()
+        if file in LONGEST and item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.night)
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Show a failure when it happens: whoever stops the run would not see it at its end."""
+    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
+        print(f"\n{report.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
 
 
 @pytest.fixture(scope="session")
