@@ -18,7 +18,7 @@ from sim.closing.pin import Pin, pins_of
 from sim.errors import ClosureError
 from sim.mjcf.dynamics import mass_of
 from sim.mjcf.frame import Body
-from sim.mjcf.model import check_size, check_state, name_of
+from sim.mjcf.model import bring_up_to_date, check_size, check_state, name_of
 from sim.mjcf.ranges import turning
 
 _LONGEST_CORRECTION = 0.05
@@ -68,8 +68,8 @@ def advance(
             `qpos` is that of `data`. None is another one, which takes 0.3 ms to make.
 
     Returns:
-        The new state, derived quantities up to date. Its `time` is later by the duration that was
-        really taken: `duration_s`, or the part of it that a shortened step is.
+        The new state, up to date but for contacts and the mass matrix. Its `time` is later by the
+        duration that was really taken: `duration_s`, or the part of it that a shortened step is.
 
     Where a site misses where its velocity leads by more than the way there, as next to a singular
     pose, a `RuntimeWarning` says which and how much shorter the step must be: the site follows the
@@ -166,7 +166,7 @@ def _longest_part(
     part, why = _turned(model, motion)
     if fixed is None:
         mujoco.mj_integratePos(model, data.qpos, part * motion, 1.0)
-        mujoco.mj_fwdPosition(model, data)
+        bring_up_to_date(model, data)
         return part, why
     begun = data.qpos.copy()
     for trial in range(_MOST_TRIALS):

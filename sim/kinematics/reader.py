@@ -19,7 +19,6 @@ from sim.kinematics.pose import made
 from sim.kinematics.rows import Matrices, RowSource, task_rows
 from sim.kinematics.structure import (
     Structure,
-    bring_up_to_date,
     elsewhere,
     structure,
     unmoved,
@@ -28,7 +27,7 @@ from sim.kinematics.structure import (
 from sim.kinematics.task import Task, located_axes, located_task, task_list
 from sim.mjcf.frame import Body
 from sim.mjcf.limits import stuck_names
-from sim.mjcf.model import check_state
+from sim.mjcf.model import bring_up_to_date, check_state
 
 CLOSURE_TOLERANCE = 1e-3
 """Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""

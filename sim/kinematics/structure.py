@@ -14,7 +14,7 @@ from sim.array import Array
 from sim.closing.equalities import Closures
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
-from sim.mjcf.model import element_id, name_of, with_sleepers
+from sim.mjcf.model import bring_up_to_date, element_id, name_of
 from sim.mjcf.ranges import turning
 from sim.mjcf.transmission import drives, extra_drives, required_drives, simple_velocities
 
@@ -39,19 +39,6 @@ class Structure(NamedTuple):
     gear: Array
     extra: tuple[Drive, ...]
     variables: int
-
-
-def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """What Jacobians need of `mj_fwdPosition`: no contacts, no mass matrix."""
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    if model.nflex:
-        mujoco.mj_flex(model, data)
-    if model.ntendon:
-        mujoco.mj_tendon(model, data)
-    if model.neq:
-        mujoco.mj_makeConstraint(model, data)
-    with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
 
 
 def variables_of(

@@ -201,3 +201,16 @@ def _file(path: str | Path | None) -> Path:
     if not found:
         raise ModelError(f"there is no MJCF or URDF file {check.shown(str(file))}")
     return file
+
+
+def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """What Jacobians need of `mj_fwdPosition`: no contacts, no mass matrix."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    if model.nflex:
+        mujoco.mj_flex(model, data)
+    if model.ntendon:
+        mujoco.mj_tendon(model, data)
+    if model.neq:
+        mujoco.mj_makeConstraint(model, data)
+    with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
