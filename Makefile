@@ -11,7 +11,8 @@ RUNS := results/report
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
 # Tests that reach every kernel.
-SANITIZED := tests/kernels tests/prioritized/test_batches.py tests/prioritized/test_short_way.py tests/prioritized/test_ticks.py \
+SANITIZED := tests/kernels tests/prioritized/test_batches.py tests/prioritized/test_rates.py tests/prioritized/test_ticks.py \
+    tests/prioritized/test_mapping_ticks.py tests/prioritized/test_plain_arrays.py \
     tests/prioritized/test_viable.py tests/prioritized/test_rank.py tests/sim/test_layouts.py tests/ftc/test_tick.py \
     tests/ftc/test_evidence.py tests/ftc/test_friction.py tests/ftc/test_isolability.py \
     tests/ftc/test_parameter_filter.py tests/ftc/test_residual_test.py tests/ftc/test_whitening.py \

@@ -8,7 +8,6 @@ import os
 import re
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import _cffi_backend
 import numpy as np
@@ -16,13 +15,12 @@ from cffi import FFI
 
 from kernels.build import LIBRARY, digest
 
-__all__ = ["ffi", "filled", "lib", "pointer"]
+__all__ = ["Struct", "ffi", "lib", "pointer"]
 
 ffi: Any = FFI()
 _KINDS = {"f8": "double", "i8": "int64_t", "i4": "int32_t", "i1": "int8_t", "?": "bool"}
 _TYPES = {np.dtype(kind): ffi.typeof(f"{name}[]") for kind, name in _KINDS.items()}
 _from_buffer: Any = _cffi_backend.from_buffer  # that of FFI takes twice as long
-_held = WeakKeyDictionary[Any, dict[str, Any]]()
 
 
 def _load() -> Any:
@@ -52,15 +50,28 @@ def pointer(array: np.ndarray[Any, Any]) -> Any:
     return _from_buffer(_TYPES[array.dtype], array)
 
 
-def filled(kind: str, **fields: Any) -> Any:
-    """A struct of kernels.h as an argument, which keeps the arrays that it points to.
+class Struct:
+    """A struct of kernels.h and the arrays that it points to; a copy points to its own.
 
-    It cannot be copied: who has it makes another one for its copy.
+    Fields are numbers, arrays, or other structs; what is None or not given is zero, or nothing.
     """
-    values = {
-        name: pointer(value) if isinstance(value, np.ndarray) else value
-        for name, value in fields.items()
-    }
-    struct = ffi.new(f"{kind} *", values)
-    _held[struct] = values
-    return struct
+
+    __slots__ = ("_fields", "_kind", "pointer")
+
+    def __init__(self, kind: str, **fields: Any) -> None:
+        self._kind, self._fields = kind, fields
+        given = {name: _field(each) for name, each in fields.items() if each is not None}
+        self.pointer = ffi.new(f"{kind} *", given)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _struct, (self._kind, self._fields)
+
+
+def _field(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return pointer(value)
+    return value.pointer if isinstance(value, Struct) else value
+
+
+def _struct(kind: str, fields: dict[str, Any]) -> Struct:
+    return Struct(kind, **fields)

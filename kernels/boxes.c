@@ -18,11 +18,21 @@ static double smaller(double a, double b)
     return b < a ? b : a;
 }
 
-/* Whether these are a lower and an upper limit, infinite where there is none; NaN is not. */
-static bool are_limits(double lower, double upper)
+bool are_limits(double lower, double upper)
 {
     bool is_number = fabs(lower) < LARGEST || lower == -INFINITY;
     return is_number && (fabs(upper) < LARGEST || upper == INFINITY) && lower <= upper;
+}
+
+bool copy_limits(int n, const double *lower, const double *upper, double *limits)
+{
+    for (int i = 0; i < n; i++) {
+        if (!are_limits(lower[i], upper[i]))
+            return false;
+        limits[i] = lower[i];
+        limits[n + i] = upper[i];
+    }
+    return true;
 }
 
 /* Zero where infinite: another term decides there. */

@@ -176,180 +176,72 @@ void convert(const conversion *by, int n, const double *x, double *y);
 /* argument_checks.ties.exceeds of two numbers. */
 bool exceeds(double value, double bound, double zero);
 
+/* Whether these are a lower and an upper limit, infinite where there is none; NaN is not. */
+bool are_limits(double lower, double upper);
+
+/* Copy limits (n) to `limits` (2, n); whether each lower one is at most the upper one. */
+bool copy_limits(int n, const double *lower, const double *upper, double *limits);
+
 /* The box (n) of prioritized.viable_rates; given are positions, rates, lower and upper limits of
  * positions, of rates, and of accelerations, (8, n). Returns whether they are such as that function
  * takes; else what is written means nothing. */
 bool viable_box(int n, const double *given, double T, double *lower, double *upper, bool *viable);
 
-/* closing.c */
+/* loops.c */
 
-/* Solve J_Cp [closing, -gain] = [1, J_Ca] by Gaussian elimination with row pivots: J_C (p, N),
- * velocity indices of J_Ca (n) and of J_Cp (p); closing (p, p), gain (p, n), room p (2 p + n + 1)
- * numbers. Returns whether no singular value of J_Cp is below `clear` of |J_C|: the least is at
- * least 1 / |J_Cp^-1|, in the Frobenius norm. Otherwise the numbers mean nothing. */
-bool close_loops(const double *J_C, int p, int N, const int64_t *active, int n,
-                 const int64_t *moving, double clear, double *closing, double *gain, double *room);
+/* Eliminate p passive velocities by reflections of the rows of J_C (c, N), of which `order` (p + n)
+ * has the velocities, passive ones first. M (c + 1, p + n), or with `closing` c columns wider, then
+ * has, from column p on, passive velocities per rate (p, n), which are -J_Cp^+ J_Ca, then J_Cp^+
+ * (p, c); and below, for orthonormal rows Z with Z J_Cp = 0, Z J_Ca (c - p, n), then Z (c - p, c);
+ * its last row is room. Returns |J_Cp^-1|, in the Frobenius norm, on the range of J_Cp: the least
+ * singular value is at least its inverse. It is infinite where columns are dependent; then, and
+ * where it is too large, the numbers mean nothing. c is at least p. */
+double close_loops(const double *J_C, int c, int N, const int64_t *order, int p, int n,
+                   bool closing, double *M);
 
-/* Write J = J_Ta + J_Tp gain, eq. (14), (m, n), and return the size of the two terms. */
-double reduce_task(const double *J_T, int m, int N, const int64_t *active, int n,
-                   const int64_t *moving, int p, const double *gain, double *J);
+/* Write J = J_Ta + J_Tp gain, eq. (14), (m, n), of J_T (m, N), gain (p, n) in rows of so many
+ * numbers, and return the size of the two terms. */
+double reduce_task(const double *J_T, int m, int N, const int64_t *order, int p, int n,
+                   const double *gain, int width, double *J);
 
 /* Write the bases of prioritized.canonical_basis to zeros, (count, N, k). Overwrites orthonormal
  * columns, of which zero ones come last then, (count, N, k); room for a vector (k). */
 void canonical_bases(int count, int N, int k, double *rest, double *made, double *along);
 
-/* single.c */
+/* tick.c */
 
-/* Ranks are clearly full; the SVD must decide; a number is not finite or too large. */
-enum { CLEAR, IN_DOUBT, REFUSED };
-/* Ratio of joint weights up to which rates are scaled by them without loss of digits. */
-enum { SPREAD = 10000 };
-
-/* Of a problem: major directions, task rows, rates, rows of W1, of W2, secondary directions. */
+/* Levels of rows S J rates + R rates that are to be T targets, whatever the pose, then least
+ * |weight (rates - wanted)|, which may be beside the last level. */
 typedef struct {
-    int p, m, n, k1, k2, m2;
-} single_sizes;
-
-/* Where W1, W2 and J stand in F, one after the other. */
-int single_arguments(single_sizes sizes);
-
-/* Write the factors of a problem to F, which has room for single_room(sizes) numbers.
- *
- * J (m, n), S_m (p, m), S_s (m2, m), W1 (k1, n), W2 (k2, m2). `scale` is the size of J, below
- * zero: its norm; `clear` the fraction of it above which a singular value is clearly not zero,
- * `exact` the part of `clear` for joint weights. Returns CLEAR, IN_DOUBT or REFUSED.
- */
-int single_room(single_sizes sizes);
-int single_factor(single_sizes sizes, const double *J, const double *S_m, const double *S_s,
-                  const double *W1, const double *W2, double scale, double clear, double exact,
-                  double *F);
-
-/* The same for weights given by their diagonals, k1 n or 0, and k2 m2 or 0. */
-int single_factor_diagonals(single_sizes sizes, const double *J, const double *S_m,
-                            const double *S_s, const double *w1, const double *w2, double scale,
-                            double clear, double exact, double *F);
-
-/* Write the optimal rates x (n,) for a target v (p,), rates_d (n,), v_sd (m2,), or return REFUSED.
- *
- * F is CLEAR; `work` has room for single_work(sizes) numbers here and below.
- */
-int single_work(single_sizes sizes);
-int single_apply(single_sizes sizes, const double *F, const double *v, const double *rates_d,
-                 const double *v_sd, double *work, double *x);
-
-/* Move the optimal rates x to the optimum within limits (2, n).
- *
- * Returns the steps of the active set, or -1 where another method decides. `state` (n,) are limits
- * to begin with, -1 lower, 1 upper, 0 none; overwritten with those that hold.
- */
-int single_within(single_sizes sizes, const double *F, const double *limits, double *work,
-                  double *x, int8_t *state);
-
-/* Both in one call; IN_DOUBT where another method decides. */
-int single_apply_within(single_sizes sizes, const double *F, const double *v,
-                        const double *rates_d, const double *v_sd, const double *limits,
-                        double *work, double *x);
-
-/* Factors and rates in one call; their arguments, and codes. */
-int single_solve(single_sizes sizes, const double *J, const double *S_m, const double *S_s,
-                 const double *W1, const double *W2, double scale, double clear, double exact,
-                 const double *v, const double *rates_d, const double *v_sd, double *F, double *x);
-
-/* A batch, one problem after the other; F has room for one.
- *
- * `each` are the numbers from one problem to the next in J, W1, W2 and scale, 0 where all have the
- * same. Writes the rates to x (count, n), and to `ok` which problems have clearly full ranks.
- */
-void single_solve_each(single_sizes sizes, int count, const int64_t *each, const double *J,
-                       const double *S_m, const double *S_s, const double *W1, const double *W2,
-                       const double *scale, double clear, double exact, const double *v,
-                       const double *rates_d, const double *v_sd, double *F, double *x, bool *ok);
-
-/* Write Problem 1 as levels for a target: A (p + k1 + k2 + n, n), b, and three scales.
- *
- * The rows are those of J_m, of [W1; W2 J_s], and of the identity, whose target is zero.
- */
-void single_levels(single_sizes sizes, const double *F, const double *v, const double *rates_d,
-                   const double *v_sd, double exact, double *A, double *b, double *scales);
-
-/* Copy limits (n,) to `limits` (2, n); whether each lower is at most its upper one. */
-bool single_copy_limits(int n, const double *lower, const double *upper, double largest,
-                        double *limits);
-
-/* Write the levels of single_levels_within to A (k, n) and b (k,). */
-void single_unpack(int n, int levels, const int64_t *ends, const double *given, double *A,
-                   double *b);
-
-/* Minimize |A_k x - b_k| level by level within limits, where only one before |x| is not met.
- *
- * That is the first with which there are as many rows as unknowns. `given` is A_1, b_1, A_2, and
- * so on, row by row; `ends` says where each of the levels ends in the rows of all, that of |x| at
- * last. A singular value is clearly not zero above `clear`, a part of its level's norm; limits
- * below `largest` pass, or infinite ones. `found` is x, the lower and the upper limits, (n,) each,
- * and the norms of the levels; `state` as above. `work` has room for single_levels_work numbers,
- * `rows` being the last end. Returns the steps of the active set, -1 where another method decides,
- * -2 where that is to check the numbers first.
- */
-int single_levels_work(int n, int rows);
-int single_levels_within(int n, int levels, const int64_t *ends, const double *given, double clear,
-                         double largest, const double *lower, const double *upper, double *work,
-                         double *found, int8_t *state);
-
-/* batch.c */
-
-/* Problems at a time. */
-enum { LANES = 16 };
-
-/* Write the optimal rates of a batch to x (count, n), and to `ok` which have clearly full ranks.
- *
- * J (count, m, n), S_m (p, m), G = W2 S_s (k2, m), w the diagonal of W1 (n,), none of it zero, W2
- * (k2, m2); the scale of problem k is scale[k * each], and targets are v (count, p), rates_d
- * (count, n), v_sd (count, m2). `work` has room for batch_work(sizes) numbers.
- */
-int batch_work(single_sizes sizes);
-void batch_solve_each(single_sizes sizes, int count, const double *J, const double *S_m,
-                      const double *G, const double *w, const double *W2, const double *scale,
-                      int each, double clear, double exact, const double *v,
-                      const double *rates_d, const double *v_sd, double *work, double *x,
-                      bool *ok);
-
-/* regular.c */
-
-/* All met; limits forbid it; others decide; a number is wrong. */
-enum { REGULAR_MET, REGULAR_LIMITED, REGULAR_IN_DOUBT, REGULAR_REFUSED };
-
-/* Levels of rows S J rates that the best rates are to meet, whatever the pose: least is
- * |weight (rates - wanted)|^2 + |E D J rates - e|^2. */
-typedef struct {
-    int m, c, N, t;          /* rows of J_T, of J_C, columns of both, targets of all levels */
-    int k, d, e;             /* rows of S, of D, of E */
-    int p, n, z;             /* passive velocities that move, rates, those without a weight */
-    int idles;               /* passive velocities at rest: neither loops nor task know them */
-    const double *S;         /* rows of the levels on the task, (k, m) */
-    const double *D;         /* directions of the task in the last level, (d, m) */
-    const double *E;         /* their weights, (e, d) */
-    const double *T;         /* right sides of S, wanted rates, e; (k + n - z + e, t) */
-    const double *weight;    /* of all rates but the first z, (n - z) */
-    const int64_t *order;    /* indices of the p velocities and the n rates, (p + n) */
-    const int64_t *place;    /* of each rate in this order its actuator, (n) */
-    const int64_t *idle;     /* indices, (idles) */
+    int m, c, N, t;       /* rows of J_T, of J_C, columns of both, targets of all levels */
+    int p, n;             /* passive velocities that move, rates */
+    int idles;            /* passive velocities at rest: neither loops nor task know them */
+    int k, levels;        /* rows of all levels, levels */
+    int d, e;             /* directions of the task in a level beside the norm, and its rows */
+    const int64_t *order; /* indices of the p velocities and the n rates, (p + n) */
+    const int64_t *idle;  /* indices, (idles) */
+    const double *S;      /* (k, m) */
+    const double *R;      /* (k, n), or nothing */
+    const double *D;      /* (d, m) */
+    const double *T;      /* of the rows and of wanted rates, (k + n, t) */
+    const double *weight;   /* (n,), or nothing: |rates| is least, and T has k rows */
+    const double *damping;  /* of each level, (levels,), or nothing */
+    const double *sizes;    /* 2-norm of S of each level, then of S and D, (levels + 1,) */
+    const double *on_rates; /* of R of each level, times the part that is in doubt, (levels,) */
+    const int32_t *ends;    /* of each level in S, (levels,) */
     double error_C, error_T; /* size of the errors of J_C and J_T per bound of them */
     double doubt_C, doubt_J; /* part of J_C and of J up to which a singular value is in doubt */
-    double directions;       /* norm of S and D */
-    double settling, beside; /* `clear` times |weight| and |E D|, per least weight */
-    double clear;            /* part of a scale above which a singular value is regular */
-    double least_weight;
-} regular_plan;
+} tick_plan;
+
+/* All solved; ranks are in doubt, or limits and loops contradict each other; a number is wrong. */
+enum { TICK_SOLVED, TICK_IN_DOUBT, TICK_REFUSED };
 
 /* Write all velocities x (N), zero where stuck or idle, from J_T (m, N), J_C (c, N), targets (t),
  * limits of all velocities (N), which do not matter where stuck, and a bound of the errors of the
- * entries of J_T and J_C in natural units. Where limits forbid it, room, regular_room(plan)
- * numbers, begins with passive velocities per rate (p, n), constraints of the rates (c - p, n),
- * of which some may be zero, J (m, n), and the size of its terms (1, n), by actuator. */
-int regular_room(const regular_plan *plan);
-int regular_meet(const regular_plan *plan, const double *J_T, const double *J_C,
-                 const double *targets, const double *lower, const double *upper, double bound,
-                 double *x, double *room);
+ * entries of J_T and J_C in natural units. */
+int tick_room(const tick_plan *plan);
+int tick_solve(const tick_plan *plan, const double *J_T, const double *J_C, const double *targets,
+               const double *lower, const double *upper, double bound, double *x, double *room);
 
 /* certain.c */
 
@@ -361,17 +253,16 @@ bool all_exceed(double *A, int rows, int n, const int64_t *ends, int count, cons
 
 /* lexicographic.c */
 
-/* Unknowns at their bounds, and what to start from. */
+/* Unknowns at their bounds. */
 enum { LEXICOGRAPHIC_LOWER = -1, LEXICOGRAPHIC_FREE = 0, LEXICOGRAPHIC_UPPER = 1 };
-enum { LEXICOGRAPHIC_COLD, LEXICOGRAPHIC_FROM_OPTIMUM, LEXICOGRAPHIC_WARM };
 
 /* Minimize |A_k x - b_k|, level by level, then |weight (x - wanted)|, within lower <= x <= upper. */
 typedef struct {
     int count;             /* problems of one shape */
     int n, levels;         /* unknowns, levels */
     int matrices, bounds;  /* A, and pairs of bounds: one for all problems, or as many as these */
-    int start;             /* nothing, the optima without bounds, or an earlier solution */
     int most_steps;        /* of the active set, for each problem */
+    bool warm;             /* whether x and state are an earlier solution, to start from */
     bool beside;           /* whether that norm is added to the last level, not after it */
     double tolerance;      /* part of a level's scale up to which singular values are zero */
     const int32_t *ends;   /* where each level ends in the rows of all, (levels,) */
@@ -379,18 +270,48 @@ typedef struct {
     const double *weight;  /* (n,), not below zero, then |x| is least at last; or nothing: |x| */
 } lexicographic_problem;
 
-/* Numbers that `room` must have. */
+/* Numbers that `room` must have; NULL will do for OWN_ROOM. */
+enum { OWN_ROOM = 1024 };
 int64_t lexicographic_room(const lexicographic_problem *p);
 
 /* Solve a batch, one problem after another: A (matrices, rows, n), b (count, rows), scales
- * (matrices, levels), the size of what each level was made of; bounds (bounds, n); with weights
- * wanted (count, n); x and state (count, n), which are the start, too. Writes of each problem the
- * steps of the active set, whether every level came to an end within them, and the smallest gap of
- * the rank decisions. */
+ * (matrices, levels), the size of what each level was made of, or nothing: its norm; limits
+ * (bounds, 2, n), lower and upper; with weights wanted (count, n); x and state (count, n). Writes
+ * a report (count, 4) of each problem: steps of the active set; 1 if every level came to an end
+ * within them, -1 if numbers are not finite, too large, or too small for a norm; the smallest gap of
+ * the rank decisions without bounds, and of those beside active ones. Writes the rank (levels) of
+ * each level after a cold start, without bounds, unless it is beside the norm or NULL is given. */
 void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
-                         const double *scales, const double *lower, const double *upper,
-                         const double *wanted, double *room, double *x, int8_t *state,
-                         int64_t *steps, bool *ended, double *gap);
+                         const double *scales, const double *limits, const double *wanted,
+                         double *room, double *x, int8_t *state, double *report, int32_t *ranks);
+
+/* problem1.c */
+
+/* Problem 1 of the paper: minimize |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2 at v_m, within
+ * limits, then |rates|; W1, W2 diagonal. */
+typedef struct {
+    int count, jacobians;  /* targets; Jacobians, one for all of them or one for each */
+    int m, n, m1, m2;      /* task rows, rates, major and secondary directions */
+    bool joint, secondary; /* whether there is W1, and W2 */
+    double tolerance;
+    double clear;          /* part of the size up to which a major singular value is in doubt */
+    const double *S;       /* major, then secondary directions, (m1 + m2, m) */
+} problem1;
+
+/* All solved; a major direction may be out of reach, where `clear` is not zero, or the active set
+ * did not come to an end; a number is not finite or too large. */
+enum { PROBLEM1_SOLVED, PROBLEM1_IN_DOUBT, PROBLEM1_REFUSED };
+
+/* Write the rates x (count, n): J (jacobians, m, n) and the sizes against which ranks are decided
+ * (jacobians), or nothing for their norms, diagonals w1 (n) and w2 (m2), targets v (count, m1),
+ * rates_d (count, n) and v_s (count, m2), which may be nothing, limits (2, n) or nothing. */
+int64_t problem1_room(const problem1 *p);
+/* Whether no product of J and weights over- or underflows, unless they are zero. */
+bool problem1_fits(const problem1 *p, const double *J, const double *w1, const double *w2);
+int problem1_solve(const problem1 *p, const double *J, const double *sizes, const double *w1,
+                   const double *w2, const double *v, const double *rates_d, const double *v_s,
+                   const double *limits, double *room, double *x);
+
 /* struts.c: the hexapod */
 
 /* Nodes of the struts at the nominal pose, (6, 3) each, and their lengths there, (6). */
@@ -402,12 +323,11 @@ typedef struct {
 enum { STRUT_ROOM = 1024 };
 
 /* How demands (2) become displacements (6): optimal of the survivors, which are not locked, and zero
- * of the others. The rest is as of single_solve; single_room(sizes) is at most STRUT_ROOM. */
+ * of the others. For one target and J; problem1_room(problem) is at most STRUT_ROOM. */
 typedef struct {
-    single_sizes sizes;
+    const problem1 *problem;
     const int64_t *survivors;
-    const double *S_m, *S_s, *W1, *W2;
-    double clear, exact;
+    const double *w1, *w2;
 } strut_mapping;
 
 /* A flight of N ticks. */

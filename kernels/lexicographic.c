@@ -26,6 +26,8 @@ static const double NOTHING = 1e-150;
 static const double EXACT = 1e-10;
 /* Ratio of weights up to which unknowns are measured in parts of them without loss of digits. */
 static const double MEASURED = 1e4;
+/* Sizes of numbers that the argument checks let pass, as in argument_checks/arrays.py. */
+static const double LARGEST = 1e120, SMALLEST = 1e-120;
 /* Of numbers that differ by less than this factor the first is taken. */
 static const double EQUAL = 1.0 + 1e-9;
 
@@ -38,6 +40,7 @@ typedef struct {
     double tolerance;
     const int32_t *ends;
     const double *damping, *A, *b, *scales, *lower, *upper;
+    int32_t *ranks;
 } problem_t;
 
 typedef struct {
@@ -48,13 +51,15 @@ typedef struct {
     double slow, fast;  /* unknowns are measured in parts of weights of at least and most this */
     bool doubt;         /* whether these hide a rank */
     double blur;        /* angle by which what counts as zero may turn what levels leave */
-    double gap;         /* smallest factor by which a decision is clear */
+    double *gap;        /* smallest factor by which a decision is clear: see `gaps` */
+    double gaps[2];     /* of the levels without bounds, and beside active ones */
     double from;        /* size of what the level's rows lack is computed from */
+    int32_t *rank;      /* of the level without bounds, or none */
     int steps, most;    /* of the active set, and how many there may be */
     double *V, *beta;   /* reflection t acts on coordinates from t on: row t of (n, n), and (n,) */
-    double *rows;       /* V, unknown by unknown, (n, n) */
     double *M, *r;      /* a level's rows (k, n) and what they lack (k,) */
     double *copy, *lack, *squares; /* the same again, and squares of its rows, (k,) */
+    bool is_norm;       /* whether K is the identity, and not there */
     double *K, *c, *t;  /* the level is |K t - c|, with (q, q) and (q,), at the present t */
     int k;              /* active bounds that are independent */
     double *Z, *Z_beta; /* reflections that begin with those of active bounds, (n, n) and (n,) */
@@ -235,7 +240,7 @@ static int decide(work_t *w, double *M, int k, int first, double *V, double *bet
     memcpy(w->copy, M, (size_t)(k * n) * sizeof *M);
     memcpy(w->lack, r, (size_t)k * sizeof *r);
     int rank = triangle(M, k, n, first, least / w->fast, V, beta, r, w->squares, &left);
-    double doubt = least / w->slow * inverse_norm(M, n, first, rank, w->none);
+    double doubt = least > 0.0 ? least / w->slow * inverse_norm(M, n, first, rank, w->none) : 0.0;
     left *= w->fast;
     if (!(doubt < 1.0) || left > least) {
         w->doubt = w->doubt || w->slow < w->fast;
@@ -257,10 +262,10 @@ static int decide(work_t *w, double *M, int k, int first, double *V, double *bet
         rank = triangle(M, rank, n, first, 0.0, V, beta, r, w->squares, &nothing);
     }
     if (doubt > 0.0)
-        w->gap = fmin(w->gap, 1.0 / doubt);
+        *w->gap = fmin(*w->gap, 1.0 / doubt);
     if (left > 0.0)
-        w->gap = fmin(w->gap, least / left);
-    *turned = doubt * left / least;
+        *w->gap = fmin(*w->gap, least / left);
+    *turned = left > 0.0 ? doubt * left / least : 0.0;
     return rank;
 }
 
@@ -306,13 +311,22 @@ static void solve_triangle(const double *K, int q, bool is_upper, const double *
     }
 }
 
+/* Write how an unknown depends on the coordinates, row j of V. */
+static void row_of(const work_t *w, int j, double *row)
+{
+    memset(row, 0, (size_t)w->n * sizeof *row);
+    row[j] = 1.0;
+    reflect(w->V, w->beta, w->n, 0, w->turned, row);
+}
+
 /* Fix what moves these bounds, rows of V in M (k, n): their coordinates come next in y. */
 static void hold(work_t *w, int k)
 {
     double left;
     double least = fmax(DEPENDENT, w->blur);
     int rank = triangle(w->M, k, w->n, w->fixed, least, w->V, w->beta, 0, w->none, &left);
-    w->turned = w->fixed += rank;
+    w->fixed += rank;
+    w->turned += rank;
 }
 
 /* Let no step move the bound of an unknown, if it depends on the active ones it does not anyway. */
@@ -322,27 +336,51 @@ static void activate(work_t *w, int q, int j)
     double *row = w->L + w->k * n;
     if (c == n)
         return;
-    memcpy(row, w->rows + j * n, (size_t)n * sizeof *row);
+    row_of(w, j, row);
     reflect(w->Z, w->Z_beta, n, w->fixed, c, row);
     if (!(sqrt(dot(row + c, row + c, n - c)) > fmax(DEPENDENT, w->blur)))
         return;
     reflection(row, n, c, w->Z, w->Z_beta);
     w->active[w->k++] = j;
-    for (int i = 0; i < q; i++)
+    for (int i = 0; i < q && !w->is_norm; i++)
         reflect(w->Z, w->Z_beta, n, c, c + 1, w->P + i * n);
 }
 
-/* Begin with the bounds that are active. */
-static void activate_all(work_t *w, int q, const int8_t *state)
+/* Activate all bounds that x is at, of which the first k stay as they are. */
+static void activate_all(work_t *w, int q, const int8_t *state, int k)
 {
-    int n = w->n;
-    memset(w->P, 0, (size_t)(q * n) * sizeof *w->P);
-    for (int i = 0; i < q; i++)
-        memcpy(w->P + i * n + w->fixed, w->K + i * q, (size_t)q * sizeof *w->P);
-    w->k = 0;
-    for (int j = 0; j < n; j++)
-        if (state[j] && !w->held[j])
+    int n = w->n, f = w->fixed;
+    w->k = k;
+    for (int i = 0; i < q && !w->is_norm; i++) {
+        double *row = w->P + i * n;
+        memset(row, 0, (size_t)n * sizeof *row);
+        memcpy(row + f, w->K + i * q, (size_t)q * sizeof *row);
+        reflect(w->Z, w->Z_beta, n, f, f + k, row);
+    }
+    for (int j = 0; j < n; j++) {
+        bool is_there = false;
+        for (int i = 0; i < k; i++)
+            is_there = is_there || w->active[i] == j;
+        if (state[j] && !w->held[j] && !is_there)
             activate(w, q, j);
+    }
+}
+
+/* Write what the level lacks at t, c - K t, to r; returns the size of what it is computed from. */
+static double lacking(work_t *w, int q, double *r)
+{
+    double size = 0.0;
+    for (int i = 0; i < q; i++) {
+        double total = fabs(w->c[i]);
+        r[i] = w->c[i];
+        for (int j = w->is_norm ? i : 0; j < (w->is_norm ? i + 1 : q); j++) {
+            double part = (w->is_norm ? 1.0 : w->K[i * q + j]) * w->t[j];
+            r[i] -= part;
+            total += fabs(part);
+        }
+        size += total * total;
+    }
+    return sqrt(size);
 }
 
 /* Write the step in y to the optimum of |K t - c| beside active bounds; returns the size of what
@@ -350,24 +388,21 @@ static void activate_all(work_t *w, int q, const int8_t *state)
 static double towards(work_t *w, int q)
 {
     int n = w->n, f = w->fixed, c = w->fixed + w->k;
-    double size = 0.0, turned;
-    memcpy(w->M, w->P, (size_t)(q * n) * sizeof *w->M);
-    for (int i = 0; i < q; i++) {
-        double total = fabs(w->c[i]);
-        w->r[i] = w->c[i];
-        for (int j = 0; j < q; j++) {
-            double part = w->K[i * q + j] * w->t[j];
-            w->r[i] -= part;
-            total += fabs(part);
-        }
-        size += total * total;
-    }
-    int rank = decide(w, w->M, q, c, w->Z, w->Z_beta, w->r, &turned);
+    double turned, size = lacking(w, q, w->r);
     memset(w->step, 0, (size_t)n * sizeof *w->step);
+    if (w->is_norm) {
+        memcpy(w->step + f, w->r, (size_t)q * sizeof *w->r);
+        reflect(w->Z, w->Z_beta, n, f, c, w->step);
+        memset(w->step + f, 0, (size_t)w->k * sizeof *w->step);
+        reflect_back(w->Z, w->Z_beta, n, f, c, w->step);
+        return size;
+    }
+    memcpy(w->M, w->P, (size_t)(q * n) * sizeof *w->M);
+    int rank = decide(w, w->M, q, c, w->Z, w->Z_beta, w->r, &turned);
     square(w->M, q, n, c, rank, w->r, w->copy, w->lack);
     solve_triangle(w->copy, rank, q > rank, w->lack, w->step + c);
     reflect_back(w->Z, w->Z_beta, n, f, c + rank, w->step);
-    return sqrt(size);
+    return size;
 }
 
 /* Find the bound to leave, -1 if there is none, and then bounds that clearly hold the level back.
@@ -377,23 +412,16 @@ static double towards(work_t *w, int q)
 static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
 {
     int n = w->n, f = w->fixed, k = w->k, chosen = -1;
-    double terms = 0.0, residual = 0.0, worst = 0.0, *g = w->move, *lambda = w->lambda;
-    memset(g, 0, (size_t)n * sizeof *g);
-    for (int i = 0; i < q; i++) {
-        double r = -w->c[i], total = fabs(w->c[i]);
-        for (int j = 0; j < q; j++) {
-            r += w->K[i * q + j] * w->t[j];
-            total += fabs(w->K[i * q + j] * w->t[j]);
-        }
-        for (int j = 0; j < q; j++)
-            g[f + j] += r * w->K[i * q + j];
-        residual += r * r;
-        terms += total * total;
-    }
-    residual = sqrt(residual);
-    terms = sqrt(terms);
+    double worst = 0.0, *g = w->move, *lambda = w->lambda, *r = w->r;
+    double terms = lacking(w, q, r), residual = sqrt(dot(r, r, q));
     if (!(residual > ROUND_OFF * terms))
         return -1;
+    memset(g, 0, (size_t)n * sizeof *g);
+    for (int i = 0; i < q; i++)
+        if (w->is_norm)
+            g[f + i] = -r[i];
+        else
+            add(g + f, -r[i], w->K + i * q, q);
     reflect(w->Z, w->Z_beta, n, f, f + k, g);
     for (int i = k - 1; i >= 0; i--) {
         double s = g[f + i];
@@ -426,16 +454,17 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
 {
     int n = w->n, f = w->fixed, idle = 0;
     memset(w->t, 0, (size_t)q * sizeof *w->t);
-    activate_all(w, q, state);
+    activate_all(w, q, state, 0);
     for (; w->steps < w->most; w->steps++) {
         double terms = towards(w, q), length = 1.0, most = 0.0, moved = 0.0;
         int blocked = -1;
         for (int i = 0; i < q; i++) {
-            double change = dot(w->K + i * q, w->step + f, q);
+            double change = w->is_norm ? w->step[f + i] : dot(w->K + i * q, w->step + f, q);
             moved += change * change;
         }
+        memcpy(w->move, w->step, (size_t)n * sizeof *w->move);
+        reflect_back(w->V, w->beta, n, 0, w->turned, w->move);
         for (int j = 0; j < n; j++) {
-            w->move[j] = dot(w->rows + j * n + f, w->step + f, n - f);
             if (state[j] || w->held[j])
                 w->move[j] = 0.0;
             most = fmax(most, fabs(w->move[j]));
@@ -474,8 +503,11 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
             w->steps++;
             return true;
         }
+        int kept = 0;
+        while (w->active[kept] != chosen)
+            kept++;
         state[chosen] = LEXICOGRAPHIC_FREE;
-        activate_all(w, q, state);
+        activate_all(w, q, state, kept);
     }
     return false;
 }
@@ -484,21 +516,16 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
 static void begin(work_t *w, const double *lower, const double *upper, double *x, bool bounded)
 {
     int n = w->n, held = 0;
-    w->fixed = 0;
+    w->fixed = w->turned = 0;
+    w->is_norm = false;
+    w->gap = w->gaps + bounded;
     w->blur = 0.0;
     for (int j = 0; j < n; j++) {
         w->held[j] = lower[j] == upper[j];
-        if (w->held[j]) {
-            memset(w->M + held * n, 0, (size_t)n * sizeof *w->M);
-            w->M[held++ * n + j] = 1.0;
-        }
+        if (w->held[j])
+            row_of(w, j, w->M + held++ * n);
     }
     hold(w, held);
-    for (int j = 0; j < n && bounded; j++) {
-        memset(w->rows + j * n, 0, (size_t)n * sizeof *w->rows);
-        w->rows[j * n + j] = 1.0;
-        reflect(w->V, w->beta, n, 0, w->fixed, w->rows + j * n);
-    }
     if (!bounded)
         reflect(w->V, w->beta, n, 0, w->fixed, x); /* x is y until the end */
 }
@@ -527,26 +554,26 @@ static void take(work_t *w, const double *A, const double *b, int k, double unit
 /* Fix what this level has determined in the rows of the unknowns, and what holds it back. */
 static void keep(work_t *w, int q, const double *lower, const double *upper, const int8_t *state)
 {
-    int n = w->n, held = 0, f = w->fixed += q;
+    int n = w->n, held = 0;
+    w->fixed += q;
     for (int j = 0; j < n; j++)
         if (state[j] && w->held[j] && lower[j] < upper[j])
-            memcpy(w->M + held++ * n, w->rows + j * n, (size_t)n * sizeof *w->M);
+            row_of(w, j, w->M + held++ * n);
     hold(w, held);
-    for (int j = 0; j < n; j++)
-        reflect(w->V, w->beta, n, f, w->fixed, w->rows + j * n);
 }
 
 /* Write rows factor * y to M after k others, of d coordinates; returns the number of all rows. */
 static int with_norm(work_t *w, int k, int d, double factor, const double *x, bool bounded)
 {
     int n = w->n, f = w->fixed;
+    double *y = w->step;
+    memcpy(y, x, (size_t)n * sizeof *y);
+    if (bounded)
+        reflect(w->V, w->beta, n, 0, w->turned, y);
     for (int i = 0; i < d; i++, k++) {
-        double y = 0.0;
-        for (int j = 0; j < n && bounded; j++)
-            y += w->rows[j * n + f + i] * x[j];
         memset(w->M + k * n, 0, (size_t)n * sizeof *w->M);
         w->M[k * n + f + i] = factor;
-        w->r[k] = -factor * y;
+        w->r[k] = bounded ? -factor * y[f + i] : 0.0;
     }
     w->from += factor * sqrt(dot(x, x, n));
     return k;
@@ -554,24 +581,28 @@ static int with_norm(work_t *w, int k, int d, double factor, const double *x, bo
 
 /* Turn M's rows (k, n) into |K t - c|, and the coordinates so that these rows see the first ones.
  *
- * With |x| beside them that is all coordinates, and no rank is decided. Returns the size of K;
- * `is_upper` is which triangle it is.
+ * With |x| beside them no rank is decided, and within bounds that is all coordinates: without,
+ * those that the rows do not see are zero. Returns the size of K; `is_upper` is which triangle it
+ * is.
  */
 static int level_of(work_t *w, int k, double damping, bool beside, const double *x, bool bounded,
                     bool *is_upper)
 {
     int n = w->n, f = w->fixed, q = n - f;
-    if (beside) {
+    bool is_damped = damping > 0.0 && !(beside && bounded);
+    if (beside && bounded) {
         k = with_norm(w, k, q, damping, x, bounded);
     } else {
         double turned;
+        w->least = beside ? 0.0 : w->least;
         q = decide(w, w->M, k, f, w->V, w->beta, w->r, &turned);
         w->blur = fmax(w->blur, turned);
-        for (int j = 0; j < n && bounded; j++)
-            reflect(w->V, w->beta, n, f, f + q, w->rows + j * n);
+        w->turned += q;
+        if (w->rank && !beside)
+            *w->rank = q;
     }
     square(w->M, k, n, f, q, w->r, w->K, w->c);
-    if (damping > 0.0 && !beside) {
+    if (is_damped) {
         memset(w->M, 0, (size_t)(q * n) * sizeof *w->M);
         for (int i = 0; i < q; i++)
             memcpy(w->M + i * n + f, w->K + i * q, (size_t)q * sizeof *w->M);
@@ -594,7 +625,6 @@ static bool level(work_t *w, int k, double damping, bool beside, const double *l
     if (!bounded) {
         solve_triangle(w->K, q, is_upper, w->c, x + w->fixed);
         w->fixed += q;
-        w->turned = beside ? w->turned : w->fixed;
         return true;
     }
     if (q && !within(w, q, lower, upper, x, state))
@@ -609,15 +639,20 @@ static bool least_norm(work_t *w, const double *lower, const double *upper, doub
 {
     int n = w->n, q = n - w->fixed;
     w->from = sqrt(dot(x, x, n));
-    w->least = EXACT;
-    for (int i = 0; i < q; i++) {
-        w->c[i] = 0.0;
-        for (int j = 0; j < n; j++)
-            w->c[i] -= w->rows[j * n + w->fixed + i] * x[j];
-        for (int j = 0; j < q; j++)
-            w->K[i * q + j] = i == j;
-    }
+    w->is_norm = true;
+    memcpy(w->step, x, (size_t)n * sizeof *x);
+    reflect(w->V, w->beta, n, 0, w->turned, w->step);
+    for (int i = 0; i < q; i++)
+        w->c[i] = -w->step[w->fixed + i];
     return within(w, q, lower, upper, x, state);
+}
+
+/* Norm of the rows of a level. */
+static double norm_of(const problem_t *p, int level, int n)
+{
+    int first = level ? p->ends[level - 1] : 0;
+    const double *A = p->A + first * n;
+    return sqrt(dot(A, A, (p->ends[level] - first) * n));
 }
 
 /* Solve every level in turn from x; whether all came to an end. Without bounds x is overwritten. */
@@ -629,13 +664,16 @@ static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool
     for (int i = 0; i < p->levels && w->fixed < n && ended; first = p->ends[i++]) {
         int k = p->ends[i] - first, exponent;
         bool beside = p->beside && i == p->levels - 1;
-        if (!(p->scales[i] > NOTHING && (k || beside)))
+        double norm = norm_of(p, i, n), scale = p->scales ? p->scales[i] : norm;
+        if (!(norm > NOTHING || beside))
             continue;
         /* By a power of two, so that it changes no digit. */
-        double size = frexp(p->scales[i], &exponent), unit = ldexp(1.0, -exponent);
+        frexp(fmax(norm, NOTHING), &exponent);
+        double unit = ldexp(1.0, -exponent);
         double damping = beside ? 1.0 : p->damping && i < p->damped ? p->damping[i] : 0.0;
-        w->least = fmax(p->tolerance * size, NOTHING * unit);
+        w->least = fmax(p->tolerance * scale, NOTHING) * unit;
         take(w, p->A + first * n, p->b + first, k, unit, x, bounded);
+        w->rank = p->ranks && !bounded ? p->ranks + i : 0;
         ended = level(w, k, damping * unit, beside, p->lower, p->upper, x, state, bounded);
     }
     if (bounded)
@@ -670,18 +708,18 @@ static bool clip(int n, const double *lower, const double *upper, double *x, int
 }
 
 /* Solve one problem whose norm is |x|; whether every level came to an end. */
-static bool solve(work_t *w, const problem_t *p, int start, double *x, int8_t *state)
+static bool solve(work_t *w, const problem_t *p, bool warm, double *x, int8_t *state)
 {
     int n = w->n;
     for (int j = 0; j < n; j++) {
-        if (start == LEXICOGRAPHIC_COLD)
-            x[j] = p->lower[j] == p->upper[j] ? p->lower[j] : 0.0;
-        if (start != LEXICOGRAPHIC_WARM)
-            state[j] = LEXICOGRAPHIC_FREE;
+        if (warm)
+            continue;
+        x[j] = p->lower[j] == p->upper[j] ? p->lower[j] : 0.0;
+        state[j] = LEXICOGRAPHIC_FREE;
     }
-    if (start == LEXICOGRAPHIC_COLD && !levels(w, p, x, state, false))
+    if (!warm && !levels(w, p, x, state, false))
         return false;
-    if (clip(n, p->lower, p->upper, x, state) && start != LEXICOGRAPHIC_WARM)
+    if (clip(n, p->lower, p->upper, x, state) && !warm)
         return true;
     for (int pass = 0; pass < PASSES; pass++) {
         bool cancelled = false;
@@ -706,7 +744,7 @@ typedef struct {
 /* Solve with u = weight (x - wanted) in place of x, whose norm is |u|; false where that hides a
  * rank, else `ended` is whether every level came to an end. */
 static bool measured(work_t *w, problem_t p, const double *weight, const double *wanted,
-                     const made_t *made, int start, double *x, int8_t *state, bool *ended)
+                     const made_t *made, bool warm, double *x, int8_t *state, bool *ended)
 {
     int n = w->n, rows = p.levels ? p.ends[p.levels - 1] : 0;
     for (int i = 0; i < rows; i++) {
@@ -724,7 +762,7 @@ static bool measured(work_t *w, problem_t p, const double *weight, const double 
     p.b = made->b;
     p.lower = made->lower;
     p.upper = made->upper;
-    *ended = solve(w, &p, start, x, state);
+    *ended = solve(w, &p, warm, x, state);
     for (int j = 0; j < n; j++) {
         x[j] = fmin(fmax(wanted[j] + x[j] / weight[j], lower[j]), upper[j]);
         if (state[j])
@@ -736,7 +774,7 @@ static bool measured(work_t *w, problem_t p, const double *weight, const double 
 /* Solve with the rows of |weight (x - wanted)| written out, beside those of the last level or after
  * them; then |x| is least. */
 static bool written_out(work_t *w, problem_t p, const double *weight, const double *wanted,
-                        const made_t *made, int start, double *x, int8_t *state)
+                        const made_t *made, bool warm, double *x, int8_t *state)
 {
     int n = w->n, rows = p.levels ? p.ends[p.levels - 1] : 0, last = p.levels - p.beside;
     double square = 0.0;
@@ -749,10 +787,11 @@ static bool written_out(work_t *w, problem_t p, const double *weight, const doub
         square += weight[j] * weight[j];
     }
     memcpy(made->ends, p.ends, (size_t)p.levels * sizeof *made->ends);
-    memcpy(made->scales, p.scales, (size_t)p.levels * sizeof *x);
+    for (int i = 0; i < p.levels; i++)
+        made->scales[i] = p.scales ? p.scales[i] : norm_of(&p, i, n);
     made->ends[last] = rows + n;
     square *= fmin(1.0, EXACT / p.tolerance) * fmin(1.0, EXACT / p.tolerance);
-    made->scales[last] = hypot(p.beside ? p.scales[last] : 0.0, sqrt(square));
+    made->scales[last] = hypot(p.beside ? made->scales[last] : 0.0, sqrt(square));
     p.levels = last + 1;
     p.damped = last;
     p.beside = false;
@@ -760,12 +799,12 @@ static bool written_out(work_t *w, problem_t p, const double *weight, const doub
     p.b = made->b;
     p.ends = made->ends;
     p.scales = made->scales;
-    return solve(w, &p, start, x, state);
+    return solve(w, &p, warm, x, state);
 }
 
 /* Solve one problem of a batch; whether every level came to an end. */
 static bool solve_weighted(work_t *w, const problem_t *p, const double *weight,
-                           const double *wanted, const made_t *made, int start, double *x,
+                           const double *wanted, const made_t *made, bool warm, double *x,
                            int8_t *state)
 {
     int n = w->n;
@@ -774,27 +813,49 @@ static bool solve_weighted(work_t *w, const problem_t *p, const double *weight,
     w->slow = w->fast = 1.0;
     w->doubt = false;
     if (!weight)
-        return solve(w, p, start, x, state);
+        return solve(w, p, warm, x, state);
     for (int j = 0; j < n; j++) {
         slow = fmin(slow, weight[j]);
         fast = fmax(fast, weight[j]);
     }
     for (int i = 0; i < p->damped && p->damping; i++)
         slow = p->damping[i] > 0.0 ? 0.0 : slow; /* the norm that it adds has no weights */
+    if (p->beside) { /* beside larger rows a weight may count as zero */
+        int last = p->levels - 1;
+        double rows = p->scales ? p->scales[last] : norm_of(p, last, n);
+        slow = slow > p->tolerance * hypot(rows, sqrt(n) * fast) ? slow : 0.0;
+    }
     if (slow > 0.0 && fast < MEASURED * slow) {
         memcpy(made->x, x, (size_t)n * sizeof *x);
         memcpy(made->state, state, (size_t)n);
         w->slow = slow;
         w->fast = fast;
-        if (measured(w, *p, weight, wanted, made, start, x, state, &ended))
+        if (measured(w, *p, weight, wanted, made, warm, x, state, &ended))
             return ended;
         memcpy(x, made->x, (size_t)n * sizeof *x);
         memcpy(state, made->state, (size_t)n);
         w->slow = w->fast = 1.0;
         w->doubt = false;
-        w->gap = INFINITY;
+        w->gaps[0] = w->gaps[1] = INFINITY;
     }
-    return written_out(w, *p, weight, wanted, made, start, x, state);
+    return written_out(w, *p, weight, wanted, made, warm, x, state);
+}
+
+/* Whether numbers are finite and not too large, nor too small for a norm that is asked for. */
+static bool are_moderate(const problem_t *p, int n)
+{
+    for (int i = 0, first = 0; i < p->levels; first = p->ends[i++]) {
+        int rows = p->ends[i] - first;
+        double most = 0.0;
+        for (int j = first * n; j < p->ends[i] * n && !p->scales; j++)
+            most = fmax(most, fabs(p->A[j]));
+        double size = dot(p->A + first * n, p->A + first * n, rows * n);
+        size += dot(p->b + first, p->b + first, rows);
+        bool has_norm = most == 0.0 || most >= SMALLEST;
+        if (!(size < LARGEST * LARGEST) || !has_norm)
+            return false;
+    }
+    return true;
 }
 
 /* Largest number of rows in M: those of a level and of a norm beside it. */
@@ -815,26 +876,25 @@ int64_t lexicographic_room(const lexicographic_problem *p)
 {
     int64_t n = p->n, R = most_rows(p), all = rows_of(p) + n;
     int64_t weighted = p->weight ? all * (n + 1) + 3 * n + 2 * p->levels + 2 + n : 0;
-    return 6 * n * n + 2 * R * n + 3 * R + 11 * n + weighted;
+    return 5 * n * n + 2 * R * n + 3 * R + 11 * n + weighted;
 }
 
 void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
-                         const double *scales, const double *lower, const double *upper,
-                         const double *wanted, double *room, double *x, int8_t *state,
-                         int64_t *steps, bool *ended, double *gap)
+                         const double *scales, const double *limits, const double *wanted,
+                         double *room, double *x, int8_t *state, double *report, int32_t *ranks)
 {
     int64_t n = p->n, rows = rows_of(p), R = most_rows(p);
     work_t w = {.n = p->n, .most = p->most_steps};
     made_t made;
     problem_t one = {p->levels, p->levels, p->beside, p->tolerance, p->ends, p->damping, A, b,
-                     scales, lower, upper};
-    double *at = room;
-    double **parts[] = {&w.V, &w.rows, &w.K, &w.Z, &w.L, &w.P, &w.M, &w.copy, &w.r, &w.lack,
+                     scales, limits, limits, ranks};
+    double own[OWN_ROOM], *at = room ? room : own;
+    double **parts[] = {&w.V, &w.K, &w.Z, &w.L, &w.P, &w.M, &w.copy, &w.r, &w.lack,
                         &w.squares, &w.beta, &w.Z_beta, &w.c, &w.t, &w.lambda, &w.step, &w.move,
                         &w.size, &w.none};
-    for (int i = 0; i < 20; i++) {
+    for (int i = 0; i < 19; i++) {
         *parts[i] = at;
-        at += i < 6 ? n * n : i < 8 ? R * n : i < 11 ? R : n;
+        at += i < 5 ? n * n : i < 7 ? R * n : i < 10 ? R : n;
     }
     w.active = (int32_t *)at;
     w.held = (int8_t *)(at + n);
@@ -847,17 +907,25 @@ void lexicographic_solve(const lexicographic_problem *p, const double *A, const 
     made.ends = (int32_t *)(made.scales + p->levels + 1);
     made.state = (int8_t *)(made.scales + 2 * p->levels + 2);
     for (int64_t k = 0; k < p->count; k++) {
-        int64_t of_matrix = k % p->matrices, of_bounds = k % p->bounds * n;
+        int64_t of_matrix = k % p->matrices, of_bounds = 2 * (k % p->bounds) * n;
         one.A = A + of_matrix * rows * n;
         one.b = b + k * rows;
-        one.scales = scales + of_matrix * p->levels;
-        one.lower = lower + of_bounds;
-        one.upper = upper + of_bounds;
+        one.scales = scales ? scales + of_matrix * p->levels : 0;
+        one.lower = limits + of_bounds;
+        one.upper = one.lower + n;
+        one.ranks = ranks ? ranks + k * p->levels : 0;
         w.steps = 0;
-        w.gap = INFINITY;
-        ended[k] = solve_weighted(&w, &one, p->weight, p->weight ? wanted + k * n : 0, &made,
-                                  p->start, x + k * n, state + k * n);
-        steps[k] = w.steps;
-        gap[k] = w.gap;
+        w.gaps[0] = w.gaps[1] = INFINITY;
+        double *said = report + 4 * k;
+        said[0] = 0.0;
+        said[1] = -1.0;
+        said[2] = said[3] = 1.0;
+        if (!are_moderate(&one, p->n))
+            continue;
+        said[1] = solve_weighted(&w, &one, p->weight, p->weight ? wanted + k * n : 0, &made,
+                                 p->warm, x + k * n, state + k * n);
+        said[0] = w.steps;
+        said[2] = w.gaps[0];
+        said[3] = w.gaps[1];
     }
 }

@@ -127,9 +127,8 @@ int follow(const strut_nodes *nodes, const double *R, const double *t, const dou
 bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
                          double *displacements)
 {
-    static const double still[N] = {0.0};
-    double inverse[N * N], J[N * N], F[STRUT_ROOM], rates[N], square_J = 0.0;
-    int left = mapping->sizes.n;
+    double inverse[N * N], J[N * N], room[STRUT_ROOM], rates[N], square_J = 0.0;
+    int left = mapping->problem->n;
     if (!strut_inverse(A, inverse))
         return false;
     for (int i = 0; i < N; i++)
@@ -139,8 +138,8 @@ bool strut_displacements(const strut_mapping *mapping, const double *A, const do
             square_J += part * part;
         }
     double scale = sqrt((double)N) + sqrt(square_J); /* J_T = [0, 1] has the first size */
-    if (single_solve(mapping->sizes, J, mapping->S_m, mapping->S_s, mapping->W1, mapping->W2, scale,
-                     mapping->clear, mapping->exact, demand, still, still, F, rates) != CLEAR)
+    if (problem1_solve(mapping->problem, J, &scale, mapping->w1, mapping->w2, demand, 0, 0, 0, room,
+                       rates) != PROBLEM1_SOLVED)
         return false;
     memset(displacements, 0, N * sizeof *displacements);
     for (int j = 0; j < left; j++)

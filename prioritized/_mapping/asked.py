@@ -15,7 +15,7 @@ from prioritized._mapping.tasks import Level, Task, level_of, tasks_of
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import metric_of
 from prioritized._mechanism.ordered import Stacked
-from prioritized._solver.arrays import identity, none, read_only
+from prioritized._solver.arrays import none, read_only
 from prioritized._solver.limits import limits
 from prioritized._solver.packed import Equations, equations
 
@@ -52,7 +52,7 @@ class Asked:
         levels: The tasks with the weights of the survivors.
         damping: Of each level.
         stacked: The weighted rows of all levels.
-        ties: What breaks ties: |T rates|, then |rates|.
+        ties: What breaks ties before |rates|: |T rates|.
     """
 
     tasks: tuple[tuple[Task, ...], ...]
@@ -62,7 +62,7 @@ class Asked:
     levels: tuple[Level, ...]
     damping: tuple[float, ...]
     stacked: Stacked
-    ties: tuple[Equations, Equations]
+    ties: Equations
 
     @classmethod
     def of(
@@ -91,7 +91,7 @@ class Asked:
             levels,
             tuple(max(task.damping for task in each) for each in tasks),
             Stacked.of([_weighted(level, len(units[0]), n) for level in levels]),
-            (equations(none((0, n)) if T is None else read_only(T)), equations(identity(n))),
+            equations(none((0, n)) if T is None else read_only(T)),
         )
 
     def at(self, mechanism: Mechanism) -> "Asked":

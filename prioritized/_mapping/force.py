@@ -26,13 +26,11 @@ from prioritized._mechanism.measure import Measure
 from prioritized._solver.arrays import (
     ReadOnly,
     apply,
-    beside,
     joined,
     on_axes,
     read_only,
     respond,
     stack,
-    times,
     transposed,
 )
 from prioritized._solver.limits import Limits, limits
@@ -166,15 +164,9 @@ class ForceMapping(ReadOnly):
             torque=(torque, n),
             secondary_force=(secondary_force, len(problem.S_s)),
         )
-        f_m = p[..., :m1]
-        reached = times(self.achieved, f_m)
-        others = (
-            np.concatenate(gains, axis=-1) for gains in (self.secondary_gains, self.internal_gains)
-        )
-        unlimited = beside(reached, *(times(gain, p) for gain in others))
         begun = None if start is None else check.instance("start", start, ForceSolution).point
-        best = optimum(self.levels, p, unlimited, self._within, problem.tolerance, begun)
-        return ForceSolution(self, f_m, unlimited, best)
+        best = optimum(self.levels, p, self._within, problem.tolerance, begun)
+        return ForceSolution(self, p, best)
 
     @property
     def forces(self) -> Forces:

@@ -128,8 +128,7 @@ class Hierarchy:
             kinematics: The mechanism at any pose.
 
         Returns:
-            The tick, or None where it could never answer, as with damping, intervals, springs,
-            rates in a level before the last, or weights of rates that are no diagonals.
+            The tick, or None where it could never answer, as with intervals or springs.
 
         Raises:
             TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
@@ -144,10 +143,10 @@ class Hierarchy:
         )
 
     def _solved(self, targets: CheckedTargets, start: Point | None) -> HierarchySolution:
-        blocks = map(_block, self.asked.levels, self._damped, targets)
+        blocks = map(_block, self.asked.levels, self._rows, targets)
         hard = (*self.limiting.rows, equations(self.constraint))
-        packed = pack_one([*hard, *blocks, *self.asked.ties], self.limiting.box, RANK_TOLERANCE)
-        return HierarchySolution(self, targets, packed, solve(packed, None, start))
+        packed = pack_one([*hard, *blocks, self.asked.ties], self.limiting.box, RANK_TOLERANCE)
+        return HierarchySolution(self, targets, packed, solve(packed, start))
 
     def _asked_of(self, kinematics: Mechanism) -> Asked:
         """The levels as asked for of another mechanism."""
@@ -162,23 +161,25 @@ class Hierarchy:
         return self.asked.at(kinematics)
 
     @cached_property
-    def _damped(self) -> Sequence[tuple[Array, float]]:
-        """The weighted rows of each level, and those that damp it."""
-        decided = self.decided
+    def _rows(self) -> list[tuple[Array, float, float]]:
+        """The weighted rows of each level and those that hold it back, their size, and damping."""
+        decided = list(self.decided)
         if self.held_back:
             pairs = zip(decided, self.held_back, strict=True)
             decided = [
                 (np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs
             ]
-        if not any(self.damping):
-            return decided
+        intervals = [parts[0].interval for parts in self.asked.levels]
+        if not any(self.damping) or not (self.limiting.rows or any(intervals)):
+            return [(*rows, each) for rows, each in zip(decided, self.damping, strict=True)]
         levels = [Level(self.constraint, none((len(self.constraint), 1)), norm(self.constraint))]
-        for parts, (A, size), damping in zip(self.asked.levels, decided, self.damping, strict=True):
+        given = zip(intervals, decided, self.damping, strict=True)
+        for is_interval, (A, size), damping in given:
             # Before an interval is at one of its ends it determines nothing.
-            rows = A[:0] if parts[0].interval else A
+            rows = A[:0] if is_interval else A
             levels.append(Level(rows, none((len(rows), 1)), size, damping))
         pairs = zip(decided, damped(levels, RANK_TOLERANCE)[1:], strict=True)
-        return [(each.A if each.A.size else A, size) for (A, size), each in pairs]
+        return [(each.A if each.A.size else A, size, 0.0) for (A, size), each in pairs]
 
 
 def hierarchy(
@@ -203,9 +204,9 @@ def _at(mechanism: Mechanism, asked: Asked, limiting: Limiting, bounds: Bounds) 
 
 
 def _block(
-    parts: tuple[Part, ...], decided: tuple[Array, float], targets: tuple[Array, ...]
+    parts: tuple[Part, ...], rows: tuple[Array, float, float], targets: tuple[Array, ...]
 ) -> Equations | Rows:
-    A, size = decided
+    A, size, damping = rows
     if parts[0].interval:
         lower, upper = targets[0]
         return Rows(A, (lower, upper))
@@ -214,4 +215,4 @@ def _block(
     target = weighted[0] if len(weighted) == 1 else np.concatenate(weighted)
     if len(target) < len(A):
         target = np.concatenate([target, none((len(A) - len(target),))])
-    return Equations(A, target, size)
+    return Equations(A, target, size, damping)

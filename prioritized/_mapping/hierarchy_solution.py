@@ -125,10 +125,9 @@ class HierarchySolution:
             return Status.EXACT
         if without is not self:
             return Status.DAMPED if without.status is Status.EXACT else without.status
-        lower, upper = self.packed.lower.copy(), self.packed.upper.copy()
-        count = self._n + len(self.active_rows)
-        lower[:, :count], upper[:, :count] = -np.inf, np.inf
-        unlimited = self.packed._replace(lower=lower, upper=upper)
+        box, count = self.packed.box.copy(), self._n + len(self.active_rows)
+        box[:, 0, :count], box[:, 1, :count] = -np.inf, np.inf
+        unlimited = self.packed._replace(box=box)
         x = solve(unlimited).x
         now, before = (norm(self.packed.level(hard, each)) for each in (self.point.x, x))
         return Status.LIMITED if now > (1 + 1e-9) * before else Status.LEAST_SQUARES

@@ -7,7 +7,7 @@ import numpy as np
 
 from argument_checks import Array
 from prioritized._mapping.problem import Problem
-from prioritized._solver.arrays import stack, transposed
+from prioritized._solver.arrays import on_axes, stack, transposed
 from prioritized._solver.rank import RankedSvd, basis_scale, frobenius, ranked_svd
 
 
@@ -82,11 +82,18 @@ def velocity_levels(problem: Problem, damping: float) -> list[Level]:
     ]
 
 
+def velocity_gains(problem: Problem, damping: float = 0.0) -> tuple[Array, list[RankedSvd]]:
+    """Gains of p = [v_m; rates_d; v_sd], shape (..., n, m1 + n + m2), and each rank decision."""
+    X, decisions = lexicographic(velocity_levels(problem, damping), problem.tolerance)
+    return on_axes(X, problem.lead), decisions
+
+
 def damped(levels: Sequence[Level], tolerance: float) -> list[Level]:
     """The same levels without damping: a damped one has rows that weigh what it determines.
 
-    These are the unknowns' parts along the singular vectors of its rows on what the levels before
-    it leave. So it determines no more than before, limits or not, and later levels keep the rest.
+    For problems with more unknowns than these, whose norm does not count. The rows are the
+    unknowns' parts along the singular vectors of its rows on what the levels before it leave. So it
+    determines no more than before, limits or not, and later levels keep the rest.
     """
     free, plain = np.eye(levels[0].A.shape[-1]), []
     for level in levels:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,32 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
-from kernels import lib, pointer
-from prioritized._mapping.solving import thresholds
 from prioritized._mapping.task import Status
-from prioritized._solver.arrays import read_only, workspace
-from prioritized._solver.limits import Limits, limits
-from prioritized._solver.packed import (
-    Equations,
-    Packed,
-    Point,
-    Rows,
-    Unknowns,
-    active_of,
-    ends_of,
-    pack,
-    point_of,
-    solve,
-    unpacked,
-)
+from prioritized._solver.arrays import read_only
+from prioritized._solver.limits import Limits, limits, plain_limits
+from prioritized._solver.packed import Equations, Packed, Point, Rows, ends_of, pack, solve
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
 _MOST = 10**8
 """Numbers up to which places in C's room for work are integers of 32 bits."""
-_FLOAT64, _INT8 = np.dtype(np.float64), np.dtype(np.int8)
-_Solved = tuple[Array, NDArray[np.int64], float, Array, NDArray[np.int8], int] | None
-"""What the compiled solver took and found: levels, their ends, and tolerance; x with limits and
-norms of levels, active bounds, and steps. None where the other was needed."""
+_FLOAT64 = np.dtype(np.float64)
 Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 """(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""
 
@@ -48,27 +31,15 @@ class Solution:
         n: Number of unknowns x.
         hard_rows: Number of inequality rows that hold first.
         levels: Number of levels.
+        packed: The problem as it was solved: unknowns are x, then one for each inequality row.
+        point: Its solution, from which another call can start.
     """
 
     n: int
     hard_rows: int
     levels: int
-    _solved: _Solved
-
-    @cached_property
-    def packed(self) -> Packed:
-        """The problem as it was solved: unknowns are x, then one for each inequality row."""
-        assert self._solved is not None
-        given, ends, tolerance, found, _, _ = self._solved
-        limits, scales = found[self.n : 3 * self.n].reshape(2, self.n), found[3 * self.n :]
-        return unpacked(given, ends, tolerance, limits, scales)
-
-    @cached_property
-    def point(self) -> Point:
-        """Its solution, from which another call can start."""
-        assert self._solved is not None
-        *_, found, active, steps = self._solved
-        return point_of(found[None, : self.n], active[None], steps)
+    packed: Packed
+    point: Point
 
     @property
     def x(self) -> Array:
@@ -89,14 +60,10 @@ class Solution:
     def _at_bounds(self) -> NDArray[np.int8]:
         return read_only(self.packed.at_bounds(self.point.x))[0]
 
-    @cached_property
+    @property
     def gap(self) -> float:
         """Factor by which the rank threshold could change before any rank would."""
-        decided = self.point.gap
-        if decided is None:
-            decided = solve(self.packed).gap
-        assert decided is not None
-        return float(decided[0])
+        return float(self.point.gap[0])
 
     @property
     def steps(self) -> int:
@@ -154,12 +121,11 @@ def lexicographic_least_squares(
     3. |A_1 x - b_1|, then |A_2 x - b_2|, ...   smallest
     4. |T x|, then |x|                         smallest (ties)
 
-    Where all ranks are clearly full and all levels before the one that determines x can be met, a
-    dual active-set method (Goldfarb, Idnani, Math. Programming 27, 1983). Elsewhere a primal one
-    with one orthogonal decomposition of each level on the unknowns that are free (Escande, Mansard,
-    Wieber, IJRR 33(7), 2014, with bounds alone: an inequality row is an equation with one more
-    bounded unknown), whose levels never see the data of those after them, except for the start.
-    Cycling is excluded by Bland's rule and a bound on the number of steps.
+    A primal active-set method with one orthogonal decomposition of each level in what the levels
+    before it leave (Escande, Mansard, Wieber, IJRR 33(7), 2014, with bounds alone: an inequality
+    row is an equation with one more bounded unknown), whose levels never see the data of those
+    after them, except for the start. Cycling is excluded by Bland's rule and a bound on the number
+    of steps.
 
     Args:
         levels: (A_k, b_k), shapes (m_k, n) and (m_k,); or (A_k, lower, upper), whose distance to
@@ -200,12 +166,11 @@ def lexicographic_least_squares(
         if tie_metric is None
         else [check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))]
     )
-    last = [_equations(T, np.zeros(len(T))) for T in (*ties, np.eye(n))]
-    packed, _ = pack([*hard, *blocks, *last], Unknowns(box), tolerance)
+    last = [_equations(T, np.zeros(len(T))) for T in ties]
+    packed = pack([*hard, *blocks, *last], box, tolerance)
     hard_rows = sum(len(each.G) for each in hard)
-    solution = Solution(n, hard_rows, len(levels), None)
-    vars(solution).update(packed=packed, point=solve(packed, None, begun, most_steps))
-    return solution
+    point = solve(packed, begun, most_steps)
+    return Solution(n, hard_rows, len(levels), packed, point)
 
 
 def _of_plain_arrays(
@@ -232,34 +197,18 @@ def _of_plain_arrays(
         n = columns if n < 0 else n
         if columns != n:
             return None
-        given += A.ravel(), b
+        given += A, b
         counts.append(rows)
-    low = limits("", None, n)[0] if lower is None else lower
-    high = limits("", None, n)[1] if upper is None else upper
-    if not (check.is_plain(low) and check.is_plain(high) and low.shape == high.shape == (n,)):
+    none = limits("", None, n)
+    box = plain_limits(
+        (none[0] if lower is None else lower, none[1] if upper is None else upper), n
+    )
+    if box is None:
         return None
-    low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
-    clear, ends = thresholds(tolerance)[0], ends_of(*counts, n)
-    numbers, found = np.concatenate(given), np.empty(3 * n + len(ends))
-    if numbers.size > _MOST:
-        return None
-    active = np.zeros(n, _INT8) if start is None else active_of(start, (1, n))[0]
-    rows, count, work = _levels(*counts, n)
-    packed = n, count, rows, pointer(numbers), clear, check.LARGEST
-    last = workspace(work), pointer(found), pointer(active)
-    steps = lib.single_levels_within(*packed, pointer(low), pointer(high), *last)
-    if steps < -1:
-        return None
-    solution = Solution(n, 0, len(counts), (numbers, ends, tolerance, found, active, steps))
-    if steps < 0:
-        vars(solution)["point"] = solve(solution.packed, None, start)
-    return solution
-
-
-@lru_cache
-def _levels(*rows: int) -> tuple[Any, int, int]:
-    """Where levels of so many rows each end, as C takes it, their number, and the room for work."""
-    return pointer(ends_of(*rows)), len(rows), lib.single_levels_work(rows[-1], sum(rows))
+    A, b = np.ascontiguousarray(np.concatenate(given[::2]))[None], np.concatenate(given[1::2])[None]
+    packed = Packed(A, b, ends_of(*counts), None, tolerance, box[None], n)
+    point = solve(packed, start)
+    return None if point.is_refused else Solution(n, 0, len(counts), packed, point)
 
 
 def _hard_rows(

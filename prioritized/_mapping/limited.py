@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import exceeds
-from prioritized._mapping.levels import Level
-from prioritized._solver.arrays import times
+from prioritized._mapping.levels import Level, damped
+from prioritized._solver.arrays import beside, times
 from prioritized._solver.limits import Limits, limits
-from prioritized._solver.packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
+from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, pack_one, solve
 
 WhenLimited = Literal["least_squares", "scaled"]
 """What becomes of a major task that limits hold back: least error, or its direction kept."""
@@ -128,7 +128,6 @@ class Optimum(NamedTuple):
 def optimum(
     levels: Sequence[Level],
     p: Array,
-    unlimited: Array,
     limiting: Limiting | None,
     tolerance: float,
     start: Point | None = None,
@@ -138,31 +137,43 @@ def optimum(
     Args:
         levels: As of the problem without limits.
         p: What the targets of the levels multiply, (..., p).
-        unlimited: The solution without limits, (..., n).
         limiting: The limits; None is none.
         tolerance: Of the rank decisions.
         start: Solution of a similar problem.
     """
-    lead, n = p.shape[:-1], unlimited.shape[-1]
+    lead, n = p.shape[:-1], levels[0].A.shape[-1]
+    if limiting is not None and not limiting.is_box and levels[1].damping:
+        levels = [*damped(levels[:2], tolerance), *levels[2:]]
+    equations = [
+        Equations(one.A, _asked(one, p), np.asarray(one.scale), one.damping) for one in levels
+    ]
+    is_one = not lead and (limiting is None or limiting.when != "scaled")
+    is_one = is_one and all(one.A.ndim == 2 for one in levels)
     if limiting is None:
-        limiting = Limiting(limits("", None, n))
-    equations = [Equations(one.A, times(one.target, p), np.asarray(one.scale)) for one in levels]
-    equations.append(Equations(np.eye(n), np.zeros(n), np.asarray(1.0)))
-    unknowns, rows = Unknowns(limiting.box, unlimited), limiting.rows
-    scaled = limiting.when == "scaled"
+        packed = (pack_one if is_one else pack)(equations, limits("", None, n), tolerance)
+        return Optimum(packed, solve(packed, start), n, 1, False, lead)
+    box, rows, scaled = limiting.box, limiting.rows, limiting.when == "scaled"
     if scaled:
-        equations, rows, unknowns = _keeping_direction(equations, rows, unknowns, unlimited)
-    hard = len(rows) + 1
-    packed, without = pack([*rows, *equations], unknowns, tolerance)
-    return Optimum(packed, solve(packed, without, start), n, hard, scaled, lead)
+        achieved = times(levels[1].A, optimum(levels, p, None, tolerance).x)
+        equations, rows, box = _keeping_direction(equations, rows, box, achieved)
+    packed = (pack_one if is_one else pack)([*rows, *equations], box, tolerance)
+    if scaled:
+        packed = packed._replace(own=n)
+    return Optimum(packed, solve(packed, start), n, len(rows) + 1, scaled, lead)
+
+
+def _asked(level: Level, p: Array) -> Array:
+    """What its rows are to be, (..., k)."""
+    target = times(level.target, p)
+    rows = level.A.shape[-2]
+    return target if target.shape[-1] == rows else np.broadcast_to(target, (*p.shape[:-1], rows))
 
 
 def _keeping_direction(
-    equations: Sequence[Equations], rows: Sequence[Rows], unknowns: Unknowns, unlimited: Array
-) -> tuple[list[Equations], list[Rows], Unknowns]:
+    equations: Sequence[Equations], rows: Sequence[Rows], box: Limits, achieved: Array
+) -> tuple[list[Equations], list[Rows], Limits]:
     """One more unknown: how much of what is achieved without limits; as much as possible."""
     constraint, major, *rest = (each._replace(A=_with_column(each.A, 0.0)) for each in equations)
-    achieved = times(equations[1].A, unlimited)
     size = np.linalg.norm(achieved, axis=-1, keepdims=True)
     unit = achieved / np.where(size > 0.0, size, 1.0)
     # Of the size of the major rows, so that no rank depends on how fast the motion is.
@@ -173,7 +184,8 @@ def _keeping_direction(
     one[0, -1] = 1.0
     levels = [constraint, along, Equations(one, most, np.asarray(1.0)), *rest]
     wide = [each._replace(G=_with_column(each.G, 0.0)) for each in rows]
-    return levels, wide, unknowns.and_also(np.zeros_like(most), most, most)
+    low, high = box
+    return levels, wide, (beside(low, np.zeros_like(most)), beside(high, most))
 
 
 def _with_column(A: Array, column: Array | float) -> Array:

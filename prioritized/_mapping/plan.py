@@ -1,88 +1,166 @@
 """What no pose changes of the levels that a tick solves."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from argument_checks import Array, Indices, Mask
-from kernels import ffi, pointer
+from argument_checks import Array, Indices
+from kernels import Struct
 from prioritized._mapping.asked import Asked, Mechanism
-from prioritized._mapping.tasks import Level
 from prioritized._mechanism.conditioning import well_conditioned_above
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.geometry import Geometry
-from prioritized._solver.rank import norm
+from prioritized._solver.arrays import none
+from prioritized._solver.rank import largest, norm
 
 _CLEAR = 1e-6
 """Part of a scale above which a singular value is regular: any way then finds nine digits."""
-_SPREAD = 1e4
-"""Ratio of weights of rates up to which these are scaled by them without loss of digits."""
 
 
 class Plan(NamedTuple):
-    """What ``regular_plan`` in ``kernels.h`` names.
+    """What ``tick_plan`` in ``kernels.h`` names.
 
     Attributes:
-        S: Shape (k, m).
-        D: Shape (d, m).
-        E: Shape (e, d).
-        T: Shape (., t).
-        order: Shape (p + n,).
-        p: Passive velocities that move.
-        z: Rates without a weight.
-        place: Shape (n,).
+        order: Passive velocities that move, then the rates, (p + n,).
         idle: Passive velocities that stay at rest.
-        weight: Shape (n - z,).
-        errors: Its last numbers, (7,).
+        levels: What is asked for.
+        errors: Size of the errors of J_C and J_T per bound of them, and the parts of J_C and J up
+            to which a singular value is in doubt.
     """
 
-    S: Array
-    D: Array
-    E: Array
-    T: Array
     order: Indices
-    p: int
-    z: int
-    place: Indices
     idle: Indices
-    weight: Array
-    errors: Array
+    levels: "Levels"
+    errors: tuple[float, ...]
 
     @classmethod
     def of(cls, asked: Asked, mechanism: Mechanism) -> "Plan | None":
-        """Of a mechanism at any pose; None where the compiled solution is not for these levels."""
-        system, levels, stacked = mechanism.system, asked.levels, asked.stacked
-        rates = stacked.on_rates
-        is_odd = any(asked.damping) or any(level[0].interval for level in levels)
-        if is_odd or not (stacked.rates_last and system.is_rigid and rates.shape[1]):
+        """Of a mechanism at any pose; None where it has springs, or a level is an interval."""
+        system = mechanism.system
+        active, is_interval = system.joints.active, any(each[0].interval for each in asked.levels)
+        if is_interval or not system.is_rigid or not len(active):
             return None
-        has_rates = bool(rates.any())
-        weight = _weights(rates if has_rates else _tie(asked), needs_all=not has_rates)
-        if weight is None:
-            return None
-        D, E, is_beside = _beside(levels[-1:] if has_rates else (), stacked.on_task)
-        is_met = stacked.on_task.any(axis=1) & ~is_beside
-        S, W, weighted = stacked.on_task[is_met], right_sides(asked), weight > 0.0
-        own, joints = weight[weighted], system.joints
-        order = np.append(np.flatnonzero(~weighted), np.flatnonzero(weighted))
-        wanted = (rates.T @ W)[weighted] / own[:, None] ** 2
         moving, idle = _widest_last(system)
-        sizes = _CLEAR * np.array([norm(own), norm(E @ D)]) / own.min()
-        return cls(
-            *(S, D, E, np.concatenate([W[is_met], wanted, W[is_beside]])),
-            np.concatenate([moving, joints.active[order]]),
-            *(len(moving), len(weight) - len(own), order, idle, own),
-            np.array([*_errors(system.geometry), norm(np.concatenate([S, D])), *sizes]),
+        order = np.concatenate([moving, active])
+        return cls(order, idle, Levels.of(asked), _errors(system.geometry))
+
+    def for_kernel(self, c: int, N: int) -> Struct:
+        """The same for :data:`kernels.lib` and J_C (c, N)."""
+        of, (error_C, error_T, doubt_C, doubt_J) = self.levels, self.errors
+        m, (k, n), t = of.S.shape[1], of.R.shape, of.T.shape[1]
+        rows = {
+            "m": m,
+            "c": c,
+            "N": N,
+            "t": t,
+            "p": len(self.order) - n,
+            "n": n,
+            "k": k,
+            "d": len(of.D),
+        }
+        return Struct(
+            "tick_plan",
+            **rows,
+            levels=len(of.ends),
+            e=of.beside,
+            idles=len(self.idle),
+            order=self.order,
+            idle=self.idle,
+            S=of.S,
+            R=of.R if of.R.any() else None,
+            D=of.D,
+            T=of.T,
+            weight=of.weight,
+            damping=of.damping if of.damping.any() else None,
+            sizes=of.sizes,
+            on_rates=of.on_rates,
+            ends=of.ends,
+            error_C=error_C,
+            error_T=error_T,
+            doubt_C=doubt_C,
+            doubt_J=doubt_J,
         )
 
-    def for_kernel(self, c: int, N: int) -> Any:
-        """The same for :data:`kernels.lib` and J_C (c, N); of use as long as this plan lives."""
-        (k, m), t, n = self.S.shape, self.T.shape[1], len(self.place)
-        sizes = m, c, N, t, k, len(self.D), len(self.E), self.p, n, self.z, len(self.idle)
-        arrays = self.S, self.D, self.E, self.T, self.weight, self.order, self.place, self.idle
-        numbers = *self.errors.tolist(), _CLEAR, float(self.weight.min())
-        return ffi.new("regular_plan *", (*sizes, *map(pointer, arrays), *numbers))
+
+class Levels(NamedTuple):
+    """Rows S J + R of all levels, and a weighted norm of the rates beside the last or after it.
+
+    Attributes:
+        S: Shape (k, m).
+        R: Shape (k, n).
+        T: What the rows are to be, and then, where they have weights, the rates: (., t).
+        ends: Of each level, (levels,).
+        damping: Likewise.
+        weight: Of the rates, (n,); None is |rates|.
+        beside: How many rows of the last level stand beside that norm.
+        D: Directions of the task in these rows, (d, m).
+        sizes: 2-norm of S of each level, then of all directions of the task, (levels + 1,).
+        on_rates: What may be zero of R of each level, (levels,).
+    """
+
+    S: Array
+    R: Array
+    T: Array
+    ends: NDArray[np.int32]
+    damping: Array
+    weight: Array | None
+    beside: int
+    D: Array
+    sizes: Array
+    on_rates: Array
+
+    @classmethod
+    def of(cls, asked: Asked) -> "Levels":
+        """As they were asked for."""
+        stacked, levels, ties = asked.stacked, asked.levels, asked.ties.A
+        S, R, T = stacked.split(stacked.on_task), stacked.split(stacked.on_rates), _rights(asked)
+        damping, weight, wanted, D, beside = list(asked.damping), None, [], [], 0
+        none_of_task, is_norm = none((len(ties), S[0].shape[1])), R[-1].any(axis=1)
+        own = _diagonal(R[-1][is_norm]) if stacked.rates_last and not damping[-1] else None
+        if own is not None and (own.all() or (own.any() and not len(ties))):
+            weight, ties = own, ties[:0]
+            square = np.where(own > 0.0, own, 1.0)[:, None] ** 2
+            wanted = [R[-1][is_norm].T @ T[-1][is_norm] / square]
+            D = [part.S for part in levels[-1] if part.S is not None and part.matrix.any()]
+            S[-1], R[-1], T[-1] = S[-1][~is_norm], R[-1][~is_norm], T[-1][~is_norm]
+            beside = len(S[-1])
+        if len(ties):
+            own = None if any(each.any() for each in R) else _diagonal(ties)
+            none_asked = none((len(ties), T[0].shape[1]))
+            if own is not None and own.all():
+                weight, wanted = own, [none((len(own), T[0].shape[1]))]
+            else:
+                S, R, T = [*S, none_of_task], [*R, ties], [*T, none_asked]
+                damping.append(0.0)
+        ends = np.cumsum([*map(len, S)]).astype(np.int32)
+        directions = [*S[: len(S) - bool(beside)], *D]
+        return cls(
+            S=np.concatenate(S),
+            R=np.concatenate(R),
+            T=np.concatenate([*T, *wanted]),
+            ends=ends,
+            damping=np.array(damping),
+            weight=weight,
+            beside=beside,
+            D=np.concatenate([S[0][:0], *D]),
+            sizes=np.array([*map(largest, S), largest(np.concatenate(directions))]),
+            on_rates=np.array([_CLEAR * norm(each) for each in R]),
+        )
+
+
+def _rights(asked: Asked) -> list[Array]:
+    """What the weighted rows of each level are to be, per target, (., t)."""
+    whole = block_diag(*(part.matrix for level in asked.levels for part in level))
+    return asked.stacked.split(whole)
+
+
+def _diagonal(rows: Array) -> Array | None:
+    """Weights w (n,) for which |rows rates| = |w rates|; None where there are none."""
+    squares = rows.T @ rows
+    weight = np.sqrt(squares.diagonal())
+    return None if (squares != np.diag(squares.diagonal())).any() else weight
 
 
 def _widest_last(system: Partition) -> tuple[Indices, Indices]:
@@ -96,51 +174,6 @@ def _widest_last(system: Partition) -> tuple[Indices, Indices]:
     rows = [np.flatnonzero(column) for column in system.J_C[:, moving].T]
     widths = [int(np.ptp(each)) if len(each) else 0 for each in rows]
     return moving[np.argsort(widths, kind="stable")], idle
-
-
-def _beside(last: tuple[Level, ...], on_task: Array) -> tuple[Array, Array, Mask]:
-    """Tasks that rates compromise with: directions (d, m), their weights, and which rows these are.
-
-    Args:
-        last: The last level, if its rates have weights.
-        on_task: Rows of all levels, (k, m).
-    """
-    parts = [part for level in last for part in level]
-    D, E, which = (
-        [np.zeros((0, on_task.shape[1]))],
-        [np.zeros((0, 0))],
-        np.zeros(len(on_task), bool),
-    )
-    end = len(on_task)
-    for part in reversed(parts):
-        W = part.matrix
-        if part.S is not None and W.any():
-            D.insert(0, part.S)
-            E.insert(0, W)
-            which[end - len(W) : end] = True
-        end -= len(W)
-    return np.concatenate(D), np.ascontiguousarray(block_diag(*E)), which
-
-
-def right_sides(asked: Asked) -> Array:
-    """What the weighted rows of all levels are to be, per target, (k, t)."""
-    return block_diag(*(part.matrix for level in asked.levels for part in level))
-
-
-def _tie(asked: Asked) -> Array:
-    """What decides where no level weighs rates, (., n)."""
-    metric, identity = (each.A for each in asked.ties)
-    return metric if len(metric) else identity
-
-
-def _weights(rows: Array, needs_all: bool) -> Array | None:
-    """Weights w (n,) for which |rows rates| = |w rates|; None where there are no good ones."""
-    squares = rows.T @ rows
-    weight = np.sqrt(squares.diagonal())
-    some = weight[weight > 0.0]
-    if (squares != np.diag(squares.diagonal())).any() or (needs_all and len(some) < len(weight)):
-        return None
-    return weight if some.max() < _SPREAD * some.min() else None
 
 
 def _errors(geometry: Geometry) -> tuple[float, ...]:

@@ -34,11 +34,6 @@ class Problem(NamedTuple):
     lead: tuple[int, ...]  # batch axes of the result
 
     @property
-    def is_unconstrained(self) -> bool:
-        """Whether all rates are admissible."""
-        return not self.active_constraint.size
-
-    @property
     def major_jacobian(self) -> Array:
         """Jacobian of the major task, shape (..., m1, n)."""
         return product(self.S_m, self.J)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from argument_checks import Array, Mask
 from prioritized._mapping.levels import Level, lexicographic
-from prioritized._mapping.limited import Optimum
+from prioritized._mapping.limited import Optimum, optimum
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import Status
 from prioritized._solver.arrays import ReadOnly, read_only, times
@@ -46,15 +46,24 @@ class Limited(ReadOnly):
 
     Attributes:
         mapping: That gave it.
-        asked: The major task, shape (..., m1).
-        unlimited: The unknowns without limits, (..., n).
+        targets: The major task, and what is desired beside it, (..., p).
         optimum: The solver's answer.
     """
 
     mapping: Mapping
-    asked: Array
-    unlimited: Array
+    targets: Array
     optimum: Optimum
+
+    @property
+    def asked(self) -> Array:
+        """The major task, shape (..., m1)."""
+        return self.targets[..., : len(self.mapping.problem.S_m)]
+
+    @cached_property
+    def unlimited(self) -> Array:
+        """The unknowns without limits, (..., n)."""
+        mapping = self.mapping
+        return optimum(mapping.levels, self.targets, None, mapping.tolerance).x
 
     @cached_property
     def residual(self) -> Array:

@@ -9,14 +9,12 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from kernels import lib, pointer
+from kernels import Struct, lib, pointer
 from prioritized._mapping.asked import Asked, Mechanism
-from prioritized._mapping.plan import Plan, right_sides
+from prioritized._mapping.plan import Plan
 from prioritized._mechanism.elimination import Partition
 from prioritized._solver.arrays import ReadOnly
 from prioritized._solver.limits import Limits
-from prioritized._solver.packed import Equations, Rows, equations, pack_one, solve
-from prioritized._solver.rank import RANK_TOLERANCE
 
 
 class Basis(NamedTuple):
@@ -57,21 +55,17 @@ class Tick(ReadOnly):
         plan: What the compiled solution is given.
         basis: What it depends on of the mechanism.
         asked: The levels.
-        right: What their rows are to be, per target, (k, t).
     """
 
     plan: Plan
     basis: Basis
     asked: Asked
-    right: Array
 
     @classmethod
     def of(cls, asked: Asked, mechanism: Mechanism) -> "Tick | None":
         """Of a mechanism; see :meth:`Hierarchy.tick`."""
         plan = Plan.of(asked, mechanism)
-        if plan is None:
-            return None
-        return cls(plan, Basis.of(mechanism.system), asked, right_sides(asked))
+        return None if plan is None else cls(plan, Basis.of(mechanism.system), asked)
 
     def at(self, mechanism: Mechanism) -> "Tick | None":
         """The same of this mechanism at another pose, or after other failures."""
@@ -126,38 +120,26 @@ class Tick(ReadOnly):
         error_bound: float,
     ) -> tuple[bool, Array | None]:
         """Whether an argument is wrong or no plain array; and what a call returns."""
-        plan, shapes, room_size, reduced = self._prepared
+        plan, shapes, room_size = self._prepared
         lower, upper = velocity_limits
         if (J_T.shape, J_C.shape, targets.shape, lower.shape, upper.shape) != shapes:
             return True, None
         velocities, room = np.empty(self.basis.shape[1]), np.empty(room_size)
         try:  # looking at the types would take longer
             there = pointer(J_T), pointer(J_C), pointer(targets), pointer(lower), pointer(upper)
-            made = pointer(velocities), pointer(room)
-            code = lib.regular_meet(plan, *there, error_bound, *made)
+            code = lib.tick_solve(
+                plan.pointer, *there, error_bound, pointer(velocities), pointer(room)
+            )
         except (KeyError, TypeError, ValueError):  # other numbers; not contiguous
             return True, None
-        if code == lib.REGULAR_LIMITED:
-            order = self.plan.order
-            if lower[order].max() >= check.LARGEST or upper[order].min() <= -check.LARGEST:
-                return True, None
-            rows = room[: reduced[0] * reduced[1]].reshape(reduced)
-            return False, self._held_back(velocities, rows, targets, velocity_limits)
-        return code == lib.REGULAR_REFUSED, velocities if code == lib.REGULAR_MET else None
+        return code == lib.TICK_REFUSED, velocities if code == lib.TICK_SOLVED else None
 
     @cached_property
-    def _prepared(self) -> tuple[Any, tuple[tuple[int, ...], ...], int, tuple[int, int]]:
-        """The plan for the kernel, shapes of the arrays that it takes, its room, and what it says.
-
-        The last is the shape of what it writes where limits forbid all.
-        """
-        (c, N), m, n = self.basis.shape, self.plan.S.shape[1], len(self.plan.place)
-        plan, t = self.plan.for_kernel(c, N), self.plan.T.shape[1]
-        return plan, ((m, N), (c, N), (t,), (N,), (N,)), lib.regular_room(plan), (c + m + 1, n)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but what is prepared: pointers cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name != "_prepared"}
+    def _prepared(self) -> tuple[Struct, tuple[tuple[int, ...], ...], int]:
+        """The plan for the kernel, shapes of the arrays that it takes, and its room."""
+        (c, N), levels = self.basis.shape, self.plan.levels
+        plan, m, t = self.plan.for_kernel(c, N), levels.S.shape[1], levels.T.shape[1]
+        return plan, ((m, N), (c, N), (t,), (N,), (N,)), lib.tick_room(plan.pointer)
 
     def limits(self, rates: Limits | None) -> Limits:
         """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""
@@ -167,35 +149,6 @@ class Tick(ReadOnly):
             lower[active], upper[active] = rates
         return lower, upper
 
-    def _held_back(
-        self, velocities: Array, reduced: Array, targets: Array, limits: Limits
-    ) -> Array | None:
-        """The optimum of levels that limits hold back, one after the other."""
-        (c, _), p, (lower, upper) = self.basis.shape, self.plan.p, limits
-        active, _ = self.basis.joints
-        hard, stacked = self._hard(reduced, *limits) if c else [], self.asked.stacked
-        rights = stacked.split(self.right.dot(targets))
-        rows = stacked.at(reduced[c:-1], reduced[-1, 0])
-        levels = [Equations(A, b, size) for (A, size), b in zip(rows, rights, strict=True)]
-        box = lower[active], upper[active]
-        packed = pack_one([*hard, *levels, *self.asked.ties], box, RANK_TOLERANCE)
-        is_box = packed.A.shape[2] == len(active)
-        point = solve(packed, velocities[active] if is_box else None)
-        if not point.ended[0] or (hard and packed.unmet(slice(0, len(hard)), point.x)[0]):
-            return None
-        velocities[active] = rates = point.x[0, : len(active)]
-        if p:
-            velocities[self.plan.order[:p]] = reduced[:p].dot(rates)
-        return velocities
-
-    def _hard(self, reduced: Array, lower: Array, upper: Array) -> list[Rows | Equations]:
-        """Limits of passive velocities, and constraints of the rates."""
-        (c, _), p, moving = self.basis.shape, self.plan.p, self.plan.order[: self.plan.p]
-        limited = np.isfinite(lower[moving]) | np.isfinite(upper[moving])
-        follow, constraint = moving[limited], equations(reduced[p:c])
-        rows = Rows(reduced[:p][limited], (lower[follow], upper[follow]))
-        return [*([rows] if len(follow) else []), *([constraint] if p < c else [])]
-
     def _checked(
         self, J_T: ArrayLike, J_C: ArrayLike, targets: ArrayLike, limits: Any, bound: Any
     ) -> tuple[Array, Array, Array, tuple[Array, Array], float]:
@@ -203,9 +156,9 @@ class Tick(ReadOnly):
         N, plain = self.basis.shape[1], np.ascontiguousarray
         lower, upper = check.limit_vectors("velocity_limits", limits, N)
         return (
-            plain(check.exactly("J_T", J_T, self.plan.S.shape[1], N)),
+            plain(check.exactly("J_T", J_T, self.plan.levels.S.shape[1], N)),
             plain(check.matrix("J_C", J_C, columns=N)),
-            plain(check.exactly("targets", targets, self.plan.T.shape[1])),
+            plain(check.exactly("targets", targets, self.plan.levels.T.shape[1])),
             (plain(lower), plain(upper)),
             check.number("error_bound", bound),
         )

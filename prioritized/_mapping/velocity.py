@@ -2,7 +2,7 @@
 
 from dataclasses import FrozenInstanceError
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,26 +17,11 @@ from prioritized._mapping.amplification import (
     servo_sentences,
 )
 from prioritized._mapping.asked import Asked
-from prioritized._mapping.levels import Level, damped, smallest_gap, velocity_levels
+from prioritized._mapping.levels import Level, smallest_gap, velocity_gains, velocity_levels
 from prioritized._mapping.limited import Limiting, Optimum, optimum
+from prioritized._mapping.plain import Plain, plain_of
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.solution import VelocitySolution
-from prioritized._mapping.solving import (
-    Factors,
-    Selected,
-    Simple,
-    Target,
-    batched_rates,
-    factors_of,
-    factors_of_diagonals,
-    problem_of,
-    rates_by,
-    rates_within,
-    simple,
-    target_of,
-    thresholds,
-    velocity_gains,
-)
 from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.task import Status
 from prioritized._mapping.tasks import Task
@@ -44,10 +29,12 @@ from prioritized._mapping.tick import Tick
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import Measure
 from prioritized._mechanism.ordered import Stacked
-from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, respond, transposed
+from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, transposed
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import RankedSvd, basis_scale, largest, norm, ranked_svd
+
+_NAMES = "v_major", "joint_velocity", "secondary_velocity"
 
 
 class Mechanism(Protocol):
@@ -98,6 +85,7 @@ class VelocityMapping:
 
     damping: float
     kinematics: Mechanism | None
+    limiting: Limiting | None
 
     def __init__(
         self,
@@ -108,32 +96,23 @@ class VelocityMapping:
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
         parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
-        vars(self).update(parts, _problem=problem, _made=None)
+        vars(self).update(parts, _problem=problem)
 
     @staticmethod
-    def of_factors(
-        factors: Factors,
-        rest: tuple[Selected, float, float],
-        box: Array | None,
-        limiting: Limiting | None = None,
+    def of_plain(
+        plain: Plain, parts: tuple[Array, Array], limiting: Limiting | None
     ) -> "VelocityMapping":
-        """The mapping of one J with diagonal weights, all ranks clearly full.
+        """The mapping of one J with diagonal weights.
 
         Args:
-            factors: Of the problem.
-            rest: Its tasks, the size of J (negative: its norm), and the rank tolerance.
-            box: Its own limits of the rates, (2, n), or None.
-            limiting: Other ones, or None.
+            plain: J and its weights.
+            parts: The major and the secondary directions.
+            limiting: Limits of the rates, or None.
         """
         mapping = object.__new__(VelocityMapping)
-        parts = vars(mapping)
-        parts["damping"], parts["kinematics"] = 0.0, None
-        # What is not set follows from the other.
-        if limiting is None:
-            parts["_box"] = box
-        if box is None:
-            parts["limiting"] = limiting
-        parts["_factors"], parts["_made"] = factors, (factors, rest)
+        vars(mapping).update(
+            damping=0.0, kinematics=None, limiting=limiting, _plain=plain, _parts=parts
+        )
         return mapping
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -146,94 +125,58 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        # Where J is known, no tick is made.
-        factors = None if "_origin" in vars(self) else self._factors
-        if factors is None:
-            rates = self._by_tick(v_major, joint_velocity, secondary_velocity)
+        given, limiting = (v_major, joint_velocity, secondary_velocity), self.limiting
+        if limiting is None or limiting.is_box:
+            box = None if limiting is None else limiting.box
+            if "_origin" in vars(self):
+                rates = self._by_tick(given, box)
+            else:
+                rates = None if self._plain is None else self._plain.rates(*given, box)
             if rates is not None:
                 return rates
-            factors = self._factors
-        box = self._box
-        if factors is not None and (box is not None or self.limiting is None):
-            target = target_of(factors, v_major, joint_velocity, secondary_velocity)
-            rates = rates_by(factors, target, box)
-            if rates is not None:
-                return rates
-        if self.limiting is None:
-            return self._unlimited(v_major, joint_velocity, secondary_velocity)
-        return self.solve(v_major, joint_velocity, secondary_velocity).rates
+        return self._solved(*given, None)[1].x
 
-    def _unlimited(
+    def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
+        """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
+        tick, (major, *others), problem = self.tick(), given, self._first.problem
+        if tick is None or self.kinematics is None:
+            return None
+        sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
+        rest = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
+        targets = [major, *rest]
+        # What is not finite is found later; the checks would take as long as the arithmetic.
+        if [v.shape if check.is_plain(v) else None for v in targets] != [(k,) for k in sizes]:
+            targets = list(map(check.vector, _NAMES, targets, sizes))
+            if any(v.ndim > 1 for v in targets):
+                return None
+        asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
+        there = self.kinematics.system.geometry
+        limits = tick.limits(box)
+        _, velocities = tick.of_plain(there.J_T, there.J_C, asked, limits, there.error_bound)
+        return None if velocities is None else velocities[tick.basis.joints[0]]
+
+    def _solved(
         self,
         v_major: ArrayLike,
         joint_velocity: ArrayLike | None,
         secondary_velocity: ArrayLike | None,
-    ) -> Array:
-        """Optimal rates without limits."""
-        factors, rates = self._factors, None
-        if factors is not None:
-            target = target_of(factors, v_major, joint_velocity, secondary_velocity)
-            rates = rates_by(factors, target)
-        elif self.problem.lead and not self.damping and self.problem.is_unconstrained:
-            rates = batched_rates(self.problem, v_major, joint_velocity, secondary_velocity)
-        if rates is not None:
-            return rates
-        return respond(
-            (self.major, self.joint, self.secondary),
+        start: Point | None,
+    ) -> tuple[Array, Optimum]:
+        """Target and desired velocities (..., m1 + n + m2), checked, and the optimum."""
+        problem = self.problem
+        p = joined(
+            problem.lead,
             "v_major",
-            v_major=v_major,
-            joint_velocity=joint_velocity,
-            secondary_velocity=secondary_velocity,
+            v_major=(v_major, len(problem.S_m)),
+            joint_velocity=(joint_velocity, problem.J.shape[-1]),
+            secondary_velocity=(secondary_velocity, len(problem.S_s)),
         )
-
-    @cached_property
-    def limiting(self) -> Limiting | None:
-        """The limits of the rates; None is none."""
-        assert self._box is not None
-        return Limiting(read_only(self._box))
-
-    @cached_property
-    def _box(self) -> Array | None:
-        """Limits of each rate (2, n), where nothing else limits them."""
-        limiting: Limiting | None = vars(self)["limiting"]
-        return np.array(limiting.box) if limiting is not None and limiting.is_box else None
+        return p, optimum(self.levels, p, self.limiting, problem.tolerance, start)
 
     @property
     def _first(self) -> "VelocityMapping":
         """The mapping of which this one is another pose, or this one."""
         return vars(self).get("_origin", self)
-
-    def _by_tick(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None,
-        secondary_velocity: ArrayLike | None,
-    ) -> Array | None:
-        """Optimal rates for one target from J_T and J_C; None where J must be known, or is."""
-        first, tick = self._first, self.tick()
-        targets = (
-            None if tick is None else first._targets(v_major, joint_velocity, secondary_velocity)
-        )
-        if tick is None or targets is None or self.kinematics is None:
-            return None
-        is_same = self.limiting is first.limiting and tick is first._tick
-        limits = first._limits if is_same else tick.limits(_box(self.limiting))
-        there = self.kinematics.system.geometry
-        _, velocities = tick.of_plain(there.J_T, there.J_C, targets, limits, there.error_bound)
-        return None if velocities is None else velocities[tick.basis.joints[0]]
-
-    def _targets(self, v_major: ArrayLike, *others: ArrayLike | None) -> Array | None:
-        """One target with the desired velocities after it; None where these are batches."""
-        problem, names = self.problem, ("v_major", "joint_velocity", "secondary_velocity")
-        sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
-        rest = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
-        given = [v_major, *rest]
-        # What is not finite is found later; the checks would take as long as the arithmetic.
-        if not all(map(check.is_plain, given)) or [v.shape for v in given] != [(k,) for k in sizes]:
-            given = list(map(check.vector, names, given, sizes))
-            if any(v.ndim > 1 for v in given):
-                return None
-        return np.concatenate(given if len(problem.secondary_weight) else given[:2])
 
     def tick(self) -> Tick | None:
         """The mapping at one pose after another, in one compiled call where nothing is in doubt.
@@ -244,7 +187,7 @@ class VelocityMapping:
 
         Returns:
             The tick, or None where it could never answer, as of a J given as a matrix, with
-            damping, `rate_rows`, springs, or a joint weight that is no diagonal.
+            `rate_rows` or springs.
         """
         tick = None if _system(self.kinematics) is None else self._first._tick
         return None if tick is None or self.kinematics is None else tick.at(self.kinematics)
@@ -254,40 +197,20 @@ class VelocityMapping:
         """The same where the mapping was made."""
         problem, limiting, kinematics = self.problem, self.limiting, self.kinematics
         is_box = limiting is None or limiting.is_box
-        if kinematics is None or self.damping or problem.lead or not is_box:
+        if kinematics is None or problem.lead or not is_box:
             return None
         sizes = [norm(W) for W in (problem.weight, problem.secondary_weight) if W.any()]
         if any(not check.SMALLEST <= size < check.LARGEST for size in sizes):
             return None
-        return Tick.of(_asked(problem, kinematics), kinematics)
+        return Tick.of(_asked(problem, self.damping, kinematics), kinematics)
 
     @cached_property
-    def _limits(self) -> Limits:
-        """Of all velocities, where the mapping was made."""
-        assert self._tick is not None
-        return self._tick.limits(_box(self.limiting))
-
-    @cached_property
-    def _made(self) -> tuple[Factors, tuple[Selected, float, float]] | None:
-        """Factors at another pose and what is beside them; None where a rank is in doubt."""
-        first, kinematics = self._first, self.kinematics
-        simple = first._simple
-        if simple is None or kinematics is None or kinematics.is_tied:
+    def _plain(self) -> Plain | None:
+        """The same for the kernel alone, where weights are diagonal and nothing else is given."""
+        kinematics = self.kinematics
+        if self.damping or (kinematics is not None and kinematics.is_tied):
             return None
-        selected = simple.selected._replace(clear=kinematics.clear)
-        factors = factors_of_diagonals(kinematics.J, *simple.weights, kinematics.scale, selected)
-        rest = selected, kinematics.scale, first.tolerance
-        return None if factors is None else (factors, rest)
-
-    @cached_property
-    def _factors(self) -> Factors | None:
-        """Of one problem without constraints and damping whose ranks are clearly full."""
-        if self._made is not None:
-            return self._made[0]
-        problem = self.problem
-        if self.damping or problem.lead or not problem.is_unconstrained:
-            return None
-        return factors_of(problem)
+        return None if "_origin" in vars(self) else plain_of(self.problem)
 
     @property
     def problem(self) -> Problem:
@@ -296,12 +219,15 @@ class VelocityMapping:
 
     @cached_property
     def _problem(self) -> Problem:
-        """Made when it is needed, where the mapping was made of factors or is at another pose."""
-        if self._made is not None:
-            factors, rest = self._made
-            return problem_of(factors, *rest)
-        there, kinematics = self._first.problem, self.kinematics
-        assert kinematics is not None
+        kinematics = self.kinematics
+        if "_origin" not in vars(self) or kinematics is None:
+            assert self._plain is not None
+            problem = self._plain.problem(*vars(self)["_parts"])
+            if kinematics is None:
+                return problem
+            J, scale = kinematics.cleaned(problem.S_m, problem.S_s, problem.major_metric)
+            return problem._replace(J=J, scale=np.asarray(scale))
+        there = self._first.problem
         J, scale = kinematics.cleaned(there.S_m, there.S_s, there.major_metric)
         C = kinematics.active_constraint
         return there._replace(J=J, scale=np.asarray(scale), active_constraint=C)
@@ -329,47 +255,8 @@ class VelocityMapping:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
-        if answer is not None:
-            best = self._within_box(answer, begun)
-            return VelocitySolution(self, np.array(v_major, dtype=float), answer[2], best)
-        problem, limiting = self.problem, self.limiting
-        m1, n = len(problem.S_m), problem.J.shape[-1]
-        p = joined(
-            problem.lead,
-            "v_major",
-            v_major=(v_major, m1),
-            joint_velocity=(joint_velocity, n),
-            secondary_velocity=(secondary_velocity, len(problem.S_s)),
-        )
-        unlimited = self._unlimited(*np.split(p, [m1, m1 + n], axis=-1))
-        best = optimum(self.levels, p, unlimited, limiting, problem.tolerance, begun)
-        return VelocitySolution(self, p[..., :m1], unlimited, best)
-
-    def _regardless_of_box(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None,
-        secondary_velocity: ArrayLike | None,
-    ) -> tuple[Factors, Target, Array] | None:
-        """Rates without limits for one target whose ranks are clearly full, and what made them.
-
-        None where that is not so, or where anything but bounds of the rates limits them.
-        """
-        factors, limiting = self._factors, self.limiting
-        if factors is None or limiting is None or not limiting.is_box:
-            return None
-        target = target_of(factors, v_major, joint_velocity, secondary_velocity)
-        rates = rates_by(factors, target)
-        return None if rates is None else (factors, target, rates)
-
-    def _within_box(self, answer: tuple[Factors, Target, Array], start: Point | None) -> Optimum:
-        """The optimum within bounds for the target of this answer."""
-        box = self._box
-        assert box is not None
-        made = self._made
-        metric = self.problem.major_metric if made is None else made[1][0].metric
-        return rates_within(*answer, box, self.tolerance, metric, start)
+        p, best = self._solved(v_major, joint_velocity, secondary_velocity, begun)
+        return VelocitySolution(self, p, best)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -379,15 +266,16 @@ class VelocityMapping:
     @property
     def tolerance(self) -> float:
         """Fraction of the scale below which a singular value is zero."""
-        return self.problem.tolerance if self._made is None else self._made[1][2]
+        return self.problem.tolerance
 
     @property
     def levels(self) -> list[Level]:
         """Problem 1 as levels of least squares."""
-        levels = velocity_levels(self.problem, self.damping)
-        if self.damping:
-            return [*damped(levels[:2], self.problem.tolerance), *levels[2:]]
-        return levels
+        return self._levels
+
+    @cached_property
+    def _levels(self) -> list[Level]:
+        return velocity_levels(self.problem, self.damping)
 
     def at(
         self, kinematics: Mechanism, *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
@@ -421,11 +309,6 @@ class VelocityMapping:
         )
         return mapping
 
-    @cached_property
-    def _simple(self) -> Simple | None:
-        """Tasks and weights, if there is nothing else and the weights are diagonal."""
-        return None if self.damping else simple(self.problem)
-
     def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
         """The same mapping with other limits of the n rates, as for :func:`velocity_mapping`.
 
@@ -434,12 +317,9 @@ class VelocityMapping:
         Raises:
             ValueError: As :func:`velocity_mapping`.
         """
-        # Neither factors nor gains depend on limits, but those of all velocities do.
         box = limits("rate_limits", rate_limits, self._first.problem.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
         vars(mapping).update(vars(self), limiting=_bounded_by(box, self.limiting))
-        for name in ("_limits", "_box"):
-            vars(mapping).pop(name, None)
         return mapping
 
     def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
@@ -576,24 +456,9 @@ class VelocityMapping:
         return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
 
     @property
-    def ready(self) -> "Ready | None":
-        """What compiled code takes to solve the same at another J; None where it does not apply."""
-        problem = self.problem
-        if self.damping or self.limiting or problem.lead or not problem.is_unconstrained:
-            return None
-        return Ready(problem[1:5], thresholds(problem.tolerance)[1])
-
-
-class Ready(NamedTuple):
-    """Arguments of `single_solve` in kernels.h.
-
-    Attributes:
-        weighed: Directions and weights.
-        exact: Part of the rank tolerance for weights.
-    """
-
-    weighed: tuple[Array, ...]
-    exact: float
+    def plain(self) -> Plain | None:
+        """J and its weights, where nothing else is asked for; None elsewhere."""
+        return None if self.limiting else self._plain
 
 
 def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
@@ -601,21 +466,17 @@ def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
     return Limiting(box) if limiting is None else limiting._replace(box=box)
 
 
-def _box(limiting: Limiting | None) -> Limits | None:
-    return None if limiting is None else limiting.box
-
-
 def _system(kinematics: Mechanism | None) -> Partition | None:
     """The mechanism by joints, where J follows from it; a subclass may know J alone."""
     return None if kinematics is None else vars(kinematics).get("system")
 
 
-def _asked(problem: Problem, kinematics: Mechanism) -> Asked:
+def _asked(problem: Problem, damping: float, kinematics: Mechanism) -> Asked:
     """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
     _, S_m, S_s, W1, W2, *_, M, T = problem[:9]
     if M is not None and len(M) > len(S_m):
         M = np.linalg.qr(M, mode="r")
     rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
     beside = [Task(S_s, W2)] if len(W2) else []
-    levels = (Task(S_m, M),), (rates, *beside)
+    levels = (Task(S_m, M, damping=damping),), (rates, *beside)
     return Asked.of(kinematics, levels, T if len(T) else None)

@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
+from kernels import Struct
 from prioritized._mapping.limited import WhenLimited, limiting
+from prioritized._mapping.plain import Plain, shape_of
 from prioritized._mapping.problem import checked
-from prioritized._mapping.solving import Selected, factors_of_diagonals, thresholds
 from prioritized._mapping.task import are_rows, task_selection
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mechanism.measure import metric_of, units_of
 from prioritized._solver.arrays import none
-from prioritized._solver.limits import plain_limits
 from prioritized._solver.rank import RANK_TOLERANCE
 
 
@@ -86,7 +86,7 @@ def velocity_mapping(
     if (
         active_constraint is self_motion is major_metric is tie_metric is None
         and rate_rows is None
-        and not damping
+        and damping == 0
     ):
         quick = of_plain_arrays(
             J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance, None,
@@ -133,69 +133,71 @@ def of_plain_arrays(
     """
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
-    size, others = -1.0 if scale is None else scale, () if secondary is None else secondary
+    size, others = 1.0 if scale is None else scale, () if secondary is None else secondary
     # Calls of the argument checks would take as long as the arithmetic.
     if not (
         type(J) is type(w1) is type(w2) is np.ndarray
         and type(size) is type(rank_tolerance) is float
+        and 0.0 < size < check.LARGEST
         and (type(major) is list or type(major) is tuple)
         and (type(others) is list or type(others) is tuple)
     ):
         return None
     units = None if task_units is None else tuple(task_units)
-    numbers = rank_tolerance, clear, units
+    has = joint_weight is not None, secondary_weight is not None
+    numbers = rank_tolerance, clear, units, has
     try:
-        selected = _selected(
-            J.shape, w1.size, w2.size, numbers, len(major), secondary is None, *major, *others
-        )
+        selected = _selected(J.shape, numbers, len(major), secondary is None, *major, *others)
     except TypeError:  # directions
         return None
-    if selected is None:
+    if selected is None or not (
+        J.dtype is w1.dtype is w2.dtype is _FLOAT64
+        and w1.shape in ((0,), J.shape[1:])
+        and w2.shape in ((0,), (len(selected[1]),))
+    ):
         return None
-    factors = factors_of_diagonals(J, w1, w2, size, selected)
-    if factors is None:
+    S_m, S_s, S, metric, doubt, made = selected
+    weights = (
+        (None if joint_weight is None else w1.copy()),
+        (None if secondary_weight is None else w2.copy()),
+    )
+    sizes = None if scale is None else np.array([size])
+    plain = Plain(J.copy(), S, len(S_m), weights, metric, sizes, rank_tolerance, doubt, made)
+    if not plain.is_moderate:
         return None
-    rest = selected, size, rank_tolerance
-    if type(when_limited) is str and when_limited == "least_squares":
-        both = None if box is None else plain_limits(box, J.shape[1])
-        if box is None or both is not None:
-            return VelocityMapping.of_factors(factors, rest, both)
     limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
-    return VelocityMapping.of_factors(factors, rest, None, limited)
+    return VelocityMapping.of_plain(plain, (S_m, S_s), limited)
 
 
 # Row 1 is no True.
 @lru_cache(maxsize=1024, typed=True)
 def _selected(
     shape: tuple[int, ...],
-    k1: int,
-    k2: int,
-    numbers: tuple[float, float | None, tuple[float, ...] | None],
+    numbers: tuple[float, float | None, tuple[float, ...] | None, tuple[bool, bool]],
     p: int,
     others: bool,
     *rows: Any,
-) -> Selected | None:
-    """Tasks and sizes, looked up once: they are the same at every tick.
+) -> tuple[Array, Array, Array, Array | None, float, tuple[Struct, int]] | None:
+    """Both tasks, all directions with the metric, that, what is in doubt, and its shape.
 
     Args:
         shape: Of J.
-        k1: Number of joint weights.
-        k2: Number of secondary weights.
         numbers: As in :func:`of_plain_arrays`.
         p: So many rows are those of the major task.
         others: Whether all rows left are the secondary task.
         rows: Of both tasks.
     """
-    (tolerance, clear, units), major = numbers, rows[:p]
+    (tolerance, clear, units, has), major = numbers, rows[:p]
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
         return None
     S_m, S_s = task_selection(major, None if others else rows[p:], shape[0])
-    sizes = p, *shape, k1, k2, len(S_s)
-    fractions = thresholds(tolerance)
     metric = None if units is None else metric_of(units_of(S_m, np.array(units)))
     M = None if metric is None else check.frozen(np.diag(metric))
-    least = fractions[0] if clear is None else clear
-    return Selected.of(S_m, S_s, sizes, least, fractions[1], M)
+    S = check.frozen(np.concatenate([S_m if M is None else M @ S_m, S_s]))
+    doubt = clear or 0.0
+    made = shape_of(S, len(S_m), M, shape[1], has, (tolerance, doubt))
+    return S_m, S_s, S, M, doubt, made
 
 
+_FLOAT64 = np.dtype(np.float64)
 _NOTHING = none((0,))

@@ -32,6 +32,7 @@ class Joints(NamedTuple):
         moving: All others, shape (p,).
         passive: All that are not active, shape (N - n + q,).
         actuated: Velocities of all nominal actuators, failed ones too, shape (n,).
+        order: Those of moving, then of active joints, shape (p + n - q,).
     """
 
     actuators: Indices
@@ -40,6 +41,7 @@ class Joints(NamedTuple):
     moving: Indices
     passive: Indices
     actuated: Indices
+    order: Indices
 
     def among_passive(self, rows: Array) -> Array:
         """Rows of the moving joints (p, .) placed among the passive ones, zero elsewhere."""
@@ -59,7 +61,8 @@ def sort_joints(actuated: Indices, actuators: Indices, stuck: Indices, N: int) -
     """The N velocities by role, given which actuators survive and which joints are stuck."""
     active = actuated[actuators]
     moving = _others(np.concatenate([active, stuck]), N)
-    return Joints(actuators, active, stuck, moving, _others(active, N), actuated)
+    order = np.concatenate([moving, active])
+    return Joints(actuators, active, stuck, moving, _others(active, N), actuated, order)
 
 
 def _others(known: Indices, count: int) -> Indices:
@@ -102,10 +105,9 @@ class TaskJacobian(NamedTuple):
 
     def reduced(self, gain: Array) -> tuple[Array, float]:
         """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
-        _, active, _, moving, *_ = self.joints
-        (m, N), n, p = self.J_T.shape, len(active), len(moving)
-        J, own = np.empty((m, n)), (pointer(active), n, pointer(moving), p)
-        scale = lib.reduce_task(pointer(self.J_T), m, N, *own, pointer(gain), pointer(J))
+        (m, N), (p, n) = self.J_T.shape, gain.shape
+        J, own = np.empty((m, n)), (pointer(self.joints.order), p, n, pointer(gain), n)
+        scale = lib.reduce_task(pointer(self.J_T), m, N, *own, pointer(J))
         return read_only(J), scale
 
 
@@ -192,12 +194,12 @@ def passive_motion(system: Partition) -> PassiveMotion:
     if not c and system.is_rigid:
         return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
     clear = clear_loops(system.geometry)
-    if c == p:
-        closing, gain, room = np.empty((p, p)), np.empty((p, n)), np.empty(p * (2 * p + n + 1))
-        own = p, J_C.shape[1], pointer(active), n, pointer(moving), clear
-        made = pointer(closing), pointer(gain), pointer(room)
-        if lib.close_loops(pointer(J_C), *own, *made):
-            return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), none((0, c)))
+    if c >= p:
+        M, own = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
+        inverse = lib.close_loops(pointer(J_C), c, J_C.shape[1], *own, pointer(M))
+        if clear * norm(J_C) * inverse < 1.0:
+            gain, closing = np.ascontiguousarray(M[:p, p : p + n]), M[:p, p + n :]
+            return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), M[p:c, p + n :])
     J_Cp = J_C.take(moving, 1)
     U, sigma, Vt = whole_svd(J_Cp)
     rank = certain_rank(sigma, norm(J_C), clear)

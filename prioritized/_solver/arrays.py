@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from threading import local
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,9 +9,6 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array
 from argument_checks import read_only as read_only
-from kernels import pointer
-
-_own = local()
 
 
 def stack(top: Array, bottom: Array) -> Array:
@@ -112,12 +107,3 @@ class ReadOnly:
             for A in value if isinstance(value, tuple) else (value,):
                 if isinstance(A, np.ndarray):
                     A.setflags(write=False)
-
-
-def workspace(count: int) -> Any:
-    """Room for so many numbers, as C takes it: this thread's own, for one call."""
-    size, room = getattr(_own, "room", (0, None))
-    if size < count:
-        room = pointer(np.empty(count))
-        _own.room = count, room
-    return room

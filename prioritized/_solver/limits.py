@@ -43,5 +43,5 @@ def plain_limits(value: Any, n: int) -> Array | None:
         return None
     both = np.empty((2, n))
     low, high = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
-    given = pointer(low), pointer(high), check.LARGEST, pointer(both)
-    return both if lib.single_copy_limits(n, *given) else None
+    given = pointer(low), pointer(high), pointer(both)
+    return both if lib.copy_limits(n, *given) else None

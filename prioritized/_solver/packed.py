@@ -1,4 +1,4 @@
-"""Levels of least squares in the form that the compiled solver takes."""
+"""Levels of least squares in the form that the kernel takes."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
-from kernels import ffi, lib, pointer
+from kernels import Struct, ffi, lib, pointer
 from prioritized._solver.arrays import beside, none, read_only, times
 from prioritized._solver.limits import Limits
 from prioritized._solver.rank import frobenius, norm
 
-_INT8, _INT32, _INT64 = np.dtype(np.int8), np.dtype(np.int32), np.dtype(np.int64)
-_BOOL = np.dtype(np.bool_)
-"""As they are looked up faster."""
+_INT8 = np.dtype(np.int8)
+"""As it is looked up faster."""
 _OF_LIMITS = 1e-14
 """Part of the limits that is round-off."""
 
@@ -29,30 +28,52 @@ class Packed(NamedTuple):
         A: Rows of all levels, one after the other, shape (B, k, n).
         b: Shape (B, k).
         ends: Where each level ends in A.
-        scales: Size of the matrices that each level's rows were made from, (B, levels).
+        scales: Size of the matrices that each level's rows were made from, (B, levels); None is
+            their norms.
         tolerance: Fraction of the scale below which a row depends on others.
-        lower: Shape (1, n) or (B, n).
-        upper: Likewise.
+        box: Lower and upper limits, (1, 2, n) or (B, 2, n).
+        own: Unknowns whose norm is least at last, the first ones; the others are of inequality
+            rows.
+        damping: Of each level, in units of its singular values; () is none.
     """
 
     A: Array
     b: Array
-    ends: NDArray[np.int64]
-    scales: Array
+    ends: tuple[int, ...]
+    scales: Array | None
     tolerance: float
-    lower: Array
-    upper: Array
+    box: Array
+    own: int
+    damping: tuple[float, ...] = ()
+
+    @property
+    def lower(self) -> Array:
+        """Shape (1, n) or (B, n)."""
+        return self.box[:, 0]
+
+    @property
+    def upper(self) -> Array:
+        """Likewise."""
+        return self.box[:, 1]
 
     def rest(self, x: Array) -> Array:
         """What each row lacks, b - A x, shape (B, k)."""
         return self.b - times(self.A, x)
 
     @property
+    def _sizes(self) -> Array:
+        if self.scales is not None:
+            return self.scales
+        parts = np.split(self.A, self.ends[:-1], axis=1)
+        return np.stack([frobenius(part) for part in parts], axis=1)
+
+    @property
     def _size_asked(self) -> Array:
         """Size of the x that any level asks for, (B,)."""
         parts = np.split(self.b, self.ends[:-1], axis=1)
         asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
-        size = np.divide(asked, self.scales, out=np.zeros_like(asked), where=self.scales > 0.0)
+        sizes = self._sizes
+        size = np.divide(asked, sizes, out=np.zeros_like(asked), where=sizes > 0.0)
         return size.max(axis=1)
 
     def at_bounds(self, x: Array) -> NDArray[np.int8]:
@@ -82,7 +103,7 @@ class Packed(NamedTuple):
         # Where only zero is feasible, x is what the limits leave of round-off.
         left = _OF_LIMITS * times(A, np.where(np.isfinite(reach), reach, 0.0))
         # Of the size of what any level asks for, x has round-off even where it is zero.
-        round_off = self._size_asked * self.scales[:, levels].max(axis=1)
+        round_off = self._size_asked * self._sizes[:, levels].max(axis=1)
         allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)
         return np.linalg.norm(rest, axis=-1) > allowed + np.linalg.norm(left, axis=-1)
 
@@ -94,86 +115,83 @@ class Point(NamedTuple):
         x: Shape (B, n).
         active: Bounds that the solver held last: -1 the lower, 1 the upper, 0 none, (B, n). Of
             those that x is at, :meth:`Packed.at_bounds`, they are some.
-        steps: Of the active set, (B,).
-        ended: Whether x is the optimum: it always obeys the bounds, (B,).
-        gap: Smallest gap of the rank decisions, (B,); None where none was near its threshold.
+        report: What ``lexicographic_solve`` says of each problem, (B, 4).
     """
 
     x: Array
     active: NDArray[np.int8]
-    steps: NDArray[np.int64]
-    ended: NDArray[np.bool_]
-    gap: Array | None
+    report: Array
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """Of the active set, (B,)."""
+        return self.report[:, 0].astype(np.int64)
+
+    @property
+    def ended(self) -> Mask:
+        """Whether x is the optimum: it always obeys the bounds, (B,)."""
+        return self.report[:, 1] > 0.0
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether a number of the first problem is not finite or too large."""
+        return bool(self.report[0, 1] < 0.0)
+
+    @property
+    def gap(self) -> Array:
+        """Smallest gap of the rank decisions, (B,)."""
+        return self.report[:, 2:].min(axis=1)
 
 
-@lru_cache
-def ends_of(*rows: int) -> NDArray[np.int64]:
-    """Where levels of so many rows each end; looked up, since it is the same at every tick."""
-    return read_only(np.cumsum(rows))
-
-
-def solve(
-    packed: Packed,
-    optimum: Array | None = None,
-    start: Point | None = None,
-    most_steps: int | None = None,
-) -> Point:
+def solve(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
     """The solution of each problem.
 
     Args:
         packed: The problems.
-        optimum: Their solutions without bounds, where known, (B, n).
         start: The solution of similar problems: they start from its active set.
         most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
     """
     count, _, n = packed.A.shape
-    shape, active = (count, n), np.zeros((count, n), _INT8)
-    if start is not None and start.x.shape == shape:
-        how, x, active = lib.LEXICOGRAPHIC_WARM, start.x.copy(), active_of(start, shape)
-    elif optimum is not None:
-        how, x = lib.LEXICOGRAPHIC_FROM_OPTIMUM, optimum.reshape(shape).copy()
-    else:
-        how, x = lib.LEXICOGRAPHIC_COLD, np.zeros(shape)
-    most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
-    steps, ended, gap = np.empty(count, _INT64), np.empty(count, _BOOL), np.empty(count)
-    ends = pointer(packed.ends.astype(_INT32))
-    sizes = count, n, len(packed.ends), count, len(packed.lower), how, most, False
-    problem = ffi.new("lexicographic_problem *", (*sizes, packed.tolerance, ends))
-    room = np.empty(lib.lexicographic_room(problem))
-    given = map(pointer, (packed.A, packed.b, packed.scales, packed.lower, packed.upper))
-    made = map(pointer, (room, x, active, steps, ended, gap))
-    lib.lexicographic_solve(problem, *given, ffi.NULL, *made)
-    return Point(read_only(x), active, steps, ended, gap)
+    warm = start is not None and start.x.shape == (count, n)
+    x = start.x.copy() if start and warm else np.empty((count, n))
+    active = start.active.copy() if start and warm else np.empty((count, n), _INT8)
+    each = count, len(packed.A), len(packed.box), warm, most_steps, packed.tolerance
+    problem, room = _shape(n, packed.ends, packed.own, packed.damping, each)
+    report, scales = np.empty((count, 4)), packed.scales
+    sizes = ffi.NULL if scales is None else pointer(scales)
+    wanted = ffi.NULL if packed.own == n else pointer(np.zeros((count, n)))
+    given = pointer(packed.A), pointer(packed.b), sizes, pointer(packed.box), wanted
+    work = ffi.NULL if room <= lib.OWN_ROOM else pointer(np.empty(room))
+    made = work, pointer(x), pointer(active), pointer(report)
+    lib.lexicographic_solve(problem.pointer, *given, *made, ffi.NULL)
+    return Point(read_only(x), active, read_only(report))
 
 
-def active_of(start: Point | None, shape: tuple[int, int]) -> NDArray[np.int8]:
-    """Active bounds to begin with, to be overwritten: none where the start is of another shape."""
-    if start is None or start.active.shape != shape:
-        return np.zeros(shape, _INT8)
-    return start.active.copy()
-
-
-def point_of(x: Array, active: NDArray[np.int8], steps: int) -> Point:
-    """The solution of one problem (1, n) none of whose ranks was in doubt."""
-    return Point(read_only(x), active, _count(steps), _ENDED, None)
-
-
-@lru_cache
-def _count(steps: int) -> NDArray[np.int64]:
-    return read_only(np.array([steps]))
-
-
-_ENDED = read_only(np.ones(1, dtype=bool))
-
-
-def unpacked(
-    given: Array, ends: NDArray[np.int64], tolerance: float, limits: Array, scales: Array
-) -> Packed:
-    """One problem with A_1, b_1, A_2 and so on, row by row, in `given`, and a last level |x|."""
-    A, b = np.empty((1, ends[-1], limits.shape[1])), np.empty((1, ends[-1]))
-    levels = len(ends), pointer(ends), pointer(given)
-    lib.single_unpack(limits.shape[1], *levels, pointer(A), pointer(b))
-    return Packed(A, b, ends, scales[None], tolerance, limits[:1], limits[1:])
+@lru_cache(maxsize=512)
+def _shape(
+    n: int,
+    ends: tuple[int, ...],
+    own: int,
+    damping: tuple[float, ...],
+    each: tuple[int, int, int, bool, int | None, float],
+) -> tuple[Struct, int]:
+    """Problems of one shape as the kernel takes them, and the room that it needs."""
+    count, matrices, bounds, warm, most_steps, tolerance = each
+    problem = Struct(
+        "lexicographic_problem",
+        count=count,
+        n=n,
+        levels=len(ends),
+        matrices=matrices,
+        bounds=bounds,
+        most_steps=20 * (n + 1) * (len(ends) + 1) if most_steps is None else most_steps,
+        warm=warm,
+        tolerance=tolerance,
+        ends=np.array(ends, np.int32),
+        damping=np.array(damping) if any(damping) else None,
+        weight=None if own == n else np.append(np.ones(own), np.zeros(n - own)),
+    )
+    return problem, lib.lexicographic_room(problem.pointer)
 
 
 class Rows(NamedTuple):
@@ -192,6 +210,7 @@ class Equations(NamedTuple):
     A: Array
     b: Array
     scale: Array | float
+    damping: float = 0.0
 
 
 def equations(A: Array) -> Equations:
@@ -199,66 +218,54 @@ def equations(A: Array) -> Equations:
     return Equations(A, none((len(A),)), norm(A))
 
 
-class Unknowns(NamedTuple):
-    """Bounds of the unknowns, and where known the solution without bounds, (..., n)."""
-
-    box: Limits
-    optimum: Array | None = None
-
-    def and_also(self, lower: Array, upper: Array, optimum: Array | None) -> "Unknowns":
-        """These and further ones."""
-        low, high = self.box
-        box = beside(low, lower), beside(high, upper)
-        if self.optimum is None or optimum is None:
-            return Unknowns(box)
-        return Unknowns(box, beside(self.optimum, optimum))
-
-
 def pack_one(levels: Sequence[Equations | Rows], box: Limits, tolerance: float) -> Packed:
     """One problem as :func:`pack`, in less time where it has no inequality rows."""
     plain = [each for each in levels if isinstance(each, Equations)]
     if len(plain) < len(levels):
-        return pack(levels, Unknowns(box), tolerance)[0]
-    matrices, vectors, scales = zip(*plain, strict=True)
+        return pack(levels, box, tolerance)
+    matrices, vectors, scales, damping = zip(*plain, strict=True)
     lower, upper = box
     return Packed(
-        np.concatenate(matrices)[None],
+        np.ascontiguousarray(np.concatenate(matrices))[None],
         np.concatenate(vectors)[None],
         ends_of(*map(len, vectors)),
-        np.array([scales]),
+        np.array([scales], float),
         tolerance,
-        lower[None],
-        upper[None],
+        np.array([[lower, upper]]),
+        matrices[0].shape[1],
+        damping,
     )
 
 
-def pack(
-    levels: Sequence[Equations | Rows], unknowns: Unknowns, tolerance: float
-) -> tuple[Packed, Array | None]:
-    """The levels as the solver takes them, and the optimum without bounds, if known.
+@lru_cache
+def ends_of(*rows: int) -> tuple[int, ...]:
+    """Where levels of so many rows each end."""
+    return tuple(np.cumsum(rows).tolist())
+
+
+def pack(levels: Sequence[Equations | Rows], box: Limits, tolerance: float) -> Packed:
+    """The levels as the solver takes them.
 
     An inequality row g becomes the equation g x = |g| s, with one more unknown s between the limits
     over |g|: its residual is what g x lacks to lie between them.
     """
-    n, blocks, slacks = unknowns.box[0].shape[-1], [], 0
+    n, blocks, slacks, (low, high), damping = box[0].shape[-1], [], 0, box, []
     for each in levels:
+        damping.append(0.0 if isinstance(each, Rows) else each.damping)
         if isinstance(each, Rows):
             squares = (each.G**2).sum(axis=-1)
             size = np.sqrt(squares.max(axis=tuple(range(squares.ndim - 1)), initial=0.0))
             size[size == 0.0] = 1.0
             lower, upper = each.limits
-            x = unknowns.optimum
-            values = None if x is None else times(each.G, x[..., :n]) / size
-            unknowns = unknowns.and_also(lower / size, upper / size, values)
+            low, high = beside(low, lower / size), beside(high, upper / size)
             blocks.append((each.G, np.zeros(each.G.shape[:-1]), frobenius(each.G), slacks, size))
             slacks += len(size)
         else:
-            blocks.append((*each, 0, ()))
-    known = [unknowns.optimum] if unknowns.optimum is not None else []
-    vectors = [*known, *unknowns.box, *(b for _, b, *_ in blocks)]
+            blocks.append((*each[:3], 0, ()))
+    vectors = [low, high, *(b for _, b, *_ in blocks)]
     matrices = (A.shape[:-2] for A, *_ in blocks)
     lead = np.broadcast_shapes(*matrices, *(each.shape[:-1] for each in vectors))
-    ends = np.cumsum([A.shape[-2] for A, *_ in blocks])
+    ends = ends_of(*(A.shape[-2] for A, *_ in blocks))
     A, b = np.zeros((*lead, ends[-1], n + slacks)), np.zeros((*lead, ends[-1]))
     scales = np.zeros((*lead, len(blocks)))
     for k, (rows, target, scale, slack, size) in enumerate(blocks):
@@ -266,13 +273,7 @@ def pack(
         A[..., first : ends[k], :n], b[..., first : ends[k]], scales[..., k] = rows, target, scale
         for i, one in enumerate(size):
             A[..., first + i, n + slack + i] = -one
-    low, high = (_flat(side, side.shape[:-1]) for side in unknowns.box)
+    both = np.stack(np.broadcast_arrays(low, high), axis=-2)
+    box = np.ascontiguousarray(both.reshape(prod(both.shape[:-2]), *both.shape[-2:]))
     A, b, scales = (each.reshape(prod(lead), *each.shape[len(lead) :]) for each in (A, b, scales))
-    packed = Packed(A, b, ends, scales, tolerance, low, high)
-    x = unknowns.optimum
-    return packed, None if x is None else _flat(np.broadcast_to(x, (*lead, n + slacks)), lead)
-
-
-def _flat(A: Array, lead: tuple[int, ...]) -> Array:
-    """A copy with one batch axis in place of the leading ones, laid out for the solver."""
-    return np.array(A, order="C").reshape(prod(lead), *A.shape[len(lead) :])
+    return Packed(A, b, ends, scales, tolerance, box, n, tuple(damping))

@@ -3,13 +3,12 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
-from kernels import filled, lib, pointer
+from kernels import Struct, lib, pointer
 from sim.array import Array
 from sim.errors import ModelError
 from sim.kinematics.pose import Pose, computed, flat, keep
@@ -86,14 +85,10 @@ class Hexapod:
         return check.read_only(np.linalg.norm(self.top_m - self.bottom_m, axis=1))
 
     @cached_property
-    def nodes(self) -> Any:
+    def nodes(self) -> Struct:
         """Nodes and nominal lengths, as the compiled code takes them."""
         names = ("bottom_m", "top_m", "nominal_length_m")
-        return filled("strut_nodes", **{name: getattr(self, name) for name in names})
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without pointers, which a copy has of its own."""
-        return {name: value for name, value in vars(self).items() if name != "nodes"}
+        return Struct("strut_nodes", **{name: getattr(self, name) for name in names})
 
     def displacements(self, pose: Pose) -> Array:
         """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
@@ -141,7 +136,7 @@ class Hexapod:
         length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
         poses = flat(pose.rotation, 2, lead), flat(pose.translation_m, 1, lead)
         given = map(pointer, (*poses, length_m, A))
-        if not lib.strut_lengths(self.nodes, math.prod(lead), *given) and not singular:
+        if not lib.strut_lengths(self.nodes.pointer, math.prod(lead), *given) and not singular:
             raise ValueError(_NO_LENGTH)
         return length_m, A
 
@@ -161,7 +156,7 @@ class Hexapod:
             *(here.rotation, here.translation_m, here.inverse_jacobian, here.displacement_m),
             np.ascontiguousarray(asked),
         )
-        found = lib.follow(self.nodes, *map(pointer, (*given, *fields)))
+        found = lib.follow(self.nodes.pointer, *map(pointer, (*given, *fields)))
         if found != lib.FOLLOWED:
             raise ValueError(_SINGULAR if found == lib.SINGULAR else _NO_LENGTH)
         return computed(

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 import argument_checks as check
-from kernels import filled, lib, pointer
+from kernels import Struct, lib, pointer
 from sim.array import Array
 
 
@@ -84,11 +84,11 @@ class _Conversion(NamedTuple):
 def _converted(name: str, value: Array, conversion: _Conversion) -> Array:
     x = check.finite(name, value)
     y = np.empty(x.shape)
-    lib.convert(_struct(conversion), x.size, pointer(np.ascontiguousarray(x)), pointer(y))
+    lib.convert(_struct(conversion).pointer, x.size, pointer(np.ascontiguousarray(x)), pointer(y))
     return y
 
 
 @lru_cache(maxsize=64)
-def _struct(conversion: _Conversion) -> Any:
+def _struct(conversion: _Conversion) -> Struct:
     """As the compiled code takes it, made once."""
-    return filled("conversion", **conversion._asdict())
+    return Struct("conversion", **conversion._asdict())

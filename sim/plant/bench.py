@@ -10,7 +10,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks.arrays import as_float64
-from kernels import filled, lib, pointer
+from kernels import Struct, lib, pointer
 from sim.array import Array
 from sim.kinematics.mechanism import JointPosture, Mechanism
 from sim.kinematics.pose import Pose, computed
@@ -278,10 +278,10 @@ class Bench:
         vars(self).update(state)
         self.observed = self._observed()
 
-    def _observed(self) -> Any:
+    def _observed(self) -> Struct:
         names = ("rotation", "translation_m", "displacement", "closure_residual_m")
         all_qpos, all_forces = self._kept
-        return filled(
+        return Struct(
             "observation",
             **self.plant.observed(),
             **{name: getattr(self, name) for name in names},
@@ -295,7 +295,8 @@ class Bench:
         """What the sensors read, after what happens now."""
         self._happen()
         tick, data = self._tick, self.plant.data
-        lib.observe(self.observed, tick, pointer(data.efc_pos), pointer(data.efc_id), data.ne)
+        rows = pointer(data.efc_pos), pointer(data.efc_id), data.ne
+        lib.observe(self.observed.pointer, tick, *rows)
         pose = computed(Pose, rotation=self.rotation[tick], translation_m=self.translation_m[tick])
         reading = self.sensors.read(pose, self.displacement[tick])
         if self._on_measured is None:

@@ -10,7 +10,7 @@ from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.mapping import PrioritizedMapping
 from ftc.goal import Goal
-from kernels import filled, lib, pointer
+from kernels import Struct, lib, pointer
 from prioritized import Kinematics
 from sim import Bench, Hexapod, Plant, Pose, TaskSensor, load_model
 
@@ -211,8 +211,8 @@ def test_a_log_has_what_the_plant_says_of_itself_at_each_tick(plant):
 def test_a_converter_scales_rounds_and_clips():
     x, y = np.random.default_rng(0).normal(size=200), np.empty(200)
     for whole in (False, True):
-        by = filled("conversion", factor=3.0, lower=-2.0, upper=1.5, gain=10.0, whole=whole)
-        lib.convert(by, 200, pointer(x), pointer(y))
+        by = Struct("conversion", factor=3.0, lower=-2.0, upper=1.5, gain=10.0, whole=whole)
+        lib.convert(by.pointer, 200, pointer(x), pointer(y))
         scaled = np.rint(3.0 * x) if whole else 3.0 * x
         np.testing.assert_array_equal(y, 10.0 * np.clip(scaled, -2.0, 1.5))
     assert {-20.0, 15.0} < set(y)

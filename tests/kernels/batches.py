@@ -63,7 +63,7 @@ class Found(NamedTuple):
 def kernel(
     batch: Batch,
     *,
-    start: tuple[np.ndarray, np.ndarray | None] | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
     weight: np.ndarray | None = None,
     wanted: np.ndarray | None = None,
     beside: bool = False,
@@ -71,7 +71,7 @@ def kernel(
     most: int = 1000,
     room: float = 0.0,
 ) -> Found:
-    """Solve a batch: cold, from the optima without bounds (x, None), or warm from (x, state).
+    """Solve a batch: cold, or warm from (x, state).
 
     |x| is made least at last, before it |weight (x - wanted)| if given; `room` is what the kernel
     finds in the room for its work.
@@ -86,33 +86,31 @@ def kernel(
         A,
         b,
         scales,
-        *(np.ascontiguousarray(side, float) for side in (batch.lower, batch.upper)),
+        np.ascontiguousarray(np.stack([batch.lower, batch.upper], axis=1), float),
     )
     before = [each.copy() for each in given]
-    how = lib.LEXICOGRAPHIC_COLD
     x, state = np.full((count, n), np.nan), np.full((count, n), 7, np.int8)
     if start is not None:
-        how = lib.LEXICOGRAPHIC_FROM_OPTIMUM if start[1] is None else lib.LEXICOGRAPHIC_WARM
-        x = np.array(start[0], float)
-        state = state if start[1] is None else np.array(start[1], np.int8)
+        x, state = np.array(start[0], float), np.array(start[1], np.int8)
     ends = np.cumsum([len(b[0]) for _, b in batch.levels]).astype(np.int32)
     damped = ffi.NULL if damping is None else pointer(np.array(damping, float))
     weighed = ffi.NULL if weight is None else pointer(weight)
     goal = np.zeros((count, n)) if wanted is None else np.ascontiguousarray(wanted, float)
-    shape = count, n, len(batch.levels), count, len(batch.lower), how, most, beside
+    shape = count, n, len(batch.levels), count, len(batch.lower), most, start is not None, beside
     fields = (*shape, RANK, pointer(ends), damped, weighed)
     problem = ffi.new("lexicographic_problem *", fields)
     work = np.full(lib.lexicographic_room(problem), room)
-    steps, ended, gap = np.zeros(count, np.int64), np.zeros(count, bool), np.zeros(count)
-    made = goal, work, x, state, steps, ended, gap
-    lib.lexicographic_solve(problem, *map(pointer, (*given, *made)))
+    report = np.zeros((count, 4))
+    made = goal, work, x, state, report
+    lib.lexicographic_solve(problem, *map(pointer, (*given, *made)), ffi.NULL)
     for each, copy in zip(given, before, strict=True):
         assert each.tobytes() == copy.tobytes(), "an input was written"
     assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is not kept"
     for side, bound in ((-1, batch.lower), (1, batch.upper)):
         at = state == side
         assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
-    return Found(x, state, steps, ended, gap)
+    steps, ended = report[:, 0].astype(int), report[:, 1] > 0
+    return Found(x, state, steps, ended, report[:, 2:].min(axis=1))
 
 
 def unlimited(batch: Batch) -> Batch:
@@ -122,12 +120,13 @@ def unlimited(batch: Batch) -> Batch:
 
 
 def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
-    """Solved cold, from the optima without bounds, and warm from far outside and from vertices."""
+    """Solved cold, and warm from the optima without bounds, from far outside and from vertices."""
     shape = batch.lower.shape
     states = rng.integers(-1, 2, shape), rng.choice([-1, 1], shape)
     far = 1e3 * rng.normal(size=shape)
     optimum = kernel(unlimited(batch)).x
-    begun = [None, (optimum, None), *((far, state) for state in states)]
+    free = np.zeros(shape, np.int8)
+    begun = [None, (optimum, free), *((far, state) for state in states)]
     return [kernel(batch, start=start) for start in begun]
 
 

@@ -96,7 +96,7 @@ def test_rates_within_their_limits_are_the_ones_without_limits(seed, n, m):
     rates = free(v, d)
     limits = rates - rng.uniform(1e-9, 1, n), rates + rng.uniform(1e-9, 1, n)
     found = velocity_mapping(J, [0], joint_weight=np.ones(n), rate_limits=limits).solve(v, d)
-    np.testing.assert_array_equal(found.rates, rates)
+    np.testing.assert_allclose(found.rates, rates, rtol=0, atol=1e-13 * np.abs(rates).max())
     assert not found.active_limits.any()
     assert not found.limited
 

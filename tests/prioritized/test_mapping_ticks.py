@@ -148,10 +148,8 @@ ARM = ConstrainedSystem([[1.0, 0.5, 0.2], [0.0, 1.0, 0.7]], None, [0, 1, 2])
 @pytest.mark.parametrize(
     "arguments",
     [
-        {"damping": 0.1},
         {"rate_rows": (np.ones((1, 3)), -1.0, 1.0)},
         {"rate_limits": (-1.0, 1.0), "when_limited": "scaled"},
-        {"joint_weight": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0]]},
     ],
 )
 def test_mappings_that_are_not_for_a_tick_have_none(arguments):

@@ -154,7 +154,7 @@ def test_rates_within_limits_are_those_of_the_solution():
         mapping = velocity_mapping(J, [0, 1], joint_weight=weight, rate_limits=limits)
         v, joint = rng.normal(size=2), rng.normal(size=5)
         solution = mapping.solve(v, joint)
-        np.testing.assert_array_equal(mapping(v, joint), solution.rates)
+        np.testing.assert_allclose(mapping(v, joint), solution.rates, rtol=0, atol=1e-13)
         assert np.all(np.abs(solution.rates) <= limit)
 
 

@@ -12,7 +12,7 @@ from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.local_mapping import PreviousCommand
 from ftc.controller import ControllerState, PrioritizedController
 from ftc.loop import LoopRun
-from kernels import filled, lib, pointer
+from kernels import Struct, lib, pointer
 from sim import Amplifier, Array, Bench, Pose, Posture
 from sim.kinematics.pose import computed, made
 
@@ -86,7 +86,7 @@ def begun(
         feedforward = reference if pilot.reference_feedforward else np.zeros_like(reference)
     log = _Log.of(ticks, first, pilot.mapping.geometry.posture(first.pose))
     measured, inputs = np.empty(reference.shape), log.inputs
-    task = filled(
+    task = Struct(
         "strut_task",
         observed=bench.observed,
         reference=np.ascontiguousarray(reference),
@@ -99,7 +99,7 @@ def begun(
     call = lib.strut_tick
 
     def closed(tick: int, gaps: Array, owners: NDArray[np.int32], rows: int) -> Array | None:
-        done = call(task, tick, pointer(gaps), pointer(owners), rows)
+        done = call(task.pointer, tick, pointer(gaps), pointer(owners), rows)
         return inputs[tick + 1] if done else None
 
     done = 0

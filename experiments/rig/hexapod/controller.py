@@ -25,7 +25,7 @@ from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm, PrioritizedMapping
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from kernels import filled, lib, pointer
+from kernels import Struct, lib, pointer
 from prioritized import ConstrainedSystem, Kinematics, VelocityMapping, WhenLimited
 from sim import (
     NOMINAL,
@@ -208,34 +208,26 @@ class StrutMapping(PrioritizedMapping[Pose]):
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
         self._compiled = self._one_call()
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Without pointers, which a copy has of its own."""
-        return {name: value for name, value in vars(self).items() if name != "_compiled"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._compiled = self._one_call()
-
-    def _one_call(self) -> Any:
+    def _one_call(self) -> Struct | None:
         """What the compiled code takes beside the Jacobian; None where it does not apply."""
-        ready, is_absolute = self._prepared.ready, self.form == "absolute"
-        if ready is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
+        plain, is_absolute = self._prepared.plain, self.form == "absolute"
+        if plain is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
             return None
         if not isinstance(self._at_nominal.mapping, VelocityMapping):  # another optimality
             return None
-        S_m, S_s, W1, W2 = map(np.ascontiguousarray, ready.weighed)
-        mapping = filled(
-            "strut_mapping",
-            sizes=(len(S_m), len(self._expand), len(self._surviving), len(W1), len(W2), len(S_s)),
-            survivors=self._surviving,
-            S_m=S_m,
-            S_s=S_s,
-            W1=W1,
-            W2=W2,
-            clear=CLEARLY_REGULAR,
-            exact=ready.exact,
+        w1, w2 = plain.weights
+        m, n = plain.J.shape
+        problem = Struct(
+            "problem1",
+            **{"count": 1, "jacobians": 1, "m": m, "n": n, "m1": plain.m1},
+            **{"m2": len(plain.S) - plain.m1, "S": plain.S},
+            **{"joint": plain.weights[0] is not None, "secondary": plain.weights[1] is not None},
+            **{"tolerance": plain.tolerance, "clear": CLEARLY_REGULAR},
         )
-        return mapping if lib.single_room(mapping.sizes) <= lib.STRUT_ROOM else None
+        if plain.metric is not None or lib.problem1_room(problem.pointer) > lib.STRUT_ROOM:
+            return None
+        survivors = self._surviving
+        return Struct("strut_mapping", problem=problem, survivors=survivors, w1=w1, w2=w2)
 
     def following(self) -> dict[str, Any] | None:
         """What the compiled code takes to estimate a pose and map a demand there; None: it cannot.
@@ -265,7 +257,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
         ):
             A, displacements = self._model.jacobian(self._model.posture(pose)), np.empty(6)
             given = map(pointer, (A, np.ascontiguousarray(demand), displacements))
-            if A.ndim == 2 and lib.strut_displacements(self._compiled, *given):
+            if A.ndim == 2 and lib.strut_displacements(self._compiled.pointer, *given):
                 return displacements
         return super().displacements(demand, pose, commanded, last, secondary_reference)
 

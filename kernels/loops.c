@@ -1,0 +1,145 @@
+/* Elimination of passive velocities, and bases of what is left. */
+#include <math.h>
+#include <string.h>
+#include "kernels.h"
+
+/* Part of a number by which equal ones may differ: ACCURACY in argument_checks/ties.py. */
+static const double ACCURACY = 1e-9;
+
+/* Add a multiple of one row to another. */
+static void add(double *restrict target, double factor, const double *restrict source, int count)
+{
+    if (factor != 0.0) /* loops share few joints */
+        for (int j = 0; j < count; j++)
+            target[j] += factor * source[j];
+}
+
+/* Zero column k of M (rows + 1, width) below row k by a reflection, whose vector becomes this
+ * column; the last row is room. Returns whether there was anything. */
+static bool clear_below(double *M, int rows, int width, int k)
+{
+    int own = k, count = width - k;
+    double square = 0.0, *top = M + k * width + k, *room = M + rows * width + k;
+    while (own < rows && M[own * width + k] == 0.0)
+        own++;
+    if (k < own && own < rows) /* rows of other loops stay as they are */
+        for (int j = 0; j < count; j++) {
+            double kept = top[j];
+            top[j] = M[own * width + k + j];
+            M[own * width + k + j] = kept;
+        }
+    for (int i = k; i < rows; i++)
+        square += M[i * width + k] * M[i * width + k];
+    double norm = sqrt(square), diagonal = top[0] >= 0.0 ? -norm : norm;
+    if (!(norm > 0.0))
+        return false;
+    top[0] -= diagonal;
+    memset(room + 1, 0, (size_t)(count - 1) * sizeof *room);
+    for (int i = k; i < rows; i++)
+        add(room + 1, M[i * width + k], M + i * width + k + 1, count - 1);
+    for (int i = k; i < rows; i++)
+        add(M + i * width + k + 1, M[i * width + k] / (norm * -fabs(top[0])), room + 1, count - 1);
+    top[0] = diagonal;
+    return true;
+}
+
+/* Frobenius norm of the inverse of the triangle in M's first rows; x (count) is room. */
+static double inverse_norm(const double *M, int width, int count, double *x)
+{
+    double total = 0.0;
+    for (int k = 0; k < count; k++) {
+        for (int i = k; i < count; i++)
+            x[i] = i == k ? 1.0 : 0.0;
+        for (int i = k; i < count; i++)
+            if (x[i] != 0.0) { /* loops share few joints */
+                x[i] /= M[i * width + i];
+                total += x[i] * x[i];
+                for (int j = i + 1; j < count; j++)
+                    x[j] -= x[i] * M[i * width + j];
+            }
+    }
+    return sqrt(total);
+}
+
+double close_loops(const double *J_C, int c, int N, const int64_t *order, int p, int n,
+                   bool closing, double *M)
+{
+    int width = p + n + (closing ? c : 0);
+    for (int i = 0; i < c; i++) {
+        double *own = M + i * width;
+        for (int j = 0; j < p + n; j++)
+            own[j] = J_C[i * N + order[j]];
+        for (int j = p + n; j < width; j++)
+            own[j] = i == j - p - n ? 1.0 : 0.0;
+    }
+    for (int k = 0; k < p; k++)
+        if (!clear_below(M, c, width, k))
+            return INFINITY;
+    for (int i = p - 1; i >= 0; i--) {
+        double *own = M + i * width;
+        for (int k = i + 1; k < p; k++)
+            add(own + p, -own[k], M + k * width + p, width - p);
+        for (int j = p; j < width; j++)
+            own[j] /= own[i];
+    }
+    for (int i = 0; i < p; i++)
+        for (int j = p; j < p + n; j++)
+            M[i * width + j] = -M[i * width + j];
+    return inverse_norm(M, width, p, M + c * width);
+}
+
+double reduce_task(const double *J_T, int m, int N, const int64_t *order, int p, int n,
+                   const double *gain, int width, double *J)
+{
+    double through = 0.0, size = 0.0;
+    for (int t = 0; t < m; t++)
+        for (int j = 0; j < n; j++)
+            J[t * n + j] = J_T[t * N + order[p + j]];
+    for (int k = 0; k < p; k++) {
+        const double *follow = gain + k * width;
+        double column = 0.0, follows = 0.0;
+        for (int j = 0; j < n; j++)
+            follows += follow[j] * follow[j];
+        for (int t = 0; t < m; t++) {
+            double moved = J_T[t * N + order[k]];
+            column += moved * moved;
+            add(J + t * n, moved, follow, n);
+        }
+        /* A fast passive joint adds to the size only if it moves the task. */
+        through += column * follows;
+    }
+    for (int i = 0; i < m * N; i++)
+        size += J_T[i] * J_T[i];
+    return sqrt(size) + sqrt(through);
+}
+
+void canonical_bases(int count, int N, int k, double *rest, double *made, double *along)
+{
+    for (int b = 0; b < count; b++, rest += N * k, made += N * k)
+        for (int t = 0; t < k; t++) {
+            int pivot = 0;
+            double most = 0.0, left = 0.0;
+            for (int i = 0; i < N; i++) {
+                double size = 0.0;
+                for (int j = 0; j < k; j++)
+                    size += rest[i * k + j] * rest[i * k + j];
+                left += size;
+                if (size > most * (1.0 + ACCURACY)) {
+                    pivot = i;
+                    most = size;
+                }
+            }
+            if (left < 0.5) /* what is left has the dimension that is left */
+                break;
+            for (int j = 0; j < k; j++)
+                along[j] = rest[pivot * k + j] / sqrt(most);
+            for (int i = 0; i < N; i++) {
+                double part = 0.0;
+                for (int j = 0; j < k; j++)
+                    part += rest[i * k + j] * along[j];
+                made[i * k + t] = part;
+                for (int j = 0; j < k; j++)
+                    rest[i * k + j] -= part * along[j];
+            }
+        }
+}

@@ -1,0 +1,307 @@
+/* Rates and passive velocities at a pose: loops are eliminated, then levels are solved.
+ *
+ * What loops or levels leave in doubt, near a singular pose, is left to who knows the accuracy of
+ * the geometry entry by entry.
+ */
+#include <math.h>
+#include <string.h>
+#include "kernels.h"
+
+/* Part of the terms of a velocity by which it may be beyond its limit before that is a fault. */
+static const double ROUND_OFF = 1e-14;
+/* Part of the terms of loops and passive limits up to which they count as met. */
+static const double UNMET = 1e-10;
+/* Fraction of a level's scale below which a singular value is zero, as it is elsewhere. */
+static const double TOLERANCE = 1e-10;
+/* Factor by which every rank must be clear: what is less above zero is in doubt. */
+static const double CLEAR = 1e3;
+/* The same where limits are active, and what is left of a level may be smaller. */
+static const double DECIDED = 10.0;
+/* Sum of squares up to which, and from the inverse of which on, no product over- or underflows. */
+static const double MODERATE = 1e100;
+/* Of bounds of errors, which are of first order. */
+static const double MARGIN = 2.0;
+
+typedef struct {
+    double *at;
+    int rows, width;
+} matrix;
+
+/* What the loops leave, and what counts as zero of it. */
+typedef struct {
+    bool is_regular;    /* whether J_Cp is */
+    double loops, task; /* what may be zero of the loops, per |gain|, and of J */
+    double follows;     /* |gain|^2 */
+} reduction;
+
+/* A mechanism at a pose: gains and constraints of the rates, the reduced task Jacobian. */
+typedef struct {
+    matrix M, J;
+    reduction loops;
+} mechanism;
+
+static double *row(matrix A, int i)
+{
+    return A.at + i * A.width;
+}
+
+static double dot(const double *a, const double *b, int count)
+{
+    double total = 0.0;
+    for (int j = 0; j < count; j++)
+        total += a[j] * b[j];
+    return total;
+}
+
+/* Add a multiple of one row to another. */
+static void add(double *restrict target, double factor, const double *restrict source, int count)
+{
+    if (factor != 0.0) /* loops share few joints */
+        for (int j = 0; j < count; j++)
+            target[j] += factor * source[j];
+}
+
+/* Whether no product of numbers with this sum of squares over- or underflows. */
+static bool is_moderate(double square)
+{
+    return square == 0.0 || (1.0 / MODERATE < square && square < MODERATE);
+}
+
+/* Whether the idle velocities move neither loops nor task, and may be zero. */
+static bool are_idle(const tick_plan *g, const double *J_T, const double *J_C,
+                     const double *lower, const double *upper)
+{
+    for (int k = 0; k < g->idles; k++) {
+        int64_t j = g->idle[k];
+        if (!(lower[j] <= 0.0 && 0.0 <= upper[j]))
+            return false;
+        for (int i = 0; i < g->m; i++)
+            if (J_T[i * g->N + j] != 0.0)
+                return false;
+        for (int i = 0; i < g->c; i++)
+            if (J_C[i * g->N + j] != 0.0)
+                return false;
+    }
+    return true;
+}
+
+/* Eliminate the loops of a mechanism at a pose. */
+static reduction eliminate(const tick_plan *g, const double *J_T, const double *J_C, double size_T,
+                           double size_C, double bound, const mechanism *to)
+{
+    double *gain = row(to->M, 0) + g->p;
+    double inverse = close_loops(J_C, g->c, g->N, g->order, g->p, g->n, false, to->M.at);
+    double loops = fmax(g->doubt_C * size_C, MARGIN * g->error_C * bound), follows = 0.0;
+    double scale = reduce_task(J_T, g->m, g->N, g->order, g->p, g->n, gain, to->M.width, to->J.at);
+    for (int k = 0; k < g->p; k++)
+        follows += dot(gain + k * to->M.width, gain + k * to->M.width, g->n);
+    double reached = (g->error_T + size_T * inverse * g->error_C) * (1.0 + sqrt(follows));
+    double task = fmax(g->doubt_J * scale, MARGIN * reached * bound);
+    return (reduction){g->p == 0 || inverse * loops < 1.0, loops, task, follows};
+}
+
+/* Write A B, A (rows, B.rows), to rows of so many columns, which are at least as many as B's. */
+static void product(const double *A, int rows, matrix B, int columns, double *to)
+{
+    memset(to, 0, (size_t)(rows * columns) * sizeof *to);
+    for (int i = 0; i < rows; i++)
+        for (int t = 0; t < B.rows; t++)
+            add(to + i * columns, A[i * B.rows + t], row(B, t), B.width);
+}
+
+/* Levels as lexicographic_solve takes them, of w unknowns. */
+typedef struct {
+    int w, rows, levels;
+    double *A, *b, *lower, *upper, *wanted, *weight, *scales, *damping, *x, *room;
+    int32_t *ends;
+    int8_t *state;
+} levels_t;
+
+static levels_t levels_at(double *room, int w, int rows, int levels)
+{
+    levels_t at = {.w = w, .A = room};
+    double **parts[] = {&at.b, &at.lower, &at.upper, &at.wanted, &at.weight, &at.x, &at.scales,
+                        &at.damping, &at.room};
+    int sizes[] = {rows * w, rows, w, w, w, w, w, levels, 2 * levels + w};
+    for (int i = 0; i < 9; i++)
+        *parts[i] = (i ? *parts[i - 1] : room) + sizes[i];
+    at.ends = (int32_t *)(at.damping + levels);
+    at.state = (int8_t *)(at.damping + 2 * levels);
+    for (int j = 0; j < w; j++) {
+        at.lower[j] = -INFINITY;
+        at.upper[j] = INFINITY;
+        at.wanted[j] = at.weight[j] = 0.0;
+    }
+    return at;
+}
+
+/* End a level after so many more rows, whose singular values are in doubt up to `doubt`. */
+static void end_level(levels_t *at, int rows, double doubt, double damping)
+{
+    at->rows += rows;
+    at->ends[at->levels] = at->rows;
+    at->scales[at->levels] = doubt / (CLEAR * TOLERANCE);
+    at->damping[at->levels++] = damping;
+}
+
+/* Solve them, within limits or not; whether the optimum was found and all ranks are clear. */
+static bool solve(levels_t *at, bool weighted, bool beside)
+{
+    lexicographic_problem p = {.count = 1, .n = at->w, .levels = at->levels, .matrices = 1,
+                               .bounds = 1, .most_steps = 20 * (at->w + 1) * (at->levels + 1),
+                               .beside = beside, .tolerance = TOLERANCE, .ends = at->ends,
+                               .damping = at->damping, .weight = weighted ? at->weight : 0};
+    double report[4];
+    lexicographic_solve(&p, at->A, at->b, at->scales, at->lower, at->wanted, at->room, at->x,
+                        at->state, report, 0);
+    return report[1] && report[2] >= CLEAR && report[3] >= DECIDED;
+}
+
+/* Add the constraints of the rates as the first level. */
+static void constrain(const tick_plan *g, const mechanism *of, levels_t *at)
+{
+    int q = g->c - g->p;
+    for (int i = 0; i < q; i++) {
+        double *own = at->A + (at->rows + i) * at->w;
+        memset(own, 0, (size_t)at->w * sizeof *own);
+        memcpy(own, row(of->M, g->p + i) + g->p, (size_t)g->n * sizeof *own);
+        at->b[at->rows + i] = 0.0;
+    }
+    if (q)
+        end_level(at, q, of->loops.loops * (1.0 + sqrt(of->loops.follows)), 0.0);
+}
+
+/* Whether no rank of the directions that rates compromise with is in doubt. */
+static bool are_clear(const tick_plan *g, const mechanism *of, double *room)
+{
+    int first = g->k - g->e;
+    levels_t at = levels_at(room, g->n, g->c - g->p + first + g->d, 2);
+    constrain(g, of, &at);
+    product(g->S, first, of->J, at.w, at.A + at.rows * at.w);
+    product(g->D, g->d, of->J, at.w, at.A + (at.rows + first) * at.w);
+    memset(at.b, 0, (size_t)(at.rows + first + g->d) * sizeof *at.b);
+    end_level(&at, first + g->d, g->sizes[g->levels] * of->loops.task, 0.0);
+    return solve(&at, false, false);
+}
+
+/* Solve the levels; with limits of passive velocities if `limited` (p) says of which. */
+static bool solve_levels(const tick_plan *g, const mechanism *of, const double *right,
+                         const double *lower, const double *upper, const int *limited, int s,
+                         levels_t *at)
+{
+    int n = g->n, p = g->p, rows = s + g->c - p + g->k;
+    *at = levels_at(at->A, n + s, rows, g->levels + 2);
+    for (int j = 0; j < n; j++) {
+        at->lower[j] = lower[g->order[p + j]];
+        at->upper[j] = upper[g->order[p + j]];
+        at->wanted[j] = g->weight ? right[g->k + j] : 0.0;
+        at->weight[j] = g->weight ? g->weight[j] : 1.0;
+    }
+    for (int i = 0; i < s; i++) { /* gain rates / size = y, y within limits / size */
+        double *own = at->A + i * at->w, *gain = row(of->M, limited[i]) + p;
+        double size = sqrt(dot(gain, gain, n));
+        size = size > 0.0 ? size : 1.0;
+        memset(own, 0, (size_t)at->w * sizeof *own);
+        add(own, 1.0 / size, gain, n);
+        own[n + i] = -1.0;
+        at->b[i] = 0.0;
+        at->lower[n + i] = lower[g->order[limited[i]]] / size;
+        at->upper[n + i] = upper[g->order[limited[i]]] / size;
+    }
+    if (s)
+        end_level(at, s, CLEAR * TOLERANCE, 0.0);
+    constrain(g, of, at);
+    int first = at->rows; /* those before it must be met */
+    product(g->S, g->k, of->J, at->w, at->A + first * at->w);
+    for (int i = 0; i < g->k; i++) {
+        if (g->R)
+            add(at->A + (first + i) * at->w, 1.0, g->R + i * n, n);
+        at->b[first + i] = right[i];
+    }
+    for (int k = 0, begin = 0; k < g->levels; begin = g->ends[k++])
+        end_level(at, g->ends[k] - begin, g->sizes[k] * of->loops.task + g->on_rates[k],
+                  g->damping ? g->damping[k] : 0.0);
+    if (!solve(at, g->weight || s, g->e > 0))
+        return false;
+    for (int i = 0; i < first; i++) {
+        const double *own = at->A + i * at->w;
+        double rest = dot(own, at->x, at->w), terms = 0.0;
+        for (int j = 0; j < at->w; j++)
+            terms += fabs(own[j] * at->x[j]);
+        if (fabs(rest) > UNMET * terms)
+            return false;
+    }
+    return true;
+}
+
+/* Write the passive velocities (p) to x; whether one is beyond a limit by more than round-off. */
+static bool move_passive(const tick_plan *g, const mechanism *of, const double *lower,
+                         const double *upper, const double *rates, double *x)
+{
+    bool is_beyond = false;
+    for (int i = 0; i < g->p; i++) {
+        int64_t k = g->order[i];
+        const double *gain = row(of->M, i) + g->p;
+        double value = dot(gain, rates, g->n), terms = 0.0;
+        for (int j = 0; j < g->n; j++)
+            terms += fabs(gain[j] * rates[j]);
+        double beyond = fmax(lower[k] - value, value - upper[k]);
+        is_beyond = is_beyond || beyond > ROUND_OFF * terms;
+        x[k] = fmin(fmax(value, lower[k]), upper[k]);
+    }
+    return is_beyond;
+}
+
+int tick_room(const tick_plan *g)
+{
+    int w = g->n + g->p, rows = g->p + g->c + g->k + g->d, levels = g->levels + 2;
+    int32_t ends[2] = {rows, rows};
+    double one = 1.0;
+    lexicographic_problem most = {.n = w, .levels = 2, .ends = ends, .weight = &one};
+    int solver = (int)lexicographic_room(&most) + 4 * levels;
+    int loops = (g->c + 1) * w + g->p + g->m * g->n + g->k + w;
+    return loops + rows * (w + 1) + 6 * w + 4 * levels + solver;
+}
+
+int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const double *targets,
+               const double *lower, const double *upper, double bound, double *x, double *room)
+{
+    int p = g->p, n = g->n, s = 0;
+    double squares_T = dot(J_T, J_T, g->m * g->N), squares_C = dot(J_C, J_C, g->c * g->N);
+    double asked = dot(targets, targets, g->t);
+    if (!(squares_T < INFINITY && squares_C < INFINITY && asked < INFINITY && bound >= 0.0))
+        return TICK_REFUSED;
+    for (int i = 0; i < p + n; i++)
+        if (!are_limits(lower[g->order[i]], upper[g->order[i]]))
+            return TICK_REFUSED;
+    if (!(bound < INFINITY && is_moderate(squares_T) && is_moderate(squares_C)))
+        return TICK_IN_DOUBT;
+    if (!is_moderate(asked) || p > g->c || !are_idle(g, J_T, J_C, lower, upper))
+        return TICK_IN_DOUBT;
+    mechanism of = {.M = {room, g->c + 1, p + n}};
+    int *limited = (int *)row(of.M, g->c + 1);
+    of.J = (matrix){row(of.M, g->c + 1) + p, g->m, n};
+    of.loops = eliminate(g, J_T, J_C, sqrt(squares_T), sqrt(squares_C), bound, &of);
+    if (!of.loops.is_regular)
+        return TICK_IN_DOUBT;
+    double *right = row(of.J, g->m);
+    for (int i = 0; i < g->k + n; i++)
+        right[i] = i < g->k || g->weight ? dot(g->T + i * g->t, targets, g->t) : 0.0;
+    levels_t at = {.A = right + g->k + n};
+    if (g->d && !are_clear(g, &of, at.A))
+        return TICK_IN_DOUBT;
+    if (!solve_levels(g, &of, right, lower, upper, limited, 0, &at))
+        return TICK_IN_DOUBT;
+    memset(x, 0, (size_t)g->N * sizeof *x);
+    if (move_passive(g, &of, lower, upper, at.x, x)) {
+        for (int i = 0; i < p; i++)
+            if (isfinite(lower[g->order[i]]) || isfinite(upper[g->order[i]]))
+                limited[s++] = i;
+        if (g->damping || !solve_levels(g, &of, right, lower, upper, limited, s, &at))
+            return TICK_IN_DOUBT;
+        move_passive(g, &of, lower, upper, at.x, x);
+    }
+    for (int j = 0; j < n; j++)
+        x[g->order[p + j]] = at.x[j];
+    return TICK_SOLVED;
+}
