@@ -43,6 +43,7 @@ def test_a_missing_library_is_one_sentence_that_says_what_to_do(copy):
     assert code == 1 and "is missing: compile the kernels of fjh first" in said
 
 
+@pytest.mark.long  # it compiles all kernels
 def test_a_library_of_other_sources_is_refused_until_it_is_built_anew(copy):
     file = copy / "digest.c"
     file.write_text(file.read_text() + "\n")
@@ -59,6 +60,7 @@ def test_without_a_compiler_the_build_ends_with_one_sentence(copy, tmp_path):
     assert "ziglang" in said
 
 
+@pytest.mark.long  # it compiles all kernels
 def test_what_the_compiler_complains_of_is_one_sentence_and_nothing_half_built_is_left(copy):
     (copy / "digest.c").write_text("mistake\n")
     code, said = python(copy.parent, str(copy / "build.py"))
