@@ -23,8 +23,8 @@ static lexicographic_problem levels_of(const problem1 *p, int32_t *ends, const d
     ends[0] = p->m1;
     ends[1] = p->m1 + p->m2;
     return (lexicographic_problem){.count = 1, .n = p->n, .levels = two ? 2 : 1, .matrices = 1,
-                                   .bounds = 1,
-                                   .most_steps = 60 * (p->n + 1), .beside = two && weight,
+                                   .bounds = 1, .most_steps = 60 * (p->n + 1),
+                                   .beside = two && weight,
                                    .tolerance = p->tolerance, .ends = ends, .weight = weight};
 }
 
@@ -93,11 +93,11 @@ int problem1_solve(const problem1 *p, const double *J, const double *sizes, cons
         upper[j] = limits ? limits[n + j] : INFINITY;
     }
     for (int64_t k = 0; k < p->count; k++) {
-        const double *own = J + k % p->jacobians * m * n;
-        double size = sizes ? sizes[k % p->jacobians] : sqrt(squares(own, m * n));
+        const double *each = J + k % p->jacobians * m * n;
+        double size = sizes ? sizes[k % p->jacobians] : sqrt(squares(each, m * n));
         scales[0] = sqrt(squares(p->S, m1 * m)) * size;
         scales[1] = sqrt(secondary) * size;
-        write_levels(p, own, w2, v + k * m1, v_s ? v_s + k * m2 : 0, A, b);
+        write_levels(p, each, w2, v + k * m1, v_s ? v_s + k * m2 : 0, A, b);
         for (int64_t j = 0; j < n; j++)
             wanted[j] = rates_d ? rates_d[k * n + j] : 0.0;
         ranks[0] = 0;

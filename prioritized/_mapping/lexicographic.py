@@ -16,8 +16,6 @@ from prioritized._solver.limits import Limits, limits, plain_limits
 from prioritized._solver.packed import Equations, Packed, Point, Rows, ends_of, pack, solve
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
-_MOST = 10**8
-"""Numbers up to which places in C's room for work are integers of 32 bits."""
 _FLOAT64 = np.dtype(np.float64)
 Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 """(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""

@@ -147,16 +147,16 @@ def optimum(
     equations = [
         Equations(one.A, _asked(one, p), np.asarray(one.scale), one.damping) for one in levels
     ]
-    is_one = not lead and (limiting is None or limiting.when != "scaled")
-    is_one = is_one and all(one.A.ndim == 2 for one in levels)
+    is_one = not lead and all(one.A.ndim == 2 for one in levels)
+    packing = pack_one if is_one else pack
     if limiting is None:
-        packed = (pack_one if is_one else pack)(equations, limits("", None, n), tolerance)
+        packed = packing(equations, limits("", None, n), tolerance)
         return Optimum(packed, solve(packed, start), n, 1, False, lead)
     box, rows, scaled = limiting.box, limiting.rows, limiting.when == "scaled"
     if scaled:
         achieved = times(levels[1].A, optimum(levels, p, None, tolerance).x)
         equations, rows, box = _keeping_direction(equations, rows, box, achieved)
-    packed = (pack_one if is_one else pack)([*rows, *equations], box, tolerance)
+    packed = packing([*rows, *equations], box, tolerance)
     if scaled:
         packed = packed._replace(own=n)
     return Optimum(packed, solve(packed, start), n, len(rows) + 1, scaled, lead)

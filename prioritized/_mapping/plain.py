@@ -14,7 +14,7 @@ from prioritized._solver.limits import Limits
 from prioritized._solver.rank import frobenius
 
 _FLOAT64 = np.dtype(np.float64)
-_NAMES = "v_major", "joint_velocity", "secondary_velocity"
+NAMES = "v_major", "joint_velocity", "secondary_velocity"
 
 
 class Plain:
@@ -48,15 +48,19 @@ class Plain:
         self.J, self.S, self.m1, self.weights, self.metric = J, S, m1, weights, metric
         self.scale, self.tolerance, self.clear = scale, tolerance, clear
         if shape is None:
-            has = weights[0] is not None, weights[1] is not None
-            count = int(np.prod(J.shape[:-2]))
-            shape = shape_of(S, m1, metric, J.shape[-1], has, (tolerance, clear), count)
+            shape = self.shape(clear, int(np.prod(J.shape[:-2])))
         self._made = *shape, pointer(J), *map(_or_none, (scale, *weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Pointers are no use elsewhere.
         rest = self.weights, self.metric, self.scale, self.tolerance, self.clear
         return Plain, (self.J, self.S, self.m1, *rest)
+
+    def shape(self, clear: float, count: int = 1) -> tuple[Struct, int]:
+        """What :func:`shape_of` says of as many J, in doubt up to this part of the scale."""
+        has = self.weights[0] is not None, self.weights[1] is not None
+        numbers = self.tolerance, clear
+        return shape_of(self.S, self.m1, self.metric, self.J.shape[-1], has, numbers, count)
 
     def problem(self, S_m: Array, S_s: Array) -> Problem:
         """The checked arguments that it stands for."""
@@ -101,9 +105,9 @@ class Plain:
             if type(value) is np.ndarray and value.dtype is _FLOAT64:
                 target = value
             else:
-                target = None if value is None and i else check.vector(_NAMES[i], value, sizes[i])
+                target = None if value is None and i else check.vector(NAMES[i], value, sizes[i])
             if target is not None and target.shape != (*lead, sizes[i]):
-                check.vector(_NAMES[i], target, sizes[i])
+                check.vector(NAMES[i], target, sizes[i])
                 if target.ndim > 1:
                     return None
                 target = np.broadcast_to(target, (*lead, sizes[i]))
@@ -120,7 +124,7 @@ class Plain:
             ]
         code = lib.problem1_solve(problem.pointer, *first, *there, *made)
         if code == lib.PROBLEM1_REFUSED:
-            for name, value, size in zip(_NAMES, given, sizes, strict=True):
+            for name, value, size in zip(NAMES, given, sizes, strict=True):
                 if value is not None:
                     check.vector(name, value, size)
         return x if code == lib.PROBLEM1_SOLVED else None
@@ -168,7 +172,7 @@ def _or_none(A: Array | None) -> Any:
     return ffi.NULL if A is None else pointer(A)
 
 
-def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
+def plain_of(problem: Problem) -> Plain | None:
     """A checked problem as one of these, if its weights are diagonals and nothing else is given."""
     J, S_m, S_s, W1, W2, C, _, M, T, scale, tolerance, lead = problem
     if C.size or T.size or J.shape[:-2] != lead or not tolerance:
@@ -181,7 +185,7 @@ def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
     S = np.ascontiguousarray(np.concatenate([S_m if M is None else M @ S_m, S_s]))
     sizes = np.ascontiguousarray(np.broadcast_to(scale, lead), float).reshape(-1)
     J = np.ascontiguousarray(J)
-    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance, clear)
+    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance)
     return plain if plain.is_moderate else None
 
 

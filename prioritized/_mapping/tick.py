@@ -84,9 +84,9 @@ class Tick(ReadOnly):
         """Optimal velocities in the order of J_T's columns, shape (N,); None where others decide.
 
         They are those of :meth:`Hierarchy.solve` at this pose, where limits of passive velocities
-        are inequality rows. None is said where a rank may be in doubt, as near singular poses and
-        where tasks contradict each other; where a joint swings freely that task or loops know; and
-        where limits and loops contradict each other.
+        are inequality rows. None is said where a rank may be in doubt, as near singular poses;
+        where a joint swings freely that task or loops know; and where limits and loops contradict
+        each other.
 
         Args:
             J_T: Task Jacobian there, shape (m, N).

@@ -19,7 +19,7 @@ from prioritized._mapping.amplification import (
 from prioritized._mapping.asked import Asked
 from prioritized._mapping.levels import Level, smallest_gap, velocity_gains, velocity_levels
 from prioritized._mapping.limited import Limiting, Optimum, optimum
-from prioritized._mapping.plain import Plain, plain_of
+from prioritized._mapping.plain import NAMES, Plain, plain_of
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.solution import VelocitySolution
 from prioritized._mapping.survivors import Survivors
@@ -33,8 +33,6 @@ from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, 
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import RankedSvd, basis_scale, largest, norm, ranked_svd
-
-_NAMES = "v_major", "joint_velocity", "secondary_velocity"
 
 
 class Mechanism(Protocol):
@@ -146,7 +144,7 @@ class VelocityMapping:
         targets = [major, *rest]
         # What is not finite is found later; the checks would take as long as the arithmetic.
         if [v.shape if check.is_plain(v) else None for v in targets] != [(k,) for k in sizes]:
-            targets = list(map(check.vector, _NAMES, targets, sizes))
+            targets = list(map(check.vector, NAMES, targets, sizes))
             if any(v.ndim > 1 for v in targets):
                 return None
         asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])

@@ -22,6 +22,22 @@ from tests.random_systems import (
 )
 
 
+def drawn_mapping(data, drawn):
+    """Of some rows, the others being secondary, with weights of all kinds."""
+    kin, rng = drawn.system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m - len(major), rng))
+    return kin.velocity_mapping(major, None, W1, W2)
+
+
+def aims_of(mapping, rng):
+    """Three random velocities; and the first of them with zeros for the others."""
+    sizes = mapping.major.shape[1], *mapping.joint.shape[1:], mapping.secondary.shape[1]
+    aims = tuple(rng.normal(size=size) for size in sizes)
+    return aims, (aims[0], *map(np.zeros_like, aims[1:]))
+
+
 def by_gains(mapping, v_m, rates_d, v_sd):
     gains = (mapping.major, v_m), (mapping.joint, rates_d), (mapping.secondary, v_sd)
     return sum(np.einsum("...ij,...j->...i", gain, value) for gain, value in gains)
@@ -30,15 +46,9 @@ def by_gains(mapping, v_m, rates_d, v_sd):
 @given(st.data(), systems())
 def test_rates_are_what_the_gains_say_whatever_the_ranks(data, drawn):
     """Reflections where all is well conditioned, an SVD elsewhere: one result."""
-    kin, rng = drawn.system.kinematics(), drawn.rng
-    m, n = kin.J.shape
-    major = rows_of(data, m)
-    m1, m2 = len(major), m - len(major)
-    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
-    mapping = kin.velocity_mapping(major, None, W1, W2)
-    aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    mapping = drawn_mapping(data, drawn)
+    aims, zeros = aims_of(mapping, drawn.rng)
     np.testing.assert_allclose(mapping(*aims), by_gains(mapping, *aims), atol=1e-7)
-    zeros = aims[0], np.zeros(n), np.zeros(m2)
     np.testing.assert_allclose(mapping(aims[0]), by_gains(mapping, *zeros), atol=1e-7)
 
 
@@ -242,17 +252,11 @@ def test_a_mechanism_at_another_pose_is_as_if_made_there(drawn, seed):
 @given(st.data(), systems())
 def test_rates_at_another_pose_are_what_the_gains_there_say(data, drawn):
     """One compiled call where ranks are clearly full, elsewhere the mapping there: one result."""
-    kin, rng = drawn.system.kinematics(), drawn.rng
-    m, n = kin.J.shape
-    major = rows_of(data, m)
-    m1, m2 = len(major), m - len(major)
-    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
-    mapping = kin.velocity_mapping(major, None, W1, W2)
-    there = drawn.system.at(J_T=orthogonal(rng, m) @ drawn.system.J_T).kinematics()
-    aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    mapping, J_T = drawn_mapping(data, drawn), drawn.system.J_T
+    there = drawn.system.at(J_T=orthogonal(drawn.rng, len(J_T)) @ J_T).kinematics()
+    aims, zeros = aims_of(mapping, drawn.rng)
     expected = by_gains(mapping.at(there), *aims)
     np.testing.assert_allclose(mapping.at(there)(*aims), expected, atol=1e-7)
-    zeros = aims[0], np.zeros(n), np.zeros(m2)
     expected = by_gains(mapping.at(there), *zeros)
     np.testing.assert_allclose(mapping.at(there)(aims[0]), expected, atol=1e-7)
     np.testing.assert_allclose(mapping.at(there)(aims[0].tolist()), expected, atol=1e-7)

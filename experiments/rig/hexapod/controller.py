@@ -215,18 +215,10 @@ class StrutMapping(PrioritizedMapping[Pose]):
             return None
         if not isinstance(self._at_nominal.mapping, VelocityMapping):  # another optimality
             return None
-        w1, w2 = plain.weights
-        m, n = plain.J.shape
-        problem = Struct(
-            "problem1",
-            **{"count": 1, "jacobians": 1, "m": m, "n": n, "m1": plain.m1},
-            **{"m2": len(plain.S) - plain.m1, "S": plain.S},
-            **{"joint": plain.weights[0] is not None, "secondary": plain.weights[1] is not None},
-            **{"tolerance": plain.tolerance, "clear": CLEARLY_REGULAR},
-        )
-        if plain.metric is not None or lib.problem1_room(problem.pointer) > lib.STRUT_ROOM:
+        problem, room = plain.shape(CLEARLY_REGULAR)
+        if plain.metric is not None or room > lib.STRUT_ROOM:
             return None
-        survivors = self._surviving
+        survivors, (w1, w2) = self._surviving, plain.weights
         return Struct("strut_mapping", problem=problem, survivors=survivors, w1=w1, w2=w2)
 
     def following(self) -> dict[str, Any] | None:
