@@ -106,15 +106,16 @@ def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
         print("here", flush=True)
         time.sleep(60)
     finally:
+        print("clearing", flush=True)
         time.sleep(1)
         print("cleared", flush=True)
 """,
     )
     process.send_signal(number)
-    time.sleep(0.3)
+    assert process.stdout and process.stdout.readline() == "clearing\n"
     for each in CODES:
         process.send_signal(each)
-    assert process.stdout and process.stdout.readline() == "cleared\n"
+    assert process.stdout.readline() == "cleared\n"
     ended(process, number)
     assert not (tmp_path / "out").exists()
 
