@@ -211,7 +211,7 @@ void canonical_bases(int count, int N, int k, double *rest, double *made, double
 /* tick.c */
 
 /* Levels of rows S J rates + R rates that are to be T targets, whatever the pose, then least
- * |weight (rates - wanted)|, which may be beside the last level. */
+ * |weight (rates - wanted)|, which may be beside the last level; all of it in natural units. */
 typedef struct {
     int m, c, N, t;       /* rows of J_T, of J_C, columns of both, targets of all levels */
     int p, n;             /* passive velocities that move, rates */
@@ -230,7 +230,8 @@ typedef struct {
     const double *on_rates; /* of R of each level, times the part that is in doubt, (levels,) */
     const int32_t *ends;    /* of each level in S, (levels,) */
     double error_C, error_T; /* size of the errors of J_C and J_T per bound of them */
-    double doubt_C, doubt_J; /* part of J_C and of J up to which a singular value is in doubt */
+    double doubt; /* part of J_C and of J up to which a singular value is in doubt */
+    const double *task_units, *loop_units, *velocity_units; /* natural ones, (m), (c), (N) */
 } tick_plan;
 
 /* All solved; ranks are in doubt, or limits and loops contradict each other; a number is wrong. */

@@ -85,18 +85,33 @@ static bool are_idle(const tick_plan *g, const double *J_T, const double *J_C,
     return true;
 }
 
-/* Eliminate the loops of a mechanism at a pose. */
+/* Write rows of A (rows, N) in natural units, and return their norm. */
+static double to_natural(const tick_plan *g, const double *A, int rows, const double *units,
+                         double *to)
+{
+    double total = 0.0;
+    for (int i = 0; i < rows; i++) {
+        double factor = 1.0 / units[i], *own = to + i * g->N;
+        for (int j = 0; j < g->N; j++) {
+            own[j] = A[i * g->N + j] * (factor * g->velocity_units[j]);
+            total += own[j] * own[j];
+        }
+    }
+    return sqrt(total);
+}
+
+/* Eliminate the loops of a mechanism at a pose, in natural units. */
 static reduction eliminate(const tick_plan *g, const double *J_T, const double *J_C, double size_T,
                            double size_C, double bound, const mechanism *to)
 {
     double *gain = row(to->M, 0) + g->p;
     double inverse = close_loops(J_C, g->c, g->N, g->order, g->p, g->n, false, to->M.at);
-    double loops = fmax(g->doubt_C * size_C, MARGIN * g->error_C * bound), follows = 0.0;
+    double loops = fmax(g->doubt * size_C, MARGIN * g->error_C * bound), follows = 0.0;
     double scale = reduce_task(J_T, g->m, g->N, g->order, g->p, g->n, gain, to->M.width, to->J.at);
     for (int k = 0; k < g->p; k++)
         follows += dot(gain + k * to->M.width, gain + k * to->M.width, g->n);
     double reached = (g->error_T + size_T * inverse * g->error_C) * (1.0 + sqrt(follows));
-    double task = fmax(g->doubt_J * scale, MARGIN * reached * bound);
+    double task = fmax(g->doubt * scale, MARGIN * reached * bound);
     return (reduction){g->p == 0 || inverse * loops < 1.0, loops, task, follows};
 }
 
@@ -192,8 +207,9 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
     int n = g->n, p = g->p, rows = s + g->c - p + g->k;
     *at = levels_at(at->A, n + s, rows, g->levels + 2);
     for (int j = 0; j < n; j++) {
-        at->lower[j] = lower[g->order[p + j]];
-        at->upper[j] = upper[g->order[p + j]];
+        double unit = g->velocity_units[g->order[p + j]];
+        at->lower[j] = lower[g->order[p + j]] / unit;
+        at->upper[j] = upper[g->order[p + j]] / unit;
         at->wanted[j] = g->weight ? right[g->k + j] : 0.0;
         at->weight[j] = g->weight ? g->weight[j] : 1.0;
     }
@@ -201,12 +217,13 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
         double *own = at->A + i * at->w, *gain = row(of->M, limited[i]) + p;
         double size = sqrt(dot(gain, gain, n));
         size = size > 0.0 ? size : 1.0;
+        double unit = size * g->velocity_units[g->order[limited[i]]];
         memset(own, 0, (size_t)at->w * sizeof *own);
         add(own, 1.0 / size, gain, n);
         own[n + i] = -1.0;
         at->b[i] = 0.0;
-        at->lower[n + i] = lower[g->order[limited[i]]] / size;
-        at->upper[n + i] = upper[g->order[limited[i]]] / size;
+        at->lower[n + i] = lower[g->order[limited[i]]] / unit;
+        at->upper[n + i] = upper[g->order[limited[i]]] / unit;
     }
     if (s)
         end_level(at, s, CLEAR * TOLERANCE, 0.0);
@@ -234,6 +251,13 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
     return true;
 }
 
+/* A velocity of a natural value, within its limits exactly. */
+static double within(const tick_plan *g, int64_t k, double value, const double *lower,
+                     const double *upper)
+{
+    return fmin(fmax(value * g->velocity_units[k], lower[k]), upper[k]);
+}
+
 /* Write the passive velocities (p) to x; whether one is beyond a limit by more than round-off. */
 static bool move_passive(const tick_plan *g, const mechanism *of, const double *lower,
                          const double *upper, const double *rates, double *x)
@@ -242,12 +266,12 @@ static bool move_passive(const tick_plan *g, const mechanism *of, const double *
     for (int i = 0; i < g->p; i++) {
         int64_t k = g->order[i];
         const double *gain = row(of->M, i) + g->p;
-        double value = dot(gain, rates, g->n), terms = 0.0;
+        double value = dot(gain, rates, g->n), terms = 0.0, unit = g->velocity_units[k];
         for (int j = 0; j < g->n; j++)
             terms += fabs(gain[j] * rates[j]);
-        double beyond = fmax(lower[k] - value, value - upper[k]);
+        double beyond = fmax(lower[k] / unit - value, value - upper[k] / unit);
         is_beyond = is_beyond || beyond > ROUND_OFF * terms;
-        x[k] = fmin(fmax(value, lower[k]), upper[k]);
+        x[k] = within(g, k, value, lower, upper);
     }
     return is_beyond;
 }
@@ -259,7 +283,7 @@ int tick_room(const tick_plan *g)
     double one = 1.0;
     lexicographic_problem most = {.n = w, .levels = 2, .ends = ends, .weight = &one};
     int solver = (int)lexicographic_room(&most) + 4 * levels;
-    int loops = (g->c + 1) * w + g->p + g->m * g->n + g->k + w;
+    int loops = (g->c + 1) * w + g->p + g->m * g->n + g->k + w + (g->m + g->c) * g->N;
     return loops + rows * (w + 1) + 6 * w + 4 * levels + solver;
 }
 
@@ -281,10 +305,13 @@ int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const d
     mechanism of = {.M = {room, g->c + 1, p + n}};
     int *limited = (int *)row(of.M, g->c + 1);
     of.J = (matrix){row(of.M, g->c + 1) + p, g->m, n};
-    of.loops = eliminate(g, J_T, J_C, sqrt(squares_T), sqrt(squares_C), bound, &of);
+    double *task = row(of.J, g->m), *loops = task + g->m * g->N;
+    double size_T = to_natural(g, J_T, g->m, g->task_units, task);
+    double size_C = to_natural(g, J_C, g->c, g->loop_units, loops);
+    of.loops = eliminate(g, task, loops, size_T, size_C, bound, &of);
     if (!of.loops.is_regular)
         return TICK_IN_DOUBT;
-    double *right = row(of.J, g->m);
+    double *right = loops + g->c * g->N;
     for (int i = 0; i < g->k + n; i++)
         right[i] = i < g->k || g->weight ? dot(g->T + i * g->t, targets, g->t) : 0.0;
     levels_t at = {.A = right + g->k + n};
@@ -302,6 +329,6 @@ int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const d
         move_passive(g, &of, lower, upper, at.x, x);
     }
     for (int j = 0; j < n; j++)
-        x[g->order[p + j]] = at.x[j];
+        x[g->order[p + j]] = within(g, g->order[p + j], at.x[j], lower, upper);
     return TICK_SOLVED;
 }

@@ -156,18 +156,18 @@ def failure_atlas(
     locked, free = conditions == LOCKED, conditions == FREE
     locked[:, sorted(known.locked)] = True
     free[:, sorted(known.free)] = True
-    active = ~locked & ~free
+    active, units = ~locked & ~free, system.geometry.velocity_units[system.active]
     within = Within(
         active,
-        None if rate_limits is None else _limits("rate_limits", rate_limits, active.shape),
-        None if torque_limits is None else _limits("torque_limits", torque_limits, active.shape),
+        _limits("rate_limits", rate_limits, active.shape, 1.0 / units),
+        _limits("torque_limits", torque_limits, active.shape, units),
     )
     stuck = np.array(sorted(known.locked_passive), dtype=np.intp)
     motions = motions_of(system.geometry, system.active, stuck, (locked, active))
     rigid = _classes(motions, MajorTask(TaskMotion.of(motions, system.active), S_m, S_s), within)
     elastic = None
     if system.stiffness is not None:
-        settled = with_stiffness(motions, system.stiffness)
+        settled = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
         elastic = _classes(
             settled, MajorTask(TaskMotion.of(settled, system.active), S_m, S_s), within
         )
@@ -191,13 +191,15 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
 
 
 def _limits(
-    name: str, value: tuple[ArrayLike, ArrayLike], shape: tuple[int, ...]
-) -> tuple[Array, Array]:
-    """Lower and upper limits of each condition, shape (C, n) each."""
+    name: str, value: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...], units: Array
+) -> tuple[Array, Array] | None:
+    """Lower and upper limits of each condition times these units (n,), shape (C, n) each."""
+    if value is None:
+        return None
     lower, upper = check.limits(name, value, shape[1])
     if lower.shape not in ((), shape[1:], shape):
         raise ValueError(f"{name} must be of shape {shape[1:]} or {shape}, got {lower.shape}")
-    return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
+    return np.broadcast_to(lower * units, shape), np.broadcast_to(upper * units, shape)
 
 
 def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
@@ -211,7 +213,7 @@ def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
     lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
     gains = np.zeros((len(possible), m1))
     gains[:, : reach.sigma.shape[1]] = np.where(reach.kept, reach.sigma, 0.0)
-    problem = _problem(motions, task, self_motion)
+    problem = _problem(motions, task)
     return Classes(
         possible=possible,
         unmanipulable=reach.rank < m1,
@@ -231,14 +233,12 @@ def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
     )
 
 
-def _problem(motions: Motions, task: MajorTask, self_motion: Array) -> Problem:
-    """Problems 1 and 6 without weights, in their own units."""
-    whole, geometry = task.task, task.task.geometry
-    rows, rates = geometry.task_units[:, None], whole.rate_units
-    J = rows * whole.J / rates
-    if task.lost is not None:
-        J = J - task.lost
-    admissible = respanned(motions.admissible, rates)
-    forbidden = np.eye(len(rates)) - admissible @ transposed(admissible)
-    scale = task.parting(J, whole.scale(None) * geometry.task_units.max() / rates.min())
-    return unweighted(J, task.S_m, forbidden, self_motion, scale, RANK_TOLERANCE)
+def _problem(motions: Motions, task: MajorTask) -> Problem:
+    """Problems 1 and 6 without weights, of rates in natural units."""
+    whole, Z = task.task, motions.admissible
+    forbidden = np.eye(len(whole.rate_units)) - Z @ transposed(Z)
+    J, scale = task.handed_on(whole.J, whole.scale(None), forbidden)
+    Q = whole.moved.U[..., : whole.moved.kept.shape[1]] * whole.moved.kept[:, None, :]
+    return unweighted(J, task.S_m, forbidden, Q, scale, RANK_TOLERANCE).natural(
+        whole.task_units, 1.0
+    )

@@ -1,6 +1,5 @@
 """A mechanism seen from its surviving active joints, and the mappings through them."""
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -13,7 +12,7 @@ from argument_checks import Array, Indices
 from prioritized._analysis.attainable import Attainable, attainable
 from prioritized._analysis.major_maps import of_rates, of_torques, unweighted
 from prioritized._analysis.manipulability import Manipulability
-from prioritized._mapping.force import ForceMapping, force_mapping
+from prioritized._mapping.force import ForceLimits, ForceMapping, force_mapping_of
 from prioritized._mapping.hierarchy import Hierarchy, hierarchy
 from prioritized._mapping.limited import WhenLimited
 from prioritized._mapping.problem import Problem
@@ -31,14 +30,14 @@ from prioritized._mechanism.elimination import (
     passive_motion,
     regular_motion,
 )
-from prioritized._mechanism.measure import Measure, metric_of, units_of
+from prioritized._mechanism.measure import Measure, is_uniform, metric_of, units_of
 from prioritized._mechanism.names import Known, Names, known_actuators, known_velocities
 from prioritized._mechanism.ordered import Directions, Stacked, in_order
 from prioritized._mechanism.statics import constraint_gain, internal_rows, torque_gain
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import none, read_only
 from prioritized._solver.canonical import canonical
-from prioritized._solver.limits import Limits, limits
+from prioritized._solver.limits import limits
 from prioritized._solver.rank import RANK_TOLERANCE
 
 
@@ -47,7 +46,9 @@ class Kinematics:
     """A mechanism seen from its surviving active joints, eqs. (6) to (17).
 
     Made by :meth:`prioritized.ConstrainedSystem.kinematics`. Arrays are read-only and computed when
-    first used. Of N velocities n have actuators, q of which failed; s joints are stuck.
+    first used, in natural units, so that no rank and no least norm depends on the unit of length;
+    those of this class are stated in the units of J_T and J_C. Of N velocities n have actuators, q
+    of which failed; s joints are stuck.
 
     Attributes:
         system: The mechanism, its joints sorted by what drives them.
@@ -81,11 +82,22 @@ class Kinematics:
     @property
     def J(self) -> Array:
         """Task Jacobian, eq. (14), shape (m, n - q)."""
+        return self._J
+
+    @cached_property
+    def _J(self) -> Array:
+        if self.system.geometry.accuracy is None:
+            return self.natural
+        return read_only(self.task_units[:, None] * self.natural / self.rate_units)
+
+    @property
+    def natural(self) -> Array:
+        """J in natural units."""
         return self._jacobian[0]
 
     @property
     def scale(self) -> float:
-        """Size of the terms whose difference is J; its rank is decided against it."""
+        """Size of the terms whose difference it is; its rank is decided against it."""
         return self._jacobian[1]
 
     @property
@@ -97,9 +109,15 @@ class Kinematics:
 
     @cached_property
     def _self_motion(self) -> Array:
+        return read_only(canonical(respanned(self.natural_self_motion, self.task_units)))
+
+    @property
+    def natural_self_motion(self) -> Array:
+        """The same in natural units, as it was decided."""
+        if not self._motion.free.shape[1]:
+            return none((len(self.J), 0))
         moved = self._task_motion.moved
-        basis = respanned(moved.U[:, : int(moved.rank)], self.system.geometry.task_units)
-        return read_only(canonical(basis))
+        return moved.U[:, : int(moved.rank)]
 
     @cached_property
     def internal_force(self) -> Array:
@@ -107,30 +125,63 @@ class Kinematics:
 
         Columns: the c rows of J_C, then the s stuck joints by velocity index.
         """
-        rows, stuck = self._internal_rows, self.system.joints.stuck
-        return read_only(canonical(np.linalg.qr(rows.T)[0] if stuck.size else rows.T).T)
+        return read_only(canonical(respanned(self._internal, 1.0 / self._force_units)).T)
+
+    @cached_property
+    def _internal(self) -> Array:
+        """The same in natural units, as columns, (c + s, r)."""
+        rows, stuck = internal_rows(self.system, self._motion), self.system.joints.stuck
+        return np.linalg.qr(rows.T)[0] if stuck.size else rows.T
+
+    @property
+    def _force_units(self) -> Array:
+        """Natural units of the velocities that these forces do work with, (c + s,)."""
+        geometry = self.system.geometry
+        stuck = geometry.velocity_units[self.system.joints.stuck]
+        return np.append(geometry.constraint_units, stuck)
 
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
         if not len(self._motion.left_null):  # the common case, at every tick
             return none((0, len(self.active)))
-        return read_only(self._constraint.rows)
+        return self._active_constraint
+
+    @cached_property
+    def _active_constraint(self) -> Array:
+        return read_only(canonical(respanned(self._constraint.rows.T, 1.0 / self.rate_units)).T)
+
+    @property
+    def constraint(self) -> Array:
+        """The same in natural units."""
+        return self._constraint.rows if self.is_tied else none((0, len(self.active)))
 
     @cached_property
     def passive_gain(self) -> Array:
         """Passive rates per active rate, eq. (10), shape (N - n + q, n - q)."""
-        return read_only(self.system.joints.among_passive(self._motion.gain))
+        gain = self._moving_units * self._motion.gain / self.rate_units
+        return read_only(self.system.joints.among_passive(gain))
 
     @cached_property
     def passive_self_motion(self) -> Array:
         """Orthonormal basis of the passive motion, active joints locked, shape (N - n + q, d)."""
-        return read_only(self.system.joints.among_passive(self._motion.free))
+        free = canonical(respanned(self._motion.free, self._moving_units[:, 0]))
+        return read_only(self.system.joints.among_passive(free))
+
+    @property
+    def _moving_units(self) -> Array:
+        """Natural units of the passive joints that move, (p, 1)."""
+        return self.system.geometry.velocity_units[self.system.joints.moving, None]
 
     @cached_property
     def constraint_gain(self) -> Array:
         """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
-        return read_only(constraint_gain(self.system, self._motion, self.internal_force))
+        return read_only(self._constraint_gain / self._force_units[:, None] * self.task_units)
+
+    @cached_property
+    def _constraint_gain(self) -> Array:
+        """The same in natural units."""
+        return constraint_gain(self.system, self._motion, self._internal.T)
 
     @property
     def gap(self) -> float:
@@ -161,7 +212,7 @@ class Kinematics:
 
     @cached_property
     def _jacobian(self) -> tuple[Array, float]:
-        return self.system.task.reduced(self._motion.gain)
+        return self.system.reduced(self._motion.gain)
 
     @cached_property
     def _constraint(self) -> ActiveConstraint:
@@ -175,17 +226,17 @@ class Kinematics:
         return regular_motion(system, motion)
 
     @cached_property
-    def _internal_rows(self) -> Array:
-        return internal_rows(self.system, self._motion)
-
-    @cached_property
     def _torque_gain(self) -> Array:
-        return torque_gain(self.system, self._motion, self.constraint_gain)
+        """Torques in equilibrium with a task force and its constraint forces, (n - q, m)."""
+        gain = torque_gain(self.system, self._motion, self._constraint_gain)
+        return gain / self.rate_units[:, None] * self.task_units
 
     @cached_property
     def _internal_gain(self) -> Array:
-        """Internal force eta per torque that is out of equilibrium without it, (r, n - q)."""
-        return self.internal_force @ self._internal_rows.T @ self._constraint.inverse.T
+        """Constraint forces per torque that is out of equilibrium without them, (c + s, n - q)."""
+        rows = internal_rows(self.system, self._motion)
+        gain = rows.T @ self._constraint.inverse.T
+        return gain / self._force_units[:, None] * self.rate_units
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
@@ -227,7 +278,7 @@ class Kinematics:
         if torques is None:
             return f_C
         rest = check.vector("torques", torques, len(self.active)) - force @ self._torque_gain.T
-        return f_C + rest @ self._internal_gain.T @ self.internal_force
+        return f_C + rest @ self._internal_gain.T
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
         """The four conditions of section 2.2 for a major task, each with basis, gap and sentence.
@@ -247,7 +298,7 @@ class Kinematics:
 
     def _known(self, velocities: Indices) -> Known:
         """These velocities by name, in the words of the system."""
-        known = list(known_velocities(self.names, self.system.task.J_T.shape[1]))
+        known = list(known_velocities(self.names, self.system.J_T.shape[1]))
         actuated = self.system.joints.actuated
         for i, names in zip(actuated, known_actuators(self.names, actuated), strict=True):
             known[i] = names
@@ -275,37 +326,35 @@ class Kinematics:
         """
         W1 = self.survivors.matrix("joint_weight", joint_weight)
         T = self.survivors.matrix("tie_metric", tie_metric)
-        if T is None and not settles(W1):
-            T = metric_of(self.rate_units)
         box = self.survivors.pair(rate_limits)
         rows = self.survivors.rows("rate_rows", rate_rows)
-        if not self.is_tied and major_metric is T is rows is None and not damping:
+        is_plain = not self.is_tied and is_uniform(self.rate_units)
+        if is_plain and major_metric is T is rows is None and not damping:
+            unit = self.common_unit
+            J = self.natural if unit == 1.0 else self.natural / unit
             mapping = of_plain_arrays(
-                self.J, major, secondary, W1, secondary_weight, self.scale, RANK_TOLERANCE,
+                J, major, secondary, W1, secondary_weight, self.scale / unit, RANK_TOLERANCE,
                 self.clear, box, when_limited, self.task_units,
             )  # fmt: skip
             if mapping is not None:
                 return mapping.belonging_to(self)
-        S_m, S_s = task_selection(major, secondary, len(self.J))
-        M = metric_of(self.measure(S_m).major)
-        J, scale = self.cleaned(S_m, S_s, None if M is None else np.diag(M))
-        C = self.active_constraint
+        M = major_metric
+        if M is None:
+            M = metric_of(self.measure(task_selection(major, secondary, len(self.J))[0]).major)
         mapping = velocity_mapping(
-            J,
+            self.J,
             major,
             secondary,
             W1,
             secondary_weight,
-            C if C.size else None,
-            major_metric=M if major_metric is None else major_metric,
+            major_metric=M,
             tie_metric=T,
             damping=damping,
-            scale=scale,
             rate_limits=box,
             rate_rows=rows,
             when_limited=when_limited,
         )
-        return mapping.belonging_to(self)
+        return mapping.of_mechanism(self)
 
     @property
     def is_tied(self) -> bool:
@@ -318,15 +367,20 @@ class Kinematics:
         geometry, motion = self.system.geometry, self._motion
         return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
 
-    def cleaned(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
-        """J without what counts as lost for the task v_m = S_m v, v_s = S_s v, and its size.
+    def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
+        """J without what counts as lost for S_m v and S_s v, and its size.
 
+        Its rows are in natural units, and its rates where these are of two kinds: `mixed_units`.
         :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
         (k, m1) of v_m.
         """
-        if self._are_clear(Directions.of([S_m, S_s])):
-            return self.J, self.scale
-        return self._major(S_m, S_s).cleaned(self.J, self.scale, self.active_constraint, metric)
+        if self._are_clear(Directions.of([S_m * self.task_units, S_s * self.task_units])):
+            J, scale = self.natural, self.scale
+        else:
+            task = self._major(S_m, S_s)
+            J, scale = task.handed_on(self.natural, self.scale, self.constraint, metric)
+        unit = self.common_unit
+        return (J, float(scale)) if unit == 1.0 else (read_only(J / unit), float(scale) / unit)
 
     def holds(self, S_m: Array) -> bool:
         """Whether no self-motion moves the task S_m v."""
@@ -353,6 +407,18 @@ class Kinematics:
     def rate_units(self) -> Array:
         """Natural unit of each rate, shape (n - q,)."""
         return self.system.geometry.velocity_units[self.active]
+
+    @property
+    def mixed_units(self) -> Array | None:
+        """Natural units of the rates where these are of two kinds, (n - q,)."""
+        units = self.rate_units
+        return None if is_uniform(units) else units
+
+    @property
+    def common_unit(self) -> float:
+        """Natural unit of all rates; 1 where they are of two kinds."""
+        units = self.rate_units
+        return float(units[0]) if len(units) and is_uniform(units) else 1.0
 
     def _major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
         return MajorTask(self._task_motion, S_m, S_m[:0] if S_s is None else S_s)
@@ -403,48 +469,30 @@ class Kinematics:
         A `torque_weight`, `tie_metric`, `torque_limits` or `torque_rows` for all n actuators is cut
         to the survivors; torques, desired ones too, are the survivors' alone.
         """
-        task = task_selection(major, secondary, len(self.J))
-        J, scale = self.cleaned(*task)
-        measure = self.measure(task[0])
-        forces, torques = map(metric_of, measure.inverse)
         W3 = self.survivors.matrix("torque_weight", torque_weight)
         T = self.survivors.matrix("tie_metric", tie_metric)
-        mapping = force_mapping(
-            J,
-            major,
-            secondary,
-            W3,
-            secondary_weight,
-            self.active_constraint,
-            self.self_motion,  # decided: a second decision could contradict it at the threshold
-            major_metric=forces if major_metric is None else major_metric,
-            tie_metric=torques if T is None and not settles(W3) else T,
-            scale=scale,
-            torque_limits=self.survivors.pair(torque_limits),
-            torque_rows=self.survivors.rows("torque_rows", torque_rows),
-            force_rows=force_rows,
-            when_limited=when_limited,
-        )
-        return dataclasses.replace(
-            mapping,
-            gap=np.minimum(mapping.gap, self.gap_of(*task)),
-            closure_condition=self.closure_condition,
-            measure=measure,
-        )
+        box = self.survivors.pair(torque_limits)
+        rows = self.survivors.rows("torque_rows", torque_rows)
+        given = ForceLimits(box, rows, force_rows, when_limited)
+        weights, metrics = (W3, secondary_weight), (major_metric, T)
+        return force_mapping_of(self, major, secondary, weights, metrics, given)
 
     def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]:
         """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
 
         And whether no self-motion moves the first level.
         """
-        rows, is_held = levels.at(self.J, self.scale), self.holds(levels.first)
+        rows, is_held = (
+            levels.at(self.natural, self.scale),
+            self.holds(levels.first / self.task_units),
+        )
         if not len(self.active) or (levels.rates_last and self._are_clear(levels.directions)):
             return rows, is_held
         return in_order(self._task_motion, levels, rows), is_held
 
     def _are_clear(self, tasks: Directions) -> bool:
         """Whether all ranks of J are certain where tasks are met one after the other."""
-        C, J = self.active_constraint, self.J
+        C, J = self.constraint, self.natural
         admissible = J - (J @ C.T) @ C if C.size else J
         return tasks.are_clear(admissible, self.scale, self.clear)
 
@@ -470,10 +518,10 @@ class Kinematics:
         Raises:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
-        within = self._limits("rate_limits", rate_limits)
-        problem = self._task(major)
-        moves = not self.holds(problem.S_m)
-        return attainable(of_rates(problem), within, RANK_TOLERANCE, self_motion=moves)
+        within, units = self._limits("rate_limits", rate_limits), self.mixed_units
+        moves = not self.holds(task_selection(major, None, len(self.J))[0])
+        own = within if units is None else within / units
+        return attainable(of_rates(self._task(major)), own, RANK_TOLERANCE, self_motion=moves)
 
     def attainable_force(
         self,
@@ -493,19 +541,15 @@ class Kinematics:
         Raises:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
-        within = self._limits("torque_limits", torque_limits)
-        return attainable(of_torques(self._task(major)), within, RANK_TOLERANCE)
+        within, units = self._limits("torque_limits", torque_limits), self.mixed_units
+        own = within if units is None else within * units
+        return attainable(of_torques(self._task(major)), own, RANK_TOLERANCE)
 
     def _task(self, major: Sequence[int] | ArrayLike) -> Problem:
         """The problem of a major task, without weights."""
-        J, scale = self.cleaned(*task_selection(major, None, len(self.J)))
-        C, Q = self.active_constraint, self.self_motion
-        return unweighted(J, major, C, Q, scale, RANK_TOLERANCE)
+        J, scale = self.decided(*task_selection(major, None, len(self.J)))
+        C, Q = self.constraint, self.natural_self_motion
+        return unweighted(J, major, C, Q, scale, RANK_TOLERANCE).natural(self.task_units, 1.0)
 
-    def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Limits:
+    def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Array:
         return limits(name, self.survivors.pair(value), len(self.actuators))
-
-
-def settles(weight: Array | None) -> bool:
-    """Whether this weight of rates or torques, if it is a diagonal, leaves none of them open."""
-    return weight is not None and weight.ndim == 1 and bool(weight.all())

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from argument_checks import Array, Indices
-from prioritized._kinematics import Kinematics, settles
+from prioritized._kinematics import Kinematics
 from prioritized._mapping.task import task_selection
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mapping.velocity_arguments import velocity_mapping
@@ -98,19 +98,18 @@ class Postures:
         S_m, S_s = task_selection(major, secondary, self.J.shape[-2])
         M = metric_of(one.measure(S_m).major)
         weighed = None if M is None else np.diag(M)
-        J, scale = zip(*(kin.cleaned(S_m, S_s, weighed) for kin in self.each), strict=True)
-        W1, C = one.survivors.matrix("joint_weight", joint_weight), self.active_constraint
-        return velocity_mapping(
-            self._stacked(J),
-            major,
-            secondary,
-            W1,
-            secondary_weight,
-            C if C.size else None,
-            self.self_motion,
-            major_metric=M,
-            tie_metric=None if settles(W1) else metric_of(one.rate_units),
+        J, scale = zip(*(kin.decided(S_m, S_s, weighed) for kin in self.each), strict=True)
+        W1, natural = one.survivors.matrix("joint_weight", joint_weight), self._stacked(J)
+        mapping = velocity_mapping(natural, major, secondary, W1, secondary_weight, major_metric=M)
+        return mapping.natural(
+            one.task_units,
+            one.mixed_units,
+            J=natural,
             scale=self._stacked(scale),
+            active_constraint=self._stacked(_filled([kin.constraint for kin in self.each])),
+            self_motion=transposed(
+                self._stacked(_filled([kin.natural_self_motion.T for kin in self.each]))
+            ),
         )
 
     def _stacked(self, arrays: Array | Sequence[Array | float]) -> Array:

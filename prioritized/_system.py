@@ -256,15 +256,18 @@ class ConstrainedSystem:
         Args:
             passive_metric: M, diagonal (N,) or symmetric positive semidefinite (N, N). Self-motion
                 leaves the passive rates undetermined; those that minimize theta_dot^T M theta_dot
-                are taken. None is the identity, which mixes the units of hinges and slides; the
-                mass matrix gives the motion of a frictionless machine that starts from rest.
+                are taken. None is the identity in natural units, 1 rad of a hinge counting as the
+                mechanism's own length of a slide; the mass matrix gives the motion of a
+                frictionless machine that starts from rest.
 
         Raises:
             ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
-        parts = self.geometry, self._joints, self.stiffness, metric
-        return Kinematics(Partition(*parts), self.names)
+        springs = (
+            None if K is None else self.geometry.stiffness(K) for K in (self.stiffness, metric)
+        )
+        return Kinematics(Partition(self.geometry, self._joints, *springs), self.names)
 
     @cached_property
     def geometry(self) -> Geometry:

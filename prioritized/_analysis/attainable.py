@@ -50,7 +50,8 @@ class Attainable(ReadOnly):
         gain: G, major velocity or force per x, shape (m1, n').
         constraint: C, shape (r, n').
         lower: Limits of x: rates, or torques followed by the forces that the structure bears
-            without torque, which have none, shape (n',).
+            without torque, which have none, shape (n',). In natural units where rates are of two
+            kinds.
         upper: Likewise.
         scale: Size of what G was made from.
         rank_tolerance: Fraction of it below which a singular value of G is zero.

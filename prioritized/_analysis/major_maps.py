@@ -73,8 +73,9 @@ def of_torques(problem: Problem) -> MajorMap:
 
     The constraint is that the torques are such; `free` are major forces without any torque.
     """
-    S_m, Q, tolerance = problem.S_m, problem.self_motion, problem.tolerance
-    m1 = len(S_m)
+    Q, tolerance, m1 = problem.self_motion, problem.tolerance, len(problem.S_m)
+    units, others = (np.linalg.norm(S, axis=1)[:, None] for S in (problem.S_m, problem.S_s))
+    problem = problem._replace(S_m=problem.S_m / units, S_s=problem.S_s / others)
     size = np.where(problem.scale > 0.0, problem.scale, 1.0)[..., None, None]
     # Any multiple of C spans the same internal forces; this one has the unit and size of J.
     forces = forces_of(problem._replace(active_constraint=size * problem.active_constraint))
@@ -85,16 +86,22 @@ def of_torques(problem: Problem) -> MajorMap:
     inverse = torques.pseudo_inverse()
     range_of = torques.U * torques.kept[..., None, :]
     borne = ranked_svd(major @ torques.null_projector(), np.sqrt(m1), tolerance)
-    gain = major @ inverse
-    scale = np.sqrt(m1) * frobenius(inverse)
+    gain = major @ inverse / units
+    scale = frobenius(1.0 / units) * frobenius(inverse)
     scale = np.where(scale > 0.0, scale, 1.0)
     return MajorMap(
         gain=gain,
         constraint=np.eye(gain.shape[-1]) - range_of @ transposed(range_of),
-        free=scale[..., None, None] * borne.U * borne.kept[..., None, :],
+        free=scale[..., None, None] * _unit(borne.U / units) * borne.kept[..., None, :],
         dimension=borne.rank,
         scale=scale,
     )
+
+
+def _unit(columns: Array) -> Array:
+    """Columns of unit norm."""
+    sizes = np.linalg.norm(columns, axis=-2, keepdims=True)
+    return columns / np.where(sizes > 0.0, sizes, 1.0)
 
 
 def with_free(

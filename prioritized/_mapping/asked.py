@@ -13,7 +13,6 @@ from prioritized._mapping.limited import Limiting, checked_rows
 from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.tasks import Level, Task, level_of, tasks_of
 from prioritized._mechanism.elimination import Partition
-from prioritized._mechanism.measure import metric_of
 from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import none, read_only
 from prioritized._solver.limits import limits
@@ -28,7 +27,9 @@ class Mechanism(Protocol):
     @property
     def actuators(self) -> Indices: ...
     @property
-    def active_constraint(self) -> Array: ...
+    def natural(self) -> Array: ...
+    @property
+    def constraint(self) -> Array: ...
     @property
     def system(self) -> Partition: ...
     @property
@@ -51,8 +52,8 @@ class Asked:
         units: Natural units of the task rows (m,) and of the rates (n,).
         levels: The tasks with the weights of the survivors.
         damping: Of each level.
-        stacked: The weighted rows of all levels.
-        ties: What breaks ties before |rates|: |T rates|.
+        stacked: The weighted rows of all levels, of task and rates in natural units.
+        ties: What breaks ties before |rates|: |T rates|, likewise.
     """
 
     tasks: tuple[tuple[Task, ...], ...]
@@ -79,10 +80,8 @@ class Asked:
         )
         given = None if tie_metric is None else check.real("tie_metric", tie_metric)
         T, n = survivors.matrix("tie_metric", given), len(survivors.actuators)
-        if T is None:
-            T = metric_of(units[1])
         if T is not None:
-            T = check.sized("tie_metric", check.weight("tie_metric", T, n))
+            T = check.sized("tie_metric", check.weight("tie_metric", T, n)) * units[1]
         return cls(
             tasks,
             given,
@@ -90,7 +89,7 @@ class Asked:
             units,
             levels,
             tuple(max(task.damping for task in each) for each in tasks),
-            Stacked.of([_weighted(level, len(units[0]), n) for level in levels]),
+            Stacked.of([_weighted(level, *units) for level in levels]),
             equations(none((0, n)) if T is None else read_only(T)),
         )
 
@@ -114,12 +113,11 @@ def _equal(a: Array | Indices, b: Array | Indices) -> bool:
     return a is b or (a.shape == b.shape and bool((a == b).all()))
 
 
-def _weighted(level: Level, m: int, n: int) -> tuple[Array, Array]:
+def _weighted(level: Level, task_units: Array, rate_units: Array) -> tuple[Array, Array]:
     """Weighted rows of a level on the task (k, m) and on the rates (k, n), to be added."""
-    if len(level) == 1:
-        return level[0].weighted(m, n)
-    on_task, on_rates = zip(*(part.weighted(m, n) for part in level), strict=True)
-    return np.concatenate(on_task), np.concatenate(on_rates)
+    sizes = len(task_units), len(rate_units)
+    on_task, on_rates = zip(*(part.weighted(*sizes) for part in level), strict=True)
+    return np.concatenate(on_task) * task_units, np.concatenate(on_rates) * rate_units
 
 
 class Bounds(NamedTuple):

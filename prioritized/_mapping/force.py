@@ -1,8 +1,9 @@
 """Force mapping: Problem 6 of the paper for all weights, internal forces and self-motion too."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,12 +23,14 @@ from prioritized._mapping.limited import Limiting, WhenLimited, limiting, optimu
 from prioritized._mapping.problem import Problem, checked
 from prioritized._mapping.solution import ForceSolution
 from prioritized._mapping.task import Status
-from prioritized._mechanism.measure import Measure
+from prioritized._mechanism.decisions import respanned
+from prioritized._mechanism.measure import Measure, units_of
 from prioritized._solver.arrays import (
     ReadOnly,
     apply,
     joined,
     on_axes,
+    ones,
     read_only,
     respond,
     stack,
@@ -62,8 +65,9 @@ class ForceMapping(ReadOnly):
         problem: The checked arguments.
         limiting: Limits of the unknowns [f_m; f_s; eta]; those of the torques are its first rows.
             None is none.
+        torque_limits: Lower and upper limits of the torques, shape (2, n); None is none.
         closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
-        measure: Natural units of the velocities dual to them; None for a J given as a matrix.
+        units: In which the problem states forces and torques; None are those of J.
     """
 
     torque_gains: Gains
@@ -75,9 +79,10 @@ class ForceMapping(ReadOnly):
     gap: Array
     status: Status
     problem: Problem
-    limiting: Limiting | None = None
+    limiting: Limiting | None
+    torque_limits: Limits | None
     closure_condition: float = 1.0
-    measure: Measure | None = None
+    units: "ForceUnits | None" = None
 
     def __str__(self) -> str:
         sentences = (
@@ -90,10 +95,10 @@ class ForceMapping(ReadOnly):
     @property
     def characteristic_length(self) -> float | None:
         """As of a :class:`VelocityMapping`."""
-        if self.measure is None:
+        if self.units is None:
             return None
         is_met = self.status is not Status.LEAST_SQUARES and self.limiting is None
-        return self.measure.length(not is_met, self.problem.tie_metric.size > 0)
+        return self.units.measure.length(not is_met, self.problem.has_ties)
 
     @cached_property
     def largest_gain(self) -> Array:
@@ -102,9 +107,9 @@ class ForceMapping(ReadOnly):
         In natural units where there are two kinds of either.
         """
         gain = self.major
-        return read_only(
-            largest(gain if self.measure is None else self.measure.inverse.of_gain(gain))
-        )
+        if self.units is not None:
+            gain = self.units.measure.inverse.of_gain(gain)
+        return read_only(largest(gain))
 
     @property
     def major(self) -> Array:
@@ -164,6 +169,8 @@ class ForceMapping(ReadOnly):
             torque=(torque, n),
             secondary_force=(secondary_force, len(problem.S_s)),
         )
+        if self.units is not None:
+            p = p * self.units.inputs
         begun = None if start is None else check.instance("start", start, ForceSolution).point
         best = optimum(self.levels, p, self._within, problem.tolerance, begun)
         return ForceSolution(self, p, best)
@@ -217,6 +224,38 @@ class ForceMapping(ReadOnly):
         """Part of the major force that no equilibrium admits, shape (..., m1)."""
         f_m = check.vector("f_major", f_major, self.achieved.shape[-1])
         return f_m - apply(self.achieved, "f_major", f_m)
+
+
+class ForceUnits(NamedTuple):
+    """Natural units in which a force mapping is solved, as velocities that forces do work with.
+
+    Attributes:
+        measure: Of the major velocities and of the rates.
+        secondary: Of the secondary velocities, (m2,).
+        task: Of the task rows, (m,).
+        torques: Of the rates, (n,), where they are of two kinds, else ones.
+        internal: Internal force in the units of J per one in natural units, (r, r).
+    """
+
+    measure: Measure
+    secondary: Array
+    task: Array
+    torques: Array
+    internal: Array
+
+    @property
+    def inputs(self) -> Array:
+        """Natural major force, torques and secondary force per one in the units of J."""
+        return np.concatenate([self.measure.major, self.torques, self.secondary])
+
+
+class ForceLimits(NamedTuple):
+    """Limits of torques and forces as they are given to :func:`force_mapping`."""
+
+    torques: tuple[ArrayLike, ArrayLike] | None
+    torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None
+    force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None
+    when: WhenLimited
 
 
 def force_mapping(
@@ -294,19 +333,111 @@ def force_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
+    given = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
+    return _solved(problem, given, None)
+
+
+class Mechanism(Protocol):
+    """What a force mapping takes from :class:`prioritized.Kinematics`."""
+
+    @property
+    def J(self) -> Array: ...
+    @property
+    def active_constraint(self) -> Array: ...
+    @property
+    def constraint(self) -> Array: ...
+    @property
+    def natural_self_motion(self) -> Array: ...
+    @property
+    def task_units(self) -> Array: ...
+    @property
+    def mixed_units(self) -> Array | None: ...
+    @property
+    def closure_condition(self) -> float: ...
+    def decided(self, S_m: Array, S_s: Array) -> tuple[Array, float]: ...
+    def gap_of(self, S_m: Array, S_s: Array) -> float: ...
+    def measure(self, S_m: Array) -> Measure: ...
+
+
+def force_mapping_of(
+    mechanism: Mechanism,
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None,
+    weights: tuple[ArrayLike | None, ArrayLike | None],
+    metrics: tuple[ArrayLike | None, ArrayLike | None],
+    given: ForceLimits,
+) -> ForceMapping:
+    """The same of a mechanism; see :meth:`Kinematics.force_mapping`.
+
+    Args:
+        mechanism: With J and all conditions.
+        major: As for :func:`force_mapping`.
+        secondary: Likewise.
+        weights: Of the torques and of the secondary force.
+        metrics: Of the major force and of ties.
+        given: The limits.
+    """
+    own = checked(
+        mechanism.J,
+        major,
+        secondary,
+        weight_name="torque_weight",
+        weight=weights[0],
+        secondary_weight=weights[1],
+        active_constraint=None,
+        self_motion=None,
+        major_metric=metrics[0],
+        tie_metric=metrics[1],
+        scale=None,
+        rank_tolerance=RANK_TOLERANCE,
+    )
+    measure, rows = mechanism.measure(own.S_m), mechanism.task_units
+    secondary_units, mixed = units_of(own.S_s, rows), mechanism.mixed_units
+    C, rates = mechanism.constraint, ones(own.J.shape[1]) if mixed is None else mixed
+    internal = (mechanism.active_constraint / rates) @ C.T
+    units = ForceUnits(measure, secondary_units, rows, rates, internal)
+    J, scale = mechanism.decided(own.S_m, own.S_s)
+    problem = own._replace(
+        J=J,
+        S_m=own.S_m * rows / measure.major[:, None],
+        S_s=own.S_s * rows / secondary_units[:, None],
+        weight=own.weight / rates,
+        secondary_weight=own.secondary_weight / secondary_units,
+        active_constraint=C,
+        self_motion=mechanism.natural_self_motion,
+        major_metric=None if own.major_metric is None else own.major_metric / measure.major,
+        tie_metric=own.tie_metric / rates,
+        scale=np.asarray(scale),
+    )
+    mapping = _solved(problem, given, units)
+    return replace(
+        mapping,
+        gap=np.minimum(mapping.gap, mechanism.gap_of(own.S_m, own.S_s)),
+        closure_condition=mechanism.closure_condition,
+    )
+
+
+def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> ForceMapping:
+    """The mapping of checked arguments, which are in natural units if there are any."""
     _refuse_overlap(problem.S_m, problem.S_s, problem.tolerance)
     n, m1, m2 = problem.J.shape[-1], len(problem.S_m), len(problem.S_s)
     forces = forces_of(problem)
     levels = force_levels(problem, forces)
     X, decisions = lexicographic(levels, problem.tolerance)
     X, major_rank = on_axes(X, problem.lead), decisions[1].rank
-    to_f_m, to_f_s, to_eta = np.split(X, [m1, m1 + m2], axis=-2)
     # A major force, with no more secondary force than self-motion makes necessary.
     alone, _ = lexicographic([*levels[:2], levels[-1]], problem.tolerance)
-    limited = _limiting(problem, forces, torque_limits, torque_rows, force_rows, when_limited)
+    limited = _limiting(problem, forces, given, units)
     reaction, work_rank = _reaction(problem, forces, alone[..., :m1])
+    torques, (to_f_m, to_f_s, to_eta) = forces.torques @ X, np.split(X, [m1, m1 + m2], axis=-2)
+    if units is not None:
+        torques = torques * units.inputs / units.torques[:, None]
+        to_f_m = to_f_m * units.inputs / units.measure.major[:, None]
+        to_f_s = to_f_s * units.inputs / units.secondary[:, None]
+        to_eta = units.internal @ to_eta * units.inputs
+        reaction = _spanned(reaction, 1.0 / units.task)
     return ForceMapping(
-        torque_gains=tuple(np.split(forces.torques @ X, [m1, m1 + n], axis=-1)),
+        torque_gains=tuple(np.split(torques, [m1, m1 + n], axis=-1)),
         secondary_gains=tuple(np.split(to_f_s, [m1, m1 + n], axis=-1)),
         internal_gains=tuple(np.split(to_eta, [m1, m1 + n], axis=-1)),
         achieved=to_f_m[..., :m1],
@@ -316,31 +447,30 @@ def force_mapping(
         status=_status(in_equilibrium=major_rank == m1, determined=work_rank == m1),
         problem=problem,
         limiting=limited,
+        torque_limits=None if given.torques is None else limits("torque_limits", given.torques, n),
+        units=units,
     )
 
 
 def _limiting(
-    problem: Problem,
-    forces: Forces,
-    torque_limits: tuple[ArrayLike, ArrayLike] | None,
-    torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
-    force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
-    when_limited: WhenLimited,
+    problem: Problem, forces: Forces, given: ForceLimits, units: ForceUnits | None
 ) -> Limiting | None:
     """Limits of torques and forces as those of the unknowns [f_m; f_s; eta]."""
     m, n = problem.J.shape[-2:]
-    on_torques = limiting(
-        n, "torque_limits", torque_limits, {"torque_rows": torque_rows}, when_limited
-    )
-    on_forces = limiting(m, "", None, {"force_rows": force_rows}, when_limited)
+    rows_of_torques, rows_of_forces = {"torque_rows": given.torque_rows}, given.force_rows
+    on_torques = limiting(n, "torque_limits", given.torques, rows_of_torques, given.when)
+    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, given.when)
     if on_torques is None and on_forces is None:
         return None
+    if units is not None:
+        on_torques = on_torques and on_torques.natural(1.0 / units.torques)
+        on_forces = on_forces and on_forces.natural(1.0 / units.task)
     box = limits("torque_limits", None, n) if on_torques is None else on_torques.box
     rows: list[Rows] = []
     for one, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
         if one is not None:
             rows += [Rows(each.G @ of_unknowns, each.limits) for each in one.rows]
-    return _of_torques(forces, box, rows, when_limited)
+    return _of_torques(forces, box, rows, given.when)
 
 
 def _of_torques(
@@ -370,6 +500,13 @@ def _reaction(problem: Problem, forces: Forces, gain: Array) -> tuple[Array, Ind
     scale = problem.scale * basis_scale(Q)
     work = ranked_svd(motion @ forces.task @ gain, forces.task_scale * scale, tolerance)
     return ranked_svd(motion, scale, tolerance).null_projector(), work.rank
+
+
+def _spanned(projector: Array, factors: Array) -> Array:
+    """The projector on what vectors of the range of one are once their rows have these factors."""
+    U, sigma, _ = np.linalg.svd(projector)
+    basis = respanned(U[:, sigma > 0.5], factors)
+    return basis @ basis.T
 
 
 def _status(*, in_equilibrium: Mask, determined: Mask) -> Status:

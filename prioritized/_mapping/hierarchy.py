@@ -32,7 +32,8 @@ class Hierarchy:
         asked: The levels, whatever the pose.
         damping: Of each level.
         J: Task Jacobian, (m, n).
-        decided: Weighted rows (k, n) of each level without what counts as lost, and their size.
+        decided: Weighted rows (k, n) of each level without what counts as lost, and their size, of
+            rates in natural units, as are those of the constraint.
         constraint: C, orthonormal rows, shape (r, n).
         limiting: Limits of the rates.
         bounds: The same as they were given.
@@ -144,8 +145,9 @@ class Hierarchy:
 
     def _solved(self, targets: CheckedTargets, start: Point | None) -> HierarchySolution:
         blocks = map(_block, self.asked.levels, self._rows, targets)
-        hard = (*self.limiting.rows, equations(self.constraint))
-        packed = pack_one([*hard, *blocks, self.asked.ties], self.limiting.box, RANK_TOLERANCE)
+        within = self.limiting.natural(self.asked.units[1])
+        hard = (*within.rows, equations(self.constraint))
+        packed = pack_one([*hard, *blocks, self.asked.ties], within.box, RANK_TOLERANCE)
         return HierarchySolution(self, targets, packed, solve(packed, start))
 
     def _asked_of(self, kinematics: Mechanism) -> Asked:
@@ -166,8 +168,10 @@ class Hierarchy:
         decided = list(self.decided)
         if self.held_back:
             pairs = zip(decided, self.held_back, strict=True)
+            units = self.asked.units[1]
             decided = [
-                (np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs
+                (np.vstack([A, B * units]), float(np.hypot(size, norm(B * units))))
+                for (A, size), B in pairs
             ]
         intervals = [parts[0].interval for parts in self.asked.levels]
         if not any(self.damping) or not (self.limiting.rows or any(intervals)):
@@ -196,10 +200,9 @@ def hierarchy(
 
 def _at(mechanism: Mechanism, asked: Asked, limiting: Limiting, bounds: Bounds) -> Hierarchy:
     decided, is_held = mechanism.in_order(asked.stacked)
-    constraint = mechanism.active_constraint
     return Hierarchy(
-        *(asked, asked.damping, mechanism.J, tuple(decided)),
-        *(constraint, limiting, bounds, is_held),
+        *(asked, asked.damping, mechanism.J, tuple(decided), mechanism.constraint),
+        *(limiting, bounds, is_held),
     )
 
 

@@ -57,7 +57,12 @@ class HierarchySolution:
     @property
     def rates(self) -> Array:
         """Of the surviving actuators, within the limits exactly, shape (n,)."""
-        return self.point.x[0, : self._n]
+        return self._rates
+
+    @cached_property
+    def _rates(self) -> Array:
+        own = self.hierarchy.asked.units[1] * self.point.x[0, : self._n]
+        return read_only(own.clip(*self.hierarchy.limiting.box))
 
     @property
     def active_limits(self) -> NDArray[np.int8]:

@@ -37,6 +37,11 @@ class Limiting(NamedTuple):
         """Whether there is no more than bounds of the unknowns."""
         return not self.rows and self.when == "least_squares"
 
+    def natural(self, units: Array) -> "Limiting":
+        """The same of unknowns in these units, (n,)."""
+        rows = tuple(Rows(each.G * units, each.limits) for each in self.rows)
+        return self._replace(box=np.asarray(self.box) / units, rows=rows)
+
 
 def limiting(
     n: int,

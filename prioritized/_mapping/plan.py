@@ -26,14 +26,16 @@ class Plan(NamedTuple):
         order: Passive velocities that move, then the rates, (p + n,).
         idle: Passive velocities that stay at rest.
         levels: What is asked for.
-        errors: Size of the errors of J_C and J_T per bound of them, and the parts of J_C and J up
-            to which a singular value is in doubt.
+        errors: Size of the errors of J_C and J_T per bound of them, and the part of J_C and of J
+            up to which a singular value is in doubt.
+        units: Natural units of the task rows, of those of the loops, and of the velocities.
     """
 
     order: Indices
     idle: Indices
     levels: "Levels"
-    errors: tuple[float, ...]
+    errors: tuple[float, float, float]
+    units: tuple[Array, Array, Array]
 
     @classmethod
     def of(cls, asked: Asked, mechanism: Mechanism) -> "Plan | None":
@@ -44,13 +46,15 @@ class Plan(NamedTuple):
             return None
         moving, idle = _widest_last(system)
         order = np.concatenate([moving, active])
-        return cls(order, idle, Levels.of(asked), _errors(system.geometry))
+        of = system.geometry
+        units = of.task_units, of.constraint_units, of.velocity_units
+        return cls(order, idle, Levels.of(asked), _errors(of), units)
 
     def for_kernel(self, c: int, N: int) -> Struct:
         """The same for :data:`kernels.lib` and J_C (c, N)."""
-        of, (error_C, error_T, doubt_C, doubt_J) = self.levels, self.errors
+        _, _, of, (error_C, error_T, doubt), (rows_T, rows_C, velocities) = self
         m, (k, n), t = of.S.shape[1], of.R.shape, of.T.shape[1]
-        rows = {
+        sizes = {
             "m": m,
             "c": c,
             "N": N,
@@ -62,7 +66,7 @@ class Plan(NamedTuple):
         }
         return Struct(
             "tick_plan",
-            **rows,
+            **sizes,
             levels=len(of.ends),
             e=of.beside,
             idles=len(self.idle),
@@ -79,8 +83,10 @@ class Plan(NamedTuple):
             ends=of.ends,
             error_C=error_C,
             error_T=error_T,
-            doubt_C=doubt_C,
-            doubt_J=doubt_J,
+            doubt=doubt,
+            task_units=rows_T,
+            loop_units=rows_C,
+            velocity_units=velocities,
         )
 
 
@@ -123,7 +129,8 @@ class Levels(NamedTuple):
             weight, ties = own, ties[:0]
             square = np.where(own > 0.0, own, 1.0)[:, None] ** 2
             wanted = [R[-1][is_norm].T @ T[-1][is_norm] / square]
-            D = [part.S for part in levels[-1] if part.S is not None and part.matrix.any()]
+            of_task = [part.S for part in levels[-1] if part.S is not None and part.matrix.any()]
+            D = [directions * asked.units[0] for directions in of_task]
             S[-1], R[-1], T[-1] = S[-1][~is_norm], R[-1][~is_norm], T[-1][~is_norm]
             beside = len(S[-1])
         if len(ties):
@@ -176,14 +183,9 @@ def _widest_last(system: Partition) -> tuple[Indices, Indices]:
     return moving[np.argsort(widths, kind="stable")], idle
 
 
-def _errors(geometry: Geometry) -> tuple[float, ...]:
-    """Size of the errors of J_C and J_T per bound, and where their singular values are in doubt."""
+def _errors(geometry: Geometry) -> tuple[float, float, float]:
+    """Size of the errors of J_C and J_T per bound, and where singular values are in doubt."""
     clear = max(_CLEAR, well_conditioned_above(geometry.rank_tolerance))
-    if geometry.accuracy is None:
-        return 0.0, 0.0, clear, clear
-    of_task, of_loops, (fastest, slowest) = geometry.accuracy.extremes
-    per_bound, doubtful = [], []
-    for A, (most, least) in ((geometry.J_C, of_loops), (geometry.J_T, of_task)):
-        per_bound.append(0.0 if geometry.is_stated else float(np.sqrt(A.size)) * most / slowest)
-        doubtful.append(clear * (most / least) * (fastest / slowest))
-    return *per_bound, *doubtful
+    if geometry.accuracy is None or geometry.is_stated:
+        return 0.0, 0.0, clear
+    return float(np.sqrt(geometry.J_C.size)), float(np.sqrt(geometry.J_T.size)), clear

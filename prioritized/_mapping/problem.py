@@ -52,12 +52,31 @@ class Problem(NamedTuple):
         return product(self.secondary_weight, self.S_s)
 
     @property
+    def has_ties(self) -> bool:
+        """Whether the least norm of all unknowns decides, no diagonal weight being on each."""
+        W, n = self.weight, self.J.shape[-1]
+        settled = W.ndim == 2 and len(W) == n and bool(W.diagonal().all())
+        return not self.tie_metric.size and not (settled and np.count_nonzero(W) == n)
+
+    @property
     def exact(self) -> float:
         """Part of `tolerance` at which ranks of numbers are decided that do not depend on J.
 
         However inaccurate the geometry, weights are what they are but for round-off.
         """
         return exact_part(self.tolerance)
+
+    def natural(self, task_units: Array, rate_units: Array | float) -> "Problem":
+        """The same of a J (..., m, n) whose rows and columns are in these natural units.
+
+        Major and secondary task stay in their own units, rates are in the natural ones.
+        """
+        return self._replace(
+            S_m=self.S_m * task_units,
+            S_s=self.S_s * task_units,
+            weight=self.weight * rate_units,
+            tie_metric=self.tie_metric * rate_units,
+        )
 
     def flat(self) -> "Problem":
         """The same problems with one batch axis, on those arrays that have any."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from prioritized._mapping.limited import Optimum, optimum
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import Status
 from prioritized._solver.arrays import ReadOnly, read_only, times
+from prioritized._solver.limits import Limits
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import frobenius
 
@@ -40,6 +41,24 @@ class Mapping(Protocol):
     def problem(self) -> Problem: ...
 
 
+class OfRates(Mapping, Protocol):
+    """What a velocity solution reads besides."""
+
+    def own(self, rates: Array) -> Array: ...
+
+    def own_gains(self, X: Array) -> Array: ...
+
+
+class OfForces(Mapping, Protocol):
+    """What a force solution reads besides."""
+
+    @property
+    def units(self) -> Any: ...
+
+    @property
+    def torque_limits(self) -> Limits | None: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Limited(ReadOnly):
     """An optimum under limits.
@@ -56,7 +75,7 @@ class Limited(ReadOnly):
 
     @property
     def asked(self) -> Array:
-        """The major task, shape (..., m1)."""
+        """The major task as the problem states it, shape (..., m1)."""
         return self.targets[..., : len(self.mapping.problem.S_m)]
 
     @cached_property
@@ -65,7 +84,7 @@ class Limited(ReadOnly):
         mapping = self.mapping
         return optimum(mapping.levels, self.targets, None, mapping.tolerance).x
 
-    @cached_property
+    @property
     def residual(self) -> Array:
         """Part of the major task that is not reached, shape (..., m1)."""
         return read_only(np.asarray(self.asked - self._major(self.optimum.x)))
@@ -113,10 +132,12 @@ class Limited(ReadOnly):
 class VelocitySolution(Limited):
     """The optimal rates under limits; made by :meth:`VelocityMapping.solve`."""
 
+    mapping: OfRates
+
     @property
     def rates(self) -> Array:
         """Of the surviving actuators, within the limits exactly, shape (..., n)."""
-        return self.optimum.x
+        return self.mapping.own(self.optimum.x)
 
     @property
     def active_limits(self) -> NDArray[np.int8]:
@@ -147,18 +168,24 @@ class VelocitySolution(Limited):
             first += len(each.G)
             rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
         X, _ = lexicographic([*rows, *levels], self.mapping.tolerance)
-        return read_only(X * np.swapaxes(free, -1, -2))
+        return read_only(self.mapping.own_gains(X * np.swapaxes(free, -1, -2)))
 
 
 @dataclass(frozen=True, eq=False)
 class ForceSolution(Limited):
     """The optimal torques under limits; made by :meth:`ForceMapping.solve`."""
 
+    mapping: OfForces
+
     @property
     def torques(self) -> Array:
         """Of the surviving actuators, within the limits exactly, shape (..., n)."""
-        limit = self.mapping.rows[0]
-        return read_only(times(limit.G, self.optimum.x).clip(*limit.limits))
+        limit, units = self.mapping.rows[0], self.mapping.units
+        torques = times(limit.G, self.optimum.x)
+        if units is not None:
+            torques = torques / units.torques
+        box = self.mapping.torque_limits
+        return read_only(torques if box is None else torques.clip(*box))
 
     @property
     def active_limits(self) -> NDArray[np.int8]:
@@ -171,14 +198,22 @@ class ForceSolution(Limited):
         return self.optimum.active_rows[..., len(self.mapping.rows[0].limits[0]) :]
 
     @property
+    def residual(self) -> Array:
+        """Part of the major force that no equilibrium within the limits admits, (..., m1)."""
+        lacking, units = super().residual, self.mapping.units
+        return lacking if units is None else read_only(lacking / units.measure.major)
+
+    @property
     def secondary_force(self) -> Array:
         """The secondary force f_s that goes with the torques, shape (..., m2)."""
-        return self._parts[1]
+        force, units = self._parts[1], self.mapping.units
+        return force if units is None else force / units.secondary
 
     @property
     def internal_force(self) -> Array:
         """The internal force eta that goes with them, shape (..., r): one per row of C."""
-        return self._parts[2]
+        force, units = self._parts[2], self.mapping.units
+        return force if units is None else times(units.internal, force)
 
     @property
     def _parts(self) -> list[Array]:

@@ -23,7 +23,8 @@ class Basis(NamedTuple):
     Attributes:
         joints: Velocities that are driven (n,), and passive ones that move (p,).
         shape: Of J_C.
-        rest: Whether loops alone decide on passive velocities, and what is said of the accuracy.
+        rest: Whether loops alone decide on passive velocities, the tolerance of ranks, and whether
+            it says how accurate the entries are.
     """
 
     joints: tuple[Indices, Indices]
@@ -33,9 +34,9 @@ class Basis(NamedTuple):
     @classmethod
     def of(cls, system: Partition) -> "Basis":
         """That of a mechanism at any pose."""
-        joints, geometry, accuracy = system.joints, system.geometry, system.geometry.accuracy
-        extremes = None if accuracy is None else accuracy.extremes
-        rest = system.is_rigid, geometry.rank_tolerance, geometry.is_stated, extremes
+        joints, geometry = system.joints, system.geometry
+        is_exact = geometry.accuracy is None
+        rest = system.is_rigid, geometry.rank_tolerance, geometry.is_stated, is_exact
         return cls((joints.active, joints.moving), geometry.J_C.shape, rest)
 
     def is_that_of(self, system: Partition) -> bool:

@@ -29,7 +29,7 @@ from prioritized._mapping.tick import Tick
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import Measure
 from prioritized._mechanism.ordered import Stacked
-from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, transposed
+from prioritized._solver.arrays import apply, joined, none, on_axes, ones, read_only
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import RankedSvd, basis_scale, largest, norm, ranked_svd
@@ -41,11 +41,11 @@ class Mechanism(Protocol):
     @property
     def J(self) -> Array: ...
     @property
-    def scale(self) -> float: ...
+    def natural(self) -> Array: ...
     @property
     def actuators(self) -> Indices: ...
     @property
-    def active_constraint(self) -> Array: ...
+    def constraint(self) -> Array: ...
     @property
     def system(self) -> Partition: ...
     @property
@@ -53,14 +53,14 @@ class Mechanism(Protocol):
     @property
     def rate_units(self) -> Array: ...
     @property
-    def is_tied(self) -> bool: ...
+    def mixed_units(self) -> Array | None: ...
     @property
-    def clear(self) -> float: ...
+    def is_tied(self) -> bool: ...
     @property
     def closure_condition(self) -> float: ...
     @property
     def survivors(self) -> Survivors: ...
-    def cleaned(self, S_m: Array, S_s: Array, metric: Array | None) -> tuple[Array, float]: ...
+    def decided(self, S_m: Array, S_s: Array, metric: Array | None) -> tuple[Array, float]: ...
     def holds(self, S_m: Array) -> bool: ...
     def gap_of(self, S_m: Array, S_s: Array) -> float: ...
     def gain_uncertainty(self, S_m: Array) -> float: ...
@@ -79,38 +79,65 @@ class VelocityMapping:
     Attributes:
         damping: Of the major task.
         kinematics: The mechanism that J belongs to; None for a J given as a matrix.
+        limiting: Limits of the rates, or None.
+        directions: Of the major and of the secondary task.
+        rate_units: In which the problem states the rates, (n,); None is those of J.
     """
 
     damping: float
     kinematics: Mechanism | None
     limiting: Limiting | None
+    directions: tuple[Array, Array]
+    rate_units: Array | None
 
     def __init__(
-        self,
-        problem: Problem,
-        damping: float = 0.0,
-        kinematics: Mechanism | None = None,
-        limiting: Limiting | None = None,
+        self, problem: Problem, damping: float = 0.0, limiting: Limiting | None = None
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
-        parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
-        vars(self).update(parts, _problem=problem)
+        parts = {"damping": damping, "limiting": limiting, "kinematics": None, "rate_units": None}
+        vars(self).update(parts, directions=(problem.S_m, problem.S_s), _problem=problem)
 
     @staticmethod
     def of_plain(
-        plain: Plain, parts: tuple[Array, Array], limiting: Limiting | None
+        plain: Plain,
+        directions: tuple[Array, Array],
+        limiting: Limiting | None,
+        task_units: Array | None,
     ) -> "VelocityMapping":
         """The mapping of one J with diagonal weights.
 
         Args:
             plain: J and its weights.
-            parts: The major and the secondary directions.
+            directions: Of the major and the secondary task.
             limiting: Limits of the rates, or None.
+            task_units: In which the rows of J are, (m,); None is those of the directions.
         """
         mapping = object.__new__(VelocityMapping)
-        vars(mapping).update(
-            damping=0.0, kinematics=None, limiting=limiting, _plain=plain, _parts=parts
-        )
+        parts = {"damping": 0.0, "limiting": limiting, "kinematics": None, "rate_units": None}
+        vars(mapping).update(parts, directions=directions, _plain=plain, _task_units=task_units)
+        return mapping
+
+    def of_mechanism(self, kinematics: Mechanism) -> "VelocityMapping":
+        """The same task, weights and limits with J and the constraints of a mechanism."""
+        J, scale = kinematics.decided(*self.directions, self.problem.major_metric)
+        made = {"J": J, "scale": np.asarray(scale), "active_constraint": kinematics.constraint}
+        mapping = self.natural(kinematics.task_units, kinematics.mixed_units, **made)
+        vars(mapping).update(kinematics=kinematics)
+        return mapping
+
+    def natural(
+        self, task_units: Array, rate_units: Array | None, **mechanism: Array
+    ) -> "VelocityMapping":
+        """The same of a J, its scale and constraints whose rows and rates are in natural units.
+
+        Args:
+            task_units: Of the task rows, (m,).
+            rate_units: Of the rates, (n,); None is one for all, whatever it is.
+            mechanism: These arrays, as in :class:`Problem`.
+        """
+        problem = self.problem.natural(task_units, 1.0 if rate_units is None else rate_units)
+        mapping = VelocityMapping(problem._replace(**mechanism), self.damping, self.limiting)
+        vars(mapping).update(directions=self.directions, rate_units=rate_units)
         return mapping
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -132,7 +159,14 @@ class VelocityMapping:
                 rates = None if self._plain is None else self._plain.rates(*given, box)
             if rates is not None:
                 return rates
-        return self._solved(*given, None)[1].x
+        return self.own(self._solved(*given, None)[1].x)
+
+    def own(self, rates: Array) -> Array:
+        """Rates of the problem (..., n) in the units of J, within the limits exactly."""
+        if self.rate_units is None:
+            return rates
+        own = rates * self.rate_units
+        return own if self.limiting is None else own.clip(*self.limiting.box)
 
     def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
         """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
@@ -148,8 +182,7 @@ class VelocityMapping:
             if any(v.ndim > 1 for v in targets):
                 return None
         asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
-        there = self.kinematics.system.geometry
-        limits = tick.limits(box)
+        there, limits = self.kinematics.system.geometry, tick.limits(box)
         _, velocities = tick.of_plain(there.J_T, there.J_C, asked, limits, there.error_bound)
         return None if velocities is None else velocities[tick.basis.joints[0]]
 
@@ -169,7 +202,16 @@ class VelocityMapping:
             joint_velocity=(joint_velocity, problem.J.shape[-1]),
             secondary_velocity=(secondary_velocity, len(problem.S_s)),
         )
-        return p, optimum(self.levels, p, self.limiting, problem.tolerance, start)
+        if self.rate_units is not None:
+            first, last = len(problem.S_m), p.shape[-1] - len(problem.S_s)
+            p[..., first:last] /= self.rate_units
+        return p, optimum(self.levels, p, self._within, problem.tolerance, start)
+
+    @property
+    def _within(self) -> Limiting | None:
+        """The limits as the problem states them."""
+        units, limiting = self.rate_units, self.limiting
+        return limiting if limiting is None or units is None else limiting.natural(units)
 
     @property
     def _first(self) -> "VelocityMapping":
@@ -200,13 +242,13 @@ class VelocityMapping:
         sizes = [norm(W) for W in (problem.weight, problem.secondary_weight) if W.any()]
         if any(not check.SMALLEST <= size < check.LARGEST for size in sizes):
             return None
-        return Tick.of(_asked(problem, self.damping, kinematics), kinematics)
+        return Tick.of(_asked(self, problem, kinematics), kinematics)
 
     @cached_property
     def _plain(self) -> Plain | None:
         """The same for the kernel alone, where weights are diagonal and nothing else is given."""
-        kinematics = self.kinematics
-        if self.damping or (kinematics is not None and kinematics.is_tied):
+        kinematics, is_mixed = self.kinematics, self.rate_units is not None
+        if self.damping or is_mixed or (kinematics is not None and kinematics.is_tied):
             return None
         return None if "_origin" in vars(self) else plain_of(self.problem)
 
@@ -218,16 +260,16 @@ class VelocityMapping:
     @cached_property
     def _problem(self) -> Problem:
         kinematics = self.kinematics
-        if "_origin" not in vars(self) or kinematics is None:
+        if "_origin" in vars(self):
+            there = self._first.problem
+        else:  # of plain arrays
             assert self._plain is not None
-            problem = self._plain.problem(*vars(self)["_parts"])
-            if kinematics is None:
-                return problem
-            J, scale = kinematics.cleaned(problem.S_m, problem.S_s, problem.major_metric)
-            return problem._replace(J=J, scale=np.asarray(scale))
-        there = self._first.problem
-        J, scale = kinematics.cleaned(there.S_m, there.S_s, there.major_metric)
-        C = kinematics.active_constraint
+            units, parts = vars(self)["_task_units"], self.directions
+            there = self._plain.problem(*(S if units is None else S * units for S in parts))
+        if kinematics is None:
+            return there
+        J, scale = kinematics.decided(*self.directions, there.major_metric)
+        C = kinematics.constraint
         return there._replace(J=J, scale=np.asarray(scale), active_constraint=C)
 
     def solve(
@@ -258,8 +300,8 @@ class VelocityMapping:
 
     @property
     def rows(self) -> tuple[Rows, ...]:
-        """Inequality rows of the rates."""
-        return () if self.limiting is None else self.limiting.rows
+        """Inequality rows of the rates of the problem."""
+        return () if self._within is None else self._within.rows
 
     @property
     def tolerance(self) -> float:
@@ -290,21 +332,20 @@ class VelocityMapping:
             ValueError: It has another number of task rows or surviving actuators; or limits of a
                 wrong length, or not in order.
         """
-        if not hasattr(kinematics, "cleaned"):
+        if not hasattr(kinematics, "decided"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         first, system = self._first, _system(kinematics)
         shape = first.problem.J.shape
-        there = kinematics.J.shape if system is None else system.task.shape
+        there = kinematics.J.shape if system is None else system.shape
         if there != shape:
             raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
         limiting = self.limiting
         if rate_limits is not None:
             box = limits("rate_limits", kinematics.survivors.pair(rate_limits), shape[1])
-            limiting = _bounded_by(box, limiting)
-        mapping = object.__new__(VelocityMapping)
-        vars(mapping).update(
-            damping=self.damping, kinematics=kinematics, limiting=limiting, _origin=first
-        )
+            limiting = self._bounded_by(box)
+        mapping, parts = object.__new__(VelocityMapping), {"directions": self.directions}
+        parts |= {"kinematics": kinematics, "limiting": limiting, "rate_units": self.rate_units}
+        vars(mapping).update(parts, damping=self.damping, _origin=first)
         return mapping
 
     def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
@@ -317,8 +358,12 @@ class VelocityMapping:
         """
         box = limits("rate_limits", rate_limits, self._first.problem.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
-        vars(mapping).update(vars(self), limiting=_bounded_by(box, self.limiting))
+        vars(mapping).update(vars(self), limiting=self._bounded_by(box))
         return mapping
+
+    def _bounded_by(self, box: Limits) -> Limiting:
+        """The same limits with another box of the rates."""
+        return Limiting(box) if self.limiting is None else self.limiting._replace(box=box)
 
     def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
         """The same mapping, of this mechanism."""
@@ -344,22 +389,24 @@ class VelocityMapping:
     @property
     def major(self) -> Array:
         """Gain of the major velocity, shape (..., n, m1)."""
-        return self._solution[0][0]
+        return self._gains[..., : len(self.problem.S_m)]
 
     @property
     def joint(self) -> Array:
         """Gain of the desired rates, shape (..., n, n)."""
-        return self._solution[0][1]
+        first = len(self.problem.S_m)
+        return self._gains[..., first : first + self.problem.J.shape[-1]]
 
     @property
     def secondary(self) -> Array:
         """Gain of the desired secondary velocity, shape (..., n, m2)."""
-        return self._solution[0][2]
+        return self._gains[..., len(self.problem.S_m) + self.problem.J.shape[-1] :]
 
     @cached_property
     def achieved(self) -> Array:
         """Major velocity reached per major velocity commanded, shape (..., m1, m1)."""
-        return check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
+        gain = self._solution[0][..., : len(self.problem.S_m)]
+        return check.frozen(on_axes(self.problem.major_jacobian @ gain, self.problem.lead))
 
     @cached_property
     def largest_gain(self) -> Array:
@@ -380,11 +427,11 @@ class VelocityMapping:
         if self._measure is None:
             return None
         is_met = self.status is Status.EXACT and self.limiting is None
-        return self._measure.length(not is_met, self.problem.tie_metric.size > 0)
+        return self._measure.length(not is_met, self.problem.has_ties)
 
     @property
     def _measure(self) -> Measure | None:
-        return None if self.kinematics is None else self.kinematics.measure(self.problem.S_m)
+        return None if self.kinematics is None else self.kinematics.measure(self.directions[0])
 
     @cached_property
     def amplification(self) -> Array:
@@ -394,10 +441,10 @@ class VelocityMapping:
         where the major task is met. A servo that errs by 1 % of the rates moves the major task by
         up to this many percent of the motion commanded.
         """
-        J = transposed(self.problem.S_m @ self.problem.admissible_jacobian)
-        if self._measure is not None:
-            J = self._measure.inverse.of_gain(J)
-        return read_only(np.asarray(largest(J) * self.largest_gain))
+        J, X = self.problem.S_m @ self.problem.admissible_jacobian, self._solution[0]
+        units = ones(len(J)) if self._measure is None else self._measure.major
+        gain = largest(X[..., : len(units)] * units)
+        return read_only(np.asarray(largest(J / units[:, None]) * gain))
 
     @property
     def gain_uncertainty(self) -> float:
@@ -406,7 +453,7 @@ class VelocityMapping:
         0 for a J given as a matrix, and where part of the major task is out of reach.
         """
         return (
-            0.0 if self.kinematics is None else self.kinematics.gain_uncertainty(self.problem.S_m)
+            0.0 if self.kinematics is None else self.kinematics.gain_uncertainty(self.directions[0])
         )
 
     @property
@@ -424,7 +471,7 @@ class VelocityMapping:
         """Factor by which the rank threshold could change before any rank would, shape (...)."""
         gap = smallest_gap(self._solution[1])
         if self.kinematics is not None:
-            gap = np.minimum(gap, self.kinematics.gap_of(self.problem.S_m, self.problem.S_s))
+            gap = np.minimum(gap, self.kinematics.gap_of(*self.directions))
         return np.broadcast_to(gap, self.problem.lead)
 
     @property
@@ -442,16 +489,26 @@ class VelocityMapping:
         """Whether no self-motion moves the major task, in any problem of the batch."""
         S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
         if self.kinematics is not None:
-            return self.kinematics.holds(S_m)
+            return self.kinematics.holds(self.directions[0])
         moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
         return not np.any(moved.rank > 0)
 
     @cached_property
-    def _solution(self) -> tuple[tuple[Array, ...], list[RankedSvd]]:
-        """Gains of the major velocity, the rates and the secondary velocity; rank decisions."""
-        X, decisions = velocity_gains(self.problem, self.damping)
-        X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
-        return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
+    def _solution(self) -> tuple[Array, list[RankedSvd]]:
+        """Gains of the problem, and its rank decisions."""
+        return velocity_gains(self.problem, self.damping)
+
+    @cached_property
+    def _gains(self) -> Array:
+        return check.frozen(self.own_gains(self._solution[0]))
+
+    def own_gains(self, X: Array) -> Array:
+        """Gains X of the problem (..., n, m1 + n + m2) in the units of J."""
+        if self.rate_units is None:
+            return X
+        m1, m2 = len(self.problem.S_m), len(self.problem.S_s)
+        inputs = np.concatenate([ones(m1), self.rate_units, ones(m2)])
+        return self.rate_units[:, None] * X / inputs
 
     @property
     def plain(self) -> Plain | None:
@@ -459,22 +516,18 @@ class VelocityMapping:
         return None if self.limiting else self._plain
 
 
-def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
-    """The same limits with another box of the rates."""
-    return Limiting(box) if limiting is None else limiting._replace(box=box)
-
-
 def _system(kinematics: Mechanism | None) -> Partition | None:
     """The mechanism by joints, where J follows from it; a subclass may know J alone."""
     return None if kinematics is None else vars(kinematics).get("system")
 
 
-def _asked(problem: Problem, damping: float, kinematics: Mechanism) -> Asked:
+def _asked(mapping: VelocityMapping, problem: Problem, kinematics: Mechanism) -> Asked:
     """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
-    _, S_m, S_s, W1, W2, *_, M, T = problem[:9]
+    (S_m, S_s), M, units = mapping.directions, problem.major_metric, mapping.rate_units
+    W1, T = (W if units is None else W / units for W in (problem.weight, problem.tie_metric))
     if M is not None and len(M) > len(S_m):
         M = np.linalg.qr(M, mode="r")
     rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
-    beside = [Task(S_s, W2)] if len(W2) else []
-    levels = (Task(S_m, M, damping=damping),), (rates, *beside)
+    beside = [Task(S_s, problem.secondary_weight)] if len(problem.secondary_weight) else []
+    levels = (Task(S_m, M, damping=mapping.damping),), (rates, *beside)
     return Asked.of(kinematics, levels, T if len(T) else None)

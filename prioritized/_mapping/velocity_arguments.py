@@ -110,7 +110,7 @@ def velocity_mapping(
     )
     n = args.J.shape[-1]
     limited = limiting(n, "rate_limits", rate_limits, {"rate_rows": rate_rows}, when_limited)
-    return VelocityMapping(args, check.number("damping", damping), None, limited)
+    return VelocityMapping(args, check.number("damping", damping), limited)
 
 
 def of_plain_arrays(
@@ -143,7 +143,7 @@ def of_plain_arrays(
         and (type(others) is list or type(others) is tuple)
     ):
         return None
-    units = None if task_units is None else tuple(task_units)
+    units = None if task_units is None else tuple(task_units.tolist())
     has = joint_weight is not None, secondary_weight is not None
     numbers = rank_tolerance, clear, units, has
     try:
@@ -153,10 +153,11 @@ def of_plain_arrays(
     if selected is None or not (
         J.dtype is w1.dtype is w2.dtype is _FLOAT64
         and w1.shape in ((0,), J.shape[1:])
-        and w2.shape in ((0,), (len(selected[1]),))
+        and w2.shape in ((0,), (len(selected[0][1]),))
     ):
         return None
-    S_m, S_s, S, metric, doubt, made = selected
+    directions, S, metric, doubt, made = selected
+    S_m, _ = directions
     weights = (
         (None if joint_weight is None else w1.copy()),
         (None if secondary_weight is None else w2.copy()),
@@ -166,7 +167,7 @@ def of_plain_arrays(
     if not plain.is_moderate:
         return None
     limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
-    return VelocityMapping.of_plain(plain, (S_m, S_s), limited)
+    return VelocityMapping.of_plain(plain, directions, limited, task_units)
 
 
 # Row 1 is no True.
@@ -177,8 +178,8 @@ def _selected(
     p: int,
     others: bool,
     *rows: Any,
-) -> tuple[Array, Array, Array, Array | None, float, tuple[Struct, int]] | None:
-    """Both tasks, all directions with the metric, that, what is in doubt, and its shape.
+) -> tuple[tuple[Array, Array], Array, Array | None, float, tuple[Struct, int]] | None:
+    """Both tasks, all directions in natural units, the metric, what is in doubt, and the shape.
 
     Args:
         shape: Of J.
@@ -191,12 +192,13 @@ def _selected(
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
         return None
     S_m, S_s = task_selection(major, None if others else rows[p:], shape[0])
-    metric = None if units is None else metric_of(units_of(S_m, np.array(units)))
+    of_rows = np.ones(shape[0]) if units is None else np.array(units)
+    metric = metric_of(units_of(S_m, of_rows))
     M = None if metric is None else check.frozen(np.diag(metric))
-    S = check.frozen(np.concatenate([S_m if M is None else M @ S_m, S_s]))
+    S = check.frozen(np.concatenate([S_m if M is None else M @ S_m, S_s]) * of_rows)
     doubt = clear or 0.0
     made = shape_of(S, len(S_m), M, shape[1], has, (tolerance, doubt))
-    return S_m, S_s, S, M, doubt, made
+    return (S_m, S_s), S, M, doubt, made
 
 
 _FLOAT64 = np.dtype(np.float64)

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from argument_checks import Array
 from prioritized._mechanism.conditioning import certain_rank, clear_loops
 from prioritized._mechanism.elimination import Partition
@@ -13,7 +11,7 @@ from prioritized._solver.rank import norm, whole_svd
 
 
 class ActiveConstraint(NamedTuple):
-    """J~_Cp^T J_Ca on its decided rank r'.
+    """J~_Cp^T J_Ca on its decided rank r', in natural units.
 
     Attributes:
         rows: Orthonormal rows; admissible rates are their null space, shape (r', n - q).
@@ -30,16 +28,14 @@ def active_constraint(system: Partition, left_null: Array, gain: Array) -> Activ
     n = len(active)
     if not len(left_null):
         return ActiveConstraint(none((0, n)), none((n, 0)))
-    J_Ca, geometry = system.J_C.take(active, 1), system.geometry
-    left = left_null.dot(J_Ca)
+    left = left_null.dot(system.J_C.take(active, 1))
     U, sigma, Vt = whole_svd(left)
     # Closure errors count per norm of the whole motion: passive joints may move fast.
-    clear = clear_loops(geometry) * (1.0 + norm(gain))
+    clear = clear_loops(system.geometry) * (1.0 + norm(gain))
     rank = certain_rank(sigma, norm(system.J_C), clear)
     if rank is None:
         k = int(system.rigid.rates.rank)
-        admissible = geometry.velocity_units[active, None] * system.rigid.rates.U[:, :k]
-        rows = np.linalg.qr(admissible, mode="complete")[0][:, k:].T
+        rows = system.rigid.rates.U[:, k:].T
         U, sigma, Vt = whole_svd((left @ rows.T) @ rows)
         rank = len(rows)
     inverse = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T

@@ -37,13 +37,8 @@ def certain_rank(sigma: Array, scale: float, clear: float) -> int | None:
 
 def clear_loops(geometry: Geometry) -> float:
     """The same of the closure J_Cp, as a fraction of |J_C|, for errors of its entries."""
-    clear = well_conditioned_above(geometry.rank_tolerance)
-    if geometry.accuracy is None:
-        return clear
-    _, (most, least), (fastest, slowest) = geometry.accuracy.extremes
-    errors = sqrt(geometry.J_C.size) * geometry.error_bound * most / slowest
-    units = (most / least) * (fastest / slowest)
-    return max(clear * units, _MARGIN * errors / (norm(geometry.J_C) or 1.0))
+    A, clear = geometry.closure, well_conditioned_above(geometry.rank_tolerance)
+    return max(clear, _MARGIN * sqrt(A.size) * geometry.error_bound / (norm(A) or 1.0))
 
 
 def clear_of_errors(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
@@ -56,17 +51,12 @@ def clear_of_errors(geometry: Geometry, scale: float, gain: Array, closing: Arra
         closing: J_Cp^-1, (p, p).
     """
     clear = well_conditioned_above(geometry.rank_tolerance)
-    if geometry.accuracy is None:
-        return clear
-    (most, least), (longest, _), (fastest, slowest) = geometry.accuracy.extremes
-    clear *= (most / least) * (fastest / slowest)
     bound = geometry.error_bound
     if not bound:
         return clear
-    errors = sqrt(geometry.J_T.size) * bound * most / slowest
-    if closing.size:  # errors of the loops reach the task through the passive joints
-        loops = sqrt(geometry.J_C.size) * bound * longest / slowest
-        errors = (errors + norm(geometry.J_T) * norm(closing) * loops) * (1.0 + norm(gain))
+    # Errors of the loops reach the task through the passive joints.
+    errors = sqrt(geometry.J_T.size) + geometry.size * norm(closing) * sqrt(geometry.J_C.size)
+    errors *= bound * (1.0 + norm(gain))
     if not isfinite(errors):
         return inf
     # Few different numbers: what depends on them is looked up.

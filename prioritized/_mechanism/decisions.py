@@ -5,16 +5,16 @@ In natural units; of one failure condition or of many, whose axes lead.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from argument_checks import Array
+from argument_checks import Array, Indices
 from prioritized._mechanism.measure import Measure, units_of
 from prioritized._mechanism.task_motion import LEAST_ROWS, Before, TaskMotion, null_of
+from prioritized._solver.arrays import transposed
 from prioritized._solver.rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
-
-_BELOW = 1e-15
-"""Part of the size of the terms below which singular values are round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class MajorTask:
 
     @cached_property
     def lost(self) -> Array | None:
-        """What J has of the directions that count as lost, in its own units, shape (..., m, n).
+        """What J has of the directions that count as lost, shape (..., m, n).
 
         Without it the ranks of J are those decided here, by far. None where there is nothing.
         """
@@ -84,7 +84,7 @@ class MajorTask:
         if of_secondary is not None:
             beside = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
             lost = lost + np.linalg.pinv(beside) @ of_secondary
-        return self.task.task_units[:, None] * lost / self.task.rate_units
+        return lost
 
     @property
     def gap(self) -> Array:
@@ -92,32 +92,25 @@ class MajorTask:
         decisions = self.reach, self.moved, self.secondary
         return np.minimum.reduce([self.task.gap, *(one.gap for one in decisions)])
 
-    def cleaned(
-        self, J: Array, scale: float, constraint: Array, metric: Array | None
-    ) -> tuple[Array, float]:
-        """J (m, n) of one condition on all rates without what counts as lost, and its size.
+    def handed_on(
+        self, J: Array, scale: Array | float, constraint: Array, metric: Array | None = None
+    ) -> tuple[Array, Array]:
+        """J (..., m, n) without what counts as lost, and the size that parts its rank.
 
-        `scale` is the size of the terms whose difference is J, `constraint` rows C (r, n), `metric`
-        (k, m1) weighs the major velocities.
+        What solvers decide on it is then what is decided here.
+
+        Args:
+            J: In natural units.
+            scale: Size of its terms, (...).
+            constraint: Projector (..., n, n) or orthonormal rows (..., r, n) of forbidden rates.
+            metric: M (k, m1) of the major velocity in its own units, or None.
         """
-        lost = self.lost
-        J = J if lost is None else J - lost
-        size = self.parting(J - J @ constraint.T @ constraint, np.asarray(scale), metric)
-        return J, float(size)
-
-    def parting(self, J: Array, scale: Array, metric: Array | None = None) -> Array:
-        """Size of J (..., m, n) for which :data:`RANK_TOLERANCE` parts what counts from the rest.
-
-        The `scale` of its terms unless that would drop a direction that counts, shape (...).
-        """
-        S = self.S_m if metric is None else metric @ self.S_m
-        if not (size := norm(S) * RANK_TOLERANCE):
-            return scale
-        sigma = np.linalg.svd(S @ J, compute_uv=False)
-        counts = np.arange(sigma.shape[-1]) < self.reach.rank[..., None]
-        least = sigma.min(axis=-1, initial=np.inf, where=counts)
-        between = np.sqrt(np.minimum(least, scale) * norm(S) * _BELOW * scale) / size
-        return np.where(least > 2.0 * size * scale, scale, between)
+        J = J if self.lost is None else J - self.lost
+        S = self.S_m * self.task.task_units
+        S = S if metric is None else metric @ S
+        admissible: Array = S @ (J - J @ transposed(constraint) @ constraint)
+        sigma = np.linalg.svd(admissible, compute_uv=False)
+        return J, parting(scale, norm(S), sigma, self.reach.rank)
 
     @property
     def gain_uncertainty(self) -> float:
@@ -151,6 +144,22 @@ class MajorTask:
     def _secondary(self) -> Array:
         units = self.task.task_units
         return self.S_s * units / self.secondary_units[:, None]
+
+
+def parting(scale: Array | float, size: float, sigma: NDArray[Any], rank: Indices) -> Array:
+    """Size of J for which :data:`RANK_TOLERANCE` parts what counts of S J from what does not.
+
+    The `scale` of its terms, unless that would drop a direction that counts, shape (...).
+
+    Args:
+        scale: Shape (...).
+        size: Norm of S.
+        sigma: Singular values of S J, descending, (..., k).
+        rank: How many count, (...).
+    """
+    counts = np.arange(sigma.shape[-1]) < np.asarray(rank)[..., None]
+    least = sigma.min(axis=-1, initial=np.inf, where=counts)
+    return np.minimum(scale, 0.5 * least / (RANK_TOLERANCE * (size or 1.0)))
 
 
 def respanned(columns: Array, factors: Array) -> Array:

@@ -72,48 +72,9 @@ def _others(known: Indices, count: int) -> Indices:
     return np.flatnonzero(rest)
 
 
-class TaskJacobian(NamedTuple):
-    """The task Jacobian by joints.
-
-    Attributes:
-        J_T: Shape (m, N).
-        joints: By role.
-    """
-
-    J_T: Array
-    joints: Joints
-
-    @property
-    def active(self) -> Array:
-        """Columns of active joints, shape (m, n - q)."""
-        return self.J_T.take(self.joints.active, 1)
-
-    @property
-    def moving(self) -> Array:
-        """Columns of moving joints, shape (m, p)."""
-        return self.J_T.take(self.joints.moving, 1)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Of J, (m, n - q)."""
-        return len(self.J_T), len(self.joints.active)
-
-    @property
-    def size(self) -> float:
-        """Norm of J_T."""
-        return norm(self.J_T)
-
-    def reduced(self, gain: Array) -> tuple[Array, float]:
-        """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
-        (m, N), (p, n) = self.J_T.shape, gain.shape
-        J, own = np.empty((m, n)), (pointer(self.joints.order), p, n, pointer(gain), n)
-        scale = lib.reduce_task(pointer(self.J_T), m, N, *own, pointer(J))
-        return read_only(J), scale
-
-
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """A constrained system by joints, eqs. (6) to (9).
+    """A constrained system by joints, eqs. (6) to (9), in natural units.
 
     Attributes:
         geometry: J_T and J_C.
@@ -128,19 +89,31 @@ class Partition:
     passive_metric: Array | None
 
     @property
+    def J_T(self) -> Array:
+        """Shape (m, N)."""
+        return self.geometry.task
+
+    @property
     def J_C(self) -> Array:
         """Shape (c, N)."""
-        return self.geometry.J_C
+        return self.geometry.closure
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of J, (m, n - q)."""
+        return len(self.geometry.J_T), len(self.joints.active)
+
+    def reduced(self, gain: Array) -> tuple[Array, float]:
+        """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
+        J_T, (p, n) = np.ascontiguousarray(self.J_T), gain.shape
+        J, own = np.empty((len(J_T), n)), (pointer(self.joints.order), p, n, pointer(gain), n)
+        scale = lib.reduce_task(pointer(J_T), *J_T.shape, *own, pointer(J))
+        return read_only(J), scale
 
     @property
     def is_rigid(self) -> bool:
         """Whether nothing but the loops decides how passive joints move."""
         return self.stiffness is None and self.passive_metric is None
-
-    @property
-    def task(self) -> TaskJacobian:
-        """The task Jacobian by joints."""
-        return TaskJacobian(self.geometry.J_T, self.joints)
 
     @cached_property
     def rigid(self) -> Motions:
@@ -166,7 +139,7 @@ class Partition:
 
 
 class PassiveMotion(NamedTuple):
-    """How the p moving passive joints follow the active ones.
+    """How the p moving passive joints follow the active ones, in natural units.
 
     Attributes:
         gain: Passive rates per active rate, eq. (10), shape (p, n - q).
@@ -196,7 +169,8 @@ def passive_motion(system: Partition) -> PassiveMotion:
     clear = clear_loops(system.geometry)
     if c >= p:
         M, own = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
-        inverse = lib.close_loops(pointer(J_C), c, J_C.shape[1], *own, pointer(M))
+        rows = pointer(np.ascontiguousarray(J_C))
+        inverse = lib.close_loops(rows, c, J_C.shape[1], *own, pointer(M))
         if clear * norm(J_C) * inverse < 1.0:
             gain, closing = np.ascontiguousarray(M[:p, p : p + n]), M[:p, p + n :]
             return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), M[p:c, p + n :])
@@ -204,9 +178,7 @@ def passive_motion(system: Partition) -> PassiveMotion:
     U, sigma, Vt = whole_svd(J_Cp)
     rank = certain_rank(sigma, norm(J_C), clear)
     if rank is None:
-        units = system.geometry.constraint_units, system.geometry.velocity_units[moving]
         rank = p - int(system.rigid.freedom)
-        U, sigma, Vt = of_rank(J_Cp, rank, *units)
     closing = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
     gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
     if system.stiffness is not None:
@@ -218,18 +190,6 @@ def passive_motion(system: Partition) -> PassiveMotion:
         inverse, _ = _compliance(free, system.passive_metric, moving, count)
         gain, closing = _least_energy(gain, closing, inverse, system.passive_metric, moving, active)
     return PassiveMotion(gain, closing, canonical(free), compliance, U[:, rank:].T)
-
-
-def of_rank(A: Array, rank: int, rows: Array, columns: Array) -> tuple[Array, Array, Array]:
-    """The whole SVD of A (m, n) on a rank that is known: U, the singular values, and V^T.
-
-    What is dropped is least in the units of rows (m,) and columns (n,).
-    """
-    uniform = (rows == rows[:1]).all() and (columns == columns[:1]).all()
-    if rank < min(A.shape) and not uniform:
-        U, sigma, Vt = np.linalg.svd(A / rows[:, None] * columns)
-        A = rows[:, None] * ((U[:, :rank] * sigma[:rank]) @ Vt[:rank]) / columns
-    return whole_svd(A)
 
 
 def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Array, Array]:
@@ -251,13 +211,12 @@ def _least_energy(
 def regular_motion(system: Partition, motion: PassiveMotion) -> TaskMotion:
     """How the task moves where loops determine all passive joints and constrain no active one."""
     geometry, (_, active, _, moving, *_) = system.geometry, system.joints
-    units, (N, n) = geometry.velocity_units, (geometry.J_T.shape[1], len(active))
-    velocities, is_moving, closing = np.zeros((N, n)), np.zeros(N, dtype=bool), None
+    (N, n), closing = (geometry.J_T.shape[1], len(active)), None
+    velocities, is_moving = np.zeros((N, n)), np.zeros(N, dtype=bool)
     velocities[active, np.arange(n)], is_moving[moving] = 1.0, True
-    velocities[moving] = motion.gain * units[active] / units[moving, None]
+    velocities[moving] = motion.gain
     if geometry.closure_error is not None:
-        passive = motion.closing * geometry.constraint_units / units[moving, None]
-        closing = geometry.task[:, moving] @ passive
+        closing = geometry.task[:, moving] @ motion.closing
     return TaskMotion(
         geometry=geometry,
         actuated=active,

@@ -7,10 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from argument_checks import Array
+from prioritized._solver.arrays import ones
 from prioritized._solver.rank import RankedSvd, frobenius, norm, ranked_svd
-
-Extremes = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-"""The largest and the least natural unit of task rows, constraints and velocities."""
 
 
 class Accuracy(Protocol):
@@ -34,8 +32,6 @@ class Accuracy(Protocol):
     def velocity_units(self) -> Array: ...
     @property
     def error_bound(self) -> float: ...
-    @property
-    def extremes(self) -> Extremes: ...
 
 
 ACCURACY_PARTS = tuple(part for part in vars(Accuracy) if part[0] != "_")
@@ -60,11 +56,6 @@ class Elsewhere:
     def error_bound(self) -> float:
         """As at the first pose."""
         return self.first.error_bound
-
-    @property
-    def extremes(self) -> Extremes:
-        """As at the first pose."""
-        return self.first.extremes
 
     @property
     def task_units(self) -> Array:
@@ -131,19 +122,21 @@ class Geometry:
     @cached_property
     def task_units(self) -> Array:
         """Shape (m,)."""
-        return np.ones(len(self.J_T)) if self.accuracy is None else self.accuracy.task_units
+        return ones(len(self.J_T)) if self.accuracy is None else self.accuracy.task_units
 
     @cached_property
     def velocity_units(self) -> Array:
         """Shape (N,)."""
-        if self.accuracy is None:
-            return np.ones(self.J_T.shape[1])
-        return self.accuracy.velocity_units
+        return ones(self.J_T.shape[1]) if self.accuracy is None else self.accuracy.velocity_units
 
     @cached_property
     def constraint_units(self) -> Array:
         """Shape (c,)."""
-        return np.ones(len(self.J_C)) if self.accuracy is None else self.accuracy.constraint_units
+        return ones(len(self.J_C)) if self.accuracy is None else self.accuracy.constraint_units
+
+    def stiffness(self, K: Array) -> Array:
+        """A stiffness or metric of the joints (N, N) in natural units."""
+        return self.velocity_units[:, None] * K * self.velocity_units
 
     @cached_property
     def task(self) -> Array:
@@ -193,4 +186,4 @@ class Geometry:
         return (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T
 
     def _natural(self, A: Array, rows: Array) -> Array:
-        return A / rows[:, None] * self.velocity_units
+        return A if self.accuracy is None else A / rows[:, None] * self.velocity_units

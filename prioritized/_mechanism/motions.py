@@ -133,12 +133,11 @@ def _error(geometry: Geometry, closing: Array | None, motion: Array) -> Array | 
 
 
 def with_stiffness(motions: Motions, stiffness: Array) -> Motions:
-    """The motions once self-motion minimizes theta^T K theta, K of joints in their own units."""
-    geometry, F = motions.geometry, motions.self_motion
+    """The motions once self-motion minimizes theta^T K theta."""
+    geometry, F, K = motions.geometry, motions.self_motion, stiffness
     if not F.shape[-1]:
         return motions
-    units, B = geometry.velocity_units, geometry.motions
-    K = units[:, None] * stiffness * units
+    B = geometry.motions
     # Springs of locked joints must not count, not even by the round-off of F.
     B_m = motions.moving[..., None] * B
     K_m = transposed(B_m) @ K

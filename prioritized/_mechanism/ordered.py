@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 from argument_checks import Array
 from kernels import lib, pointer
 from prioritized._mechanism.conditioning import certain_rank
-from prioritized._mechanism.measure import units_of
+from prioritized._mechanism.decisions import parting
 from prioritized._mechanism.task_motion import Step, TaskMotion
 from prioritized._solver.arrays import read_only
-from prioritized._solver.rank import RANK_TOLERANCE, norm, singular_values
+from prioritized._solver.rank import NOTHING, norm, singular_values
 
-_BELOW = 1e-15
-"""Part of the size of the terms below which singular values are round-off."""
 _MARGIN = 2.0
 """Of a bound of singular values, for the round-off of the bound and of the values themselves."""
 
 
 class Directions(NamedTuple):
-    """Rows on the task of levels, one after the other, without those that are zero.
+    """Rows on the task of levels, one after the other, of unit norm, without those that are zero.
 
     Attributes:
         S: Shape (k, m).
@@ -38,7 +36,7 @@ class Directions(NamedTuple):
     @classmethod
     def of(cls, levels: Sequence[Array]) -> "Directions":
         """Of levels of rows (k, m)."""
-        some = [S[S.any(axis=1)] for S in levels]
+        some = [_of_unit_norm(S[S.any(axis=1)]) for S in levels]
         S = np.concatenate(some)
         ends = np.array(sorted({*accumulate(map(len, some))} - {0}), np.int64)
         sizes = np.array([norm(S[:end]) for end in ends])
@@ -61,6 +59,12 @@ class Directions(NamedTuple):
             if certain_rank(singular_values(self.S[:end].dot(J)), size, clear) is None:
                 return False
         return True
+
+
+def _of_unit_norm(rows: Array) -> Array:
+    """Rows (k, m) that are not zero, however small they are."""
+    rows = rows / np.abs(rows).max(axis=1, initial=0.0)[:, None]
+    return rows / np.linalg.norm(rows, axis=1)[:, None]
 
 
 def all_exceed(A: Array, ends: NDArray[np.int64], least: Array) -> bool:
@@ -131,20 +135,16 @@ def in_order(
     """
     before, decided = task.start, []
     parts = zip(levels.split(levels.on_task), levels.split(levels.on_rates), rows, strict=True)
-    for S, R, (A, size) in parts:
-        units = units_of(np.hstack([S, R]), np.hstack([task.task_units, task.rate_units]))
-        on_task = S * task.task_units / units[:, None]
-        on_rates = R * task.rate_units / units[:, None]
-        step = task.step(on_task)
+    for S, R, (A, scale) in parts:
+        # However rows are weighed, alike or not, each counts for its rank.
+        weights = np.maximum(np.linalg.norm(np.hstack([S, R]), axis=1), NOTHING)[:, None]
+        step, on_rates = task.step(S / weights), R / weights
         all_rows = Step(step.A + on_rates, step.scale + norm(on_rates), step.error)
         decision, after = before.then(task, all_rows)
         lost = before.dropped(decision)
         if lost is not None:
-            A = read_only(A - units[:, None] * lost / task.rate_units)
-        least = decision.sigma.min(initial=np.inf, where=decision.kept)
-        least *= units.min(initial=np.inf) / task.rate_units.max(initial=0.0)
-        if least < 2.0 * RANK_TOLERANCE * size:
-            size = float(np.sqrt(least * _BELOW * size)) / RANK_TOLERANCE
-        decided.append((A, size))
+            A = read_only(A - weights * lost)
+        sigma = singular_values(A @ before.free)
+        decided.append((A, float(parting(scale, 1.0, sigma, decision.rank))))
         before = after
     return decided

@@ -1,4 +1,7 @@
-"""Constraint forces of a mechanism, eqs. (9), (11) and (13), stuck joints and springs included."""
+"""Constraint forces of a mechanism, eqs. (9), (11), (13), with stuck joints and springs.
+
+In natural units.
+"""
 
 import numpy as np
 
@@ -15,9 +18,9 @@ def internal_rows(system: Partition, motion: PassiveMotion) -> Array:
 def constraint_gain(system: Partition, motion: PassiveMotion, internal_force: Array) -> Array:
     """Constraint forces per task force, eq. (11), orthogonal to `internal_force`, (c + s, m)."""
     stuck = system.joints.stuck
-    f_C = -motion.closing.T @ system.task.moving.T
+    f_C = -motion.closing.T @ system.J_T[:, system.joints.moving].T
     # A stuck joint's reaction balances the task force, f_C and the springs on it, eq. (9).
-    reaction = -system.task.J_T[:, stuck].T - system.J_C[:, stuck].T @ f_C
+    reaction = -system.J_T[:, stuck].T - system.J_C[:, stuck].T @ f_C
     reaction += _spring_load(system, motion, stuck)
     gain = np.vstack([f_C, reaction])
     return gain - internal_force.T @ (internal_force @ gain)
@@ -26,14 +29,14 @@ def constraint_gain(system: Partition, motion: PassiveMotion, internal_force: Ar
 def torque_gain(system: Partition, motion: PassiveMotion, constraint_gain: Array) -> Array:
     """Torques in equilibrium with a task force and its constraint forces, shape (n - q, m)."""
     active, f_C = system.joints.active, constraint_gain[: len(system.J_C)]
-    torques = system.task.active.T + system.J_C[:, active].T @ f_C
+    torques = system.J_T[:, active].T + system.J_C[:, active].T @ f_C
     return torques - _spring_load(system, motion, active)
 
 
 def _spring_load(system: Partition, motion: PassiveMotion, locked: Indices) -> Array:
     """Load on locked joints from springs to the joints that a task force moves, per task force."""
-    task, stiffness = system.task, system.stiffness
+    moving, stiffness = system.joints.moving, system.stiffness
     if stiffness is None:
-        return np.zeros((len(locked), len(task.J_T)))
-    stretch = motion.compliance @ task.moving.T
-    return stiffness[np.ix_(locked, system.joints.moving)] @ stretch
+        return np.zeros((len(locked), len(system.J_T)))
+    stretch = motion.compliance @ system.J_T[:, moving].T
+    return stiffness[np.ix_(locked, moving)] @ stretch

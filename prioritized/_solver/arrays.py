@@ -93,6 +93,12 @@ def none(shape: tuple[int, ...]) -> Array:
 
 
 @lru_cache
+def ones(size: int) -> Array:
+    """A shared read-only vector of ones."""
+    return read_only(np.ones(size))
+
+
+@lru_cache
 def identity(size: int) -> Array:
     """A shared read-only identity matrix."""
     return read_only(np.eye(size))

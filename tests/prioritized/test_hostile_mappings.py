@@ -360,8 +360,13 @@ TRUSTED = {
     *("Postures", "RateBox"),
     *("Solution", "Tick", "VelocityMapping", "VelocitySolution"),
     # what its parts ask of each other, of what was checked
-    *(f"Kinematics.{name}" for name in ("cleaned", "gain_uncertainty", "gap_of", "holds")),
-    *("Kinematics.in_order", "Kinematics.measure", "VelocityMapping.belonging_to"),
+    *(f"Kinematics.{name}" for name in ("decided", "gain_uncertainty", "gap_of", "holds")),
+    *("Kinematics.in_order", "Kinematics.measure"),
+    *(
+        f"VelocityMapping.{name}"
+        for name in ("belonging_to", "natural", "of_mechanism", "of_plain")
+    ),
+    *("VelocityMapping.own", "VelocityMapping.own_gains"),
     *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain"),
     *("Failures.and_also", "Failures.in_words", "HierarchySolution.in_words"),
 }

@@ -50,7 +50,7 @@ class Asked:
 
 def limits(rng: np.random.Generator, kin: Kinematics, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Around zero; infinite of some, of passive ones mostly."""
-    N = kin.system.task.J_T.shape[1]
+    N = kin.system.J_T.shape[1]
     lower, upper = (size * rng.uniform(0.2, 2.0, N) for _ in range(2))
     free = rng.random(N) < 0.2
     free[kin.passive] = rng.random(len(kin.passive)) < 0.8

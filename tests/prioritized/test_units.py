@@ -1,11 +1,15 @@
 """Angles and lengths are in one norm only with a length: what they choose knows no unit."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 
-from prioritized import ConstrainedSystem, Kinematics, Task
+from prioritized import ConstrainedSystem, Kinematics, Status, Task
 from sim import Jacobians, jacobians
+from tests.profiles import scaled
 
 _ARM = """<mujoco><compiler boundmass="1" boundinertia="1"/><worldbody>
   <body><joint name="a" axis="0 0 1"/><geom size="{r}"/>
@@ -99,3 +103,81 @@ def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
         rows, joint_weight=np.ones(4), rate_limits=box, major_metric=np.ones(3)
     )
     assert np.abs(plain(_TWIST[2:5]) - a.rates).max() > 1e-3
+
+
+def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
+    """Hinges, slides and loops where the natural length is `unit`; a task, and units of both.
+
+    Half of the singular values of the task are 1e-3 to 1e-7, of which `error` explains some.
+    """
+    rng = np.random.default_rng(seed)
+    n, p, m = (int(rng.integers(*ends)) for ends in ((2, 7), (0, 4), (2, 7)))
+    c = int(rng.integers(0, p + 2)) if p else 0
+    task, rate, loop = (np.where(rng.random(k) < 0.5, unit, 1.0) for k in (m, n + p, c))
+    U, sigma, V = np.linalg.svd(rng.normal(size=(m, n + p)), full_matrices=False)
+    J_T = U * np.where(rng.random(len(sigma)) < 0.5, sigma, 10.0 ** -rng.uniform(3, 7)) @ V
+    J_C, one = rng.normal(size=(c, n + p)), np.ones((1, n + p))
+    accuracy = SimpleNamespace(
+        J_T_error=error * task[:, None] * one / rate,
+        J_C_error=error * loop[:, None] * one / rate,
+        task_units=task,
+        constraint_units=loop,
+        velocity_units=rate,
+        error_bound=error,
+    )
+    natural = task[:, None] * J_T / rate, loop[:, None] * J_C / rate
+    system = ConstrainedSystem(*natural, range(n), accuracy=accuracy)
+    major = sorted(rng.choice(m, rng.integers(1, m + 1), replace=False).tolist())
+    left = np.delete(np.arange(m), major)
+    v, limit = rng.normal(size=m), rng.uniform(0.3, 1.0)
+    given = {"major": major, "left": left, "v": v * task, "task": task, "rate": rate[:n]}
+    return system, given | {"limit": limit}
+
+
+def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
+    """Verdicts, and rates and torques in natural units, of every kind of mapping."""
+    system, of = _drawn(seed, unit, error)
+    kin, major, v, rate, task = (system.kinematics(), *map(of.get, ("major", "v", "rate", "task")))
+    report, box = kin.manipulability(major), (-of["limit"] * rate, of["limit"] * rate)
+    plain = kin.velocity_mapping(major, joint_weight=1.0 / rate)
+    others = {
+        "by the secondary task": kin.velocity_mapping(
+            major, secondary_weight=1.0 / task[of["left"]]
+        ).solve(v[major]),
+        "limited": kin.velocity_mapping(major, joint_weight=1.0 / rate, rate_limits=box).solve(
+            v[major]
+        ),
+        "two levels": kin.hierarchy([Task(major), Task.joints()]).solve([v[major], None]),
+        "three levels": kin.hierarchy([Task(major[:1]), Task(range(len(task)))]).solve(
+            [v[major[:1]], v]
+        ),
+    }
+    force = kin.force_mapping(major, torque_weight=rate).solve(v[major] / task[major] ** 2)
+    assert (plain.status is Status.LEAST_SQUARES) == (
+        report.unmanipulable and not report.unstable_major
+    )
+    assert plain.rank == kin.velocity_mapping(major).rank
+    return {
+        "findings": tuple(finding.holds for finding in report.findings.values()),
+        "status": plain.status,
+        "rank": int(plain.rank),
+        "least rates": plain(v[major]) / rate,
+        "torques": force.torques * rate,
+        "of torques": force.status,
+        **{name: each.rates / rate for name, each in others.items()},
+        **{f"status {name}": each.status for name, each in others.items()},
+    }
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-6])
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e4, 1e8])
+def test_hinges_and_slides_have_one_verdict_and_one_answer_in_any_unit(unit, error):
+    """Reach, ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
+    for seed in range(scaled(12)):
+        here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)
+        for name, answer in here.items():
+            if isinstance(answer, np.ndarray):
+                size = 1.0 + np.abs(answer).max(initial=0.0)
+                np.testing.assert_allclose(there[name], answer, atol=1e-7 * size, err_msg=name)
+            else:
+                assert there[name] == answer, (seed, name)

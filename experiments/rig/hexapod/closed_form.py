@@ -19,13 +19,13 @@ class StrutKinematics(Kinematics):
     every tick comes from the general elimination, whose result this J is but for round-off.
     """
 
-    _J: Array
+    _twists: Array
     _general: Callable[[], Kinematics]
 
     def __init__(self, J: Array, general: Callable[[], Kinematics]) -> None:
         """Take J, shape (6, n - q), and what makes the kinematics by elimination."""
         own = self.__dict__
-        own["_J"], own["_general"] = J, general
+        own["_twists"], own["_general"] = J, general
 
     # A field there, computed when asked for here.
     @cached_property
@@ -36,17 +36,28 @@ class StrutKinematics(Kinematics):
     @property
     def J(self) -> Array:
         """Twist of the payload per rate of the surviving struts."""
-        return self._J
+        return self._twists
+
+    @property
+    def natural(self) -> Array:
+        """J in natural units."""
+        return self._twists * self.common_unit / self.task_units[:, None]
 
     @property
     def scale(self) -> float:
         """Sizes of J_T = [0, 1] and of what is taken from A^-1, as in the elimination."""
-        return _SIZE_OF_J_T + (float(dnrm2(self._J.ravel())) if self._J.size else 0.0)
+        J = self.natural
+        return _SIZE_OF_J_T + (float(dnrm2(J.ravel())) if J.size else 0.0)
+
+    @property
+    def constraint(self) -> Array:
+        """None: shape (0, n - q)."""
+        return _NO_ROWS[:, : self._twists.shape[1]]
 
     @property
     def active_constraint(self) -> Array:
         """None: shape (0, n - q)."""
-        return _NO_ROWS[:, : self._J.shape[1]]
+        return _NO_ROWS[:, : self._twists.shape[1]]
 
     @property
     def is_tied(self) -> bool:
