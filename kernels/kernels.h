@@ -244,14 +244,6 @@ int tick_room(const tick_plan *plan);
 int tick_solve(const tick_plan *plan, const double *J_T, const double *J_C, const double *targets,
                const double *lower, const double *upper, double bound, double *x, double *room);
 
-/* certain.c */
-
-/* Whether the first ends[k] rows of A (rows, n) have singular values above least[k] alone, for
- * every k (count). A = L Q, and |L_k^-1| in the Frobenius norm is at least that in the 2-norm, 1 /
- * sigma_min. The inverse of a leading block L_k of a triangle is the leading block of its inverse.
- * True is a proof but for round-off, of some 1e-15 of |A|; false says nothing. A is overwritten. */
-bool all_exceed(double *A, int rows, int n, const int64_t *ends, int count, const double *least);
-
 /* lexicographic.c */
 
 /* Unknowns at their bounds. */

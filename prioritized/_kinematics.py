@@ -20,7 +20,7 @@ from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.task import task_selection
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.velocity import VelocityMapping
-from prioritized._mapping.velocity_arguments import of_plain_arrays, velocity_mapping
+from prioritized._mapping.velocity_arguments import velocity_mapping
 from prioritized._mechanism.active_constraint import ActiveConstraint, active_constraint
 from prioritized._mechanism.conditioning import clear_of_errors
 from prioritized._mechanism.decisions import MajorTask, respanned
@@ -30,9 +30,9 @@ from prioritized._mechanism.elimination import (
     passive_motion,
     regular_motion,
 )
-from prioritized._mechanism.measure import Measure, is_uniform, metric_of, units_of
+from prioritized._mechanism.measure import Measure, is_uniform, units_of
 from prioritized._mechanism.names import Known, Names, known_actuators, known_velocities
-from prioritized._mechanism.ordered import Directions, Stacked, in_order
+from prioritized._mechanism.ordered import Stacked, in_order
 from prioritized._mechanism.statics import constraint_gain, internal_rows, torque_gain
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import none, read_only
@@ -216,7 +216,7 @@ class Kinematics:
 
     @cached_property
     def _constraint(self) -> ActiveConstraint:
-        return active_constraint(self.system, self._motion.left_null, self._motion.gain)
+        return active_constraint(self.system, self._motion.left_null)
 
     @cached_property
     def _task_motion(self) -> TaskMotion:
@@ -328,26 +328,13 @@ class Kinematics:
         T = self.survivors.matrix("tie_metric", tie_metric)
         box = self.survivors.pair(rate_limits)
         rows = self.survivors.rows("rate_rows", rate_rows)
-        is_plain = not self.is_tied and is_uniform(self.rate_units)
-        if is_plain and major_metric is T is rows is None and not damping:
-            unit = self.common_unit
-            J = self.natural if unit == 1.0 else self.natural / unit
-            mapping = of_plain_arrays(
-                J, major, secondary, W1, secondary_weight, self.scale / unit, RANK_TOLERANCE,
-                self.clear, box, when_limited, self.task_units,
-            )  # fmt: skip
-            if mapping is not None:
-                return mapping.belonging_to(self)
-        M = major_metric
-        if M is None:
-            M = metric_of(self.measure(task_selection(major, secondary, len(self.J))[0]).major)
         mapping = velocity_mapping(
             self.J,
             major,
             secondary,
             W1,
             secondary_weight,
-            major_metric=M,
+            major_metric=major_metric,
             tie_metric=T,
             damping=damping,
             rate_limits=box,
@@ -362,25 +349,23 @@ class Kinematics:
         return len(self._motion.left_null) > 0
 
     @property
-    def clear(self) -> float:
-        """Part of `scale` above which a singular value of J is clearly not zero."""
-        geometry, motion = self.system.geometry, self._motion
-        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
+    def measured(self) -> tuple[Array, float]:
+        """J and its size, rows in natural units, and rates where these are of two kinds."""
+        return self._in_rates(self.natural, self.scale)
 
     def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
-        """J without what counts as lost for S_m v and S_s v, and its size.
+        """The same without what counts as lost for S_m v and S_s v.
 
-        Its rows are in natural units, and its rates where these are of two kinds: `mixed_units`.
         :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
         (k, m1) of v_m.
         """
-        if self._are_clear(Directions.of([S_m * self.task_units, S_s * self.task_units])):
-            J, scale = self.natural, self.scale
-        else:
-            task = self._major(S_m, S_s)
-            J, scale = task.handed_on(self.natural, self.scale, self.constraint, metric)
+        task = self._major(S_m, S_s)
+        J, scale = task.handed_on(self.natural, self.scale, self.constraint, metric)
+        return self._in_rates(J, float(scale))
+
+    def _in_rates(self, J: Array, scale: float) -> tuple[Array, float]:
         unit = self.common_unit
-        return (J, float(scale)) if unit == 1.0 else (read_only(J / unit), float(scale) / unit)
+        return (J, scale) if unit == 1.0 else (read_only(J / unit), scale / unit)
 
     def holds(self, S_m: Array) -> bool:
         """Whether no self-motion moves the task S_m v."""
@@ -407,6 +392,12 @@ class Kinematics:
     def rate_units(self) -> Array:
         """Natural unit of each rate, shape (n - q,)."""
         return self.system.geometry.velocity_units[self.active]
+
+    @property
+    def clear(self) -> float:
+        """Part of `scale` above which a singular value of J is clearly not zero."""
+        geometry, motion = self.system.geometry, self._motion
+        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
 
     @property
     def mixed_units(self) -> Array | None:
@@ -486,15 +477,9 @@ class Kinematics:
             levels.at(self.natural, self.scale),
             self.holds(levels.first / self.task_units),
         )
-        if not len(self.active) or (levels.rates_last and self._are_clear(levels.directions)):
+        if not len(self.active):
             return rows, is_held
         return in_order(self._task_motion, levels, rows), is_held
-
-    def _are_clear(self, tasks: Directions) -> bool:
-        """Whether all ranks of J are certain where tasks are met one after the other."""
-        C, J = self.constraint, self.natural
-        admissible = J - (J @ C.T) @ C if C.size else J
-        return tasks.are_clear(admissible, self.scale, self.clear)
 
     @property
     def survivors(self) -> Survivors:

@@ -59,8 +59,8 @@ class Plain:
     def shape(self, clear: float, count: int = 1) -> tuple[Struct, int]:
         """What :func:`shape_of` says of as many J, in doubt up to this part of the scale."""
         has = self.weights[0] is not None, self.weights[1] is not None
-        numbers = self.tolerance, clear
-        return shape_of(self.S, self.m1, self.metric, self.J.shape[-1], has, numbers, count)
+        rows = self.m1 if self.metric is None else len(self.metric)
+        return shape_of(self.S, rows, self.J.shape[-1], has, self.tolerance, clear, count)
 
     def problem(self, S_m: Array, S_s: Array) -> Problem:
         """The checked arguments that it stands for."""
@@ -133,32 +133,31 @@ class Plain:
 def shape_of(
     S: Array,
     m1: int,
-    metric: Array | None,
     n: int,
     has: tuple[bool, bool],
-    numbers: tuple[float, float],
+    tolerance: float,
+    clear: float = 0.0,
     count: int = 1,
 ) -> tuple[Struct, int]:
     """All that is no J or weight, as the kernel takes it, and the room that it needs.
 
     Args:
-        S: As in :class:`Plain`, and so are m1 and `metric`.
-        m1: Major directions.
-        metric: Of the major velocity.
+        S: As in :class:`Plain`.
+        m1: Rows of S that are major.
         n: Rates.
         has: Whether there are w1 and w2.
-        numbers: Tolerance, and part of the scale that is in doubt.
+        tolerance: Of the rank decisions.
+        clear: Part of the scale up to which a singular value of the major rows is in doubt.
         count: Of J.
     """
-    rows, (tolerance, clear) = m1 if metric is None else len(metric), numbers
     problem = Struct(
         "problem1",
         count=count,
         jacobians=count,
         m=S.shape[1],
         n=n,
-        m1=rows,
-        m2=len(S) - rows,
+        m1=m1,
+        m2=len(S) - m1,
         joint=has[0],
         secondary=has[1],
         tolerance=tolerance,
@@ -172,8 +171,11 @@ def _or_none(A: Array | None) -> Any:
     return ffi.NULL if A is None else pointer(A)
 
 
-def plain_of(problem: Problem) -> Plain | None:
-    """A checked problem as one of these, if its weights are diagonals and nothing else is given."""
+def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
+    """A checked problem as one of these, if its weights are diagonals and nothing else is given.
+
+    It does not answer where singular values may be below `clear` parts of the scale.
+    """
     J, S_m, S_s, W1, W2, C, _, M, T, scale, tolerance, lead = problem
     if C.size or T.size or J.shape[:-2] != lead or not tolerance:
         return None
@@ -185,7 +187,7 @@ def plain_of(problem: Problem) -> Plain | None:
     S = np.ascontiguousarray(np.concatenate([S_m if M is None else M @ S_m, S_s]))
     sizes = np.ascontiguousarray(np.broadcast_to(scale, lead), float).reshape(-1)
     J = np.ascontiguousarray(J)
-    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance)
+    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance, clear)
     return plain if plain.is_moderate else None
 
 

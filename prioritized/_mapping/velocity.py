@@ -27,7 +27,7 @@ from prioritized._mapping.task import Status
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.tick import Tick
 from prioritized._mechanism.elimination import Partition
-from prioritized._mechanism.measure import Measure
+from prioritized._mechanism.measure import Measure, metric_of
 from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import apply, joined, none, on_axes, ones, read_only
 from prioritized._solver.limits import Limits, limits
@@ -60,6 +60,10 @@ class Mechanism(Protocol):
     def closure_condition(self) -> float: ...
     @property
     def survivors(self) -> Survivors: ...
+    @property
+    def measured(self) -> tuple[Array, float]: ...
+    @property
+    def clear(self) -> float: ...
     def decided(self, S_m: Array, S_s: Array, metric: Array | None) -> tuple[Array, float]: ...
     def holds(self, S_m: Array) -> bool: ...
     def gap_of(self, S_m: Array, S_s: Array) -> float: ...
@@ -95,14 +99,13 @@ class VelocityMapping:
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
         parts = {"damping": damping, "limiting": limiting, "kinematics": None, "rate_units": None}
-        vars(self).update(parts, directions=(problem.S_m, problem.S_s), _problem=problem)
+        vars(self).update(parts, directions=(problem.S_m, problem.S_s), _stated=problem)
 
     @staticmethod
     def of_plain(
         plain: Plain,
         directions: tuple[Array, Array],
         limiting: Limiting | None,
-        task_units: Array | None,
     ) -> "VelocityMapping":
         """The mapping of one J with diagonal weights.
 
@@ -110,23 +113,26 @@ class VelocityMapping:
             plain: J and its weights.
             directions: Of the major and the secondary task.
             limiting: Limits of the rates, or None.
-            task_units: In which the rows of J are, (m,); None is those of the directions.
         """
         mapping = object.__new__(VelocityMapping)
         parts = {"damping": 0.0, "limiting": limiting, "kinematics": None, "rate_units": None}
-        vars(mapping).update(parts, directions=directions, _plain=plain, _task_units=task_units)
+        vars(mapping).update(parts, directions=directions, _plain=plain)
         return mapping
 
     def of_mechanism(self, kinematics: Mechanism) -> "VelocityMapping":
         """The same task, weights and limits with J and the constraints of a mechanism."""
-        J, scale = kinematics.decided(*self.directions, self.problem.major_metric)
+        (J, scale), M = kinematics.measured, self._stated.major_metric
+        if M is None:
+            weights = metric_of(kinematics.measure(self.directions[0]).major)
+            M = None if weights is None else np.diag(weights)
         made = {"J": J, "scale": np.asarray(scale), "active_constraint": kinematics.constraint}
-        mapping = self.natural(kinematics.task_units, kinematics.mixed_units, **made)
+        units = kinematics.task_units, kinematics.mixed_units
+        mapping = self.natural(*units, **made, major_metric=M)
         vars(mapping).update(kinematics=kinematics)
         return mapping
 
     def natural(
-        self, task_units: Array, rate_units: Array | None, **mechanism: Array
+        self, task_units: Array, rate_units: Array | None, **mechanism: Array | None
     ) -> "VelocityMapping":
         """The same of a J, its scale and constraints whose rows and rates are in natural units.
 
@@ -135,7 +141,7 @@ class VelocityMapping:
             rate_units: Of the rates, (n,); None is one for all, whatever it is.
             mechanism: These arrays, as in :class:`Problem`.
         """
-        problem = self.problem.natural(task_units, 1.0 if rate_units is None else rate_units)
+        problem = self._stated.natural(task_units, 1.0 if rate_units is None else rate_units)
         mapping = VelocityMapping(problem._replace(**mechanism), self.damping, self.limiting)
         vars(mapping).update(directions=self.directions, rate_units=rate_units)
         return mapping
@@ -170,7 +176,7 @@ class VelocityMapping:
 
     def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
         """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
-        tick, (major, *others), problem = self.tick(), given, self._first.problem
+        tick, (major, *others), problem = self.tick(), given, self._first._stated
         if tick is None or self.kinematics is None:
             return None
         sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
@@ -235,7 +241,7 @@ class VelocityMapping:
     @cached_property
     def _tick(self) -> Tick | None:
         """The same where the mapping was made."""
-        problem, limiting, kinematics = self.problem, self.limiting, self.kinematics
+        problem, limiting, kinematics = self._stated, self.limiting, self.kinematics
         is_box = limiting is None or limiting.is_box
         if kinematics is None or problem.lead or not is_box:
             return None
@@ -250,7 +256,9 @@ class VelocityMapping:
         kinematics, is_mixed = self.kinematics, self.rate_units is not None
         if self.damping or is_mixed or (kinematics is not None and kinematics.is_tied):
             return None
-        return None if "_origin" in vars(self) else plain_of(self.problem)
+        if "_origin" in vars(self):
+            return None
+        return plain_of(self._stated, 0.0 if kinematics is None else kinematics.clear)
 
     @property
     def problem(self) -> Problem:
@@ -259,17 +267,21 @@ class VelocityMapping:
 
     @cached_property
     def _problem(self) -> Problem:
-        kinematics = self.kinematics
-        if "_origin" in vars(self):
-            there = self._first.problem
-        else:  # of plain arrays
-            assert self._plain is not None
-            units, parts = vars(self)["_task_units"], self.directions
-            there = self._plain.problem(*(S if units is None else S * units for S in parts))
+        kinematics, stated = self.kinematics, self._stated
         if kinematics is None:
-            return there
-        J, scale = kinematics.decided(*self.directions, there.major_metric)
-        C = kinematics.constraint
+            return stated
+        J, scale = kinematics.decided(*self.directions, stated.major_metric)
+        return stated._replace(J=J, scale=np.asarray(scale))
+
+    @cached_property
+    def _stated(self) -> Problem:
+        """The same before any rank of a mechanism was decided."""
+        kinematics = self.kinematics
+        if kinematics is None:  # of plain arrays
+            assert self._plain is not None
+            return self._plain.problem(*self.directions)
+        (J, scale), C = kinematics.measured, kinematics.constraint
+        there = self._first._stated
         return there._replace(J=J, scale=np.asarray(scale), active_constraint=C)
 
     def solve(
@@ -335,7 +347,7 @@ class VelocityMapping:
         if not hasattr(kinematics, "decided"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         first, system = self._first, _system(kinematics)
-        shape = first.problem.J.shape
+        shape = first._stated.J.shape
         there = kinematics.J.shape if system is None else system.shape
         if there != shape:
             raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
@@ -356,7 +368,7 @@ class VelocityMapping:
         Raises:
             ValueError: As :func:`velocity_mapping`.
         """
-        box = limits("rate_limits", rate_limits, self._first.problem.J.shape[-1])
+        box = limits("rate_limits", rate_limits, self._first._stated.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
         vars(mapping).update(vars(self), limiting=self._bounded_by(box))
         return mapping
@@ -364,12 +376,6 @@ class VelocityMapping:
     def _bounded_by(self, box: Limits) -> Limiting:
         """The same limits with another box of the rates."""
         return Limiting(box) if self.limiting is None else self.limiting._replace(box=box)
-
-    def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
-        """The same mapping, of this mechanism."""
-        mapping = object.__new__(VelocityMapping)
-        vars(mapping).update(vars(self), kinematics=kinematics)
-        return mapping
 
     def __str__(self) -> str:
         sentences = (

@@ -15,7 +15,6 @@ from prioritized._mapping.plain import Plain, shape_of
 from prioritized._mapping.problem import checked
 from prioritized._mapping.task import are_rows, task_selection
 from prioritized._mapping.velocity import VelocityMapping
-from prioritized._mechanism.measure import metric_of, units_of
 from prioritized._solver.arrays import none
 from prioritized._solver.rank import RANK_TOLERANCE
 
@@ -89,7 +88,7 @@ def velocity_mapping(
         and damping == 0
     ):
         quick = of_plain_arrays(
-            J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance, None,
+            J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance,
             rate_limits, when_limited,
         )  # fmt: skip
         if quick is not None:
@@ -121,15 +120,12 @@ def of_plain_arrays(
     secondary_weight: Any,
     scale: Any,
     rank_tolerance: Any,
-    clear: float | None,
     box: Any,
     when_limited: WhenLimited,
-    task_units: Array | None = None,
 ) -> VelocityMapping | None:
     """The mapping of one J, its weights diagonal, where all arguments are as they should be.
 
-    None elsewhere, and where a singular value may be below `clear` parts of the scale, by default
-    those of the tolerance: the checks then say what is wrong, or take what is right.
+    None elsewhere: the checks then say what is wrong, or take what is right.
     """
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
@@ -143,11 +139,9 @@ def of_plain_arrays(
         and (type(others) is list or type(others) is tuple)
     ):
         return None
-    units = None if task_units is None else tuple(task_units.tolist())
-    has = joint_weight is not None, secondary_weight is not None
-    numbers = rank_tolerance, clear, units, has
+    has = rank_tolerance, joint_weight is not None, secondary_weight is not None
     try:
-        selected = _selected(J.shape, numbers, len(major), secondary is None, *major, *others)
+        selected = _selected(J.shape, has, len(major), secondary is None, *major, *others)
     except TypeError:  # directions
         return None
     if selected is None or not (
@@ -156,49 +150,46 @@ def of_plain_arrays(
         and w2.shape in ((0,), (len(selected[0][1]),))
     ):
         return None
-    directions, S, metric, doubt, made = selected
-    S_m, _ = directions
+    directions, S, made = selected
     weights = (
         (None if joint_weight is None else w1.copy()),
         (None if secondary_weight is None else w2.copy()),
     )
     sizes = None if scale is None else np.array([size])
-    plain = Plain(J.copy(), S, len(S_m), weights, metric, sizes, rank_tolerance, doubt, made)
+    m1 = len(directions[0])
+    plain = Plain(J.copy(), S, m1, weights, None, sizes, rank_tolerance, shape=made)
     if not plain.is_moderate:
         return None
     limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
-    return VelocityMapping.of_plain(plain, directions, limited, task_units)
+    return VelocityMapping.of_plain(plain, directions, limited)
 
 
 # Row 1 is no True.
 @lru_cache(maxsize=1024, typed=True)
 def _selected(
     shape: tuple[int, ...],
-    numbers: tuple[float, float | None, tuple[float, ...] | None, tuple[bool, bool]],
+    has: tuple[float, bool, bool],
     p: int,
     others: bool,
     *rows: Any,
-) -> tuple[tuple[Array, Array], Array, Array | None, float, tuple[Struct, int]] | None:
-    """Both tasks, all directions in natural units, the metric, what is in doubt, and the shape.
+) -> tuple[tuple[Array, Array], Array, tuple[Struct, int]] | None:
+    """Both tasks, all directions, and their shape.
 
     Args:
         shape: Of J.
-        numbers: As in :func:`of_plain_arrays`.
+        has: The rank tolerance, and whether there are weights of rates and secondary task.
         p: So many rows are those of the major task.
         others: Whether all rows left are the secondary task.
         rows: Of both tasks.
     """
-    (tolerance, clear, units, has), major = numbers, rows[:p]
+    (tolerance, *weights), major = has, rows[:p]
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
         return None
     S_m, S_s = task_selection(major, None if others else rows[p:], shape[0])
-    of_rows = np.ones(shape[0]) if units is None else np.array(units)
-    metric = metric_of(units_of(S_m, of_rows))
-    M = None if metric is None else check.frozen(np.diag(metric))
-    S = check.frozen(np.concatenate([S_m if M is None else M @ S_m, S_s]) * of_rows)
-    doubt = clear or 0.0
-    made = shape_of(S, len(S_m), M, shape[1], has, (tolerance, doubt))
-    return (S_m, S_s), S, M, doubt, made
+    S = check.frozen(np.concatenate([S_m, S_s]))
+    has_rates, has_secondary = weights
+    made = shape_of(S, len(S_m), shape[1], (has_rates, has_secondary), tolerance)
+    return (S_m, S_s), S, made
 
 
 _FLOAT64 = np.dtype(np.float64)

@@ -3,11 +3,10 @@
 from typing import NamedTuple
 
 from argument_checks import Array
-from prioritized._mechanism.conditioning import certain_rank, clear_loops
 from prioritized._mechanism.elimination import Partition
 from prioritized._solver.arrays import none
 from prioritized._solver.canonical import canonical
-from prioritized._solver.rank import norm, whole_svd
+from prioritized._solver.rank import whole_svd
 
 
 class ActiveConstraint(NamedTuple):
@@ -22,21 +21,15 @@ class ActiveConstraint(NamedTuple):
     inverse: Array
 
 
-def active_constraint(system: Partition, left_null: Array, gain: Array) -> ActiveConstraint:
-    """The constraints on the active rates, for J~_Cp^T (r, c) and passive rates per active rate."""
+def active_constraint(system: Partition, left_null: Array) -> ActiveConstraint:
+    """The constraints on the active rates, for J~_Cp^T (r, c)."""
     active = system.joints.active
     n = len(active)
     if not len(left_null):
         return ActiveConstraint(none((0, n)), none((n, 0)))
-    left = left_null.dot(system.J_C.take(active, 1))
-    U, sigma, Vt = whole_svd(left)
-    # Closure errors count per norm of the whole motion: passive joints may move fast.
-    clear = clear_loops(system.geometry) * (1.0 + norm(gain))
-    rank = certain_rank(sigma, norm(system.J_C), clear)
-    if rank is None:
-        k = int(system.rigid.rates.rank)
-        rows = system.rigid.rates.U[:, k:].T
-        U, sigma, Vt = whole_svd((left @ rows.T) @ rows)
-        rank = len(rows)
+    rates = system.rigid.rates
+    rows = rates.U[:, int(rates.rank) :].T
+    U, sigma, Vt = whole_svd((left_null @ system.J_C.take(active, 1) @ rows.T) @ rows)
+    rank = len(rows)
     inverse = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
     return ActiveConstraint(canonical(Vt[:rank].T).T, inverse)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from argument_checks import Array, Indices
 from kernels import lib, pointer
-from prioritized._mechanism.conditioning import certain_rank, clear_loops
+from prioritized._mechanism.conditioning import clear_loops
 from prioritized._mechanism.geometry import Geometry
 from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
 from prioritized._mechanism.task_motion import TaskMotion
@@ -166,19 +166,16 @@ def passive_motion(system: Partition) -> PassiveMotion:
     c, p, n = len(J_C), len(moving), len(active)
     if not c and system.is_rigid:
         return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
-    clear = clear_loops(system.geometry)
     if c >= p:
         M, own = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
         rows = pointer(np.ascontiguousarray(J_C))
         inverse = lib.close_loops(rows, c, J_C.shape[1], *own, pointer(M))
-        if clear * norm(J_C) * inverse < 1.0:
+        if clear_loops(system.geometry) * norm(J_C) * inverse < 1.0:
             gain, closing = np.ascontiguousarray(M[:p, p : p + n]), M[:p, p + n :]
             return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), M[p:c, p + n :])
     J_Cp = J_C.take(moving, 1)
     U, sigma, Vt = whole_svd(J_Cp)
-    rank = certain_rank(sigma, norm(J_C), clear)
-    if rank is None:
-        rank = p - int(system.rigid.freedom)
+    rank = p - int(system.rigid.freedom)
     closing = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
     gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
     if system.stiffness is not None:

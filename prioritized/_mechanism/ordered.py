@@ -6,73 +6,12 @@ from math import hypot
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from argument_checks import Array
-from kernels import lib, pointer
-from prioritized._mechanism.conditioning import certain_rank
 from prioritized._mechanism.decisions import parting
 from prioritized._mechanism.task_motion import Step, TaskMotion
 from prioritized._solver.arrays import read_only
 from prioritized._solver.rank import NOTHING, norm, singular_values
-
-_MARGIN = 2.0
-"""Of a bound of singular values, for the round-off of the bound and of the values themselves."""
-
-
-class Directions(NamedTuple):
-    """Rows on the task of levels, one after the other, of unit norm, without those that are zero.
-
-    Attributes:
-        S: Shape (k, m).
-        ends: Where each level that has any ends in S.
-        sizes: Norm of the rows up to there.
-    """
-
-    S: Array
-    ends: NDArray[np.int64]
-    sizes: Array
-
-    @classmethod
-    def of(cls, levels: Sequence[Array]) -> "Directions":
-        """Of levels of rows (k, m)."""
-        some = [_of_unit_norm(S[S.any(axis=1)]) for S in levels]
-        S = np.concatenate(some)
-        ends = np.array(sorted({*accumulate(map(len, some))} - {0}), np.int64)
-        sizes = np.array([norm(S[:end]) for end in ends])
-        return cls(read_only(S), read_only(ends), read_only(sizes))
-
-    def are_clear(self, J: Array, scale: float, clear: float) -> bool:
-        """Whether the ranks of these rows of J are certain, with every level that is added.
-
-        Args:
-            J: Task Jacobian on the admissible rates, (m, n).
-            scale: Size of its terms.
-            clear: Part of the scale above which a singular value is clearly not zero.
-        """
-        sizes = self.sizes * scale
-        # A singular value that counts is above clear * size; the bound shows it of all of them. Its
-        # own round-off is some 1e-15 of the size, and `clear` at least 1e-12.
-        if all_exceed(self.S.dot(J), self.ends, _MARGIN * clear * sizes):
-            return True
-        for end, size in zip(self.ends, sizes.tolist(), strict=True):
-            if certain_rank(singular_values(self.S[:end].dot(J)), size, clear) is None:
-                return False
-        return True
-
-
-def _of_unit_norm(rows: Array) -> Array:
-    """Rows (k, m) that are not zero, however small they are."""
-    rows = rows / np.abs(rows).max(axis=1, initial=0.0)[:, None]
-    return rows / np.linalg.norm(rows, axis=1)[:, None]
-
-
-def all_exceed(A: Array, ends: NDArray[np.int64], least: Array) -> bool:
-    """Whether the first ends[k] rows of A (rows, n) are surely clear of least[k], for every k.
-
-    False says nothing. A is overwritten.
-    """
-    return lib.all_exceed(pointer(A), *A.shape, pointer(ends), len(ends), pointer(least))
 
 
 class Stacked(NamedTuple):
@@ -83,8 +22,7 @@ class Stacked(NamedTuple):
         on_rates: R, shape (k, n).
         ends: Where each level ends.
         norms: Of S and of R of each level.
-        directions: S without the rows that are zero.
-        first: That of the first level.
+        first: S of the first level, without the rows that are zero.
         rates_last: Whether no level but the last has rows on rates.
     """
 
@@ -92,7 +30,6 @@ class Stacked(NamedTuple):
     on_rates: Array
     ends: tuple[int, ...]
     norms: tuple[tuple[float, float], ...]
-    directions: Directions
     first: Array
     rates_last: bool
 
@@ -106,7 +43,6 @@ class Stacked(NamedTuple):
             read_only(np.concatenate(on_rates)),
             tuple(accumulate(map(len, on_task))),
             tuple((norm(S), norm(R)) for S, R in levels),
-            Directions.of(on_task),
             read_only(first[first.any(axis=1)]),
             not any(R.any() for R in on_rates[:-1]),
         )

@@ -15,9 +15,9 @@ RANK_TOLERANCE = 1e-10
 NOTHING = 1e-200
 """Singular values below it are zero at any scale: products with their inverse overflow."""
 
-_ERROR_MARGIN = 2.0
+ERROR_MARGIN = 2.0
 """Threshold per error of a singular value, which is of first order."""
-_ROUND_OFF = 1e-15
+ROUND_OFF = 1e-15
 """Part of the scale below which the size of a singular value means nothing."""
 
 
@@ -71,7 +71,7 @@ class RankedSvd:
         At most 0.5, where another one would have counted as zero; 0 if none counts.
         """
         with np.errstate(divide="ignore"):
-            ratio = self.threshold / (_ERROR_MARGIN * self.sigma)
+            ratio = self.threshold / (ERROR_MARGIN * self.sigma)
         return float(np.max(ratio, initial=0.0, where=self.kept))
 
     def pseudo_inverse(self, damping: float = 0.0) -> Array:
@@ -174,12 +174,12 @@ def ranked_svd(
         U, sigma, Vt = np.zeros((*lead, m, 0)), np.zeros((*lead, 0)), np.zeros((*lead, 0, n))
     sigma = np.abs(sigma)  # LAPACK may return -0.0, whose inverse would be a negative gap
     scale = np.asarray(scale)[..., None]
-    threshold, round_off = np.maximum(tolerance * scale, NOTHING), _ROUND_OFF * scale
+    threshold, round_off = np.maximum(tolerance * scale, NOTHING), ROUND_OFF * scale
     if error is None or not sigma.size:
         return RankedSvd(U, sigma, Vt, threshold, sigma > threshold, round_off)
     k = sigma.shape[-1]
     of_left = np.swapaxes(np.abs(U[..., :k]), -1, -2) @ error
-    explained = _ERROR_MARGIN * (of_left * np.abs(Vt[..., :k, :])).sum(axis=-1)
+    explained = ERROR_MARGIN * (of_left * np.abs(Vt[..., :k, :])).sum(axis=-1)
     threshold = np.maximum(threshold, explained)
     return _kept_first(RankedSvd(U, sigma, Vt, threshold, sigma > threshold, round_off))
 

@@ -1,4 +1,4 @@
-"""A hierarchy at another pose is the one made there, and its certificate of ranks is one."""
+"""A hierarchy at another pose is the one made there."""
 
 from typing import Any
 
@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Task
-from prioritized._mechanism.ordered import Directions, all_exceed
 from tests.profiles import examples
-from tests.random_systems import SEEDS, failures, major_and_rest, orthogonal, systems
+from tests.random_systems import failures, major_and_rest, systems
 
 
 class Measured:
@@ -92,41 +91,3 @@ def test_another_mechanism_is_refused_in_one_sentence():
     for other, error in ((taller, ValueError), (fewer, ValueError), (None, TypeError)):
         with pytest.raises(error, match=r"^kinematics must"):
             here.at(other)  # pyright: ignore[reportArgumentType]
-
-
-def graded(rng: np.random.Generator, rows: int, n: int) -> np.ndarray:
-    """Rows with singular values spread over up to 18 decades, in random directions and sizes."""
-    sigma = 10.0 ** -rng.uniform(0, rng.choice([1, 6, 13, 18]), min(rows, n))
-    U, V = orthogonal(rng, rows)[:, : len(sigma)], orthogonal(rng, n)[: len(sigma)]
-    return 10.0 ** rng.uniform(-3, 3, (rows, 1)) * (U * sigma @ V)
-
-
-@pytest.mark.parametrize("seed", range(200))
-def test_no_rank_is_certified_that_singular_values_deny(seed):
-    """The verdict is that of the singular values of every stack of levels, near thresholds too."""
-    rng = np.random.default_rng(seed)
-    n, counts = int(rng.integers(1, 9)), [1, *rng.integers(0, 4, rng.integers(0, 3)).tolist()]
-    J = graded(rng, sum(counts), n)
-    levels = np.split(np.eye(sum(counts)), np.cumsum(counts)[:-1])
-    scale, clear = float(np.linalg.norm(J)), float(10.0 ** rng.uniform(-12, -2))
-    expected = True
-    for k in range(len(levels)):
-        S = np.concatenate(levels[: k + 1])
-        sigma = np.linalg.svd(S @ J, compute_uv=False) / (np.linalg.norm(S) * scale)
-        expected = expected and bool(((sigma > clear) | (sigma <= 1e-13)).all())
-    assert Directions.of(levels).are_clear(J, scale, clear) == expected
-
-
-@given(SEEDS, st.integers(1, 8), st.integers(0, 4))
-@examples(100)
-def test_the_bound_is_below_every_singular_value_and_within_a_factor(seed, rows, extra):
-    """By bisection of what it certifies: 1 / |L^-1| in the Frobenius norm, for each part."""
-    rng = np.random.default_rng(seed)
-    A = graded(rng, rows, rows + extra)
-    A *= 1.0 / np.linalg.norm(A, axis=1, keepdims=True)
-    for end in {1, rows}:
-        least = np.linalg.svd(A[:end], compute_uv=False).min()
-        ends = np.array([end])
-        assert not all_exceed(A.copy(), ends, np.array([least * (1 + 1e-6) + 1e-14]))
-        if least > 1e-10:
-            assert all_exceed(A.copy(), ends, np.array([0.99 * least / np.sqrt(end)]))
