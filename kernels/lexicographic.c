@@ -9,27 +9,12 @@
 #include <math.h>
 #include <string.h>
 #include "kernels.h"
+#include "numerics.h"
 
-/* Rows of an orthonormal basis that are shorter than this depend on the others. */
-static const double DEPENDENT = 1e-10;
-/* Steps and residuals below this fraction of what they are computed from may be round-off. */
-static const double ROUND_OFF = 1e-14;
-/* What is left below this fraction, of unknowns and of multipliers, is round-off alone. */
-static const double LEFT = 1e-15;
-/* Multipliers above this fraction show that a bound holds a level back. */
-static const double HELD_BACK = 1e-9;
-/* Where this fraction of an unknown is left, round-off of what it was asks for another pass. */
-static const double CANCELLED = 1e-3;
 /* Rows of this size are zero at any scale: products with their inverse may overflow. */
 static const double NOTHING = 1e-150;
-/* Part of a norm's weights up to which they are zero, however inaccurate the levels are. */
-static const double EXACT = 1e-10;
-/* Ratio of weights up to which unknowns are measured in parts of them without loss of digits. */
-static const double MEASURED = 1e4;
 /* Sizes of numbers that the argument checks let pass, as in argument_checks/arrays.py. */
 static const double LARGEST = 1e120, SMALLEST = 1e-120;
-/* Of numbers that differ by less than this factor the first is taken. */
-static const double EQUAL = 1.0 + 1e-9;
 
 enum { PASSES = 3, DEGENERATE = 3, SWEEPS = 40 };
 
@@ -70,27 +55,6 @@ typedef struct {
     int32_t *active;    /* unknowns whose bounds are active, in the order of their rows, (n,) */
     int8_t *held;       /* unknowns whose bounds hold from now on, (n,) */
 } work_t;
-
-static inline double dot(const double *a, const double *b, int n)
-{
-    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
-    int j = 0;
-    for (; j + 4 <= n; j += 4) {
-        s0 += a[j] * b[j];
-        s1 += a[j + 1] * b[j + 1];
-        s2 += a[j + 2] * b[j + 2];
-        s3 += a[j + 3] * b[j + 3];
-    }
-    for (; j < n; j++)
-        s0 += a[j] * b[j];
-    return (s0 + s1) + (s2 + s3);
-}
-
-static inline void add(double *restrict a, double factor, const double *restrict b, int n)
-{
-    for (int j = 0; j < n; j++)
-        a[j] += factor * b[j];
-}
 
 static void swap_rows(double *a, double *b, int n)
 {
@@ -144,7 +108,7 @@ static int triangle(double *M, int k, int n, int first, double least, double *V,
         int c = first + rank, best = rank;
         double most = -1.0;
         for (int i = rank; i < k; i++)
-            if (squares[i] > most * EQUAL) {
+            if (squares[i] > most * (1.0 + ACCURACY)) {
                 most = squares[i];
                 best = i;
             }
@@ -208,7 +172,7 @@ static void singular_rows(double *M, int k, int n, int first, double *r)
                     aa = bb;
                     bb = kept;
                 }
-                if (!(fabs(ab) > 1e-15 * sqrt(aa) * sqrt(bb)))
+                if (!(fabs(ab) > 0.1 * ROUND_OFF * sqrt(aa) * sqrt(bb)))
                     continue;
                 turned = true;
                 double zeta = (bb - aa) / (2.0 * ab);
@@ -323,7 +287,7 @@ static void row_of(const work_t *w, int j, double *row)
 static void hold(work_t *w, int k)
 {
     double left;
-    double least = fmax(DEPENDENT, w->blur);
+    double least = fmax(RANK, w->blur);
     int rank = triangle(w->M, k, w->n, w->fixed, least, w->V, w->beta, 0, w->none, &left);
     w->fixed += rank;
     w->turned += rank;
@@ -338,7 +302,7 @@ static void activate(work_t *w, int q, int j)
         return;
     row_of(w, j, row);
     reflect(w->Z, w->Z_beta, n, w->fixed, c, row);
-    if (!(sqrt(dot(row + c, row + c, n - c)) > fmax(DEPENDENT, w->blur)))
+    if (!(sqrt(dot(row + c, row + c, n - c)) > fmax(RANK, w->blur)))
         return;
     reflection(row, n, c, w->Z, w->Z_beta);
     w->active[w->k++] = j;
@@ -435,7 +399,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
     for (int i = 0; i < k; i++)
         w->none[w->active[i]] = lambda[i] * state[w->active[i]];
     for (int j = 0; j < n; j++)
-        if (w->none[j] > fmax(LEFT * terms, worst * EQUAL)) {
+        if (w->none[j] > fmax(0.1 * ROUND_OFF * terms, worst * (1.0 + ACCURACY))) {
             chosen = j;
             worst = w->none[j];
             if (first_only)
@@ -443,7 +407,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
         }
     if (chosen < 0)
         for (int j = 0; j < n; j++)
-            if (w->none[j] < -fmax(ROUND_OFF * fmax(terms, w->from), HELD_BACK * residual))
+            if (w->none[j] < -fmax(ROUND_OFF * fmax(terms, w->from), ACCURACY * residual))
                 w->held[j] = 1;
     return chosen;
 }
@@ -487,7 +451,7 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
             for (int j = 0; j < n; j++) {
                 double before = fabs(x[j]);
                 x[j] = fmin(fmax(x[j] + length * w->move[j], lower[j]), upper[j]);
-                if (fabs(x[j]) < LEFT * before)
+                if (fabs(x[j]) < 0.1 * ROUND_OFF * before)
                     x[j] = 0.0;
             }
         }
@@ -790,7 +754,7 @@ static bool written_out(work_t *w, problem_t p, const double *weight, const doub
     for (int i = 0; i < p.levels; i++)
         made->scales[i] = p.scales ? p.scales[i] : norm_of(&p, i, n);
     made->ends[last] = rows + n;
-    square *= fmin(1.0, EXACT / p.tolerance) * fmin(1.0, EXACT / p.tolerance);
+    square *= fmin(1.0, RANK / p.tolerance) * fmin(1.0, RANK / p.tolerance);
     made->scales[last] = hypot(p.beside ? made->scales[last] : 0.0, sqrt(square));
     p.levels = last + 1;
     p.damped = last;

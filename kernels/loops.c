@@ -2,17 +2,7 @@
 #include <math.h>
 #include <string.h>
 #include "kernels.h"
-
-/* Part of a number by which equal ones may differ: ACCURACY in argument_checks/ties.py. */
-static const double ACCURACY = 1e-9;
-
-/* Add a multiple of one row to another. */
-static void add(double *restrict target, double factor, const double *restrict source, int count)
-{
-    if (factor != 0.0) /* loops share few joints */
-        for (int j = 0; j < count; j++)
-            target[j] += factor * source[j];
-}
+#include "numerics.h"
 
 /* Zero column k of M (rows + 1, width) below row k by a reflection, whose vector becomes this
  * column; the last row is room. Returns whether there was anything. */

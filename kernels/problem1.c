@@ -2,18 +2,14 @@
 #include <math.h>
 #include <string.h>
 #include "kernels.h"
+#include "numerics.h"
 
 /* Sum of the squares of numbers that the argument checks let pass. */
 static const double LARGEST = 1e240;
-/* Sums of squares between which no product of J and weights over- or underflows. */
-static const double LEAST = 1e-100, MOST = 1e100;
 
 static double squares(const double *a, int64_t count)
 {
-    double total = 0.0;
-    for (int64_t i = 0; i < count; i++)
-        total += a[i] * a[i];
-    return total;
+    return dot(a, a, count);
 }
 
 /* The levels: the major rows, then the secondary ones if they have weights. */
@@ -37,18 +33,11 @@ int64_t problem1_room(const problem1 *p)
     return rows * (n + 1) + 6 * n + 2 + lexicographic_room(&q);
 }
 
-/* Whether the norm of these numbers is moderate. */
-static bool is_moderate(const double *a, int64_t count)
-{
-    double square = squares(a, count);
-    return square > LEAST && square < MOST;
-}
-
 bool problem1_fits(const problem1 *p, const double *J, const double *w1, const double *w2)
 {
     int64_t numbers = (int64_t)p->jacobians * p->m * p->n;
-    return is_moderate(J, numbers) && (!p->joint || is_moderate(w1, p->n)) &&
-           (!p->secondary || is_moderate(w2, p->m2));
+    return is_moderate(squares(J, numbers)) && (!p->joint || is_moderate(squares(w1, p->n))) &&
+           (!p->secondary || is_moderate(squares(w2, p->m2)));
 }
 
 /* Write the rows of the levels for a Jacobian to A, and what they are to be to b. */

@@ -6,21 +6,7 @@
 #include <math.h>
 #include <string.h>
 #include "kernels.h"
-
-/* Part of the terms of a velocity by which it may be beyond its limit before that is a fault. */
-static const double ROUND_OFF = 1e-14;
-/* Part of the terms of loops and passive limits up to which they count as met. */
-static const double UNMET = 1e-10;
-/* Fraction of a level's scale below which a singular value is zero, as it is elsewhere. */
-static const double TOLERANCE = 1e-10;
-/* Factor by which every rank must be clear: what is less above zero is in doubt. */
-static const double CLEAR = 1e3;
-/* The same where limits are active, and what is left of a level may be smaller. */
-static const double DECIDED = 10.0;
-/* Sum of squares up to which, and from the inverse of which on, no product over- or underflows. */
-static const double MODERATE = 1e100;
-/* Of bounds of errors, which are of first order. */
-static const double MARGIN = 2.0;
+#include "numerics.h"
 
 typedef struct {
     double *at;
@@ -45,26 +31,10 @@ static double *row(matrix A, int i)
     return A.at + i * A.width;
 }
 
-static double dot(const double *a, const double *b, int count)
+/* Whether numbers of this sum of squares are zero or moderate. */
+static bool fits(double square)
 {
-    double total = 0.0;
-    for (int j = 0; j < count; j++)
-        total += a[j] * b[j];
-    return total;
-}
-
-/* Add a multiple of one row to another. */
-static void add(double *restrict target, double factor, const double *restrict source, int count)
-{
-    if (factor != 0.0) /* loops share few joints */
-        for (int j = 0; j < count; j++)
-            target[j] += factor * source[j];
-}
-
-/* Whether no product of numbers with this sum of squares over- or underflows. */
-static bool is_moderate(double square)
-{
-    return square == 0.0 || (1.0 / MODERATE < square && square < MODERATE);
+    return square == 0.0 || is_moderate(square);
 }
 
 /* Whether the idle velocities move neither loops nor task, and may be zero. */
@@ -155,7 +125,7 @@ static void end_level(levels_t *at, int rows, double doubt, double damping)
 {
     at->rows += rows;
     at->ends[at->levels] = at->rows;
-    at->scales[at->levels] = doubt / (CLEAR * TOLERANCE);
+    at->scales[at->levels] = doubt / (CLEAR * RANK);
     at->damping[at->levels++] = damping;
 }
 
@@ -164,7 +134,7 @@ static bool solve(levels_t *at, bool weighted, bool beside)
 {
     lexicographic_problem p = {.count = 1, .n = at->w, .levels = at->levels, .matrices = 1,
                                .bounds = 1, .most_steps = 20 * (at->w + 1) * (at->levels + 1),
-                               .beside = beside, .tolerance = TOLERANCE, .ends = at->ends,
+                               .beside = beside, .tolerance = RANK, .ends = at->ends,
                                .damping = at->damping, .weight = weighted ? at->weight : 0};
     double report[4];
     lexicographic_solve(&p, at->A, at->b, at->scales, at->lower, at->wanted, at->room, at->x,
@@ -226,7 +196,7 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
         at->upper[n + i] = upper[g->order[limited[i]]] / unit;
     }
     if (s)
-        end_level(at, s, CLEAR * TOLERANCE, 0.0);
+        end_level(at, s, CLEAR * RANK, 0.0);
     constrain(g, of, at);
     int first = at->rows; /* those before it must be met */
     product(g->S, g->k, of->J, at->w, at->A + first * at->w);
@@ -245,7 +215,7 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
         double rest = dot(own, at->x, at->w), terms = 0.0;
         for (int j = 0; j < at->w; j++)
             terms += fabs(own[j] * at->x[j]);
-        if (fabs(rest) > UNMET * terms)
+        if (fabs(rest) > RANK * terms)
             return false;
     }
     return true;
@@ -298,9 +268,9 @@ int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const d
     for (int i = 0; i < p + n; i++)
         if (!are_limits(lower[g->order[i]], upper[g->order[i]]))
             return TICK_REFUSED;
-    if (!(bound < INFINITY && is_moderate(squares_T) && is_moderate(squares_C)))
+    if (!(bound < INFINITY && fits(squares_T) && fits(squares_C)))
         return TICK_IN_DOUBT;
-    if (!is_moderate(asked) || p > g->c || !are_idle(g, J_T, J_C, lower, upper))
+    if (!fits(asked) || p > g->c || !are_idle(g, J_T, J_C, lower, upper))
         return TICK_IN_DOUBT;
     mechanism of = {.M = {room, g->c + 1, p + n}};
     int *limited = (int *)row(of.M, g->c + 1);

@@ -5,9 +5,6 @@ import numpy as np
 from argument_checks import Array, Indices
 from argument_checks.ties import ACCURACY, ascending, ranks
 
-THINNEST = 1e-9
-"""Part of the largest distance; thinner polytopes have no inside that qhull could start from."""
-
 
 def corners(normal: Array, distance: Array) -> Array:
     """Corners (V, k) of the bounded set {z : normal @ z <= distance}, each once.
@@ -41,7 +38,7 @@ def corners(normal: Array, distance: Array) -> Array:
         b_ub=b / size,
         bounds=[(None, None)] * k + [(None, 1.0)],
     )
-    if not inside.success or inside.x[k] < THINNEST:
+    if not inside.success or inside.x[k] < ACCURACY:  # thinner ones have no inside for qhull
         return np.zeros((0, k))
     if k == 1:
         lowest, highest = -b[A[:, 0] < 0].min(), b[A[:, 0] > 0].min()

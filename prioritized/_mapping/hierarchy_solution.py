@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from argument_checks import Array
-from argument_checks.ties import exceeds
+from argument_checks.ties import ACCURACY, exceeds
 from prioritized._mapping.amplification import as_sentence
 from prioritized._mapping.asked import Asked
 from prioritized._mapping.limited import Limiting
@@ -135,7 +135,7 @@ class HierarchySolution:
         unlimited = self.packed._replace(box=box)
         x = solve(unlimited).x
         now, before = (norm(self.packed.level(hard, each)) for each in (self.point.x, x))
-        return Status.LIMITED if now > (1 + 1e-9) * before else Status.LEAST_SQUARES
+        return Status.LIMITED if now > (1.0 + ACCURACY) * before else Status.LEAST_SQUARES
 
     def __str__(self) -> str:
         """Status, active limits, and what damping costs each level, the first being level 1."""
@@ -159,7 +159,7 @@ class HierarchySolution:
         terms = zip(self.damping_errors, self.targets, self.residuals, strict=True)
         for k, (error, targets, residual) in enumerate(terms, 1):
             size = norm(residual) + sum(map(norm, targets))
-            if exceeds(error, 0.0, zero=1e-9 * size):
+            if exceeds(error, 0.0, zero=ACCURACY * size):
                 yield k, error
 
     @property

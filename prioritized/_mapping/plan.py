@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from argument_checks import Array, Indices
+from argument_checks.ties import ACCURACY
 from kernels import Struct
 from prioritized._mapping.asked import Asked, Mechanism
 from prioritized._mechanism.conditioning import well_conditioned_above
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.geometry import Geometry
 from prioritized._solver.arrays import none
-from prioritized._solver.rank import largest, norm
+from prioritized._solver.rank import ROUND_OFF, largest, norm
 
-_CLEAR = 1e-6
+_CLEAR = ROUND_OFF / ACCURACY
 """Part of a scale above which a singular value is regular: any way then finds nine digits."""
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from argument_checks import Array, Mask
+from argument_checks.ties import ACCURACY
 from prioritized._mapping.levels import Level, lexicographic
 from prioritized._mapping.limited import Optimum, optimum
 from prioritized._mapping.problem import Problem
@@ -16,10 +17,7 @@ from prioritized._mapping.task import Status
 from prioritized._solver.arrays import ReadOnly, read_only, times
 from prioritized._solver.limits import Limits
 from prioritized._solver.packed import Point, Rows
-from prioritized._solver.rank import frobenius
-
-_HELD_BACK, _ROUND_OFF = 1e-9, 1e-12
-"""Parts of the major task, and of its terms, below which what it lacks is round-off."""
+from prioritized._solver.rank import ROUND_OFF, frobenius
 
 
 class Mapping(Protocol):
@@ -107,8 +105,8 @@ class Limited(ReadOnly):
         """Whether limits hold the major task back, (...)."""
         lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
         terms = np.abs(self.mapping.levels[1].A).sum(axis=(-2, -1))
-        round_off = _ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
-        held_back = lost > _HELD_BACK * np.linalg.norm(self.asked, axis=-1) + round_off
+        round_off = 1e3 * ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
+        held_back = lost > ACCURACY * np.linalg.norm(self.asked, axis=-1) + round_off
         return read_only(np.asarray(held_back))
 
     @property

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
-
-_ROUND_OFF = 1e-12
+from argument_checks.ties import ACCURACY
 
 
 def units_of(S: Array, units: Array) -> Array:
@@ -64,4 +63,4 @@ class Measure(NamedTuple):
 
 def is_uniform(units: Array) -> bool:
     """Whether all are of one kind."""
-    return not units.size or bool(units.max() <= (1.0 + _ROUND_OFF) * units.min())
+    return not units.size or bool(units.max() <= (1.0 + ACCURACY) * units.min())

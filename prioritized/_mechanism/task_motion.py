@@ -14,10 +14,13 @@ from argument_checks import Array, Indices, Mask
 from prioritized._mechanism.geometry import Geometry
 from prioritized._mechanism.motions import Motions
 from prioritized._solver.arrays import transposed
-from prioritized._solver.rank import RankedSvd, frobenius, ranked_svd
+from prioritized._solver.rank import RANK_TOLERANCE, ROUND_OFF, RankedSvd, frobenius, ranked_svd
 
-LEAST_ROWS = 1e-4
-"""Part of the whole task's size that some of its rows have at least: smaller ones are round-off."""
+LEAST_ROWS = 10.0 * ROUND_OFF / RANK_TOLERANCE
+"""Part of the whole task's size that some of its rows have at least.
+
+Of smaller ones the tolerance would be finer than ten times the round-off of the whole.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,10 @@ from argument_checks.ties import ACCURACY, exceeds
 from kernels import Struct, ffi, lib, pointer
 from prioritized._solver.arrays import beside, none, read_only, times
 from prioritized._solver.limits import Limits
-from prioritized._solver.rank import frobenius, norm
+from prioritized._solver.rank import ROUND_OFF, frobenius, norm
 
 _INT8 = np.dtype(np.int8)
 """As it is looked up faster."""
-_OF_LIMITS = 1e-14
-"""Part of the limits that is round-off."""
 
 
 class Packed(NamedTuple):
@@ -101,7 +99,7 @@ class Packed(NamedTuple):
         A, reach = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
         terms = times(A, np.abs(x)) + np.abs(self.b[:, rows])
         # Where only zero is feasible, x is what the limits leave of round-off.
-        left = _OF_LIMITS * times(A, np.where(np.isfinite(reach), reach, 0.0))
+        left = 10.0 * ROUND_OFF * times(A, np.where(np.isfinite(reach), reach, 0.0))
         # Of the size of what any level asks for, x has round-off even where it is zero.
         round_off = self._size_asked * self._sizes[:, levels].max(axis=1)
         allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)

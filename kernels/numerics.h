@@ -1,0 +1,55 @@
+/* What the solver's files share: products of rows, and every number that decides.
+ *
+ * docs/theory.md says where each comes from.
+ */
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Part of what rows were made from below which their singular values are zero: RANK_TOLERANCE. */
+static const double RANK = 1e-10;
+/* Part of what a number is computed from that may be round-off; a tenth of it is, alone. */
+static const double ROUND_OFF = 1e-14;
+/* Part by which equal numbers may differ: ACCURACY in argument_checks/ties.py. */
+static const double ACCURACY = 1e-9;
+/* Where this part of a number is left of its terms, their round-off asks for another pass. */
+static const double CANCELLED = 1e-3;
+/* Ratio of weights up to which unknowns are measured in parts of them without loss of digits. */
+static const double MEASURED = 1e4;
+/* Factor by which every rank of a tick must be clear of what is in doubt. */
+static const double CLEAR = 1e3;
+/* The same beside active limits, where what is left of a level may be smaller. */
+static const double DECIDED = 10.0;
+/* Of bounds of errors, which are of first order. */
+static const double MARGIN = 2.0;
+
+/* Sum of squares up to which, and from the inverse of which on, no product over- or underflows. */
+static const double MODERATE = 1e100;
+
+static inline bool is_moderate(double square)
+{
+    return 1.0 / MODERATE < square && square < MODERATE;
+}
+
+static inline double dot(const double *a, const double *b, int64_t count)
+{
+    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
+    int64_t j = 0;
+    for (; j + 4 <= count; j += 4) {
+        s0 += a[j] * b[j];
+        s1 += a[j + 1] * b[j + 1];
+        s2 += a[j + 2] * b[j + 2];
+        s3 += a[j + 3] * b[j + 3];
+    }
+    for (; j < count; j++)
+        s0 += a[j] * b[j];
+    return (s0 + s1) + (s2 + s3);
+}
+
+/* Add a multiple of one row to another. */
+static inline void add(double *restrict a, double factor, const double *restrict b, int64_t count)
+{
+    if (factor != 0.0)
+        for (int64_t j = 0; j < count; j++)
+            a[j] += factor * b[j];
+}
