@@ -240,6 +240,7 @@ enum { TICK_SOLVED, TICK_IN_DOUBT, TICK_REFUSED };
 /* Write all velocities x (N), zero where stuck or idle, from J_T (m, N), J_C (c, N), targets (t),
  * limits of all velocities (N), which do not matter where stuck, and a bound of the errors of the
  * entries of J_T and J_C in natural units. */
+enum { TICK_OWN_ROOM = 4096 }; /* NULL will do for so many numbers */
 int tick_room(const tick_plan *plan);
 int tick_solve(const tick_plan *plan, const double *J_T, const double *J_C, const double *targets,
                const double *lower, const double *upper, double bound, double *x, double *room);

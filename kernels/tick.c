@@ -261,6 +261,8 @@ int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const d
                const double *lower, const double *upper, double bound, double *x, double *room)
 {
     int p = g->p, n = g->n, s = 0;
+    double own[TICK_OWN_ROOM];
+    room = room ? room : own;
     double squares_T = dot(J_T, J_T, g->m * g->N), squares_C = dot(J_C, J_C, g->c * g->N);
     double asked = dot(targets, targets, g->t);
     if (!(squares_T < INFINITY && squares_C < INFINITY && asked < INFINITY && bound >= 0.0))

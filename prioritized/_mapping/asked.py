@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,33 +12,13 @@ from argument_checks import Array, Indices
 from prioritized._mapping.limited import Limiting, checked_rows
 from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.tasks import Level, Task, level_of, tasks_of
-from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import none, read_only
 from prioritized._solver.limits import limits
 from prioritized._solver.packed import Equations, equations
 
-
-class Mechanism(Protocol):
-    """What a hierarchy takes from :class:`prioritized.Kinematics`, which imports this module."""
-
-    @property
-    def J(self) -> Array: ...
-    @property
-    def actuators(self) -> Indices: ...
-    @property
-    def natural(self) -> Array: ...
-    @property
-    def constraint(self) -> Array: ...
-    @property
-    def system(self) -> Partition: ...
-    @property
-    def survivors(self) -> Survivors: ...
-    @property
-    def rate_units(self) -> Array: ...
-    @property
-    def task_units(self) -> Array: ...
-    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]: ...
+if TYPE_CHECKING:
+    from prioritized._kinematics import Kinematics
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +48,7 @@ class Asked:
     @classmethod
     def of(
         cls,
-        mechanism: Mechanism,
+        mechanism: "Kinematics",
         tasks: tuple[tuple[Task, ...], ...],
         tie_metric: ArrayLike | None,
     ) -> "Asked":
@@ -93,7 +73,7 @@ class Asked:
             equations(none((0, n)) if T is None else read_only(T)),
         )
 
-    def at(self, mechanism: Mechanism) -> "Asked":
+    def at(self, mechanism: "Kinematics") -> "Asked":
         """The same of this mechanism at another pose, or after other failures."""
         survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
         if all(map(_equal, (survivors.actuators, *units), (self.survivors.actuators, *self.units))):
@@ -101,7 +81,7 @@ class Asked:
         return Asked.of(mechanism, self.tasks, self.tie_metric)
 
 
-def asked_of(mechanism: Mechanism, levels: Any, tie_metric: ArrayLike | None) -> Asked:
+def asked_of(mechanism: "Kinematics", levels: Any, tie_metric: ArrayLike | None) -> Asked:
     """Checked levels and metric of ties."""
     if not isinstance(levels, Sequence) or not len(levels):
         raise ValueError(f"levels must be a list of tasks, got {check.shown(levels)}")

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,9 @@ from prioritized._solver.arrays import (
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Rows
 from prioritized._solver.rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
+
+if TYPE_CHECKING:
+    from prioritized._kinematics import Kinematics
 
 Gains = tuple[Array, ...]
 """Per major force, desired torque and desired secondary force."""
@@ -337,30 +340,8 @@ def force_mapping(
     return _solved(problem, given, None)
 
 
-class Mechanism(Protocol):
-    """What a force mapping takes from :class:`prioritized.Kinematics`."""
-
-    @property
-    def J(self) -> Array: ...
-    @property
-    def active_constraint(self) -> Array: ...
-    @property
-    def constraint(self) -> Array: ...
-    @property
-    def natural_self_motion(self) -> Array: ...
-    @property
-    def task_units(self) -> Array: ...
-    @property
-    def mixed_units(self) -> Array | None: ...
-    @property
-    def closure_condition(self) -> float: ...
-    def decided(self, S_m: Array, S_s: Array) -> tuple[Array, float]: ...
-    def gap_of(self, S_m: Array, S_s: Array) -> float: ...
-    def measure(self, S_m: Array) -> Measure: ...
-
-
 def force_mapping_of(
-    mechanism: Mechanism,
+    mechanism: "Kinematics",
     major: Sequence[int] | ArrayLike,
     secondary: Sequence[int] | ArrayLike | None,
     weights: tuple[ArrayLike | None, ArrayLike | None],

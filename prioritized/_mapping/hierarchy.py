@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._mapping.asked import Asked, Bounds, Mechanism, asked_of
+from prioritized._mapping.asked import Asked, Bounds, asked_of
 from prioritized._mapping.hierarchy_solution import HierarchySolution
 from prioritized._mapping.hierarchy_solution import Targets as CheckedTargets
 from prioritized._mapping.levels import Level, damped
@@ -19,6 +20,9 @@ from prioritized._mapping.tick import Tick
 from prioritized._solver.arrays import none
 from prioritized._solver.packed import Equations, Point, Rows, equations, pack_one, solve
 from prioritized._solver.rank import RANK_TOLERANCE, norm
+
+if TYPE_CHECKING:
+    from prioritized._kinematics import Kinematics
 
 Targets = Sequence[ArrayLike | Sequence[ArrayLike] | None]
 """One for each level, in their order."""
@@ -63,7 +67,7 @@ class Hierarchy:
 
     def at(
         self,
-        kinematics: Mechanism,
+        kinematics: "Kinematics",
         *,
         rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
         rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
@@ -119,7 +123,7 @@ class Hierarchy:
             begun = check.instance("start", start, HierarchySolution).point
         return self._solved(asked, begun)
 
-    def tick(self, kinematics: Mechanism) -> Tick | None:
+    def tick(self, kinematics: "Kinematics") -> Tick | None:
         """These levels for one pose after another, in one compiled call where nothing is in doubt.
 
         It is made once for a mechanism and its failures. Where it does not answer, :meth:`at` and
@@ -150,7 +154,7 @@ class Hierarchy:
         packed = pack_one([*hard, *blocks, self.asked.ties], within.box, RANK_TOLERANCE)
         return HierarchySolution(self, targets, packed, solve(packed, start))
 
-    def _asked_of(self, kinematics: Mechanism) -> Asked:
+    def _asked_of(self, kinematics: "Kinematics") -> Asked:
         """The levels as asked for of another mechanism."""
         if not hasattr(kinematics, "in_order"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
@@ -187,7 +191,7 @@ class Hierarchy:
 
 
 def hierarchy(
-    mechanism: Mechanism,
+    mechanism: "Kinematics",
     levels: Sequence[Task | Sequence[Task]],
     rate_limits: tuple[ArrayLike, ArrayLike] | None,
     rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
@@ -198,7 +202,7 @@ def hierarchy(
     return _at(mechanism, asked, bounds.of(mechanism.survivors), bounds.kept())
 
 
-def _at(mechanism: Mechanism, asked: Asked, limiting: Limiting, bounds: Bounds) -> Hierarchy:
+def _at(mechanism: "Kinematics", asked: Asked, limiting: Limiting, bounds: Bounds) -> Hierarchy:
     decided, is_held = mechanism.in_order(asked.stacked)
     return Hierarchy(
         *(asked, asked.damping, mechanism.J, tuple(decided), mechanism.constraint),

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,31 +11,16 @@ from numpy.typing import NDArray
 from argument_checks import Array
 from argument_checks.ties import ACCURACY, exceeds
 from prioritized._mapping.amplification import as_sentence
-from prioritized._mapping.asked import Asked
-from prioritized._mapping.limited import Limiting
 from prioritized._mapping.task import Status
 from prioritized._solver.arrays import read_only
 from prioritized._solver.packed import Packed, Point, solve
 from prioritized._solver.rank import norm
 
+if TYPE_CHECKING:
+    from prioritized._mapping.hierarchy import Hierarchy
+
 Targets = tuple[tuple[Array, ...], ...]
 """Of each task of each level."""
-
-
-class Hierarchy(Protocol):
-    """What a solution reads from the :class:`prioritized.Hierarchy` that made it."""
-
-    @property
-    def asked(self) -> Asked: ...
-    @property
-    def is_damped(self) -> bool: ...
-    @property
-    def J(self) -> Array: ...
-    @property
-    def limiting(self) -> Limiting: ...
-    @property
-    def is_held(self) -> bool: ...
-    def undamped(self, targets: Targets) -> "HierarchySolution": ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +34,7 @@ class HierarchySolution:
         point: Where the solver ended, from which it can start again.
     """
 
-    hierarchy: Hierarchy
+    hierarchy: "Hierarchy"
     targets: Targets
     packed: Packed
     point: Point

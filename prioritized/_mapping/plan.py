@@ -1,6 +1,6 @@
 """What no pose changes of the levels that a tick solves."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +9,15 @@ from scipy.linalg import block_diag
 from argument_checks import Array, Indices
 from argument_checks.ties import ACCURACY
 from kernels import Struct
-from prioritized._mapping.asked import Asked, Mechanism
+from prioritized._mapping.asked import Asked
 from prioritized._mechanism.conditioning import well_conditioned_above
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.geometry import Geometry
 from prioritized._solver.arrays import none
 from prioritized._solver.rank import ROUND_OFF, largest, norm
+
+if TYPE_CHECKING:
+    from prioritized._kinematics import Kinematics
 
 _CLEAR = ROUND_OFF / ACCURACY
 """Part of a scale above which a singular value is regular: any way then finds nine digits."""
@@ -39,7 +42,7 @@ class Plan(NamedTuple):
     units: tuple[Array, Array, Array]
 
     @classmethod
-    def of(cls, asked: Asked, mechanism: Mechanism) -> "Plan | None":
+    def of(cls, asked: Asked, mechanism: "Kinematics") -> "Plan | None":
         """Of a mechanism at any pose; None where it has springs, or a level is an interval."""
         system = mechanism.system
         active, is_interval = system.joints.active, any(each[0].interval for each in asked.levels)

@@ -1,9 +1,8 @@
 """What the mappings answer under limits."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,49 +11,14 @@ from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY
 from prioritized._mapping.levels import Level, lexicographic
 from prioritized._mapping.limited import Optimum, optimum
-from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import Status
 from prioritized._solver.arrays import ReadOnly, read_only, times
-from prioritized._solver.limits import Limits
-from prioritized._solver.packed import Point, Rows
+from prioritized._solver.packed import Point
 from prioritized._solver.rank import ROUND_OFF, frobenius
 
-
-class Mapping(Protocol):
-    """What a solution reads from the mapping that made it."""
-
-    @property
-    def status(self) -> Status: ...
-
-    @property
-    def levels(self) -> Sequence[Level]: ...
-
-    @property
-    def rows(self) -> tuple[Rows, ...]: ...
-
-    @property
-    def tolerance(self) -> float: ...
-
-    @property
-    def problem(self) -> Problem: ...
-
-
-class OfRates(Mapping, Protocol):
-    """What a velocity solution reads besides."""
-
-    def own(self, rates: Array) -> Array: ...
-
-    def own_gains(self, X: Array) -> Array: ...
-
-
-class OfForces(Mapping, Protocol):
-    """What a force solution reads besides."""
-
-    @property
-    def units(self) -> Any: ...
-
-    @property
-    def torque_limits(self) -> Limits | None: ...
+if TYPE_CHECKING:
+    from prioritized._mapping.force import ForceMapping
+    from prioritized._mapping.velocity import VelocityMapping
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +31,7 @@ class Limited(ReadOnly):
         optimum: The solver's answer.
     """
 
-    mapping: Mapping
+    mapping: "VelocityMapping | ForceMapping"
     targets: Array
     optimum: Optimum
 
@@ -130,7 +94,7 @@ class Limited(ReadOnly):
 class VelocitySolution(Limited):
     """The optimal rates under limits; made by :meth:`VelocityMapping.solve`."""
 
-    mapping: OfRates
+    mapping: "VelocityMapping"
 
     @property
     def rates(self) -> Array:
@@ -173,7 +137,7 @@ class VelocitySolution(Limited):
 class ForceSolution(Limited):
     """The optimal torques under limits; made by :meth:`ForceMapping.solve`."""
 
-    mapping: OfForces
+    mapping: "ForceMapping"
 
     @property
     def torques(self) -> Array:

@@ -2,19 +2,22 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from kernels import Struct, lib, pointer
-from prioritized._mapping.asked import Asked, Mechanism
+from kernels import Struct, ffi, lib, pointer
+from prioritized._mapping.asked import Asked
 from prioritized._mapping.plan import Plan
 from prioritized._mechanism.elimination import Partition
 from prioritized._solver.arrays import ReadOnly
 from prioritized._solver.limits import Limits
+
+if TYPE_CHECKING:
+    from prioritized._kinematics import Kinematics
 
 
 class Basis(NamedTuple):
@@ -63,12 +66,12 @@ class Tick(ReadOnly):
     asked: Asked
 
     @classmethod
-    def of(cls, asked: Asked, mechanism: Mechanism) -> "Tick | None":
+    def of(cls, asked: Asked, mechanism: "Kinematics") -> "Tick | None":
         """Of a mechanism; see :meth:`Hierarchy.tick`."""
         plan = Plan.of(asked, mechanism)
         return None if plan is None else cls(plan, Basis.of(mechanism.system), asked)
 
-    def at(self, mechanism: Mechanism) -> "Tick | None":
+    def at(self, mechanism: "Kinematics") -> "Tick | None":
         """The same of this mechanism at another pose, or after other failures."""
         if self.basis.is_that_of(mechanism.system):
             return self
@@ -125,12 +128,11 @@ class Tick(ReadOnly):
         lower, upper = velocity_limits
         if (J_T.shape, J_C.shape, targets.shape, lower.shape, upper.shape) != shapes:
             return True, None
-        velocities, room = np.empty(self.basis.shape[1]), np.empty(room_size)
+        velocities = np.empty(self.basis.shape[1])
+        room = ffi.NULL if room_size <= lib.TICK_OWN_ROOM else pointer(np.empty(room_size))
         try:  # looking at the types would take longer
             there = pointer(J_T), pointer(J_C), pointer(targets), pointer(lower), pointer(upper)
-            code = lib.tick_solve(
-                plan.pointer, *there, error_bound, pointer(velocities), pointer(room)
-            )
+            code = lib.tick_solve(plan.pointer, *there, error_bound, pointer(velocities), room)
         except (KeyError, TypeError, ValueError):  # other numbers; not contiguous
             return True, None
         return code == lib.TICK_REFUSED, velocities if code == lib.TICK_SOLVED else None

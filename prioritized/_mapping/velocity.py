@@ -2,7 +2,7 @@
 
 from dataclasses import FrozenInstanceError
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,54 +22,18 @@ from prioritized._mapping.limited import Limiting, Optimum, optimum
 from prioritized._mapping.plain import NAMES, Plain, plain_of
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.solution import VelocitySolution
-from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.task import Status
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.tick import Tick
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import Measure, metric_of
-from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import apply, joined, none, on_axes, ones, read_only
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import RankedSvd, basis_scale, largest, norm, ranked_svd
 
-
-class Mechanism(Protocol):
-    """What a mapping takes from :class:`prioritized.Kinematics`, whose module imports this one."""
-
-    @property
-    def J(self) -> Array: ...
-    @property
-    def natural(self) -> Array: ...
-    @property
-    def actuators(self) -> Indices: ...
-    @property
-    def constraint(self) -> Array: ...
-    @property
-    def system(self) -> Partition: ...
-    @property
-    def task_units(self) -> Array: ...
-    @property
-    def rate_units(self) -> Array: ...
-    @property
-    def mixed_units(self) -> Array | None: ...
-    @property
-    def is_tied(self) -> bool: ...
-    @property
-    def closure_condition(self) -> float: ...
-    @property
-    def survivors(self) -> Survivors: ...
-    @property
-    def measured(self) -> tuple[Array, float]: ...
-    @property
-    def clear(self) -> float: ...
-    def decided(self, S_m: Array, S_s: Array, metric: Array | None) -> tuple[Array, float]: ...
-    def holds(self, S_m: Array) -> bool: ...
-    def gap_of(self, S_m: Array, S_s: Array) -> float: ...
-    def gain_uncertainty(self, S_m: Array) -> float: ...
-    def measure(self, S_m: Array) -> Measure: ...
-    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]: ...
+if TYPE_CHECKING:
+    from prioritized._kinematics import Kinematics
 
 
 class VelocityMapping:
@@ -89,7 +53,7 @@ class VelocityMapping:
     """
 
     damping: float
-    kinematics: Mechanism | None
+    kinematics: "Kinematics | None"
     limiting: Limiting | None
     directions: tuple[Array, Array]
     rate_units: Array | None
@@ -119,7 +83,7 @@ class VelocityMapping:
         vars(mapping).update(parts, directions=directions, _plain=plain)
         return mapping
 
-    def of_mechanism(self, kinematics: Mechanism) -> "VelocityMapping":
+    def of_mechanism(self, kinematics: "Kinematics") -> "VelocityMapping":
         """The same task, weights and limits with J and the constraints of a mechanism."""
         (J, scale), M = kinematics.measured, self._stated.major_metric
         if M is None:
@@ -330,7 +294,7 @@ class VelocityMapping:
         return velocity_levels(self.problem, self.damping)
 
     def at(
-        self, kinematics: Mechanism, *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
+        self, kinematics: "Kinematics", *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
     ) -> "VelocityMapping":
         """The same task, weights and metrics at another pose; these are not checked again.
 
@@ -522,12 +486,12 @@ class VelocityMapping:
         return None if self.limiting else self._plain
 
 
-def _system(kinematics: Mechanism | None) -> Partition | None:
+def _system(kinematics: "Kinematics | None") -> Partition | None:
     """The mechanism by joints, where J follows from it; a subclass may know J alone."""
     return None if kinematics is None else vars(kinematics).get("system")
 
 
-def _asked(mapping: VelocityMapping, problem: Problem, kinematics: Mechanism) -> Asked:
+def _asked(mapping: VelocityMapping, problem: Problem, kinematics: "Kinematics") -> Asked:
     """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
     (S_m, S_s), M, units = mapping.directions, problem.major_metric, mapping.rate_units
     W1, T = (W if units is None else W / units for W in (problem.weight, problem.tie_metric))

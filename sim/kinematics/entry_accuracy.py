@@ -5,7 +5,6 @@ import copy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -129,15 +128,6 @@ class Natural:
         return check.read_only(np.concatenate([self.closure_units, drives, *pins]))
 
     @cached_property
-    def extremes(self) -> tuple[tuple[float, float], ...]:
-        """The largest and the least natural unit of task rows, constraints and velocities."""
-        constraints = np.concatenate([self.constraint_units, self.velocity_units])
-        return tuple(
-            (float(units.max()), float(units.min()))
-            for units in (self.task_units, constraints, self.velocity_units)
-        )
-
-    @cached_property
     def bound(self) -> float:
         """Of the errors of all entries that rounding makes, in natural units.
 
@@ -206,11 +196,6 @@ class EntryAccuracy:
     def error_bound(self) -> float:
         """Of all entries in natural units."""
         return self.natural.error_bound(self.residual)
-
-    @property
-    def extremes(self) -> Any:
-        """See :class:`Natural`."""
-        return self.natural.extremes
 
     @property
     def task_units(self) -> Array:

@@ -16,7 +16,6 @@ class Measured:
     """Exact entries, in units of rad for some task rows and velocities and of m for the others."""
 
     error_bound = 0.0
-    extremes = ((1.0, 0.4), (1.0, 1.0), (1.0, 0.4))
 
     def __init__(self, rng: np.random.Generator, m: int, c: int, N: int) -> None:
         self.task_units, self.velocity_units = rng.choice([1.0, 0.4], m), rng.choice([1.0, 0.4], N)

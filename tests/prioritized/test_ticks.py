@@ -227,7 +227,7 @@ def test_errors_that_could_cost_a_rank_silence_a_tick():
     tick = tick_of(ARM, Task([0, 1]), Task.joints())
 
     class Rounded:
-        error_bound, extremes = 0.0, ((1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
+        error_bound = 0.0
         task_units, velocity_units, constraint_units = np.ones(2), np.ones(3), np.ones(0)
         J_T_error, J_C_error = np.zeros((2, 3)), np.zeros((0, 3))
 
