@@ -33,17 +33,14 @@ static inline bool is_moderate(double square)
 
 static inline double dot(const double *a, const double *b, int64_t count)
 {
-    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
+    double sums[4] = {0.0, 0.0, 0.0, 0.0}; /* that compilers add side by side */
     int64_t j = 0;
-    for (; j + 4 <= count; j += 4) {
-        s0 += a[j] * b[j];
-        s1 += a[j + 1] * b[j + 1];
-        s2 += a[j + 2] * b[j + 2];
-        s3 += a[j + 3] * b[j + 3];
-    }
+    for (; j + 4 <= count; j += 4)
+        for (int64_t e = 0; e < 4; e++)
+            sums[e] += a[j + e] * b[j + e];
     for (; j < count; j++)
-        s0 += a[j] * b[j];
-    return (s0 + s1) + (s2 + s3);
+        sums[0] += a[j] * b[j];
+    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
 }
 
 /* Add a multiple of one row to another. */
