@@ -49,21 +49,19 @@ class VelocityMapping:
         kinematics: The mechanism that J belongs to; None for a J given as a matrix.
         limiting: Limits of the rates, or None.
         directions: Of the major and of the secondary task.
-        rate_units: In which the problem states the rates, (n,); None is those of J.
     """
 
     damping: float
     kinematics: "Kinematics | None"
     limiting: Limiting | None
     directions: tuple[Array, Array]
-    rate_units: Array | None
 
     def __init__(
         self, problem: Problem, damping: float = 0.0, limiting: Limiting | None = None
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
-        parts = {"damping": damping, "limiting": limiting, "kinematics": None, "rate_units": None}
-        vars(self).update(parts, directions=(problem.S_m, problem.S_s), _stated=problem)
+        parts = {"damping": damping, "limiting": limiting, "kinematics": None}
+        vars(self).update(parts, directions=(problem.S_m, problem.S_s), _own=problem)
 
     @staticmethod
     def of_plain(
@@ -79,19 +77,13 @@ class VelocityMapping:
             limiting: Limits of the rates, or None.
         """
         mapping = object.__new__(VelocityMapping)
-        parts = {"damping": 0.0, "limiting": limiting, "kinematics": None, "rate_units": None}
+        parts = {"damping": 0.0, "limiting": limiting, "kinematics": None}
         vars(mapping).update(parts, directions=directions, _plain=plain)
         return mapping
 
     def of_mechanism(self, kinematics: "Kinematics") -> "VelocityMapping":
         """The same task, weights and limits with J and the constraints of a mechanism."""
-        (J, scale), M = kinematics.measured, self._stated.major_metric
-        if M is None:
-            weights = metric_of(kinematics.measure(self.directions[0]).major)
-            M = None if weights is None else np.diag(weights)
-        made = {"J": J, "scale": np.asarray(scale), "active_constraint": kinematics.constraint}
-        units = kinematics.task_units, kinematics.mixed_units
-        mapping = self.natural(*units, **made, major_metric=M)
+        mapping = VelocityMapping(self._own, self.damping, self.limiting)
         vars(mapping).update(kinematics=kinematics)
         return mapping
 
@@ -105,7 +97,7 @@ class VelocityMapping:
             rate_units: Of the rates, (n,); None is one for all, whatever it is.
             mechanism: These arrays, as in :class:`Problem`.
         """
-        problem = self._stated.natural(task_units, 1.0 if rate_units is None else rate_units)
+        problem = self._own.natural(task_units, 1.0 if rate_units is None else rate_units)
         mapping = VelocityMapping(problem._replace(**mechanism), self.damping, self.limiting)
         vars(mapping).update(directions=self.directions, rate_units=rate_units)
         return mapping
@@ -131,6 +123,11 @@ class VelocityMapping:
                 return rates
         return self.own(self._solved(*given, None)[1].x)
 
+    @cached_property
+    def rate_units(self) -> Array | None:
+        """Natural units in which the problem states the rates, (n,); None are those of J."""
+        return None if self.kinematics is None else self.kinematics.mixed_units
+
     def own(self, rates: Array) -> Array:
         """Rates of the problem (..., n) in the units of J, within the limits exactly."""
         if self.rate_units is None:
@@ -140,7 +137,7 @@ class VelocityMapping:
 
     def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
         """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
-        tick, (major, *others), problem = self.tick(), given, self._first._stated
+        tick, (major, *others), problem = self.tick(), given, self._first._own
         if tick is None or self.kinematics is None:
             return None
         sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
@@ -205,22 +202,23 @@ class VelocityMapping:
     @cached_property
     def _tick(self) -> Tick | None:
         """The same where the mapping was made."""
-        problem, limiting, kinematics = self._stated, self.limiting, self.kinematics
+        problem, limiting, kinematics = self._own, self.limiting, self.kinematics
         is_box = limiting is None or limiting.is_box
         if kinematics is None or problem.lead or not is_box:
             return None
         sizes = [norm(W) for W in (problem.weight, problem.secondary_weight) if W.any()]
         if any(not check.SMALLEST <= size < check.LARGEST for size in sizes):
             return None
-        return Tick.of(_asked(self, problem, kinematics), kinematics)
+        T = problem.tie_metric
+        asked = Asked.of(kinematics, _tasks_of(self, problem), T if len(T) else None)
+        return Tick.of(asked, kinematics)
 
     @cached_property
     def _plain(self) -> Plain | None:
         """The same for the kernel alone, where weights are diagonal and nothing else is given."""
-        kinematics, is_mixed = self.kinematics, self.rate_units is not None
-        if self.damping or is_mixed or (kinematics is not None and kinematics.is_tied):
-            return None
-        if "_origin" in vars(self):
+        kinematics = self.kinematics
+        is_tied = kinematics is not None and kinematics.is_tied
+        if self.damping or is_tied or self.rate_units is not None or "_origin" in vars(self):
             return None
         return plain_of(self._stated, 0.0 if kinematics is None else kinematics.clear)
 
@@ -240,13 +238,24 @@ class VelocityMapping:
     @cached_property
     def _stated(self) -> Problem:
         """The same before any rank of a mechanism was decided."""
-        kinematics = self.kinematics
-        if kinematics is None:  # of plain arrays
-            assert self._plain is not None
-            return self._plain.problem(*self.directions)
-        (J, scale), C = kinematics.measured, kinematics.constraint
-        there = self._first._stated
-        return there._replace(J=J, scale=np.asarray(scale), active_constraint=C)
+        kinematics, own = self.kinematics, self._first._own
+        if kinematics is None:
+            return own
+        units, (J, scale) = self.rate_units, kinematics.measured
+        M = metric_of(kinematics.measure(self.directions[0]).major)
+        if own.major_metric is not None:
+            M = own.major_metric
+        elif M is not None:
+            M = np.diag(M)
+        there = own.natural(kinematics.task_units, 1.0 if units is None else units)
+        made = {"J": J, "scale": np.asarray(scale), "active_constraint": kinematics.constraint}
+        return there._replace(**made, major_metric=M)
+
+    @cached_property
+    def _own(self) -> Problem:
+        """The checked arguments in the units of J, without the constraints of a mechanism."""
+        assert self._plain is not None
+        return self._plain.problem(*self.directions)
 
     def solve(
         self,
@@ -311,7 +320,7 @@ class VelocityMapping:
         if not hasattr(kinematics, "decided"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         first, system = self._first, _system(kinematics)
-        shape = first._stated.J.shape
+        shape = first._own.J.shape
         there = kinematics.J.shape if system is None else system.shape
         if there != shape:
             raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
@@ -320,8 +329,8 @@ class VelocityMapping:
             box = limits("rate_limits", kinematics.survivors.pair(rate_limits), shape[1])
             limiting = self._bounded_by(box)
         mapping, parts = object.__new__(VelocityMapping), {"directions": self.directions}
-        parts |= {"kinematics": kinematics, "limiting": limiting, "rate_units": self.rate_units}
-        vars(mapping).update(parts, damping=self.damping, _origin=first)
+        parts |= {"damping": self.damping, "kinematics": kinematics, "limiting": limiting}
+        vars(mapping).update(parts, _origin=first)
         return mapping
 
     def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
@@ -332,7 +341,7 @@ class VelocityMapping:
         Raises:
             ValueError: As :func:`velocity_mapping`.
         """
-        box = limits("rate_limits", rate_limits, self._first._stated.J.shape[-1])
+        box = limits("rate_limits", rate_limits, self._first._own.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
         vars(mapping).update(vars(self), limiting=self._bounded_by(box))
         return mapping
@@ -491,13 +500,11 @@ def _system(kinematics: "Kinematics | None") -> Partition | None:
     return None if kinematics is None else vars(kinematics).get("system")
 
 
-def _asked(mapping: VelocityMapping, problem: Problem, kinematics: "Kinematics") -> Asked:
+def _tasks_of(mapping: VelocityMapping, own: Problem) -> tuple[tuple[Task, ...], ...]:
     """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
-    (S_m, S_s), M, units = mapping.directions, problem.major_metric, mapping.rate_units
-    W1, T = (W if units is None else W / units for W in (problem.weight, problem.tie_metric))
+    (S_m, S_s), M, W1 = mapping.directions, own.major_metric, own.weight
     if M is not None and len(M) > len(S_m):
         M = np.linalg.qr(M, mode="r")
     rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
-    beside = [Task(S_s, problem.secondary_weight)] if len(problem.secondary_weight) else []
-    levels = (Task(S_m, M, damping=mapping.damping),), (rates, *beside)
-    return Asked.of(kinematics, levels, T if len(T) else None)
+    beside = [Task(S_s, own.secondary_weight)] if len(own.secondary_weight) else []
+    return (Task(S_m, M, damping=mapping.damping),), (rates, *beside)

@@ -181,3 +181,23 @@ def test_hinges_and_slides_have_one_verdict_and_one_answer_in_any_unit(unit, err
                 np.testing.assert_allclose(there[name], answer, atol=1e-7 * size, err_msg=name)
             else:
                 assert there[name] == answer, (seed, name)
+
+
+@pytest.mark.parametrize("seed", range(scaled(10)))
+def test_a_mapping_goes_over_to_another_failure_and_pose_in_their_units(seed):
+    """A hinge fails where a slide did: the rates that are left have other units."""
+    system, of = _drawn(seed, 0.3, 0.0)
+    n, major, rng = len(system.active), of["major"], np.random.default_rng(seed)
+    kinds = [int(np.flatnonzero(of["rate"] == unit)[0]) for unit in set(of["rate"].tolist())]
+    first, *others = (system.with_failures(locked=[k]).kinematics() for k in kinds)
+    W2, box = np.ones(len(of["left"])), (-0.2, 0.3)
+    made = first.velocity_mapping(major, None, np.ones(n - 1), W2, rate_limits=box)
+    for kin in (first, *others):
+        moved = kin.velocity_mapping(major, None, np.ones(n - 1), W2, rate_limits=box)
+        v, desired = rng.normal(size=len(major)), rng.normal(size=n - 1)
+        there = made.at(kin)
+        np.testing.assert_allclose(there(v, desired), moved(v, desired), atol=1e-9)
+        a, b = there.solve(v, desired), moved.solve(v, desired)
+        np.testing.assert_allclose(a.rates, b.rates, atol=1e-9)
+        assert a.status is b.status
+        np.testing.assert_allclose(there.joint, moved.joint, atol=1e-9)
