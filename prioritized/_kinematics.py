@@ -92,12 +92,12 @@ class Kinematics:
 
     @property
     def natural(self) -> Array:
-        """J in natural units."""
+        """Task Jacobian in natural units, shape (m, n - q)."""
         return self._jacobian[0]
 
     @property
     def scale(self) -> float:
-        """Size of the terms whose difference it is; its rank is decided against it."""
+        """Size of the terms whose difference is :attr:`natural`; ranks are decided against it."""
         return self._jacobian[1]
 
     @property
@@ -113,7 +113,7 @@ class Kinematics:
 
     @property
     def natural_self_motion(self) -> Array:
-        """The same in natural units, as it was decided."""
+        """Orthonormal basis of :attr:`self_motion` in natural units, shape (m, k)."""
         if not self._motion.free.shape[1]:
             return none((len(self.J), 0))
         moved = self._task_motion.moved
@@ -129,7 +129,7 @@ class Kinematics:
 
     @cached_property
     def _internal(self) -> Array:
-        """The same in natural units, as columns, (c + s, r)."""
+        """Orthonormal basis of the internal forces in natural units, shape (c + s, r)."""
         rows, stuck = internal_rows(self.system, self._motion), self.system.joints.stuck
         return np.linalg.qr(rows.T)[0] if stuck.size else rows.T
 
@@ -153,7 +153,7 @@ class Kinematics:
 
     @property
     def constraint(self) -> Array:
-        """The same in natural units."""
+        """Constraints of the active rates in natural units, orthonormal rows (r', n - q)."""
         return self._constraint.rows if self.is_tied else none((0, len(self.active)))
 
     @cached_property
@@ -180,7 +180,7 @@ class Kinematics:
 
     @cached_property
     def _constraint_gain(self) -> Array:
-        """The same in natural units."""
+        """Constraint forces per task force in natural units, shape (c + s, m)."""
         return constraint_gain(self.system, self._motion, self._internal.T)
 
     @property
@@ -354,7 +354,7 @@ class Kinematics:
         return self._in_rates(self.natural, self.scale)
 
     def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
-        """The same without what counts as lost for S_m v and S_s v.
+        """J and its size as `measured`, without what counts as lost for S_m v and S_s v.
 
         :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
         (k, m1) of v_m.

@@ -52,7 +52,7 @@ class Asked:
         tasks: tuple[tuple[Task, ...], ...],
         tie_metric: ArrayLike | None,
     ) -> "Asked":
-        """Of a mechanism; see :meth:`Kinematics.hierarchy`."""
+        """Levels of tasks of a mechanism; see :meth:`Kinematics.hierarchy`."""
         survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
         levels = tuple(
             level_of(f"levels[{k}]", tuple(map(survivors.task, each)), *units)
@@ -74,7 +74,7 @@ class Asked:
         )
 
     def at(self, mechanism: "Kinematics") -> "Asked":
-        """The same of this mechanism at another pose, or after other failures."""
+        """These levels for the mechanism at another pose, or after other failures."""
         survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
         if all(map(_equal, (survivors.actuators, *units), (self.survivors.actuators, *self.units))):
             return self

@@ -348,7 +348,7 @@ def force_mapping_of(
     metrics: tuple[ArrayLike | None, ArrayLike | None],
     given: ForceLimits,
 ) -> ForceMapping:
-    """The same of a mechanism; see :meth:`Kinematics.force_mapping`.
+    """The force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
 
     Args:
         mechanism: With J and all conditions.

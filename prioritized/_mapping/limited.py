@@ -38,7 +38,7 @@ class Limiting(NamedTuple):
         return not self.rows and self.when == "least_squares"
 
     def natural(self, units: Array) -> "Limiting":
-        """The same of unknowns in these units, (n,)."""
+        """These limits as those of unknowns that are measured in these units, (n,)."""
         rows = tuple(Rows(each.G * units, each.limits) for each in self.rows)
         return self._replace(box=np.asarray(self.box) / units, rows=rows)
 

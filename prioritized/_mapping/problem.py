@@ -67,7 +67,7 @@ class Problem(NamedTuple):
         return exact_part(self.tolerance)
 
     def natural(self, task_units: Array, rate_units: Array | float) -> "Problem":
-        """The same of a J (..., m, n) whose rows and columns are in these natural units.
+        """Problem of a J (..., m, n) whose rows and columns are in these natural units.
 
         Major and secondary task stay in their own units, rates are in the natural ones.
         """

@@ -82,7 +82,7 @@ class VelocityMapping:
         return mapping
 
     def of_mechanism(self, kinematics: "Kinematics") -> "VelocityMapping":
-        """The same task, weights and limits with J and the constraints of a mechanism."""
+        """Mapping of a mechanism, with its J and constraints."""
         mapping = VelocityMapping(self._own, self.damping, self.limiting)
         vars(mapping).update(kinematics=kinematics)
         return mapping
@@ -90,7 +90,7 @@ class VelocityMapping:
     def natural(
         self, task_units: Array, rate_units: Array | None, **mechanism: Array | None
     ) -> "VelocityMapping":
-        """The same of a J, its scale and constraints whose rows and rates are in natural units.
+        """Mapping of a J, its scale and constraints whose rows and rates are in natural units.
 
         Args:
             task_units: Of the task rows, (m,).
@@ -201,7 +201,7 @@ class VelocityMapping:
 
     @cached_property
     def _tick(self) -> Tick | None:
-        """The same where the mapping was made."""
+        """The tick of the mechanism that the mapping was made for; see :meth:`tick`."""
         problem, limiting, kinematics = self._own, self.limiting, self.kinematics
         is_box = limiting is None or limiting.is_box
         if kinematics is None or problem.lead or not is_box:
@@ -215,7 +215,7 @@ class VelocityMapping:
 
     @cached_property
     def _plain(self) -> Plain | None:
-        """The same for the kernel alone, where weights are diagonal and nothing else is given."""
+        """J and weights for one call of a kernel; None where there is more than these."""
         kinematics = self.kinematics
         is_tied = kinematics is not None and kinematics.is_tied
         if self.damping or is_tied or self.rate_units is not None or "_origin" in vars(self):
@@ -237,7 +237,7 @@ class VelocityMapping:
 
     @cached_property
     def _stated(self) -> Problem:
-        """The same before any rank of a mechanism was decided."""
+        """The problem in natural units, before any rank of J is decided."""
         kinematics, own = self.kinematics, self._first._own
         if kinematics is None:
             return own
@@ -347,7 +347,7 @@ class VelocityMapping:
         return mapping
 
     def _bounded_by(self, box: Limits) -> Limiting:
-        """The same limits with another box of the rates."""
+        """The limits of this mapping with another box of the rates."""
         return Limiting(box) if self.limiting is None else self.limiting._replace(box=box)
 
     def __str__(self) -> str:

@@ -16,14 +16,14 @@ def well_conditioned_above(tolerance: float) -> float:
 
 
 def clear_loops(geometry: Geometry) -> float:
-    """The same of the closure J_Cp, as a fraction of |J_C|, for errors of its entries."""
+    """Fraction of |J_C| above which a singular value of the closure J_Cp is clearly not zero."""
     A, clear = geometry.closure, well_conditioned_above(geometry.rank_tolerance)
     errors = sqrt(A.size) * geometry.error_bound
     return max(clear, ERROR_MARGIN * errors / (norm(A) or 1.0))
 
 
 def clear_of_errors(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
-    """The same of the task Jacobian J of this scale, eq. (14).
+    """Fraction of its scale above which a singular value of J, eq. (14), is clearly not zero.
 
     Args:
         geometry: J_T and J_C.
