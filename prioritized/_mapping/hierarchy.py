@@ -18,7 +18,7 @@ from prioritized._mapping.limited import Limiting
 from prioritized._mapping.tasks import Part, Task, targets_of
 from prioritized._mapping.tick import Tick
 from prioritized._solver.arrays import none
-from prioritized._solver.packed import Equations, Point, Rows, equations, pack_one, solve
+from prioritized._solver.packed import Equations, Point, Rows, equations, pack, solve
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class Hierarchy:
         blocks = map(_block, self.asked.levels, self._rows, targets)
         within = self.limiting.natural(self.asked.units[1])
         hard = (*within.rows, equations(self.constraint))
-        packed = pack_one([*hard, *blocks, self.asked.ties], within.box, RANK_TOLERANCE)
+        packed = pack([*hard, *blocks, self.asked.ties], within.box, RANK_TOLERANCE)
         return HierarchySolution(self, targets, packed, solve(packed, start))
 
     def _asked_of(self, kinematics: "Kinematics") -> Asked:

@@ -12,7 +12,7 @@ from argument_checks.ties import exceeds
 from prioritized._mapping.levels import Level, damped
 from prioritized._solver.arrays import beside, times
 from prioritized._solver.limits import Limits, limits
-from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, pack_one, solve
+from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, solve
 
 WhenLimited = Literal["least_squares", "scaled"]
 """What becomes of a major task that limits hold back: least error, or its direction kept."""
@@ -152,16 +152,14 @@ def optimum(
     equations = [
         Equations(one.A, _asked(one, p), np.asarray(one.scale), one.damping) for one in levels
     ]
-    is_one = not lead and all(one.A.ndim == 2 for one in levels)
-    packing = pack_one if is_one else pack
     if limiting is None:
-        packed = packing(equations, limits("", None, n), tolerance)
+        packed = pack(equations, limits("", None, n), tolerance)
         return Optimum(packed, solve(packed, start), n, 1, False, lead)
     box, rows, scaled = limiting.box, limiting.rows, limiting.when == "scaled"
     if scaled:
         achieved = times(levels[1].A, optimum(levels, p, None, tolerance).x)
         equations, rows, box = _keeping_direction(equations, rows, box, achieved)
-    packed = packing([*rows, *equations], box, tolerance)
+    packed = pack([*rows, *equations], box, tolerance)
     if scaled:
         packed = packed._replace(own=n)
     return Optimum(packed, solve(packed, start), n, len(rows) + 1, scaled, lead)

@@ -192,4 +192,8 @@ def _errors(geometry: Geometry) -> tuple[float, float, float]:
     clear = max(_CLEAR, well_conditioned_above(geometry.rank_tolerance))
     if geometry.accuracy is None or geometry.is_stated:
         return 0.0, 0.0, clear
-    return float(np.sqrt(geometry.J_C.size)), float(np.sqrt(geometry.J_T.size)), clear
+    loops, task = np.sqrt(geometry.J_C.size), np.sqrt(geometry.J_T.size)
+    if not len(geometry.J_C) and 0.0 < geometry.error_bound < np.inf:
+        error = geometry.elsewhere.task_error
+        task = task if error is None else norm(error) / geometry.error_bound
+    return float(loops), float(task), clear

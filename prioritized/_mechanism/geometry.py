@@ -1,6 +1,6 @@
 """The Jacobians of a mechanism in natural units, their accuracy, and what its loops admit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -113,6 +113,14 @@ class Geometry:
     rank_tolerance: float
     accuracy: Accuracy | None
     is_stated: bool
+
+    @property
+    def elsewhere(self) -> "Geometry":
+        """These Jacobians with the errors that they may have at another pose."""
+        of = self.accuracy
+        if of is None or isinstance(of, Elsewhere):
+            return self
+        return replace(self, accuracy=Elsewhere(of, len(self.J_C)))
 
     @cached_property
     def error_bound(self) -> float:

@@ -216,25 +216,6 @@ def equations(A: Array) -> Equations:
     return Equations(A, none((len(A),)), norm(A))
 
 
-def pack_one(levels: Sequence[Equations | Rows], box: Limits, tolerance: float) -> Packed:
-    """One problem as :func:`pack`, in less time where it has no inequality rows."""
-    plain = [each for each in levels if isinstance(each, Equations)]
-    if len(plain) < len(levels):
-        return pack(levels, box, tolerance)
-    matrices, vectors, scales, damping = zip(*plain, strict=True)
-    lower, upper = box
-    return Packed(
-        np.ascontiguousarray(np.concatenate(matrices))[None],
-        np.concatenate(vectors)[None],
-        ends_of(*map(len, vectors)),
-        np.array([scales], float),
-        tolerance,
-        np.array([[lower, upper]]),
-        matrices[0].shape[1],
-        damping,
-    )
-
-
 @lru_cache
 def ends_of(*rows: int) -> tuple[int, ...]:
     """Where levels of so many rows each end."""
