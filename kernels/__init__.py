@@ -33,7 +33,8 @@ def _load() -> Any:
     what = "compile the kernels of fjh first: `make venv`, or `pip install --editable .`"
     if not path.exists():
         raise ImportError(f"{path} is missing: {what}")
-    file = Path(__file__).with_name("kernels.h")
+    # Not by its name, whose first part the build of the wheel would take for a module.
+    (file,) = Path(__file__).parent.glob("k*.h")
     header = file.read_text(encoding="utf-8")
     ffi.cdef(re.sub(r"^#.*$", "", header, flags=re.MULTILINE))
     library: Any = ffi.dlopen(str(path))
