@@ -417,9 +417,11 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
                    int8_t *state)
 {
     int n = w->n, f = w->fixed, idle = 0;
+    double before = *w->gap;
     memset(w->t, 0, (size_t)q * sizeof *w->t);
     activate_all(w, q, state, 0);
     for (; w->steps < w->most; w->steps++) {
+        *w->gap = before; /* the optimum rests on the decision of the last step alone */
         double terms = towards(w, q), length = 1.0, most = 0.0, moved = 0.0;
         int blocked = -1;
         for (int i = 0; i < q; i++) {
@@ -449,9 +451,9 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
         if (length > 0.0) {
             add(w->t, length, w->step + f, q);
             for (int j = 0; j < n; j++) {
-                double before = fabs(x[j]);
+                double size = fabs(x[j]);
                 x[j] = fmin(fmax(x[j] + length * w->move[j], lower[j]), upper[j]);
-                if (fabs(x[j]) < 0.1 * ROUND_OFF * before)
+                if (fabs(x[j]) < 0.1 * ROUND_OFF * size)
                     x[j] = 0.0;
             }
         }
