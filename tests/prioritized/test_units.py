@@ -117,7 +117,7 @@ def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dic
     U, sigma, V = np.linalg.svd(rng.normal(size=(m, n + p)), full_matrices=False)
     J_T = U * np.where(rng.random(len(sigma)) < 0.5, sigma, 10.0 ** -rng.uniform(3, 7)) @ V
     J_C, one = rng.normal(size=(c, n + p)), np.ones((1, n + p))
-    accuracy = SimpleNamespace(
+    accuracy: Any = SimpleNamespace(
         J_T_error=error * task[:, None] * one / rate,
         J_C_error=error * loop[:, None] * one / rate,
         task_units=task,
@@ -137,7 +137,8 @@ def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dic
 def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     """Verdicts, and rates and torques in natural units, of every kind of mapping."""
     system, of = _drawn(seed, unit, error)
-    kin, major, v, rate, task = (system.kinematics(), *map(of.get, ("major", "v", "rate", "task")))
+    major, v, rate, task = of["major"], of["v"], of["rate"], of["task"]
+    kin = system.kinematics()
     report, box = kin.manipulability(major), (-of["limit"] * rate, of["limit"] * rate)
     plain = kin.velocity_mapping(major, joint_weight=1.0 / rate)
     others = {
