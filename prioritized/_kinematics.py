@@ -103,8 +103,6 @@ class Kinematics:
     @property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        if not self._motion.free.shape[1]:
-            return none((len(self.J), 0))  # the common case, at every tick
         return self._self_motion
 
     @cached_property
@@ -114,8 +112,8 @@ class Kinematics:
     @property
     def natural_self_motion(self) -> Array:
         """Orthonormal basis of :attr:`self_motion` in natural units, shape (m, k)."""
-        if not self._motion.free.shape[1]:
-            return none((len(self.J), 0))
+        if not self._motion.free.shape[1]:  # the common case, at every tick
+            return none((self.system.shape[0], 0))
         moved = self._task_motion.moved
         return moved.U[:, : int(moved.rank)]
 
@@ -143,13 +141,11 @@ class Kinematics:
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
-        if not len(self._motion.left_null):  # the common case, at every tick
-            return none((0, len(self.active)))
         return self._active_constraint
 
     @cached_property
     def _active_constraint(self) -> Array:
-        return read_only(canonical(respanned(self._constraint.rows.T, 1.0 / self.rate_units)).T)
+        return read_only(canonical(respanned(self.constraint.T, 1.0 / self.rate_units)).T)
 
     @property
     def constraint(self) -> Array:
@@ -409,7 +405,7 @@ class Kinematics:
     def common_unit(self) -> float:
         """Natural unit of all rates; 1 where they are of two kinds."""
         units = self.rate_units
-        return float(units[0]) if len(units) and is_uniform(units) else 1.0
+        return float(units[0]) if len(units) and self.mixed_units is None else 1.0
 
     def _major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
         return MajorTask(self._task_motion, S_m, S_m[:0] if S_s is None else S_s)

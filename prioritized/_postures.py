@@ -12,7 +12,6 @@ from prioritized._kinematics import Kinematics
 from prioritized._mapping.task import task_selection
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mapping.velocity_arguments import velocity_mapping
-from prioritized._mechanism.measure import metric_of
 from prioritized._solver.arrays import apply, read_only, transposed
 
 
@@ -96,9 +95,8 @@ class Postures:
         """
         one = self.each[0]  # units are the mechanism's own, at every posture
         S_m, S_s = task_selection(major, secondary, self.J.shape[-2])
-        M = metric_of(one.measure(S_m).major)
-        weighed = None if M is None else np.diag(M)
-        J, scale = zip(*(kin.decided(S_m, S_s, weighed) for kin in self.each), strict=True)
+        M = one.measure(S_m).metric
+        J, scale = zip(*(kin.decided(S_m, S_s, M) for kin in self.each), strict=True)
         W1, natural = one.survivors.matrix("joint_weight", joint_weight), self._stacked(J)
         mapping = velocity_mapping(natural, major, secondary, W1, secondary_weight, major_metric=M)
         return mapping.natural(

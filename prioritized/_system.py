@@ -189,8 +189,7 @@ class ConstrainedSystem:
         if J_C is not None:
             poses["J_C"] = _copy("J_C", J_C, N)
         if self.accuracy is not None:
-            first = self.accuracy.first if isinstance(self.accuracy, Elsewhere) else self.accuracy
-            poses["accuracy"] = Elsewhere(first, len(poses.get("J_C", self.J_C)))
+            poses["accuracy"] = Elsewhere.of(self.accuracy, len(poses.get("J_C", self.J_C)))
         return self._changed(**poses)
 
     def at_pose(self, mechanism: Mechanism) -> "ConstrainedSystem":

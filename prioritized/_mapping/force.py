@@ -30,7 +30,6 @@ from prioritized._solver.arrays import (
     apply,
     joined,
     on_axes,
-    ones,
     read_only,
     respond,
     stack,
@@ -236,7 +235,7 @@ class ForceUnits(NamedTuple):
         measure: Of the major velocities and of the rates.
         secondary: Of the secondary velocities, (m2,).
         task: Of the task rows, (m,).
-        torques: Of the rates, (n,), where they are of two kinds, else ones.
+        torques: Of the rates, (n,).
         internal: Internal force in the units of J per one in natural units, (r, r).
     """
 
@@ -373,13 +372,13 @@ def force_mapping_of(
         rank_tolerance=RANK_TOLERANCE,
     )
     measure, rows = mechanism.measure(own.S_m), mechanism.task_units
-    secondary_units, mixed = units_of(own.S_s, rows), mechanism.mixed_units
-    C, rates = mechanism.constraint, ones(own.J.shape[1]) if mixed is None else mixed
+    secondary_units, rates = units_of(own.S_s, rows), mechanism.rate_units
+    C, common = mechanism.constraint, mechanism.common_unit
     internal = (mechanism.active_constraint / rates) @ C.T
     units = ForceUnits(measure, secondary_units, rows, rates, internal)
     J, scale = mechanism.decided(own.S_m, own.S_s)
     problem = own._replace(
-        J=J,
+        J=J * common,  # torques of J and of C are added
         S_m=own.S_m * rows / measure.major[:, None],
         S_s=own.S_s * rows / secondary_units[:, None],
         weight=own.weight / rates,
@@ -388,7 +387,7 @@ def force_mapping_of(
         self_motion=mechanism.natural_self_motion,
         major_metric=None if own.major_metric is None else own.major_metric / measure.major,
         tie_metric=own.tie_metric / rates,
-        scale=np.asarray(scale),
+        scale=np.asarray(scale * common),
     )
     mapping = _solved(problem, given, units)
     return replace(

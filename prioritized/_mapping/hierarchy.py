@@ -171,11 +171,10 @@ class Hierarchy:
         """The weighted rows of each level and those that hold it back, their size, and damping."""
         decided = list(self.decided)
         if self.held_back:
-            pairs = zip(decided, self.held_back, strict=True)
-            units = self.asked.units[1]
+            natural = (B * self.asked.units[1] for B in self.held_back)
+            pairs = zip(decided, natural, strict=True)
             decided = [
-                (np.vstack([A, B * units]), float(np.hypot(size, norm(B * units))))
-                for (A, size), B in pairs
+                (np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs
             ]
         intervals = [parts[0].interval for parts in self.asked.levels]
         if not any(self.damping) or not (self.limiting.rows or any(intervals)):

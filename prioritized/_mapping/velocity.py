@@ -26,7 +26,7 @@ from prioritized._mapping.task import Status
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.tick import Tick
 from prioritized._mechanism.elimination import Partition
-from prioritized._mechanism.measure import Measure, metric_of
+from prioritized._mechanism.measure import Measure
 from prioritized._solver.arrays import apply, joined, none, on_axes, ones, read_only
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
@@ -242,11 +242,9 @@ class VelocityMapping:
         if kinematics is None:
             return own
         units, (J, scale) = self.rate_units, kinematics.measured
-        M = metric_of(kinematics.measure(self.directions[0]).major)
-        if own.major_metric is not None:
-            M = own.major_metric
-        elif M is not None:
-            M = np.diag(M)
+        M = own.major_metric
+        if M is None:
+            M = kinematics.measure(self.directions[0]).metric
         there = own.natural(kinematics.task_units, 1.0 if units is None else units)
         made = {"J": J, "scale": np.asarray(scale), "active_constraint": kinematics.constraint}
         return there._replace(**made, major_metric=M)
@@ -286,7 +284,8 @@ class VelocityMapping:
     @property
     def rows(self) -> tuple[Rows, ...]:
         """Inequality rows of the rates of the problem."""
-        return () if self._within is None else self._within.rows
+        within = self._within
+        return () if within is None else within.rows
 
     @property
     def tolerance(self) -> float:

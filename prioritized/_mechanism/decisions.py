@@ -103,11 +103,10 @@ class MajorTask:
             J: In natural units.
             scale: Size of its terms, (...).
             constraint: Projector (..., n, n) or orthonormal rows (..., r, n) of forbidden rates.
-            metric: M (k, m1) of the major velocity in its own units, or None.
+            metric: M (k, m1) of the major velocity in its own units; None measures natural ones.
         """
         J = J if self.lost is None else J - self.lost
-        S = self.S_m * self.task.task_units
-        S = S if metric is None else metric @ S
+        S = self._major if metric is None else metric @ (self.S_m * self.task.task_units)
         admissible: Array = S @ (J - J @ transposed(constraint) @ constraint)
         sigma = np.linalg.svd(admissible, compute_uv=False)
         return J, parting(scale, norm(S), sigma, self.reach.rank)

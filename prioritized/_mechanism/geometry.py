@@ -52,6 +52,11 @@ class Elsewhere:
     first: Accuracy
     constraints: int
 
+    @classmethod
+    def of(cls, accuracy: Accuracy, constraints: int) -> "Elsewhere":
+        """That of a mechanism whose accuracy is known at one pose, or is already one of these."""
+        return cls(accuracy.first if isinstance(accuracy, Elsewhere) else accuracy, constraints)
+
     @property
     def error_bound(self) -> float:
         """As at the first pose."""
@@ -118,9 +123,7 @@ class Geometry:
     def elsewhere(self) -> "Geometry":
         """These Jacobians with the errors that they may have at another pose."""
         of = self.accuracy
-        if of is None or isinstance(of, Elsewhere):
-            return self
-        return replace(self, accuracy=Elsewhere(of, len(self.J_C)))
+        return self if of is None else replace(self, accuracy=Elsewhere.of(of, len(self.J_C)))
 
     @cached_property
     def error_bound(self) -> float:

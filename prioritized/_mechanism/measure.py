@@ -28,6 +28,12 @@ class Measure(NamedTuple):
     rates: Array
 
     @property
+    def metric(self) -> Array | None:
+        """Metric (m1, m1) that adds major velocities of two kinds; None for one kind."""
+        weights = metric_of(self.major)
+        return None if weights is None else np.diag(weights)
+
+    @property
     def is_needed(self) -> bool:
         """Whether there are two kinds of either."""
         return not (is_uniform(self.major) and is_uniform(self.rates))

@@ -38,24 +38,14 @@ class StrutKinematics(Kinematics):
         """Twist of the payload per rate of the surviving struts."""
         return self._twists
 
-    @property
-    def natural(self) -> Array:
-        """J in natural units."""
-        return self._twists * self.common_unit / self.task_units[:, None]
-
-    @property
-    def scale(self) -> float:
-        """Sizes of J_T = [0, 1] and of what is taken from A^-1, as in the elimination."""
-        J = self.natural
-        return _SIZE_OF_J_T + (float(dnrm2(J.ravel())) if J.size else 0.0)
+    @cached_property
+    def _jacobian(self) -> tuple[Array, float]:
+        """J in natural units, and sizes of J_T = [0, 1] and of what is taken from A^-1."""
+        J = self._twists * self.common_unit / self.task_units[:, None]
+        return J, _SIZE_OF_J_T + (float(dnrm2(J.ravel())) if J.size else 0.0)
 
     @property
     def constraint(self) -> Array:
-        """None: shape (0, n - q)."""
-        return _NO_ROWS[:, : self._twists.shape[1]]
-
-    @property
-    def active_constraint(self) -> Array:
         """None: shape (0, n - q)."""
         return _NO_ROWS[:, : self._twists.shape[1]]
 
