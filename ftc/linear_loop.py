@@ -91,8 +91,9 @@ def steps(
     limit: Array | float = np.inf,
     anti_windup: Array | bool = False,
     feedforward: Array | None = None,
+    start: Array | None = None,
 ) -> Iterator[Step]:
-    """The loop from rest, tick by tick, for one setting or for S settings at once.
+    """The loop, tick by tick, for one setting or for S settings at once.
 
     Args:
         stages: The plant, and what it becomes, in the order of time.
@@ -109,10 +110,11 @@ def steps(
             it further, as in :class:`ftc.controller.PrioritizedController`; a truth value or shape
             (S,).
         feedforward: Demands to which the compensators add, shape (N, m) or (S, N, m); None is none.
+        start: First state of the plant, shape (..., s); None is rest.
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]
     most, held = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
-    x = np.zeros((*lead, len(stage.A)))
+    x = np.zeros((*lead, len(stage.A))) if start is None else start
     states = [np.zeros((*lead, len(each.A))) for each in compensators]
     demanded = np.zeros((*lead, len(compensators)))
     commanded, standing = demanded, np.zeros(1)

@@ -10,7 +10,7 @@ from typing import Any
 from experiments.app.review import write_review
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.run import Run
 from experiments.studies import STUDIES
 from experiments.study.campaign import Again, Row
 from experiments.study.listing import ROW, SOURCE, Source
@@ -33,7 +33,7 @@ class Repeated:
     again: Again
     source: Source
     columns: Row
-    run: Trajectory
+    run: Run
     marks: Sequence[Mark]
 
     def said(self, stated: Row) -> str:
@@ -107,7 +107,7 @@ def again_of(source: Source) -> Again:
         ) from None
 
 
-def flown(again: Again, row: Row) -> tuple[Row, Trajectory, Sequence[Mark]]:
+def flown(again: Again, row: Row) -> tuple[Row, Run, Sequence[Mark]]:
     """A run, in a process of its own; refused where it is not that of the row."""
     case = row["case"]
     run = again.campaign.runs[case]

@@ -11,8 +11,9 @@ import numpy as np
 from experiments.benchmark.measurement import Contender
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.fault_tolerance import nominal_model
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_path, track_spiral
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.run import Run
 from ftc.controller import Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
@@ -48,8 +49,8 @@ class ClosedLoop:
 
     def run(self) -> None:
         """The whole closed loop, its log kept in memory."""
-        run = SpiralRun(GOAL, seed=self.seed, duration_s=self.seconds)
-        track_spiral(self.testbed, run)
+        rig = hexapod_rig(self.testbed, GOAL, jacobian="analytic")
+        rig.fly(rig.controller(), self.testbed.bench.spiral_rad(self.seconds), seed=self.seed)
 
     def step(self) -> None:
         """MuJoCo alone, in one call."""
@@ -71,15 +72,15 @@ class Recorded(Generic[Pilot]):
 
     testbed: Testbed
     controller: Pilot
-    run: Trajectory
+    run: Run
 
     def controlling(self) -> Callable[[], None]:
         """A call is one control tick: with the inputs of the run, after the last over again."""
         pilot, run = self.controller, self.run
-        at_rest = np.zeros(run.strut_displacement_m.shape[1])
+        at_rest = np.zeros(run.displacement.shape[1])
         given = [
             (desired, Measurement(output=measured, displacement=at_rest))
-            for desired, measured in zip(run.desired_rad, run.measured_rad, strict=True)
+            for desired, measured in zip(run.desired, run.measured, strict=True)
         ]
         begin = state = pilot.start()
         k = 0
@@ -101,10 +102,10 @@ class Recorded(Generic[Pilot]):
         """
         bench, run = self.testbed.bench, self.run
         watch = monitor(nominal_model(self.testbed.model, bench))
-        held_m = self.controller.drives.displacements(run.strut_input_percent)
+        held_m = self.controller.drives.displacements(run.inputs)
         commanded_m = np.vstack([np.zeros((1, held_m.shape[1])), held_m[:-1]])
         state, arguments = watch.start(), []
-        for given in zip(run.measured_rad, commanded_m, strict=True):
+        for given in zip(run.measured, commanded_m, strict=True):
             arguments.append((state, *given))
             state = watch.step(state, *given)
         if state.alarm_ticks:
@@ -127,5 +128,5 @@ class Recorded(Generic[Pilot]):
 def recorded(testbed: Testbed, pilot: Pilot, seed: int) -> Recorded[Pilot]:
     """A run as long as the diagnosis looks back, so that its history is full, and a little more."""
     seconds = DEFAULT_CONFIG.look_back_s + 2 * _SAMPLED * testbed.bench.control_period_s
-    run, _ = track_path(testbed, pilot, seed=seed, duration_s=seconds)
+    run = hexapod_rig(testbed).fly(pilot, testbed.bench.spiral_rad(seconds), seed=seed)
     return Recorded(testbed, pilot, run)

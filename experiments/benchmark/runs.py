@@ -14,7 +14,7 @@ from experiments.benchmark.closed_loop import GOAL, ClosedLoop, recorded, whole
 from experiments.benchmark.latency import latencies
 from experiments.benchmark.measurement import Agreement, Entry, by_turns, questions
 from experiments.rig.hexapod.controller import controller_for, nominal_loops
-from experiments.rig.hexapod.rig import rig_of
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.study import NotInstalled, OnProgress
 from sim import Array, load_model
@@ -105,7 +105,7 @@ def run_bench(*, seed: int, quick: bool, check: bool, on_progress: OnProgress) -
         entries.append(Entry([*whole(loop), *run.diagnosis()]))
         contenders = [each for entry in entries for each in entry.contenders]
         samples_us = by_turns(contenders, effort.rounds, on_progress)
-        diagnosing = recorded(testbed, rig_of(testbed).supervisor(goal=GOAL), seed)
+        diagnosing = recorded(testbed, hexapod_rig(testbed).supervisor(goal=GOAL), seed)
         ticks = {"controller": run.controlling(), "supervisor": diagnosing.controlling()}
         ticks |= {each.name: each.single() for each in contenders if each.name in LATENCY}
         latency = latencies(ticks, effort.ticks, on_progress)

@@ -21,7 +21,8 @@ from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness
 from experiments.force.tables import checks, tables
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
-from experiments.rig.hexapod.metrics import percent, plant_constants, rms
+from experiments.rig.hexapod.metrics import percent, plant_constants
+from experiments.rig.run import rms
 from experiments.study.provenance import versions
 from experiments.study.results import Results
 from prioritized import Status

@@ -20,9 +20,9 @@ from experiments.recording.properties import checked, results_of
 from experiments.recording.screens import write_flights
 from experiments.recording.signals import Plot
 from experiments.rig.arm import ARM_MJCF
-from experiments.rig.hexapod.metrics import closure_check, plant_constants, rms
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.metrics import closure_check, plant_constants
 from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.run import rms
 from experiments.study.provenance import version_properties, versions
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table, tabulate
@@ -225,14 +225,11 @@ def _record(
     if name == "obstacle":
         model = secondary_goals.cluttered()
         marks = [Mark(secondary_goals.LOCKED_STRUT, 0.0, "strut 1 locked", kind="locked")]
-    names = [field.name for field in fields(Trajectory) if field.name != "time_s"]
-    runs = {
-        key: Trajectory(one.time_s, **{each: one.arrays[each] for each in names})
-        for key, one in shown.items()
-    }
     # A run of the hexapod shows its pointing error anyway.
     flights = {
-        key: of_hexapod(runs[key], model, marks, extras=_plots(goal, one)[1:])
+        key: of_hexapod(
+            {"time_s": one.time_s, **one.arrays}, model, marks, extras=_plots(goal, one)[1:]
+        )
         for key, one in shown.items()
     }
     stated = results_of(flights["pursued"], "goals", checks=checks(summary), verdict=goal["title"])

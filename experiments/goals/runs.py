@@ -1,7 +1,7 @@
 """All four demonstrations, each with every strategy: secondary goals and the major task."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from experiments.goals.arm import LOOP_GAIN_PER_S, PERIOD_S, TRACKER_NOISE_RAD, 
 from experiments.goals.control import Reweighing, Seeker, controllers, no_rates
 from experiments.goals.demonstration import Demonstration, Outcome, Strategy, strategies
 from experiments.rig.arm import smooth_step
-from experiments.rig.hexapod.columns import SECONDARY
+from experiments.rig.hexapod.columns import SECONDARY, hexapod_arrays
 from experiments.rig.hexapod.controller import Loop, nominal_loops
-from experiments.rig.hexapod.metrics import closure_residual_max_m
-from experiments.rig.hexapod.simulation import Trajectory, track_path
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig, grown_bench, grown_machine
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
 from ftc.goal import Goal
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
@@ -50,13 +50,11 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     controller_for = controllers(testbed, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
     path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
+    controller = Seeker(cold, no_rates, period_s)
     if strategy.pursues:
-        reweighing = Reweighing(controller_for, goal.COILS, cold.drives, period_s)
-        run, _ = track_path(testbed, reweighing, desired_rad=path, seed=strategy.seed)
-    else:
-        seeker = Seeker(cold, no_rates, period_s)
-        run, _ = track_path(testbed, seeker, desired_rad=path, seed=strategy.seed)
-    current_a = cold.drives.current_a(run.strut_input_percent)
+        controller = Reweighing(controller_for, goal.COILS, cold.drives, period_s)
+    run = hexapod_rig(testbed).fly(controller, path, seed=strategy.seed)
+    current_a = cold.drives.current_a(run.inputs)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)
 
@@ -65,18 +63,18 @@ def run_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     """One search where two struts come to their stops."""
     model, bench = load_model(), TestbedConfig()
     stroke_m = float(model.jnt_range[model.actuator_trnid[0, 0], 1])
-    if not strategy.limited:
-        model, bench = grown_machine(model, goal.LONGER), grown_bench(bench, goal.LONGER)
 
     def rates(displacements_m: Array, pose: Pose) -> Array:
         return goal.rates_from_stops(displacements_m, stroke_m)
 
     testbed = Testbed(model, bench, loops)
+    if not strategy.limited:
+        testbed = testbed.scaled(stroke=goal.LONGER)
     controller = controllers(testbed, strategy)(EQUAL)
     seeker = Seeker(controller, rates if strategy.pursues else no_rates, bench.control_period_s)
     path = off_axis_path(bench, goal.FAR_TARGET_URAD, duration_s)
-    run, _ = track_path(testbed, seeker, desired_rad=path, seed=strategy.seed)
-    margin_m = stroke_m - np.abs(run.strut_displacement_m).max(axis=1)
+    run = hexapod_rig(testbed).fly(seeker, path, seed=strategy.seed)
+    margin_m = stroke_m - np.abs(run.displacement).max(axis=1)
     return _outcome(run, 1e6 * margin_m)
 
 
@@ -97,8 +95,8 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     seeker = Seeker(controller, rates if strategy.pursues else no_rates, bench.control_period_s)
     path = off_axis_path(bench, goal.OBSTRUCTED_TARGET_URAD, duration_s)
     failures = [Failure(goal.LOCKED_STRUT, "locked")]
-    run, _ = track_path(testbed, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
-    poses = forward_kinematics(geometry, run.strut_displacement_m[::STRIDE])
+    run = hexapod_rig(testbed).fly(seeker, path, failures=failures, seed=strategy.seed)
+    poses = forward_kinematics(geometry, run.displacement[::STRIDE])
     each = zip(poses.rotation, poses.translation_m, strict=True)
     clear_m = [clearance(Pose(*pose))[0] for pose in each]
     return _outcome(run, 1e6 * np.repeat(clear_m, STRIDE)[: len(run.time_s)])
@@ -117,14 +115,15 @@ def run_singularity(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     )
 
 
-def _outcome(run: Trajectory, measure: Array, **arrays: Array) -> Outcome:
+def _outcome(run: Run, measure: Array, **arrays: Array) -> Outcome:
     """A run of the hexapod with its secondary measure (N,), and further arrays to keep."""
     return Outcome(
         time_s=run.time_s,
-        error_rad=run.desired_rad - run.true_rad,
+        error_rad=run.error,
         measure=measure,
-        closure_residual_max_m=closure_residual_max_m(run),
-        arrays={name: each for name, each in asdict(run).items() if name != "time_s"} | arrays,
+        closure_residual_max_m=run.closure_max_m,
+        arrays={name: each for name, each in hexapod_arrays(run).items() if name != "time_s"}
+        | arrays,
     )
 
 

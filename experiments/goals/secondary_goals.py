@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 
 from experiments.rig.arm import smooth_step
-from experiments.rig.hexapod.testbed import Growth
 from ftc.goal import Goal
 from sim import HEXAPOD_MJCF, Array, Coils, Pose
 
@@ -43,7 +42,7 @@ RELAX_S = 0.2
 the slew."""
 REACHED_UM = 10.0
 """A strut that is nearer to its stop than this has reached it: current and stop end together."""
-LONGER = Growth(stroke=1.5, spiral=1.0)
+LONGER = 1.5
 """The machine on which no stop needs avoiding."""
 
 OBSTRUCTED_TARGET_URAD = (2000.0, 0.0)
@@ -90,7 +89,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "target_urad": FAR_TARGET_URAD,
         "active_part_of_stroke": ACTIVE,
         "relax_s": RELAX_S,
-        "longer_stroke": LONGER.stroke,
+        "longer_stroke": LONGER,
     },
     "obstacle": {
         "target_urad": OBSTRUCTED_TARGET_URAD,

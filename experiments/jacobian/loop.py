@@ -4,24 +4,18 @@ On the geometry alone there is no inertia and no noise, and every strut goes whe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.rig.hexapod.choices import JacobianChoice
-from experiments.rig.hexapod.columns import COLUMNS, MAJOR
-from experiments.rig.hexapod.controller import NO_COMMAND, StrutMapping, nominal_loops
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.rig.hexapod.testbed import (
-    GROWTHS,
-    Growth,
-    Testbed,
-    TestbedConfig,
-    grown_bench,
-    grown_machine,
-)
+from experiments.rig.hexapod.columns import COLUMNS, MAJOR, secondary
+from experiments.rig.hexapod.controller import NO_COMMAND, StrutMapping
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
 from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm
@@ -32,7 +26,6 @@ from sim import (
     Hexapod,
     forward_kinematics,
     hexapod,
-    load_model,
     pointing_angles,
     secondary_motion,
 )
@@ -44,6 +37,26 @@ VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "relinearized": ("analytic", "gauss_newton"),
 }
 """The constant Jacobian, and three ways to use the one at the present pose."""
+
+
+class Growth(NamedTuple):
+    """A larger machine task: how many times the stroke, how many times the spiral."""
+
+    stroke: float
+    spiral: float
+
+    def __str__(self) -> str:
+        if self.stroke == self.spiral:
+            return f"x{self.spiral:g}"
+        return f"x{self.spiral:g} on stroke x{self.stroke:g}"
+
+
+GROWTHS = (
+    *(Growth(times, times) for times in (1, 3, 10, 30, 100)),
+    # A longer stroke would not leave the struts' triangle whole; the spiral has room to grow.
+    Growth(100, 300),
+    Growth(100, 1000),
+)
 
 BY_NAME = {column.name: column for column in COLUMNS}
 GROWN = "W_e"
@@ -83,7 +96,7 @@ class LoopRun:
 class Tracked:
     """A run, and what its Jacobian cost."""
 
-    trajectory: Trajectory
+    run: Run
     extra_percent: float  # distance from the optimum at the same pointing, of its cost
     static_extra_percent: float  # the same on the geometry alone
     e_visited: dict[Norm, float]  # eq. (40) over the strut displacements that were visited
@@ -107,40 +120,29 @@ def run_loop(
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    model, bench = load_model(), TestbedConfig()
-    shared: dict[str, Any] = {
-        "testbed": Testbed(model, bench, nominal_loops(model, bench)),
-        "duration_s": bench.quick_duration_s if quick else bench.duration_s,
-    }
+    testbed = nominal_testbed()
+    bench = testbed.bench
+    duration_s = bench.quick_duration_s if quick else bench.duration_s
     runs = loop_runs(seed, quick)
-    tracked = in_parallel(_track, [shared | {"run": run} for run in runs], on_progress)
-    return dict(zip(runs, tracked, strict=True))
+    calls = [{"testbed": testbed, "duration_s": duration_s, "run": run} for run in runs]
+    return dict(zip(runs, in_parallel(_track, calls, on_progress), strict=True))
 
 
 def _track(testbed: Testbed, duration_s: float, run: LoopRun) -> Tracked:
     column, (jacobian, form) = BY_NAME[run.column], VARIANTS[run.variant]
-    model, bench = testbed.model, testbed.bench
-    grown = replace(
-        testbed, model=grown_machine(model, run.growth), bench=grown_bench(bench, run.growth)
-    )
-    spiral = SpiralRun(
-        column.goal,
-        column.failures,
-        jacobian=jacobian,
-        form=form,
-        seed=run.seed,
-        duration_s=duration_s,
-    )
-    trajectory = track_spiral(grown, spiral)
-    geometry, goal = hexapod(model), column.goal
+    grown, bench = testbed.scaled(**run.growth._asdict()), testbed.bench
+    rig = hexapod_rig(grown, column.goal, jacobian=jacobian, form=form)
+    path, how = grown.bench.spiral_rad(duration_s), {"failures": column.failures, "seed": run.seed}
+    done = rig.fly(rig.controller(), path, **how)
+    geometry, goal = hexapod(testbed.model), column.goal
     compared = slice(None, None, round(STRIDE_S / bench.control_period_s))
     passed = slice(None, None, round(_VISITED_STRIDE_S / bench.control_period_s))
-    strut_m, visited_m = (trajectory.strut_displacement_m[part] for part in (compared, passed))
-    seen = Visited(strut_m, trajectory.true_rad[compared], trajectory.secondary[compared])
+    strut_m, visited_m = (done.displacement[part] for part in (compared, passed))
+    seen = Visited(strut_m, done.true[compared], secondary(done)[compared])
     mapping = StrutMapping(geometry, goal, jacobian, form=form)
-    static = follow(mapping, trajectory.desired_rad[compared])
+    static = follow(mapping, path[compared])
     return Tracked(
-        trajectory=trajectory,
+        run=done,
         extra_percent=extra_percent(geometry, goal, seen),
         static_extra_percent=extra_percent(geometry, goal, static),
         e_visited={n: float(relative_change(geometry, visited_m, n).max()) for n in NORMS},

@@ -5,16 +5,13 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.jacobian.loop import AT_NOMINAL, GROWN, VARIANTS, LoopRun, Tracked
+from experiments.jacobian.loop import AT_NOMINAL, GROWN, GROWTHS, VARIANTS, Growth, LoopRun, Tracked
 from experiments.jacobian.variation import NORMS, ByNorm, variation
 from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.metrics import (
-    CLOSURE_LIMIT_M,
-    closure_residual_max_m,
-    pointing_rms_urad,
-    rms,
-)
-from experiments.rig.hexapod.testbed import GROWTHS, Growth, TestbedConfig
+from experiments.rig.hexapod.columns import secondary
+from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.run import rms
 from experiments.study.results import Check
 from experiments.study.tables import Column, Table, tabulate
 from sim import hexapod, load_model
@@ -31,7 +28,7 @@ Loops = dict[LoopRun, Tracked]
 
 def summarize_loop(runs: Loops, seed: int) -> dict[str, Any]:
     """All numbers of the closed-loop runs, ready for JSON; units are in the names."""
-    geometry, trajectory = hexapod(load_model()), next(iter(runs.values())).trajectory
+    geometry, ticks = hexapod(load_model()), len(next(iter(runs.values())).run.time_s)
     done = [growth for growth in GROWTHS if LoopRun(GROWN, growth, "constant", seed) in runs]
     columns = [c for c in AT_NOMINAL if LoopRun(c, GROWTHS[0], "constant", seed) in runs]
 
@@ -41,7 +38,7 @@ def summarize_loop(runs: Loops, seed: int) -> dict[str, Any]:
     growth = [_grown(runs, one, seed) | {"e_box": in_the_box(one.stroke)} for one in done]
     loop: dict[str, Any] = {
         "seed": seed,
-        "duration_s": len(trajectory.time_s) * TestbedConfig().control_period_s,
+        "duration_s": ticks * TestbedConfig().control_period_s,
         "spiral_duration_s": TestbedConfig().duration_s,
         "runs": [_run(run, tracked) for run, tracked in runs.items()],
         "nominal": [_compared(runs, column, seed) for column in columns],
@@ -100,9 +97,9 @@ def loop_table(loop: dict[str, Any]) -> Table:
 
 
 def _run(run: LoopRun, tracked: Tracked) -> dict[str, Any]:
-    trajectory = tracked.trajectory
-    alpha, beta = pointing_rms_urad(trajectory)
-    gamma, t_x, t_y, t_z = 1e6 * rms(trajectory.secondary)
+    done = tracked.run
+    alpha, beta = 1e6 * done.rms()
+    gamma, t_x, t_y, t_z = 1e6 * rms(secondary(done))
     return {
         "name": run.name,
         "column": run.column,
@@ -113,11 +110,11 @@ def _run(run: LoopRun, tracked: Tracked) -> dict[str, Any]:
         "alpha_rms_urad": alpha,
         "beta_rms_urad": beta,
         "secondary_rms": {"gamma_urad": gamma, "t_x_um": t_x, "t_y_um": t_y, "t_z_um": t_z},
-        "strut_input_rms_percent": rms(trajectory.strut_input_percent).tolist(),
+        "strut_input_rms_percent": rms(done.inputs).tolist(),
         "extra_percent": tracked.extra_percent,
         "static_extra_percent": tracked.static_extra_percent,
         "e_visited": dict(tracked.e_visited),
-        "closure_residual_max_m": closure_residual_max_m(trajectory),
+        "closure_residual_max_m": done.closure_max_m,
         "data": f"{run.name}.npz" if run.is_recorded else None,
         "recording": f"{run.name}.rrd" if run.is_recorded else None,
     }
@@ -127,33 +124,33 @@ def _compared(runs: Loops, column: str, seed: int) -> dict[str, Any]:
     """Each variant against the analytic Jacobian, beside what another seed changes."""
 
     def difference(variant: str, seed: int) -> dict[str, float]:
-        one = runs[LoopRun(column, GROWTHS[0], variant, seed)].trajectory
-        pointing = np.abs(pointing_rms_urad(one) - pointing_rms_urad(analytic)).max()
-        secondary = 1e6 * rms(one.secondary - analytic.secondary)
-        inputs = rms(one.strut_input_percent - analytic.strut_input_percent)
+        one = runs[LoopRun(column, GROWTHS[0], variant, seed)].run
+        pointing = np.abs(1e6 * (one.rms() - analytic.rms())).max()
+        moved = 1e6 * rms(secondary(one) - secondary(analytic))
+        inputs = rms(one.inputs - analytic.inputs)
         return {
             "pointing_rms_urad": float(pointing),
-            "gamma_rms_urad": float(secondary[0]),
-            "translation_rms_um": float(secondary[1:].max()),
+            "gamma_rms_urad": float(moved[0]),
+            "translation_rms_um": float(moved[1:].max()),
             "strut_input_rms_percent": float(inputs.max()),
         }
 
-    analytic = runs[LoopRun(column, GROWTHS[0], "analytic", seed)].trajectory
+    analytic = runs[LoopRun(column, GROWTHS[0], "analytic", seed)].run
     others = {variant: difference(variant, seed) for variant in VARIANTS if variant != "analytic"}
     return {"column": column, "noise": difference("analytic", seed + 1), "variants": others}
 
 
 def _grown(runs: Loops, growth: Growth, seed: int) -> dict[str, Any]:
     ours = {variant: runs[LoopRun(GROWN, growth, variant, seed)] for variant in VARIANTS}
-    motion = {variant: tracked.trajectory.secondary for variant, tracked in ours.items()}
+    motion = {variant: secondary(tracked.run) for variant, tracked in ours.items()}
     drift = (motion["incremental"] - motion["relinearized"])[:, 0]
     last_turn = slice(
         -round(TestbedConfig().spiral_period_s / TestbedConfig().control_period_s), None
     )
-    analytic_urad = pointing_rms_urad(ours["analytic"].trajectory)
+    analytic_urad = 1e6 * ours["analytic"].run.rms()
 
     def costs(tracked: Tracked) -> dict[str, float]:
-        changes = pointing_rms_urad(tracked.trajectory) / analytic_urad - 1
+        changes = 1e6 * tracked.run.rms() / analytic_urad - 1
         largest = float(changes[greatest(np.abs(changes))])
         return {"extra_percent": tracked.extra_percent, "pointing_cost_percent": 100 * largest}
 

@@ -17,7 +17,8 @@ from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.metrics import plant_constants
-from experiments.rig.hexapod.testbed import TestbedConfig, grown_bench, grown_machine
+from experiments.rig.hexapod.rig import nominal_testbed
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import version_properties, versions
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table, tabulate
@@ -122,17 +123,18 @@ def _part_of_stroke(entry: dict[str, Any]) -> str:
 
 def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
     """Write one run's data and its recording."""
-    machine, (jacobian, form) = grown_machine(load_model(), run.growth), VARIANTS[run.variant]
+    (jacobian, form), growth = VARIANTS[run.variant], run.growth._asdict()
+    grown = nominal_testbed().scaled(**growth)
     plain = {"seed": run.seed, "model_sha256": summary["model_sha256"], "variant": run.variant}
-    growth = {"stroke_factor": run.growth.stroke, "spiral_factor": run.growth.spiral}
-    around = asdict(grown_bench(TestbedConfig(), run.growth)) | plant_constants(machine)
-    duration_s = len(tracked.trajectory.time_s) * TestbedConfig().control_period_s
+    factors = {f"{name}_factor": times for name, times in growth.items()}
+    around = asdict(grown.bench) | plant_constants(grown.model)
+    duration_s = len(tracked.run.time_s) * grown.bench.control_period_s
     record_run(
         folder,
         run.name,
         f"jacobian-{run.name}",
-        machine,
-        tracked.trajectory,
+        grown.model,
+        tracked.run,
         [Mark(0, 0.0, "strut 1 locked, known to the mapping", kind="locked")],
         said=[
             f"- {run.column}, strut 1 locked; seed {run.seed}, {duration_s:g} s.",
@@ -143,7 +145,7 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
             f"{tracked.e_visited['two']:.1e} (2-norm).",
         ],
         beside={},
-        properties=plain | growth | version_properties(summary) | around,
+        properties=plain | factors | version_properties(summary) | around,
         checks=checks(summary),
     )
 

@@ -84,8 +84,8 @@ def _plane(axes: Axes, ran: LimitsRuns) -> None:
     case = next(each for each in ran.spirals if each.stuck and each.strategy == STRICT)
     run, corners = ran.spirals[case], 1e3 * attainable(ran.testbed, case)
     axes.fill(*corners.T, color=GREEN, alpha=0.2, lw=0, label="attainable")
-    axes.plot(*1e3 * run.desired_rad.T, color=BLACK, ls="--", lw=0.8, label="desired")
-    axes.plot(*1e3 * run.true_rad.T, color=VERMILION, label="strict priority, strut 1 stuck")
+    axes.plot(*1e3 * run.desired.T, color=BLACK, ls="--", lw=0.8, label="desired")
+    axes.plot(*1e3 * run.true.T, color=VERMILION, label="strict priority, strut 1 stuck")
     axes.set(xlabel="$\\alpha$, mrad", ylabel="$\\beta$, mrad", aspect="equal")
     axes.set_title("Strict priority stays as near as limits allow")
 

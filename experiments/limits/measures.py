@@ -10,9 +10,8 @@ from experiments.limits.arm import PERIOD_S, RANGE_RAD, ArmRun
 from experiments.limits.runs import HEAVE_M, REST_S, Case, attainable, limits_of
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, sampled
-from experiments.rig.hexapod.metrics import closure_residual_max_m, rms
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.run import Run, rms
 from ftc.control.anti_windup import circle_margin
 from ftc.goal import Goal
 from sim import Array, Failure, failed_plant, hexapod, linearize
@@ -23,14 +22,12 @@ AT_LIMIT_M = 0.1e-6
 AT_LIMIT_RAD = 1e-6
 
 
-def spiral_entry(
-    testbed: Testbed, case: Case, run: Trajectory, unlimited: Trajectory
-) -> dict[str, Any]:
+def spiral_entry(testbed: Testbed, case: Case, run: Run, unlimited: Run) -> dict[str, Any]:
     """One spiral, ready for JSON."""
     period_s, limits = testbed.bench.control_period_s, limits_of(testbed)
-    error = np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
-    off = np.linalg.norm(run.true_rad - unlimited.true_rad, axis=1)
-    inside = room(attainable(testbed, case), run.desired_rad) > 0
+    error = np.linalg.norm(run.error, axis=1)
+    off = np.linalg.norm(run.true - unlimited.true, axis=1)
+    inside = room(attainable(testbed, case), run.desired) > 0
     working = np.delete(np.arange(6), list(case.locked_at))
     entry: dict[str, Any] = {
         "name": case.name,
@@ -45,14 +42,14 @@ def spiral_entry(
         "attainable_rms_urad": 1e6 * rms(error[inside]),
         "recovery_s": longest((off > RECOVERED_RAD) & inside) * period_s,
         "rest_peak_urad": 1e6 * error[-round(0.5 * REST_S / period_s) :].max(),
-        "closure_residual_max_m": closure_residual_max_m(run),
+        "closure_residual_max_m": run.closure_max_m,
     }
-    moved_m = run.strut_displacement_m[:, working]
+    moved_m = run.displacement[:, working]
     reference_m = HEAVE_M if case.heave else 0.0
     entry["secondary_rms_um"] = 1e6 * float(np.sqrt(((moved_m - reference_m) ** 2).mean()))
     if case.strategy == UNLIMITED:
         return entry | {"at_limit_s": None, "beyond_limit_um": None}
-    command_m = testbed.amplifier().displacements(run.strut_input_percent)[:, working]
+    command_m = testbed.amplifier().displacements(run.inputs)[:, working]
     least = np.minimum(limits[1][working] - command_m, command_m - limits[0][working])
     entry["at_limit_s"] = float((least < AT_LIMIT_M).any(axis=1).sum() * period_s)
     return entry | {"beyond_limit_um": 1e6 * float((-least).max())}
@@ -84,10 +81,10 @@ def tuned(runs: list[dict[str, Any]], key: str) -> dict[str, dict[str, Any]]:
 
 
 def condition_entry(
-    testbed: Testbed, case: Case, run: Trajectory, entries: list[dict[str, Any]]
+    testbed: Testbed, case: Case, run: Run, entries: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """What all strategies have in common: what can be attained, stability; and the best of each."""
-    lacking = -np.minimum(room(attainable(testbed, case), run.desired_rad), 0.0)
+    lacking = -np.minimum(room(attainable(testbed, case), run.desired), 0.0)
     return {
         "name": case.condition,
         "stuck": case.stuck,

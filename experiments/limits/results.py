@@ -32,10 +32,12 @@ ARM_LIMIT_MRAD = 10.0
 def results(ran: LimitsRuns) -> Results:
     """Everything that `fjh limits` publishes."""
     summary = summarize(ran)
-    kept = ("true_rad", "strut_input_percent")
+    kept = {"true_rad": "true", "strut_input_percent": "inputs"}
     first = next(iter(ran.spirals.values()))
-    spiral_arrays = {"time_s": first.time_s, "desired_rad": first.desired_rad} | {
-        f"{case.name}_{key}": getattr(run, key) for case, run in ran.spirals.items() for key in kept
+    spiral_arrays = {"time_s": first.time_s, "desired_rad": first.desired} | {
+        f"{case.name}_{key}": getattr(run, name)
+        for case, run in ran.spirals.items()
+        for key, name in kept.items()
     }
     arm_arrays = {
         f"{strategy.name}_{key}": value

@@ -18,21 +18,16 @@ from experiments.limits.allocation import (
 from experiments.limits.arm import ArmRun, Motion, move
 from experiments.limits.conventional import Limits
 from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
-from experiments.rig.hexapod.simulation import Trajectory, track_path
-from experiments.rig.hexapod.testbed import (
-    Growth,
-    Testbed,
-    TestbedConfig,
-    grown_bench,
-    grown_machine,
-)
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem
-from sim import NOMINAL, Array, Failure, Pose, displacement_limits, hexapod, load_model
+from sim import NOMINAL, Array, Failure, Pose, displacement_limits, hexapod
 
 BENCH = replace(TestbedConfig(), detector_half_width_m=10e-3)
 """The spiral is 40 times larger than that of Table I; the detector must see it."""
@@ -48,8 +43,8 @@ STUCK_M = 317.5e-6
 """Half the stroke, at which strut 1 is stuck, known to the mapping."""
 HEAVE_M = 250e-6
 """Secondary goal: all struts longer by as much, the payload raised."""
-LONGER = Growth(stroke=3, spiral=1)
-"""Of the machine without limits."""
+LONGER = 3.0
+"""Stroke of the machine without limits, in strokes of the hexapod."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +115,7 @@ def attainable(testbed: Testbed, case: Case) -> Array:
     return kinematics.attainable(MAJOR, (lower, upper)).vertices
 
 
-def track(testbed: Testbed, case: Case) -> Trajectory:
+def track(testbed: Testbed, case: Case) -> Run:
     """What happens in one case.
 
     Raises:
@@ -129,11 +124,7 @@ def track(testbed: Testbed, case: Case) -> Trajectory:
     strategy, struts = case.strategy, len(CURRENT_LIMIT_A)
     geometry, limits = hexapod(testbed.model), limits_of(testbed)
     if strategy == UNLIMITED:
-        testbed = replace(
-            testbed,
-            model=grown_machine(testbed.model, LONGER),
-            bench=grown_bench(testbed.bench, LONGER),
-        )
+        testbed = testbed.scaled(stroke=LONGER)
         goal = Goal(joint_weight=(1.0,) * struts, locked_at=case.locked_at)
         mapping = StrutMapping(geometry, goal, "constant")
     else:
@@ -150,16 +141,13 @@ def track(testbed: Testbed, case: Case) -> Trajectory:
     for strut, stands_m in case.locked_at.items():
         start_m[strut] = stands_m
     raised_m = np.full(struts, HEAVE_M if case.heave else 0.0)
-    run, _ = track_path(
-        testbed,
+    return hexapod_rig(testbed, start_m=start_m).fly(
         Raising(controller, raised_m),
-        desired_rad=path_rad(case),
+        path_rad(case),
         failures=[Failure(strut, "locked") for strut in case.locked_at],
         seed=case.seed,
-        start_m=start_m,
         lead_in_s=LEAD_IN_S,
     )
-    return run
 
 
 @dataclass(frozen=True)
@@ -175,7 +163,7 @@ class LimitsRuns:
 
     seed: int
     testbed: Testbed
-    spirals: dict[Case, Trajectory]
+    spirals: dict[Case, Run]
     arm: dict[Strategy, ArmRun]
 
 
@@ -196,8 +184,7 @@ def run_limits(*, seed: int, quick: bool, on_progress: OnProgress) -> LimitsRuns
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    model = load_model()
-    testbed = Testbed(model, BENCH, nominal_loops(model, BENCH))
+    testbed = nominal_testbed(BENCH)
     spirals = cases(seed, quick=quick)
     motions = [Motion(each, 16.0 if quick else 40.0) for each in arm_strategies(quick)]
     calls = [{"testbed": testbed, "one": one} for one in (*motions, *spirals)]
@@ -206,6 +193,6 @@ def run_limits(*, seed: int, quick: bool, on_progress: OnProgress) -> LimitsRuns
     return LimitsRuns(seed, testbed, dict(zip(spirals, ran[len(motions) :], strict=True)), moved)
 
 
-def simulate(testbed: Testbed, one: Case | Motion) -> Trajectory | ArmRun:
+def simulate(testbed: Testbed, one: Case | Motion) -> Run | ArmRun:
     """One run of the hexapod or the arm."""
     return track(testbed, one) if isinstance(one, Case) else move(one)

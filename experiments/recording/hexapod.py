@@ -1,6 +1,6 @@
 """The hexapod as recordings show it: loops that close however much motion is magnified."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import matplotlib
 import mujoco
@@ -13,7 +13,6 @@ from experiments.recording.machine import Motion, exaggeration, motion_of
 from experiments.recording.marks import Mark, found_in
 from experiments.recording.shown import Shown, Ticks
 from experiments.recording.signals import Plot
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.palette import VERMILION
 from sim import NOMINAL, Array, Pose
 
@@ -45,34 +44,34 @@ FIXTURES: tuple[tuple[str, rr.AsComponents], ...] = (
 
 
 def of_hexapod(
-    run: Trajectory,
+    run: Mapping[str, Array],
     model: mujoco.MjModel,
     marks: Sequence[Mark] = (),
     *,
     extras: Sequence[Plot] = (),
     status: str = "",
 ) -> Shown:
-    """A run of the hexapod with the marks of its failing struts."""
-    motion = np.concatenate([run.true_rad, run.secondary], axis=1)
+    """A run of the hexapod, as its `.npz` has it, with the marks of its failing struts."""
+    motion = np.concatenate([run["true_rad"], run["secondary"]], axis=1)
     return Shown(
         robot=ROBOT,
         model=model,
-        time_s=run.time_s,
+        time_s=run["time_s"],
         rows=("alpha", "beta"),
         row_units=("rad", "rad"),
-        desired=run.desired_rad,
-        true=run.true_rad,
-        measured=run.measured_rad,
+        desired=run["desired_rad"],
+        true=run["true_rad"],
+        measured=run["measured_rad"],
         actuators=STRUTS,
         input_units=("%",) * 6,
-        inputs=run.strut_input_percent,
+        inputs=run["strut_input_percent"],
         limits=(-FULL, FULL),
         units=("m",) * 6,
-        displacement=run.strut_displacement_m,
+        displacement=run["strut_displacement_m"],
         bodies=BODIES,
-        secondary=(SECONDARY, 1e6 * run.secondary),
-        estimated=1e6 * run.secondary_estimated,
-        closure_m=run.closure_residual_m,
+        secondary=(SECONDARY, 1e6 * run["secondary"]),
+        estimated=1e6 * run["secondary_estimated"],
+        closure_m=run["closure_residual_m"],
         motion=lambda ticks, factor: magnified(model, motion, ticks, factor),
         factor=factor_of(motion),
         marks=sorted(marks, key=lambda mark: mark.failed_s),

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,8 @@ from experiments.recording.properties import groups_of, results_of
 from experiments.recording.robot import of_robot
 from experiments.recording.screens import entity_of, write_flights
 from experiments.recording.shown import Shown
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.columns import hexapod_arrays
+from experiments.rig.run import Run
 from experiments.study.files import write_arrays
 from experiments.study.foreign import read_arrays, read_json
 from experiments.study.results import Check
@@ -68,7 +69,7 @@ def record_run(
     name: str,
     identity: str,
     model: mujoco.MjModel,
-    run: Trajectory,
+    run: Run,
     marks: Sequence[Mark],
     *,
     said: Sequence[str],
@@ -87,7 +88,8 @@ def record_run(
     rest is of :func:`.properties.results_of`; the prediction is of a whole run, and left out where
     something fails on the way.
     """
-    shown = of_hexapod(run, model, marks)
+    arrays = hexapod_arrays(run)
+    shown = of_hexapod(arrays, model, marks)
     study, whole = identity.partition("-")[0], shown.first_tick in (0, len(run.time_s))
     predicted = predicted_rad if whole else None
     results = results_of(
@@ -100,7 +102,7 @@ def record_run(
     )
     notes = run_notes(name, [*said, ""], shown, beside, properties)
     for_reading = {"marks": marks_text(marks)}
-    write_arrays(folder / f"{name}.npz", asdict(run) | (further or {}))
+    write_arrays(folder / f"{name}.npz", arrays | (further or {}))
     about = RecordingInfo(identity, name, notes, properties | for_reading, results)
     write_flights(folder / f"{name}.rrd", about, {name: shown})
 
@@ -159,10 +161,10 @@ def _is_of(recording: Path, time_s: Array, true: Array) -> bool:
 
 
 def _hexapod(
-    path: Path, run: Trajectory, properties: Mapping[str, Any], machine: Path | None
+    path: Path, run: Mapping[str, Array], properties: Mapping[str, Any], machine: Path | None
 ) -> Shown:
     try:
-        marks = marks_from(properties.get("marks", "[]"), end_s=float(run.time_s[-1]))
+        marks = marks_from(properties.get("marks", "[]"), end_s=float(run["time_s"][-1]))
     except ValueError as error:
         raise WrongInput(f"{path.with_suffix('.rrd')} has invalid marks: {error}") from None
     model = load_model(_machine_of(path, properties, machine))
@@ -203,7 +205,7 @@ def _machine_of(path: Path, stated: Mapping[str, Any], given: Path | None) -> Pa
     )
 
 
-def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
+def whole_run(name: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
     """The run of the hexapod in the arrays of a file of this name; others are ignored.
 
     Raises:
@@ -218,7 +220,7 @@ def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
     steps_s = np.diff(arrays["time_s"])
     if not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
         raise WrongInput(f"{name} is not a complete run: time_s does not increase in equal steps")
-    return Trajectory(**{signal: arrays[signal] for signal in COLUMNS})
+    return {signal: arrays[signal] for signal in COLUMNS}
 
 
 def _fault(values: Array, shape: tuple[int, ...]) -> str | None:

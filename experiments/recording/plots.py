@@ -3,13 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.run import Run
 from experiments.study.plotting import DESIRED, MEASURED, START
 
 
-def spiral(axes: Axes, run: Trajectory, title: str, *, legend: bool = True) -> None:
+def spiral(axes: Axes, run: Run, title: str, *, legend: bool = True) -> None:
     """Detector reading over desired pointing, beta against alpha."""
-    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
+    desired, measured = 1e6 * run.desired, 1e6 * run.measured
     room = 1.2 if legend else 1.05
     limit_urad = 5 * np.ceil(room / 5 * abs(np.stack([desired, measured])).max())
     axes.plot(*measured.T, color=MEASURED, lw=0.6, label="detector")

@@ -55,9 +55,7 @@ SPIRAL = (
         "motion_mismatch_quasi_static_percent",
         lambda s: percent(s.twist - s.quasi_static, s.twist),
     ),
-    Quantity(
-        "strut_1_peak_um", lambda s: 1e6 * float(np.abs(s.run.strut_displacement_m[:, 0]).max())
-    ),
+    Quantity("strut_1_peak_um", lambda s: 1e6 * float(np.abs(s.run.displacement[:, 0]).max())),
     CLOSURE,
     Quantity("recording", lambda s: f"{s.case.name}.rrd"),
     Quantity("data", lambda s: f"{s.case.name}.npz"),

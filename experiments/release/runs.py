@@ -4,7 +4,7 @@ Rigid kinematics calls a released strut an unstable singularity. The springs res
 goes where their energy is least.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,16 +12,17 @@ import mujoco
 import numpy as np
 
 from experiments.release.statics import STRUT, fall, released_statics
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.columns import MAJOR, secondary
 from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.rig.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.prediction import loop_peak
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
+from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from prioritized import FailureAtlas, failure_atlas
-from sim import Array, Failure, FailureKind, load_model, weightless
+from sim import Array, Failure, FailureKind, Plant, load_model, weightless
 
 RATIOS = tuple(10.0**k for k in range(3, -4, -1))
 """Suspension of the failed strut over what its own flexures put up against its swing."""
@@ -50,10 +51,10 @@ class Case:
         return () if self.kind is None else (Failure(STRUT, self.kind, self.time_s),)
 
     @property
-    def reconfigured(self) -> Goal | None:
+    def after(self) -> Goal:
         """What the mapping goes over to."""
         if self.kind is None or self.told == "uncorrected":
-            return None
+            return _EQUAL
         if self.told == "as_locked":
             return replace(_EQUAL, locked_at={STRUT: 0.0})
         known = (STRUT,)
@@ -84,7 +85,7 @@ class Spiral:
     """One spiral, and what is expected of it."""
 
     case: Case
-    run: Trajectory
+    run: Run
     predicted_rad: Array | None  # RMS (2,); not of those that fail later
     sensitivity: float  # its peak after the failure
     linear: Array  # payload twist (N, 6) from the linear model and the strut inputs
@@ -93,7 +94,7 @@ class Spiral:
     @property
     def twist(self) -> Array:
         """True payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
-        return np.hstack([self.run.true_rad, self.run.secondary])
+        return np.hstack([self.run.true, secondary(self.run)])
 
 
 @dataclass(frozen=True)
@@ -118,45 +119,64 @@ def run_release(
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    ground, bench = load_model(), TestbedConfig()
-    orbit, stiffness = weightless(ground), strut_and_payload_stiffness(ground)
-    on_ground = Testbed(ground, bench, nominal_loops(ground, bench), stiffness)
-    in_orbit = replace(on_ground, model=orbit)
+    ground = load_model()
+    orbit, testbed = weightless(ground), nominal_testbed()
+    on_ground = hexapod_rig(replace(testbed, stiffness=strut_and_payload_stiffness(ground)))
+    in_orbit = hexapod_rig(replace(on_ground.control.testbed, model=orbit))
+    bench = testbed.bench
     duration_s = bench.quick_duration_s if quick else bench.duration_s
-    chosen = cases(duration_s / 2)
-
-    testbeds = [in_orbit if case.kind == "loose" else on_ground for case in chosen]
-    asked = [
-        SpiralRun(
-            _EQUAL,
-            case.failures,
-            case.reconfigured,
-            jacobian="constant",
-            seed=seed,
-            duration_s=duration_s,
-        )
-        for case in chosen
+    path, chosen = bench.spiral_rad(duration_s), cases(duration_s / 2)
+    rigs = [in_orbit if case.kind == "loose" else on_ground for case in chosen]
+    tracked = [
+        {"rig": rig, "case": case, "path": path, "seed": seed}
+        for rig, case in zip(rigs, chosen, strict=True)
     ]
-    tracked = [{"testbed": t, "run": run} for t, run in zip(testbeds, asked, strict=True)]
     statics = [{"model": orbit, "ratio": ratio} for ratio in RATIOS[:: 3 if quick else 1]]
     total = len(tracked) + len(statics)
-    runs = in_parallel(track_spiral, tracked, lambda done, _: on_progress(done, total))
+    runs = in_parallel(_simulated, tracked, lambda done, _: on_progress(done, total))
     sweep = in_parallel(
         released_statics, statics, lambda done, _: on_progress(len(tracked) + done, total)
     )
-    spirals = {}
-    for case, testbed, run, flown in zip(chosen, testbeds, asked, runs, strict=True):
-        command_m = on_ground.amplifier().displacements(flown.strut_input_percent)
-        after = replace(run, goal=case.reconfigured or _EQUAL)
-        spirals[case.name] = Spiral(
-            case,
-            flown,
-            predicted_rad=predicted_rms_rad(testbed, after) if case.time_s == 0.0 else None,
-            sensitivity=sensitivity_peak(testbed, after),
-            linear=predicted_motion(testbed.model, case.failures, flown.time_s, command_m),
-            quasi_static=_quasi_static(case, ground, flown.time_s, command_m),
-        )
+    spirals = {
+        case.name: _compared(rig, case, run)
+        for rig, case, run in zip(rigs, chosen, runs, strict=True)
+    }
     return Release(seed, spirals, sweep, fall(ground), failure_atlas(elastic_system(ground), MAJOR))
+
+
+def _simulated(rig: Rig, case: Case, path: Array, seed: int) -> Run:
+    """One spiral; the mapping is reconfigured at the failure, unless it does not know of it."""
+    controller = rig.controller()
+    if case.after != _EQUAL:
+        controller = rig.reconfigured(_EQUAL, case.after, case.time_s)
+    return rig.fly(controller, path, failures=case.failures, seed=seed)
+
+
+def _compared(rig: Rig, case: Case, run: Run) -> Spiral:
+    """A spiral beside what the linear model and the elastic mapping expect of it."""
+    command_m = rig.control.testbed.amplifier().displacements(run.inputs)
+    faults, predicted = [Fault.of(failure) for failure in case.failures], None
+    if case.time_s == 0.0:
+        how = {"failures": case.failures, "told": False, "goal": case.after}
+        predicted = rig.predict(run.desired, **how).rms
+    return Spiral(
+        case,
+        run,
+        predicted_rad=predicted,
+        sensitivity=loop_peak(rig, case.after, faults),
+        linear=_linear(rig, faults, int(np.searchsorted(run.time_s, case.time_s)), command_m),
+        quasi_static=_quasi_static(case, rig.model, run.time_s, command_m),
+    )
+
+
+def _linear(rig: Rig, faults: Sequence[Fault], onset: int, command_m: Array) -> Array:
+    """Payload twist (N, 6) that commands (N, 6) cause in the linear model with faults from a tick.
+
+    Struts that lose their coil or spring keep the loops, and so the state goes on.
+    """
+    states = fault_model(rig.nominal).states(command_m[:onset])
+    after = fault_model(rig.nominal, faults).states(command_m[onset:], states[-1])
+    return np.concatenate([states[:-1], after[:-1]]) @ Plant(rig.model).linear().C_twist.T
 
 
 def _quasi_static(case: Case, model: mujoco.MjModel, time_s: Array, command_m: Array) -> Array:

@@ -1,13 +1,18 @@
-"""How far a plant is from its controller's model: sizes written down beforehand."""
+"""How far a plant is from its controller's model: sizes written down beforehand, and samples."""
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
+import mujoco
+import numpy as np
+
 import argument_checks as check
-from experiments.study.draw import Family
+from experiments.study.draw import Draw, Family
 from experiments.study.study import WrongInput
 from experiments.study.within import check_within
+from sim import Array, Drive
 
 LIMITS: dict[str, tuple[float, float]] = {
     "gain": (0.0, 0.9),
@@ -122,3 +127,47 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
         if getattr(sizes, name) != getattr(EXACT, name):
             raise WrongInput(f"this robot has no mismatch of {name}, got {getattr(sizes, name)}")
     return sizes
+
+
+def without(sizes: Sequence[str]) -> tuple[str, ...]:
+    """Names of all sizes but these and the family: what a robot with these does not have."""
+    return tuple(each.name for each in fields(Mismatch) if each.name not in (*sizes, "family"))
+
+
+def sampled_model(
+    model: mujoco.MjModel,
+    drives: Sequence[Drive],
+    sizes: Mismatch,
+    draw: Draw,
+    damped: Array | None = None,
+) -> tuple[mujoco.MjModel, Array]:
+    """A copy of a model whose gains, dampers and inertias differ, and the gains (n,).
+
+    Each size has a stream of its own: the same seed gives the same value of one, whatever the
+    others are.
+
+    Args:
+        model: Of the controller.
+        drives: Its actuators; all outputs of one have the same gain.
+        sizes: How far they may be off.
+        draw: Random numbers.
+        damped: Joints whose dampers differ; None is all.
+    """
+    model = copy.copy(model)
+    gains = draw.factors("gain", len(drives), sizes.gain)
+    servos = draw.factors("servo", len(drives), sizes.damping)
+    for drive, gain, servo in zip(drives, gains, servos, strict=True):
+        ids = list(drive.ids)
+        model.actuator_gainprm[ids, :3] *= gain
+        model.actuator_biasprm[ids, :3] *= gain
+        model.actuator_biasprm[ids, 2] *= servo
+    joints = np.arange(model.njnt) if damped is None else damped
+    factors = np.ones(model.njnt)
+    factors[joints] = draw.factors("damping", len(joints), sizes.damping)
+    model.dof_damping[:] *= factors[model.dof_jntid]
+    if sizes.inertia:
+        model.body_mass[:] *= draw.factors("mass", model.nbody, sizes.inertia)
+        model.body_inertia[:] *= draw.factors("inertia", model.nbody, sizes.inertia)[:, None]
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
+    model.opt.timestep /= sizes.steps
+    return model, gains

@@ -57,10 +57,8 @@ def beyond_linear_range(rig: Rig, path: Array, noise: Array, ratio: float) -> st
         bent.append(mapping.reached(pose) - path[tick])
     ticks = np.arange(len(path))
     along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(bent)])
-    linear, whole = (
-        float(np.linalg.norm(predicted(rig, path, (), told=False, noise=noise, bent=each)[0]))
-        for each in (0.0, along)
-    )
+    errors = (predicted(rig, path, (), goal=rig.goal, noise=noise, bent=by) for by in (0.0, along))
+    linear, whole = (float(np.linalg.norm(each.rms_before)) for each in errors)
     if not (1 + AGREES) * linear < whole > ratio * linear:
         return None
     unit = "m" if "m" in rig.row_units else "rad"

@@ -1,8 +1,8 @@
 """A robot with its loops: what it consists of, and what can be done with it."""
 
-from abc import ABC, abstractmethod
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from experiments.rig.bounds import BOUNDS
 from experiments.rig.choices import Limited, Sensing
+from experiments.rig.dither import dither_of
 from experiments.rig.events import Event
 from experiments.rig.events.hooks import events_of
-from experiments.rig.mismatch import Known, Mismatch
+from experiments.rig.mismatch import Known, Mismatch, sizes_of
 from experiments.rig.options import RobotOptions, by_argument, written
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
@@ -32,6 +33,7 @@ from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.feedforward import inverse_feedforward
 from ftc.goal import Goal
 from ftc.loop import LoopRun
+from ftc.oracle import OracleController
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
 from prioritized import Manipulability
@@ -53,7 +55,7 @@ MOST_TICKS = 100_000_000
 
 
 @dataclass(frozen=True)
-class Rig(ABC):
+class Rig:
     """A robot with its loops.
 
     Attributes:
@@ -65,20 +67,24 @@ class Rig(ABC):
         bodies: The body that each moves, for the eye; None of what is no joint.
         units: Of their displacements, "rad" or "m".
         major: Rows of the twist.
-        goal: While all actuators work.
-        nominal: Linear model from displacements to the major rows.
-        watched: The same to what the diagnosis looks at.
-        loops: One compensator for each of them.
-        margins: Of each loop.
-        limits: Lower and upper displacements (n,); None is none.
-        feedforward: Whether a path is demanded through the inverse of the linear model.
         size: Of the path, [rad] or [m].
         noise: Of the sensors of the major rows, [rad] or [m].
         encoder_noise: Of the sensors of the actuators, [rad] or [m].
         travel: Lower and upper displacements (n,) at which the plant's actuators can rest.
-        unused: What an actuator without force counts as: its own spring holds it, or not.
         task: What somebody else's controller is told.
         warnings: What was left out of the model, and what a user would not expect.
+        payload_body: The body that carries the task frame.
+        control: Its loops, and what the diagnosis knows of the robot: a
+            :class:`ftc.tracking.Tracking`, or what has the same members for the hexapod,
+            :class:`experiments.rig.hexapod.rig.HexapodControl`.
+        machine: Its plant with sensors and drives: `bench` makes one for a run, `drawn` is the same
+            machine on a plant that differs from the model; of a file
+            :class:`experiments.rig.robot_machine.RobotMachine`, of the hexapod
+            :class:`experiments.rig.hexapod.machine.HexapodMachine`.
+        coordinates: Task coordinates (N, 6) of poses of the task frame; by default rotation vector
+            and translation.
+        dither: What "default" stands for in :meth:`supervisor`.
+        fast_start: Does the first ticks of a run by a faster way, as far as it goes; None is none.
         part: What of the model the task involves; None is everything.
         file: The MJCF as the user named it; None is the hexapod's own.
         soft_locks: Actuators by number whose lock gives way, which a warning says.
@@ -91,23 +97,21 @@ class Rig(ABC):
     bodies: tuple[str | None, ...]
     units: tuple[str, ...]
     major: tuple[int, ...]
-    goal: Goal
-    nominal: NominalModel
-    watched: NominalModel
-    loops: Sequence[Channel]
-    margins: Sequence[Margins]
-    limits: tuple[Array, Array] | None
-    feedforward: bool
     size: float
     noise: float
     encoder_noise: float
     travel: tuple[Array, Array]
-    unused: Unused
     task: ControlTask
     warnings: tuple[str, ...]
-    part: Part | None
-    file: Path | None = field(default=None, kw_only=True)
-    soft_locks: frozenset[int] = field(default=frozenset(), kw_only=True)
+    payload_body: int
+    control: Any
+    machine: Any
+    coordinates: Callable[[Pose], Array] = Pose.displacement
+    dither: str | Dither = "default"
+    fast_start: Callable[..., LoopRun[Any] | None] | None = None
+    part: Part | None = None
+    file: Path | None = None
+    soft_locks: frozenset[int] = frozenset()
 
     @staticmethod
     def hexapod(
@@ -132,7 +136,7 @@ class Rig(ABC):
         check.index("seed", seed)
         if size is not None:
             check.within("size", size, *BOUNDS["size"])
-        return hexapod_rig(size, feedforward).drawn(mismatch, seed)
+        return hexapod_rig(size=size, feedforward=feedforward).drawn(mismatch, seed)
 
     def __repr__(self) -> str:
         """One line, for interactive use: the model's own numbers fill pages."""
@@ -248,70 +252,100 @@ class Rig(ABC):
         except ValueError as error:
             raise WrongInput(str(error)) from None
 
-    @abstractmethod
+    @property
+    def goal(self) -> Goal:
+        """What the controller pursues while all actuators work."""
+        return self.control.goal
+
+    @property
+    def nominal(self) -> NominalModel:
+        """Linear model from displacements to the major rows."""
+        return self.control.nominal
+
+    @property
+    def watched(self) -> NominalModel:
+        """Linear model from displacements to what the diagnosis looks at."""
+        return self.control.watched
+
+    @property
+    def loops(self) -> Sequence[Channel]:
+        """One compensator for each major row."""
+        return self.control.loops
+
+    @property
+    def margins(self) -> Sequence[Margins]:
+        """Stability margins of each loop."""
+        return self.control.margins
+
+    @property
+    def limits(self) -> tuple[Array, Array] | None:
+        """Lower and upper displacements (n,) that the mapping respects; None is none."""
+        return self.control.limits
+
+    @property
+    def feedforward(self) -> bool:
+        """Whether a path is demanded through the inverse of the linear model."""
+        return self.control.feedforward
+
+    @property
+    def unused(self) -> Unused:
+        """What an actuator without force counts as: its own spring holds it, or not."""
+        return self.control.unused
+
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
-        """The same with a plant that differs so from the controller's model.
+        """The same rig with a plant that differs so from the controller's model.
 
         Raises:
             WrongInput: A size that this robot does not have.
         """
+        machine = self.machine
+        sizes = sizes_of(mismatch, machine.everything, machine.unknown)
+        return replace(self, machine=machine.drawn(sizes, check.index("seed", seed)))
 
-    @abstractmethod
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
-        """For a goal."""
+        """The mapping for a goal, failures that it knows included."""
+        return self.control.mapping(check.instance("goal", goal, Goal))
 
-    @abstractmethod
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Any]:
-        """A pilot that does not diagnose; None is the goal of the rig."""
+        """A controller that does not diagnose; None is the goal of the rig."""
+        return self.control.controller(self._goal(goal))
 
-    @abstractmethod
+    def reconfigured(self, before: Goal, after: Goal, time_s: float) -> OracleController:
+        """A controller that goes over to another goal at a time of the run, as if it were told."""
+        tick = math.ceil(time_s / self.period_s - 1e-6)
+        return OracleController(self.controller(before), self.controller(after), tick)
+
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
-        """A pilot that diagnoses failures and reconfigures itself.
+        """A controller that diagnoses failures and reconfigures itself.
 
         Args:
-            dither: "default" is 20 Hz of heave on the hexapod, as `fjh recover` flies with, and
+            dither: "default" is 20 Hz of heave on the hexapod, as `fjh recover` uses it, and
                 that of `fjh track` elsewhere; another as of
                 :func:`experiments.rig.dither.rig_dither`; None is none.
             goal: While all actuators work; None is that of the rig.
         """
+        chosen = dither_of(self, dither, self.dither)
+        control = self.control
+        if goal is not None:
+            control = replace(control, goal=self._goal(goal))
+        return control.supervisor(dither=chosen)
 
-    @abstractmethod
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
-        """The simulated machine for times (N,)."""
+        """The simulated machine for times (N,); noise of this seed."""
+        time_s, seed = check.series("time_s", time_s), check.index("seed", seed)
+        return self.machine.bench(time_s, failures, seed, events)
 
-    def begun(
-        self,
-        bench: Bench,
-        pilot: Any,
-        reference: Array,
-        feedforward: Array | None,
-        on_tick: Callable[[int], None] | None,
-    ) -> LoopRun[Any] | None:
-        """The first ticks of a flight by a faster way; None: there is none for this pilot.
-
-        :func:`ftc.loop.run_loop` goes on from there.
-        """
-        return None
-
-    @property
-    @abstractmethod
-    def payload_body(self) -> int:
-        """The body that carries the task frame."""
-
-    @abstractmethod
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
-        """What is left with these faults."""
+        """What the actuators that are left can do with these faults."""
+        return self.control.classified(faults)
 
     def reached(self, pose: Pose) -> Array:
-        """The major rows (N, m1) of poses of the task frame, as the sensors of the task have them.
-
-        Rows of [rotation vector; translation].
-        """
-        return check.instance("pose", pose, Pose).displacement()[:, list(self.major)]
+        """The major rows (N, m1) of poses of the task frame, as the task's sensors have them."""
+        return self.coordinates(check.instance("pose", pose, Pose))[:, list(self.major)]
 
     def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
         """Desired displacements of the major rows at each tick, shape (N, m1).
@@ -421,6 +455,9 @@ class Rig(ABC):
         told: Learns = True,
         noise: ArrayLike | None = None,
         dither: Dither | None = None,
+        goal: Goal | None = None,
+        start: ArrayLike | None = None,
+        floor_m_per_s2: ArrayLike | None = None,
     ) -> Prediction:
         """RMS errors of a path that begins at time 0 by the linear model.
 
@@ -430,19 +467,31 @@ class Rig(ABC):
             told: Whether the controller is told of each failure at once, or never; or when it is
                 told of each [s], one time a failure, None for never.
             noise: What the sensors of the major rows add at each tick, of the shape of the path,
-                such as `run.measured - run.true`; None: white noise, in the mean of many flights.
-            dither: That the pilot adds; None is none.
+                such as `run.measured - run.true`; None: white noise, in the mean of many runs.
+            dither: That the controller adds; None is none.
+            goal: Of the controller from the first tick on, with failures that it knows of then;
+                None is that of the rig.
+            start: Displacements (n,) that the actuators hold when the run begins; None is zero.
+            floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3), where the linear
+                model knows its effect, as of the hexapod; None is at rest.
 
         Raises:
-            ValueError: Another number of times than of failures, or a time before its failure.
+            ValueError: Another number of times than of failures, or a time before its failure; or
+                arrays of another shape.
         """
         desired, n = self._checked_path(path), len(self.actuators)
         if dither is not None:
             check.exactly("dither.direction", check.instance("dither", dither, Dither).direction, n)
-        if noise is not None:
-            noise = check.exactly("noise", noise, *desired.shape)
-        struck = self._numbered(failures)
-        return predicted(self, desired, struck, told=told, noise=noise, dither=dither)
+        given = {"noise": (noise, desired.shape), "start": (start, (n,))}
+        given["floor_m_per_s2"] = floor_m_per_s2, (len(desired), 3)
+        arrays: dict[str, Any] = {
+            name: None if value is None else check.exactly(name, value, *shape)
+            for name, (value, shape) in given.items()
+        }
+        if floor_m_per_s2 is not None and self.nominal.floor is None:
+            raise ValueError("floor_m_per_s2 must be None: this model knows no floor")
+        struck, goal = self._numbered(failures), self._goal(goal)
+        return predicted(self, desired, struck, told=told, dither=dither, goal=goal, **arrays)
 
     def _named(self, events: object) -> tuple[Event, ...]:
         """Those events that have a name, in the order of time, actuators by number."""

@@ -11,10 +11,7 @@ import numpy as np
 
 import argument_checks as check
 from experiments.rig.bounds import weights_of
-from experiments.rig.mismatch import Mismatch
-from experiments.rig.mismatched import DriftingSensors, displaced, mismatched_model
 from experiments.rig.options import RobotOptions
-from experiments.study.draw import Draw
 from experiments.study.spelling import index_in
 from experiments.study.study import WrongInput
 from ftc.goal import Goal
@@ -23,17 +20,12 @@ from ftc.tracking import is_possible, mapping_for
 from prioritized import ConstrainedSystem
 from sim import (
     Array,
-    Bench,
     ClosureError,
-    Failure,
-    JointSensors,
     LinearPlant,
     Mechanism,
     ModelError,
     Pin,
     Plant,
-    Sensors,
-    TaskSensor,
 )
 from sim.mjcf.model import listed, start_of
 from sim.mjcf.transmission import drives
@@ -144,42 +136,6 @@ class Robot:
     def _mechanism(self, *, springs: bool) -> Mechanism:
         scene, axes = self.scene, self.options.axes
         return Mechanism(scene.own, scene.own_start, scene.frame, axes, springs=springs)
-
-    def bench(
-        self,
-        mismatch: Mismatch,
-        time_s: Array,
-        failures: Sequence[Failure],
-        seeds: tuple[int, int],
-        events: object,
-    ) -> Bench:
-        """A machine with plant and drift of the first seed, noise of the other."""
-        model, gains = mismatched_model(self.model, self.known, mismatch, seeds[0])
-        plant = self.plant(model)
-        per_command = displaced(self.known, plant, gains)
-        return Bench(
-            plant,
-            self._sensors(mismatch.drift_per_s * self.period_s, len(gains), *seeds),
-            time_s=time_s,
-            period_s=self.period_s,
-            failures=failures,
-            drives=partial(np.multiply, per_command),
-            delay_ticks=mismatch.delay_ticks,
-            keep_qpos=True,
-            events=events,
-        )
-
-    def _sensors(self, drift_per_tick: float, actuators: int, drawn: int, seed: int) -> Sensors:
-        """Of the task, or encoders alone; zeros drift up to so many standard deviations."""
-        rows, draw = self.options.rows, Draw(drawn)
-        noise, encoder_noise = self.noise, self.encoder_noise
-        of_task = drift_per_tick * noise * draw.uniform("task drift", len(rows))
-        of_encoders = drift_per_tick * encoder_noise * draw.uniform("drift", actuators)
-        sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seed)
-        if self.options.sense == "joints":
-            # The task is computed from the encoders, and drifts with them.
-            sensors, of_task = JointSensors(self.mechanism, rows, encoder_noise, seed), 0 * of_task
-        return DriftingSensors(sensors, of_task, of_encoders)
 
 
 def robot_of(

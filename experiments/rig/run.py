@@ -55,7 +55,8 @@ class Run:
         true: (N, m1).
         measured: (N, m1).
         pose: True pose of the task frame at N ticks, from the nominal one.
-        estimated: The pose that the pilot takes it for, at each tick; None where it takes none.
+        estimated: Task coordinates that the controller takes the pose for, (N, 6); None where it
+            estimates no pose of the task frame.
         inputs: (N, n) sent to the drives: displacements, or percent of the hexapod's inputs.
         displacement: (N, n) of the actuators.
         qpos: (N, nq) joint positions.
@@ -77,7 +78,7 @@ class Run:
     true: Array
     measured: Array
     pose: Pose
-    estimated: Sequence[Any]
+    estimated: Array | None
     inputs: Array
     displacement: Array
     qpos: Array
@@ -102,12 +103,31 @@ class Run:
         return self.pose.displacement()
 
     @property
+    def error(self) -> Array:
+        """Desired minus true displacements of the major rows, shape (N, m1)."""
+        return self.desired - self.true
+
+    def rms(self, ticks: slice = slice(None)) -> Array:
+        """RMS error of each major row over some ticks, shape (m1,), [rad] or [m]."""
+        return rms(self.error[ticks])
+
+    @property
+    def closure_max_m(self) -> float:
+        """Largest gap of a closed loop in the whole run, [m]."""
+        return float(self.closure_m.max())
+
+    @property
     def arrays(self) -> dict[str, Array]:
         """As they are published."""
         names = ("time_s", "desired", "true", "measured", "task", "inputs", "displacement", "qpos")
         return {name: getattr(self, name) for name in names} | {
             "closure_residual_m": self.closure_m
         }
+
+
+def rms(signal: Array) -> Array:
+    """Root mean square over time, the first axis."""
+    return np.sqrt((signal**2).mean(axis=0))
 
 
 def flown(
@@ -129,7 +149,7 @@ def flown(
     if demands is not None:
         demands = after_rest(lead_in, demands)
     reference = after_rest(lead_in, desired)
-    begun = rig.begun(bench, pilot, reference, demands, on_tick)
+    begun = rig.fast_start and rig.fast_start(bench, pilot, reference, demands, on_tick)
     done = 0 if begun is None else len(begun.inputs)
     machine = bench if on_tick is None else _Counted(bench, on_tick, done)
     try:
@@ -176,7 +196,7 @@ def run_of(
         true=true,
         measured=looped.measured[kept],
         pose=pose,
-        estimated=looped.poses[kept],
+        estimated=_estimated(rig, looped.poses[kept]),
         inputs=looped.inputs[kept],
         displacement=bench.displacement[kept],
         qpos=bench.qpos[kept],
@@ -210,6 +230,17 @@ def _lost(
             f"path, whose size is {1e3 * rig.size:.3g} m{unit}."
         )
     return "The major task cannot be done whole any more." if believed else None
+
+
+def _estimated(rig: "Rig", poses: Sequence[Any]) -> Array | None:
+    """Task coordinates (N, 6) of estimated poses of the task frame; None where they are none."""
+    if not all(isinstance(each, Pose) for each in poses):
+        return None
+    rotation, translation_m = (np.array([getattr(each, of) for each in poses]) for of in _POSE)
+    return rig.coordinates(Pose(rotation, translation_m))
+
+
+_POSE = "rotation", "translation_m"
 
 
 def after_rest(ticks: int, signal: Array) -> Array:

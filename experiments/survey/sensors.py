@@ -13,12 +13,12 @@ import numpy as np
 
 from experiments.rig.choices import Sensing
 from experiments.rig.dither import CONDITIONS, rig_dither
-from experiments.rig.mjcf import RobotRig, robot_rig
+from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
+from experiments.rig.rig import Rig
 from experiments.rig.units import ROWS
 from experiments.study.study import WrongInput
 from ftc.fdi.dither_design import DitherDesign
-from ftc.fdi.fault_model import NominalModel
 from ftc.fdi.sensor_choice import ranked_sensors
 from ftc.fdi.separation import Separations, separations
 from ftc.fdi.uncertainty import CERTAIN
@@ -104,14 +104,15 @@ def sensors_of(file: Path, options: RobotOptions, at: Array | None = None) -> Se
     return Sensors(rig.actuators, rig.size, noise, tuple(sensed))
 
 
-def watched_by(rig: RobotRig, sense: Sensing) -> NominalModel:
-    """The linear model from commands to what these sensors measure; task rows come first."""
-    return rig.nominal if sense == "task" else replace(rig.track, sense=sense).watched
+def with_sensors(rig: Rig, sense: Sensing) -> Rig:
+    """The same robot whose diagnosis looks at these sensors; task rows come first."""
+    noise = None if sense == "task" else rig.control.encoder_noise
+    return replace(rig, control=replace(rig.control, sense=sense, encoder_noise=noise))
 
 
-def _sensed(rig: RobotRig, sense: Sensing) -> Sensed:
-    watched = watched_by(rig, sense)
-    design = rig_dither(replace(rig, watched=watched), "designed")
+def _sensed(rig: Rig, sense: Sensing) -> Sensed:
+    looking = with_sensors(rig, sense)
+    watched, design = looking.watched, rig_dither(looking, "designed")
     if design is None:
         raise ValueError("the major task leaves no motion by which failures could be told apart")
     exact = separations(watched, design.dither, replace(CONDITIONS, uncertainty=CERTAIN))
@@ -128,21 +129,21 @@ def _sensed(rig: RobotRig, sense: Sensing) -> Sensed:
     return Sensed(sense, design, len(exact.isolable()), tuple(added))
 
 
-def candidates(rig: RobotRig, sense: Sensing) -> dict[str, tuple[Array, float]]:
+def candidates(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
     """Rows per state of what a further sensor may measure, and its noise, by its name.
 
     Encoders of the actuators, the other rows of the twist, and encoders of hinges and slides that
     nothing drives; those that the robot does not have. All are as precise as forward kinematics
     from encoders of the actuators.
     """
-    linear, model = rig.robot.linear, rig.robot.scene.own
+    linear, model = rig.machine.robot.linear, rig.machine.robot.scene.own
     assert linear.motion is not None  # that of a plant
     encoders, twist, moves = linear.C_active, linear.C_twist, linear.motion
     found = {} if sense != "task" else _named("encoder of", rig.actuators, encoders)
     for k, name in enumerate(ROWS):
         if k not in rig.major or sense == "joints":
             found[f"sensor of {name}"] = twist[k]
-    driven = {drive.joint for drive in rig.robot.alone.drives}
+    driven = {drive.joint for drive in rig.machine.robot.alone.drives}
     free = [k for k in range(model.njnt) if k not in driven and model.jnt_type[k] in _ONE_VELOCITY]
     at = model.jnt_dofadr[free]
     positions = np.hstack([moves[at], np.zeros_like(moves[at])])

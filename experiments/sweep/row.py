@@ -8,17 +8,20 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.rig.hexapod import fault_tolerance
-from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.columns import MAJOR, secondary
 from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
-from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.rig.hexapod.prediction import prediction
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.machine import detector_noise_rad
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.letters import conditions
+from experiments.rig.prediction import MARGINAL, open_loop, pole_radius
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run, rms
 from experiments.rig.verdicts import names_of
 from experiments.study.campaign import Row
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.control.compensator import Compensator
+from ftc.fdi.fault_model import Fault
 from prioritized import FailureAtlas, failure_atlas
 from sim import NOMINAL, Array, ModelError, SimulationDiverged, hexapod, load_model
 
@@ -95,7 +98,7 @@ def row_of(run: SweepRun) -> Row:
         row["dac_step_urad"] = _dac_step_urad(run, mapping)
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
-        return row | measured(flown(run))
+        return row | measured(simulated(run))
     except SimulationDiverged as diverged:
         found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
         return row | found
@@ -103,25 +106,20 @@ def row_of(run: SweepRun) -> Row:
         return row | {"status": "refused", "message": str(refused)}
 
 
-def flown(run: SweepRun) -> Trajectory:
-    """The run, simulated; raises as the simulation does."""
-    return track_spiral(_testbed(run), _spiral(run))
+def simulated(run: SweepRun) -> Run:
+    """The run; raises as the simulation does."""
+    rig, path = _rig(run), run.bench.spiral_rad(run.duration_s)
+    controller = rig.controller()
+    if run.known and run.failure_time_s > 0 and run.failures:
+        controller = rig.reconfigured(run.goal, run.reconfigured, run.failure_time_s)
+    return rig.fly(controller, path, failures=run.failures, seed=run.seed)
 
 
-def _testbed(run: SweepRun) -> Testbed:
-    return Testbed(machine(), run.bench, loops(run.bench), stiffness())
-
-
-def _spiral(run: SweepRun) -> SpiralRun:
-    from_start = run.failure_time_s == 0
-    return SpiralRun(
-        run.reconfigured if from_start else run.goal,
-        run.failures,
-        run.reconfigured if run.known and not from_start else None,
-        run.jacobian,
-        seed=run.seed,
-        duration_s=run.duration_s,
-    )
+def _rig(run: SweepRun) -> Rig:
+    """The hexapod with what the mapping knows from the start as goal."""
+    testbed = Testbed(machine(), run.bench, loops(run.bench), stiffness())
+    goal = run.reconfigured if run.failure_time_s == 0 else run.goal
+    return hexapod_rig(testbed, goal, jacobian=run.jacobian)
 
 
 def _predicted(run: SweepRun) -> Row:
@@ -132,11 +130,14 @@ def _predicted(run: SweepRun) -> Row:
     """
     if any(failure.time_s > 0 or failure.kind == "loose" for failure in run.failures):
         return {}
-    found = prediction(_testbed(run), _spiral(run))
-    row: Row = {"predicted_pole_radius": found.pole_radius}
-    if found.error_rad is None:
+    rig, faults = _rig(run), [Fault.of(failure) for failure in run.failures]
+    row: Row = {"predicted_pole_radius": pole_radius(open_loop(rig, rig.goal, faults))}
+    if row["predicted_pole_radius"] > MARGINAL:
         return row
-    return row | dict(zip(PREDICTED, (1e6 * rms(found.error_rad)).tolist(), strict=True))
+    path = run.bench.spiral_rad(run.duration_s)
+    noise = detector_noise_rad(run.bench, run.seed, len(path))
+    found = rig.predict(path, failures=run.failures, told=False, noise=noise)
+    return row | dict(zip(PREDICTED, (1e6 * rms(found.error)).tolist(), strict=True))
 
 
 def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
@@ -147,16 +148,16 @@ def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
     return 1e6 * float(np.linalg.norm(steps_rad, axis=1).max())
 
 
-def measured(run: Trajectory) -> Row:
+def measured(run: Run) -> Row:
     """What the row has of a run to the end."""
     values = (
-        pointing_rms_urad(run),
-        np.abs(1e6 * (run.desired_rad - run.true_rad)).max(0),
-        rms(1e6 * (run.desired_rad - run.measured_rad)),
-        rms(run.strut_input_percent),
-        np.abs(run.strut_input_percent).max(0),
-        1e6 * np.abs(run.secondary).max(0),
-        [closure_residual_max_m(run)],
+        1e6 * run.rms(),
+        1e6 * np.abs(run.error).max(0),
+        1e6 * rms(run.desired - run.measured),
+        rms(run.inputs),
+        np.abs(run.inputs).max(0),
+        1e6 * np.abs(secondary(run)).max(0),
+        [run.closure_max_m],
     )
     return dict(zip(MEASURED, np.concatenate(values).tolist(), strict=True))
 

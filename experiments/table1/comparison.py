@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.rig.hexapod.metrics import each_angle
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.run import Run
 from experiments.study.plotting import BLACK, PAGE_IN, VERMILION, new_figure
 from experiments.study.quantity import columns_of
 from experiments.study.results import Check, Picture
@@ -129,8 +129,8 @@ def figure_controller(outcome: Table1) -> Figure:
     for (above, below), each in zip(panels.T, outcome.compared, strict=True):
         name = each.column.name
         for run, said, color in (
-            (outcome.trajectories[name], "prioritized mapping", BLACK),
-            (each.trajectory, label, VERMILION),
+            (outcome.runs[name], "prioritized mapping", BLACK),
+            (each.run, label, VERMILION),
         ):
             _plot(above, below, run, label=said, color=color, lw=0.7, alpha=0.8)
         above.set_title(_CONDITIONS[name])
@@ -142,7 +142,7 @@ def figure_controller(outcome: Table1) -> Figure:
     return figure
 
 
-def _plot(above: Any, below: Any, run: Trajectory, **style: Any) -> None:
-    error_urad = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+def _plot(above: Any, below: Any, run: Run, **style: Any) -> None:
+    error_urad = 1e6 * np.linalg.norm(run.error, axis=1)
     above.plot(run.time_s, error_urad, **style)
-    below.plot(run.time_s, np.abs(run.strut_input_percent).max(axis=1), **style)
+    below.plot(run.time_s, np.abs(run.inputs).max(axis=1), **style)

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.recording.plots import spiral
-from experiments.rig.hexapod.metrics import pointing_rms_urad
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.columns import secondary
+from experiments.rig.run import Run
 from experiments.study.plotting import (
     BLACK,
     BLUE,
@@ -31,12 +31,12 @@ SECONDARY = [
     ("$t_z$, µm", 3, ORANGE),
     ("$\\gamma$, µrad", 0, PURPLE),
 ]
-"""Label and column of `Trajectory.secondary`, in the order of the paper's weights, and colour."""
+"""Label and column of `secondary`, in the order of the paper's weights, and colour."""
 ERROR = "error: desired minus true"
 ERRORS = "$\\alpha$ error, µrad", "$\\beta$ error, µrad"
 
 
-def pictures(runs: dict[str, Trajectory]) -> list[Picture]:
+def pictures(runs: dict[str, Run]) -> list[Picture]:
     """The result at a glance and Figures 4 to 6, with their captions."""
     return [
         Picture(
@@ -76,7 +76,7 @@ def pictures(runs: dict[str, Trajectory]) -> list[Picture]:
     ]
 
 
-def figure_result(runs: dict[str, Trajectory]) -> Figure:
+def figure_result(runs: dict[str, Run]) -> Figure:
     """Size of the pointing error over time, and t_x under two weights."""
     figure = new_figure(PAGE_IN, 3.0)
     left, right = figure.subplots(1, 2)
@@ -87,10 +87,10 @@ def figure_result(runs: dict[str, Trajectory]) -> Figure:
     ):
         run = runs[name]
         size_urad = np.linalg.norm(_error_urad(run), axis=1)
-        rms_urad = np.linalg.norm(pointing_rms_urad(run))
+        rms_urad = np.linalg.norm(1e6 * run.rms())
         left.plot(run.time_s, size_urad, label=f"{said}: RMS {rms_urad:.1f} µrad", **style)
         _whole_run(left, run)
-    radius_urad = 1e6 * np.linalg.norm(runs["W_a"].desired_rad, axis=1).max()
+    radius_urad = 1e6 * np.linalg.norm(runs["W_a"].desired, axis=1).max()
     left.set_title(f"Major task: pointing along a spiral of {radius_urad:.0f} µrad")
     left.set_ylabel("pointing error, µrad")
     for name, color, said in (
@@ -98,9 +98,9 @@ def figure_result(runs: dict[str, Trajectory]) -> Figure:
         ("W_e", BLUE, "$W_e$, $t_x$ and $t_y$ weighted ten times"),
     ):
         run = runs[name]
-        peak_um = 1e6 * abs(run.secondary[:, 1]).max()
+        peak_um = 1e6 * abs(secondary(run)[:, 1]).max()
         label = f"{said}: peak {peak_um:.3g} µm"
-        right.plot(run.time_s, 1e6 * run.secondary[:, 1], color=color, label=label)
+        right.plot(run.time_s, 1e6 * secondary(run)[:, 1], color=color, label=label)
         _whole_run(right, run)
     right.set(title="Secondary motion, strut 1 locked")
     right.set_ylabel("translation $t_x$, µm")
@@ -110,10 +110,10 @@ def figure_result(runs: dict[str, Trajectory]) -> Figure:
     return figure
 
 
-def figure_4(runs: dict[str, Trajectory]) -> Figure:
+def figure_4(runs: dict[str, Run]) -> Figure:
     """A column for each of W_a, W_b, W_c: the pointing error, and the strut inputs."""
     names = ["W_a", "W_b", "W_c"]
-    peaks = {name: abs(runs[name].strut_input_percent).max(axis=0) for name in names}
+    peaks = {name: abs(runs[name].inputs).max(axis=0) for name in names}
     figure = new_figure(PAGE_IN, 4.6)
     figure.suptitle(
         f"$W_b$ takes the largest input of struts 1, 3, 5 from {peaks['W_a'][::2].max():.1f} to "
@@ -126,7 +126,7 @@ def figure_4(runs: dict[str, Trajectory]) -> Figure:
     errors[0].set_ylabel(ERRORS[1])
     for name, plane, axes in zip(names, errors, inputs, strict=True):
         _error_plane(plane, runs[name], limit_urad, _weight(name))
-        for k, current in enumerate(runs[name].strut_input_percent.T):
+        for k, current in enumerate(runs[name].inputs.T):
             label, color = ("struts 2, 4, 6", ORANGE) if k % 2 else ("struts 1, 3, 5", BLUE)
             axes.plot(runs[name].time_s, current, lw=0.6, color=color, label=label)
         axes.set(xlabel="time, s")
@@ -136,7 +136,7 @@ def figure_4(runs: dict[str, Trajectory]) -> Figure:
     return figure
 
 
-def figure_5(runs: dict[str, Trajectory]) -> Figure:
+def figure_5(runs: dict[str, Run]) -> Figure:
     """Tracking spiral with strut 1 locked and the mapping of six struts; its errors."""
     run, sound = runs["W_a_uncorrected"], runs["W_a"]
     figure = new_figure(COLUMN_IN, 5.4)
@@ -151,10 +151,10 @@ def figure_5(runs: dict[str, Trajectory]) -> Figure:
     return figure
 
 
-def figure_6(runs: dict[str, Trajectory]) -> Figure:
+def figure_6(runs: dict[str, Run]) -> Figure:
     """Rows W_d and W_e: the pointing error and the secondary motion; strut 1 locked and known."""
     names = ["W_d", "W_e"]
-    sideways_um = {name: 1e6 * abs(runs[name].secondary[:, 1:3]).max() for name in names}
+    sideways_um = {name: 1e6 * abs(secondary(runs[name])[:, 1:3]).max() for name in names}
     figure = new_figure(PAGE_IN, 4.4)
     figure.suptitle(
         f"With strut 1 locked, $t_x$ and $t_y$ are up to {sideways_um['W_d']:.3g} µm under $W_d$ "
@@ -163,7 +163,7 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
     )
     grid = figure.subplots(len(names), 3, width_ratios=[0.8, 1, 1])
     limit_urad = _limit_urad([runs[name] for name in names])
-    largest = 1.1e6 * max(abs(runs[name].secondary).max() for name in names)
+    largest = 1.1e6 * max(abs(secondary(runs[name])).max() for name in names)
     for name, (plane, *panels) in zip(names, grid, strict=True):
         run = runs[name]
         _error_plane(plane, run, limit_urad, f"{_weight(name)}, strut 1 locked")
@@ -172,23 +172,23 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
         panels[1].set_ylabel("displacement, µm or µrad")
         for panel, shown in zip(panels, (SECONDARY[:2], SECONDARY[2:]), strict=True):
             for label, column, color in shown:
-                panel.plot(run.time_s, 1e6 * run.secondary[:, column], color=color, label=label)
+                panel.plot(run.time_s, 1e6 * secondary(run)[:, column], color=color, label=label)
             panel.set(title=_weight(name), ylim=(-largest, largest), xlabel="time, s")
             _whole_run(panel, run)
     one_legend(figure, 5)
     return figure
 
 
-def _error_plane(axes: Axes, run: Trajectory, limit_urad: float, title: str) -> None:
+def _error_plane(axes: Axes, run: Run, limit_urad: float, title: str) -> None:
     """The error of beta over that of alpha: at the scale of the path both would be one line."""
     axes.plot(*_error_urad(run).T, color=GREEN, lw=0.6, label=ERROR)
     axes.set(title=title, xlabel=ERRORS[0], aspect="equal")
     axes.set(xlim=(-limit_urad, limit_urad), ylim=(-limit_urad, limit_urad))
 
 
-def _rms_said(runs: list[Trajectory]) -> str:
+def _rms_said(runs: list[Run]) -> str:
     """RMS of both angles, the same or from the least to the largest of the runs."""
-    rms_urad = np.array([pointing_rms_urad(run) for run in runs])
+    rms_urad = np.array([1e6 * run.rms() for run in runs])
     ends = [
         (f"{low:.2f}", f"{high:.2f}")
         for low, high in zip(rms_urad.min(0), rms_urad.max(0), strict=True)
@@ -197,18 +197,18 @@ def _rms_said(runs: list[Trajectory]) -> str:
     return f"{alpha} and {beta} µrad"
 
 
-def _error_urad(run: Trajectory) -> Array:
+def _error_urad(run: Run) -> Array:
     """Desired minus true (alpha, beta), shape (N, 2)."""
-    return 1e6 * (run.desired_rad - run.true_rad)
+    return 1e6 * run.error
 
 
-def _limit_urad(runs: list[Trajectory]) -> float:
+def _limit_urad(runs: list[Run]) -> float:
     return 1.1 * max(abs(_error_urad(run)).max() for run in runs)
 
 
-def _errors(panels: list[Axes], run: Trajectory, limit_urad: float) -> None:
+def _errors(panels: list[Axes], run: Run, limit_urad: float) -> None:
     """Desired minus true alpha and beta, each in a panel with its RMS."""
-    rms_urad = pointing_rms_urad(run)
+    rms_urad = 1e6 * run.rms()
     for k, (axes, label) in enumerate(zip(panels, ERRORS, strict=True)):
         axes.plot(run.time_s, _error_urad(run)[:, k], color=GREEN, lw=0.8, label=ERROR)
         axes.set(ylabel=label, ylim=(-limit_urad, limit_urad))
@@ -216,7 +216,7 @@ def _errors(panels: list[Axes], run: Trajectory, limit_urad: float) -> None:
         _whole_run(axes, run)
 
 
-def _whole_run(axes: Axes, run: Trajectory) -> None:
+def _whole_run(axes: Axes, run: Run) -> None:
     end_s = round(float(run.time_s[-1]))
     axes.set(xlim=(0, end_s), xticks=range(0, end_s + 1, 4 if end_s > 8 else 1))
 

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.rig.hexapod import metrics
-from experiments.rig.hexapod.metrics import closure_residual_max_m, each_angle, rms
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.columns import secondary, secondary_estimated
+from experiments.rig.hexapod.metrics import each_angle
+from experiments.rig.run import Run, rms
 from experiments.study.quantity import Quantity
 from experiments.table1.robustness import TOLERANCE, MismatchedRun
 from sim import Array
@@ -16,10 +17,10 @@ from sim import Array
 class Measured(NamedTuple):
     """A run, and what its errors are compared with."""
 
-    run: Trajectory
+    run: Run
     paper_urad: tuple[float, float] | None = None
     predicted_rad: Array | None = None
-    other: Trajectory | None = None  # with the other Jacobian
+    other: Run | None = None  # with the other Jacobian
     mismatched: MismatchedRun | None = None
 
 
@@ -27,14 +28,12 @@ RMS = replace(metrics.RMS, heading="*, urad", format=".4f")
 PREDICTED = replace(metrics.PREDICTED, heading="  linear model", format=".4f")
 DETECTOR = Quantity(
     "*_measured_rms_urad",
-    lambda m: 1e6 * rms(m.run.desired_rad - m.run.measured_rad),
+    lambda m: 1e6 * rms(m.run.desired - m.run.measured),
     heading="  detector",
     format=".4f",
 )
 PAPER = Quantity("paper_*_rms_urad", lambda m: m.paper_urad, heading="  paper", format=".4f")
-OTHER_JACOBIAN = Quantity(
-    "other_jacobian_*_rms_urad", lambda m: m.other and metrics.pointing_rms_urad(m.other)
-)
+OTHER_JACOBIAN = Quantity("other_jacobian_*_rms_urad", lambda m: m.other and 1e6 * m.other.rms())
 MISMATCHED = (
     Quantity(
         "mismatched_*_rms_urad",
@@ -59,7 +58,7 @@ CLOSURE = replace(metrics.CLOSURE, heading="closure, m", format=".1e")
 OTHER_CLOSURE = replace(
     metrics.CLOSURE,
     key="other_jacobian_closure_residual_max_m",
-    of=lambda m: m.other and closure_residual_max_m(m.other),
+    of=lambda m: m.other and m.other.closure_max_m,
 )
 
 
@@ -71,17 +70,15 @@ def error_quantities(*, with_paper: bool) -> tuple[Quantity, ...]:
 
 COLUMN = (
     *error_quantities(with_paper=True),
-    Quantity("strut_input_rms_percent", lambda m: rms(m.run.strut_input_percent).tolist()),
-    Quantity(
-        "strut_input_peak_percent", lambda m: np.abs(m.run.strut_input_percent).max(0).tolist()
-    ),
-    Quantity("secondary_peak", lambda m: _peaks(m.run.secondary)),
-    Quantity("secondary_peak_estimated", lambda m: _peaks(m.run.secondary_estimated)),
+    Quantity("strut_input_rms_percent", lambda m: rms(m.run.inputs).tolist()),
+    Quantity("strut_input_peak_percent", lambda m: np.abs(m.run.inputs).max(0).tolist()),
+    Quantity("secondary_peak", lambda m: _peaks(secondary(m.run))),
+    Quantity("secondary_peak_estimated", lambda m: _peaks(secondary_estimated(m.run))),
     CLOSURE,
 )
 """All of a run."""
 
 
-def _peaks(secondary: Array) -> dict[str, Any]:
+def _peaks(motion: Array) -> dict[str, Any]:
     names = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")
-    return dict(zip(names, (1e6 * np.abs(secondary).max(0)).tolist(), strict=True))
+    return dict(zip(names, (1e6 * np.abs(motion).max(0)).tolist(), strict=True))

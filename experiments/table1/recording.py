@@ -53,11 +53,11 @@ def record_column(
     properties = recording_properties(summary) | {
         key: column[key] for key in _CHOICES if column[key]
     }
-    run = outcome.trajectories.get(name)
+    run = outcome.runs.get(name)
     if run is None:
         said, sources = controller_said(summary, column, locked), {}
         properties |= {"controller": column["controller"]}
-        (run,) = (each.trajectory for each in outcome.compared if each.name == name)
+        (run,) = (each.run for each in outcome.compared if each.name == name)
     record_run(
         folder,
         name,

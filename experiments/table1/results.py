@@ -12,10 +12,8 @@ from experiments.rig.hexapod.columns import Column as Experiment
 from experiments.rig.hexapod.controller import ANGLES
 from experiments.rig.hexapod.metrics import (
     closure_check,
-    closure_residual_max_m,
     is_cut,
     loop_measures,
-    pointing_rms_urad,
 )
 from experiments.study.provenance import versions
 from experiments.study.quantity import checks_of, columns_of, entry_of
@@ -60,7 +58,7 @@ def results(outcome: Table1) -> Results:
 def summarize(outcome: Table1) -> dict[str, Any]:
     """All numbers of the table, ready for JSON; units are in the names."""
     bench = outcome.configuration.bench
-    ticks = len(outcome.trajectories["W_a"].time_s)
+    ticks = len(outcome.runs["W_a"].time_s)
     loops = zip(ANGLES, outcome.loops, strict=True)
     return {
         "experiment": "table1",
@@ -84,16 +82,16 @@ def summarize(outcome: Table1) -> dict[str, Any]:
 
 def compare_jacobians(outcome: Table1) -> dict[str, Any]:
     """Changes of the RMS errors with the other Jacobian, and with another seed."""
-    table = {name: pointing_rms_urad(run) for name, run in outcome.trajectories.items()}
-    differences = [pointing_rms_urad(run) - table[name] for name, run in outcome.other.items()]
+    table = {name: 1e6 * run.rms() for name, run in outcome.runs.items()}
+    differences = [1e6 * run.rms() - table[name] for name, run in outcome.other.items()]
     by_jacobian = float(np.abs(differences).max())
-    by_seed = float(np.abs(pointing_rms_urad(outcome.reseeded) - table["W_a"]).max())
+    by_seed = float(np.abs(1e6 * outcome.reseeded.rms() - table["W_a"]).max())
     other = other_jacobian(outcome.jacobian)
     return {
         "other": other,
         "largest_rms_difference_urad": by_jacobian,
         "next_seed_rms_difference_urad": by_seed,
-        "next_seed_closure_residual_max_m": closure_residual_max_m(outcome.reseeded),
+        "next_seed_closure_residual_max_m": outcome.reseeded.closure_max_m,
         "sentence": (
             f"With the {other} Jacobian the RMS errors change by at most {by_jacobian:.1e} urad, "
             f"which is {'below' if by_jacobian < by_seed else 'above'} the noise: another seed "
@@ -166,7 +164,7 @@ def _distance_sentence(columns: list[dict[str, Any]]) -> str:
 def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
     name = experiment.name
     measured = Measured(
-        outcome.trajectories[name],
+        outcome.runs[name],
         paper.TABLE_I_URAD[name],
         outcome.predicted_rad[name],
         outcome.other[name],
@@ -177,7 +175,7 @@ def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
 
 def _compared_column(outcome: Table1, compared: Compared) -> dict[str, Any]:
     """A column of another controller; what it estimates is not known."""
-    entry = _entry(compared.name, compared.column, "other", Measured(compared.trajectory))
+    entry = _entry(compared.name, compared.column, "other", Measured(compared.run))
     return entry | {
         "secondary_peak_estimated": None,
         "controller": outcome.controller,

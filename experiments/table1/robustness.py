@@ -1,13 +1,15 @@
 """Table I on plants that are not the controllers' model."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from experiments.rig.hexapod.metrics import closure_check, closure_residual_max_m, rms
-from experiments.rig.hexapod.mismatch import ALL, ALL_SIZES, has_suspensions, mismatched
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory
-from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.hexapod.columns import Column
+from experiments.rig.hexapod.machine import detector_noise_rad
+from experiments.rig.hexapod.metrics import closure_check
+from experiments.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run, rms
 from experiments.study.results import Check
 from sim import Array, ModelError
 
@@ -36,43 +38,36 @@ class MismatchedRun:
     closure_residual_max_m: float
 
 
-def mismatched_flights(
-    testbed: Testbed, runs: Mapping[str, SpiralRun], *, quick: bool
-) -> dict[str, tuple[Testbed, SpiralRun]]:
-    """The plants to fly, each column another one, all differences at once; --quick has one.
+def mismatched_rigs(rigs: Mapping[str, Rig], seed: int, *, quick: bool) -> dict[str, Rig]:
+    """Rigs by column on other plants, each another one, all differences at once; --quick has one.
 
     None on a machine without suspension springs, which this mismatch is about.
     """
-    if not has_suspensions(testbed.model):
-        return {}
-    names = REPRESENTATIVE[: 1 if quick else None]
-    return {
-        name: (mismatched(testbed, ALL, runs[name].seed + k), runs[name])
-        for k, name in enumerate(names)
-    }
+    names = [name for name in REPRESENTATIVE if has_suspensions(rigs[name].model)]
+    chosen = names[: 1 if quick else None]
+    return {name: rigs[name].drawn("all", seed + k) for k, name in enumerate(chosen)}
 
 
-def measured(column: str, testbed: Testbed, run: SpiralRun, flown: Trajectory) -> MismatchedRun:
-    """Errors of a flight, beside those that the nominal linear model has on the same floor.
+def measured(name: str, rig: Rig, column: Column, run: Run, seed: int) -> MismatchedRun:
+    """Errors of a run, beside those that the nominal linear model has on the same floor.
 
     Raises:
         sim.ModelError: The loops are unstable in the linear model.
     """
-    # Late: workers import this module, and only simulate.
-    from experiments.rig.hexapod.prediction import predicted_error_rad
-
-    ticks, period_s = len(flown.time_s), testbed.bench.control_period_s
-    zero_rad = testbed.machine.zero_rad(ticks, period_s)
-    floor = testbed.machine.floor(ticks, period_s)
-    predicted = predicted_error_rad(
-        replace(testbed, inexact=None), replace(run, floor_m_per_s2=floor)
+    machine, ticks = rig.machine, len(run.time_s)
+    predicted = rig.predict(
+        run.desired,
+        failures=column.failures,
+        told=False,
+        noise=detector_noise_rad(machine.testbed.bench, seed, ticks),
+        floor_m_per_s2=machine.floor(ticks),
     )
-    if predicted is None:
-        raise ModelError(f"the loops of {column} are unstable on this machine")
+    if predicted.leaves is not None:
+        raise ModelError(f"the loops of {name} are unstable on this machine")
     return MismatchedRun(
-        rms_rad=rms(flown.desired_rad - (flown.true_rad + zero_rad)),
-        predicted_rad=rms(predicted),
-        closure_residual_max_m=closure_residual_max_m(flown),
+        rms_rad=rms(run.desired - (run.true + machine.zero_rad(ticks))),
+        predicted_rad=predicted.rms,
+        closure_residual_max_m=float(run.closure_m.max()),
     )
 
 

@@ -1,30 +1,26 @@
 """The six tracking experiments of section 4.2, in one of two configurations of the bench."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from experiments.rig.hexapod.bench import settled
 from experiments.rig.hexapod.choices import ConfigurationName, JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS, Column
 from experiments.rig.hexapod.controller import Loop, nominal_loops
-from experiments.rig.hexapod.metrics import plant_constants, rms
-from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.simulation import (
-    SpiralRun,
-    Trajectory,
-    track_spiral,
-    trajectory,
-)
+from experiments.rig.hexapod.machine import detector_noise_rad
+from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.hexapod.rig import hexapod_rig, pursuing
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.other_controller import fly_with
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run
 from experiments.study.controllers import controller_factory, controller_label
 from experiments.study.parallel import in_parallel
 from experiments.study.results import Picture
 from experiments.study.study import OnProgress
-from experiments.table1.robustness import MismatchedRun, measured, mismatched_flights
-from sim import Array, ModelError, load_model, model_sha256
+from experiments.table1.robustness import MismatchedRun, measured, mismatched_rigs
+from sim import Array, Failure, ModelError, load_model, model_sha256
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ class Compared:
 
     name: str  # of its column
     column: Column  # of this project's controller
-    trajectory: Trajectory
+    run: Run
     failure: str | None  # of the controller, a sentence
 
 
@@ -94,14 +90,14 @@ class Table1:
     plant_constants: dict[str, float | list[float]]
     loops: tuple[Loop, Loop]  # alpha, beta
     jacobian: JacobianChoice
-    trajectories: dict[str, Trajectory]  # with that Jacobian
-    other: dict[str, Trajectory]  # with the other
-    reseeded: Trajectory  # W_a with the next seed: how much the noise alone changes an RMS
+    runs: dict[str, Run]  # with that Jacobian
+    other: dict[str, Run]  # with the other
+    reseeded: Run  # W_a with the next seed: how much the noise alone changes an RMS
     predicted_rad: dict[str, Array]  # RMS by the linear model, (2,)
     mismatched: dict[str, MismatchedRun]  # on plants that are not the model
     controller: str | None = None  # another one, package.module:factory
     compared: tuple[Compared, ...] = ()  # its runs
-    pictures: tuple[Picture, ...] = ()  # of the trajectories
+    pictures: tuple[Picture, ...] = ()  # of the runs
 
 
 def other_jacobian(jacobian: JacobianChoice) -> JacobianChoice:
@@ -135,30 +131,32 @@ def run_table1(
         compared = [column for column in COLUMNS if column.name in COMPARED]
     chosen, machine = CONFIGURATIONS[configuration], load_model(model)
     bench = chosen.bench
-    duration_s = bench.quick_duration_s if quick else bench.duration_s
     loops, constants = nominal_loops(machine, bench), plant_constants(machine)
-    testbed = settled(Testbed(machine, bench, loops))
-    choices: tuple[JacobianChoice, JacobianChoice] = (jacobian, other_jacobian(jacobian))
-    asked = [
-        SpiralRun(c.goal, c.failures, jacobian=choice, seed=seed, duration_s=duration_s)
-        for choice in choices
-        for c in COLUMNS
+    testbed, names = Testbed(machine, bench, loops), [column.name for column in COLUMNS]
+    path = bench.spiral_rad(bench.quick_duration_s if quick else bench.duration_s)
+    rig = hexapod_rig(testbed)
+    rigs = {
+        (choice, column.name): pursuing(rig, column.goal, jacobian=choice)
+        for choice in (jacobian, other_jacobian(jacobian))
+        for column in COLUMNS
+    }
+    _ = rig.machine.rest  # settled once for all processes
+    own = {name: rigs[jacobian, name] for name in names}
+    mismatched = mismatched_rigs(own, seed, quick=quick)
+
+    def call(rig: Rig, column: Column, seed: int = seed, **how: Any) -> dict[str, Any]:
+        return {"rig": rig, "path": path, "failures": column.failures, "seed": seed, **how}
+
+    calls = [
+        *(call(rig, BY_NAME[name]) for (_, name), rig in rigs.items()),
+        call(own["W_a"], COLUMNS[0], seed + 1),
+        *(call(own[column.name], column, controller=controller) for column in compared),
+        *(call(rig, BY_NAME[name]) for name, rig in mismatched.items()),
     ]
-    asked.append(replace(asked[0], seed=seed + 1))
-    calls = [{"testbed": testbed, "run": run, "controller": None} for run in asked]
-    calls += [
-        {"testbed": testbed, "run": run, "controller": controller}
-        for column, run in zip(COLUMNS, asked, strict=False)
-        if column in compared
-    ]
-    names = [column.name for column in COLUMNS]
-    by_name = dict(zip(names, asked, strict=False))
-    flights = mismatched_flights(testbed, by_name, quick=quick)
-    calls += [{"testbed": t, "run": run, "controller": None} for t, run in flights.values()]
     predicted, pictures = dict[str, Array](), list[Picture]()
 
     def meanwhile(found: list[Any]) -> Iterator[None]:
-        predicted.update((name, _predicted_rad(name, testbed, by_name[name])) for name in names)
+        predicted.update((name, _predicted_rad(own[name], path, name, seed)) for name in names)
         yield
         while not all(found[: len(names)]):
             yield
@@ -166,9 +164,11 @@ def run_table1(
             pictures.append(replace(picture, printed=picture.files()))
             yield
 
-    done = in_parallel(_track, calls, on_progress, meanwhile)
-    runs, others = [run for run, _ in done[: len(asked)]], done[len(asked) :]
-    flown = [run for run, _ in others[len(compared) :]]
+    done = iter(in_parallel(_simulated, calls, on_progress, meanwhile))
+
+    def next_runs(names: Iterable[str]) -> dict[str, Run]:
+        return {name: next(done)[0] for name in names}
+
     return Table1(
         seed=seed,
         configuration=chosen,
@@ -177,50 +177,49 @@ def run_table1(
         plant_constants=constants,
         loops=loops,
         jacobian=jacobian,
-        trajectories=dict(zip(names, runs[: len(names)], strict=True)),
-        other=dict(zip(names, runs[len(names) : -1], strict=True)),
-        reseeded=runs[-1],
+        runs=next_runs(names),
+        other=next_runs(names),
+        reseeded=next_runs(["W_a"])["W_a"],
         predicted_rad=predicted,
-        mismatched={
-            name: measured(name, *flights[name], run)
-            for name, run in zip(flights, flown, strict=True)
-        },
         controller=controller,
         compared=tuple(
-            Compared(f"{controller_label(controller or '')}_{column.name}", column, *other)
-            for column, other in zip(compared, others, strict=False)
+            Compared(f"{controller_label(controller or '')}_{column.name}", column, *next(done))
+            for column in compared
         ),
+        mismatched={
+            name: measured(name, rig, BY_NAME[name], next(done)[0], seed)
+            for name, rig in mismatched.items()
+        },
         pictures=tuple(pictures),
     )
 
 
-def _track(
-    testbed: Testbed, run: SpiralRun, controller: str | None
-) -> tuple[Trajectory, str | None]:
+BY_NAME = {column.name: column for column in COLUMNS}
+
+
+def _simulated(
+    rig: Rig, path: Array, failures: Sequence[Failure], seed: int, controller: str | None = None
+) -> tuple[Run, str | None]:
     """A run, and the failure of its controller if it is another one."""
-    if controller is None:
-        return track_spiral(testbed, run), None
-    bench = testbed.bench
-    path = bench.desired_rad(bench.time_s(run.duration_s or bench.duration_s))
-    flight = {"failures": run.failures, "seed": run.seed}
-    flown, failed = fly_with(rig_of(testbed, run.goal), controller, path, **flight)
-    return trajectory(flown), failed
+    how: dict[str, Any] = {"failures": failures, "seed": seed}
+    if controller is not None:
+        return fly_with(rig, controller, path, **how)
+    return rig.fly(rig.controller(), path, **how), None
 
 
-def _pictures(runs: dict[str, Trajectory]) -> list[Picture]:
+def _pictures(runs: dict[str, Run]) -> list[Picture]:
     from experiments.table1.figure import pictures  # late: workers draw nothing
 
     return pictures(runs)
 
 
-def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:
+def _predicted_rad(rig: Rig, path: Array, column: str, seed: int) -> Array:
     """RMS (2,) by the linear model: over all noise; with a limit, which needs one, this seed's."""
-    # Late: workers import this module, and only simulate.
-    from experiments.rig.hexapod.prediction import predicted_error_rad, predicted_rms_rad
-
-    if testbed.bench.demand_limit_urad is None:
-        return predicted_rms_rad(testbed, run)
-    error = predicted_error_rad(testbed, run)
-    if error is None:
+    bench, noise = rig.control.testbed.bench, None
+    if bench.demand_limit_urad is not None:
+        noise = detector_noise_rad(bench, seed, len(path))
+    how = {"failures": BY_NAME[column].failures, "told": False}
+    found = rig.predict(path, noise=noise, **how)
+    if found.leaves is not None:
         raise ModelError(f"the loops of {column} are unstable on this machine")
-    return rms(error)
+    return found.rms

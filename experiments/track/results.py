@@ -77,7 +77,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     rig, run, failures = tracked.rig, tracked.run, tracked.run.failures
     error = run.desired - run.true
     cut, without = first_tick(tracked), tracked.undiagnosed
-    before, after, _ = tracked.predicted
+    before, after = tracked.predicted.rms_before, tracked.predicted.rms_after
     when_named = tracked.comparable.rms_after
     is_predicted = bool(failures) and not tracked.events
     after_too = None if tracked.uncompared else _ratio(error[cut:], when_named)

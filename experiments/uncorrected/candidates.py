@@ -14,11 +14,11 @@ import numpy as np
 from argument_checks.ties import greatest
 from experiments.rig.hexapod.columns import COLUMNS as TABLE_I
 from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.floor import floor_acceleration
+from experiments.rig.hexapod.machine import floor_acceleration
 from experiments.rig.hexapod.paper import TABLE_I_URAD
-from experiments.rig.hexapod.simulation import SpiralRun
-from experiments.rig.hexapod.testbed import TestbedConfig
-from ftc.goal import Goal
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.rig import Rig
 from sim import Array, Plant, hexapod, linearize
 
 STRUT = 0
@@ -113,30 +113,24 @@ class Candidate:
         choices = sum(key in _CHOICES for key in self.differs())
         return len(self.differs()) - choices, choices
 
-    def run(self, column: str, seed: int) -> SpiralRun:
-        """One column of Table I, by the constant Jacobian."""
-        failures = EXPERIMENTS[column].failures
-        return SpiralRun(
-            goal=self._goal(column),
-            failures=failures,
-            jacobian="constant",
-            seed=seed,
-            start_m=self.lock_m * np.eye(6)[STRUT] if failures else None,
-            lead_in_s=self.lead_in_s,
-            floor_m_per_s2=self._floor(seed),
-        )
+    def rig(self, testbed: Testbed, column: str, seed: int, duration_s: float) -> Rig:
+        """The hexapod for a run of this length in one column of Table I, constant Jacobian."""
+        goal, lock_m = EXPERIMENTS[column].goal, None
+        if EXPERIMENTS[column].failures:
+            lock_m = self.lock_m * np.eye(6)[STRUT]
+        if goal.locked_at:
+            goal = replace(goal, locked_at={STRUT: self.lock_m})
+        floor = self._floor(seed, duration_s)
+        return hexapod_rig(testbed, goal, start_m=lock_m, floor_m_per_s2=floor)
 
-    def _goal(self, column: str) -> Goal:
-        goal = EXPERIMENTS[column].goal
-        return replace(goal, locked_at={STRUT: self.lock_m}) if goal.locked_at else goal
-
-    def _floor(self, seed: int) -> Array | None:
+    def _floor(self, seed: int, duration_s: float) -> Array | None:
         if not self.floor_velocity_m_per_s:
             return None
         bench, velocity = self.bench, self.floor_velocity_m_per_s
         # The detector's noise has another stream.
         ticks = len(bench.time_s(bench.duration_s))
-        return floor_acceleration(ticks, bench.control_period_s, velocity, [seed, 1])
+        floor = floor_acceleration(ticks, bench.control_period_s, velocity, [seed, 1])
+        return floor[: len(bench.time_s(duration_s))]
 
 
 BENCH = Candidate("lost_strut", "the testbed of Table I, a strut lost", simulated=COLUMNS)

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from experiments.recording.plots import spiral
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.run import Run
 from experiments.study.plotting import (
     BLUE,
     GREEN,
@@ -106,7 +106,7 @@ def _legend(summary: dict[str, Any]) -> list[Line2D | Patch]:
 
 
 def figure_demand_limit(
-    runs: Mapping[str, Mapping[str, Trajectory | float]], summary: dict[str, Any]
+    runs: Mapping[str, Mapping[str, Run | float]], summary: dict[str, Any]
 ) -> Figure:
     """What Fig. 5 would show of a limit on the demand, and of a lock off centre."""
     figure = new_figure(PAGE_IN, 3.75)
@@ -122,7 +122,7 @@ def figure_demand_limit(
     )
     for axes, name, title in zip(figure.subplots(1, 2), SHOWN, titles, strict=True):
         run = runs[name]["W_a_uncorrected"]
-        if isinstance(run, Trajectory):
+        if isinstance(run, Run):
             spiral(axes, run, title)
         if by_name[name]["explains"]:
             axes.spines[:].set(color=GREEN, linewidth=2)

@@ -1,6 +1,6 @@
 """What linear theory says of a lost strut, of a candidate, and of a detector off the focus."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import control
@@ -9,13 +9,10 @@ import numpy as np
 
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import Loop, StrutMapping, nominal_loops, sampled
-from experiments.rig.hexapod.metrics import rms
-from experiments.rig.hexapod.prediction import (
-    detector_noise_rad,
-    predicted_error_rad,
-    sensitivity_peak,
-)
+from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.prediction import MARGINAL, loop_peak, open_loop, pole_radius
+from experiments.rig.run import after_rest, rms
 from experiments.uncorrected.candidates import (
     COLUMNS,
     EXPERIMENTS,
@@ -24,6 +21,7 @@ from experiments.uncorrected.candidates import (
     STRUT,
     Candidate,
 )
+from ftc.fdi.fault_model import Fault
 from sim import NOMINAL, Array, Plant, failed_plant, hexapod, linearize, load_model
 
 SETTLED_S = 2.0
@@ -79,27 +77,58 @@ def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
     machine, bench = candidate.machine(load_model()), candidate.bench
     testbed = Testbed(machine, bench, loops := nominal_loops(machine, bench))
 
-    def error_rad(column: str, **changed: Any) -> Array | None:
-        run = replace(candidate.run(column, seed), duration_s=duration_s, **changed)
-        return predicted_error_rad(testbed, run)
+    def error_rad(column: str, lead_in_s: float = candidate.lead_in_s) -> Array | None:
+        return predicted_error_rad(testbed, candidate, column, seed, duration_s, lead_in_s)
 
     def rms_urad(error: Array | None) -> Array | None:
         return None if error is None or candidate.saturates else 1e6 * rms(error)
+
+    def peak(column: str) -> float:
+        rig = candidate.rig(testbed, column, seed, duration_s)
+        return loop_peak(rig, rig.goal, faults_of(column))
 
     errors = {column: error_rad(column) for column in COLUMNS}
     return Predicted(
         loops,
         rms_urad={column: rms_urad(error) for column, error in errors.items()},
         sensitivity={
-            column: None
-            if error is None
-            else sensitivity_peak(testbed, candidate.run(column, seed))
-            for column, error in errors.items()
+            column: None if error is None else peak(column) for column, error in errors.items()
         },
-        settled_urad={
-            column: rms_urad(error_rad(column, lead_in_s=SETTLED_S)) for column in ("W_d", "W_e")
-        },
+        settled_urad={column: rms_urad(error_rad(column, SETTLED_S)) for column in ("W_d", "W_e")},
     )
+
+
+def faults_of(column: str) -> list[Fault]:
+    """Faults of the plant in one of COLUMNS."""
+    return [Fault.of(failure) for failure in EXPERIMENTS[column].failures]
+
+
+def predicted_error_rad(
+    testbed: Testbed,
+    candidate: Candidate,
+    column: str,
+    seed: int,
+    duration_s: float,
+    lead_in_s: float,
+) -> Array | None:
+    """Desired minus true (alpha, beta) of a run, (N, 2), by the linear model; None: unstable.
+
+    It is driven by what drives the run: detector noise, floor, lock off centre, and the limit on
+    the demanded pointing. Saturation of the amplifiers and quantization are left out.
+    """
+    rig, bench = candidate.rig(testbed, column, seed, duration_s), testbed.bench
+    if pole_radius(open_loop(rig, rig.goal, faults_of(column))) > MARGINAL:
+        return None
+    rest, floor = round(lead_in_s / bench.control_period_s), rig.machine.floor_m_per_s2
+    path = after_rest(rest, bench.spiral_rad(duration_s))
+    return rig.predict(
+        path,
+        failures=EXPERIMENTS[column].failures,
+        told=False,
+        noise=detector_noise_rad(bench, seed, len(path)),
+        start=rig.machine.start_m,
+        floor_m_per_s2=None if floor is None else after_rest(rest, floor),
+    ).error[rest:]
 
 
 def offsets_m(*, quick: bool) -> Array:

@@ -10,18 +10,17 @@ import numpy as np
 from argument_checks.ties import least
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.metrics import (
     closure_check,
-    closure_residual_max_m,
     finite_or_none,
     is_cut,
     plant_constants,
-    pointing_rms_urad,
     recording_properties,
 )
 from experiments.rig.hexapod.paper import TABLE_I_URAD
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.run import Run
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
 from experiments.uncorrected.answer import paragraph, table
@@ -63,12 +62,12 @@ def results(study: Uncorrected) -> Results:
     records = []
     for candidate in summary["candidates"]:
         run = study.runs[candidate["name"]]["W_a_uncorrected"]
-        if not isinstance(run, Trajectory):
+        if not isinstance(run, Run):
             continue
         if candidate["recording"]:
             records.append(partial(_record, summary, candidate, run))
         else:
-            arrays[candidate["data"]] = asdict(run)
+            arrays[candidate["data"]] = hexapod_arrays(run)
     return Results(
         summary,
         tables=(table(summary),),
@@ -150,7 +149,7 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
     corrected, if_settled = (
         _near(each, ["W_d", "W_e"], CORRECTED_TOLERANCE) for each in (rms, settled)
     )
-    recorded = isinstance(runs["W_a_uncorrected"], Trajectory) and candidate.name in RECORDED
+    recorded = isinstance(runs["W_a_uncorrected"], Run) and candidate.name in RECORDED
     return {
         "name": candidate.name,
         "what": candidate.what,
@@ -177,28 +176,28 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
 
 def _column(study: Uncorrected, candidate: Candidate, name: str) -> dict[str, Any]:
     run, of_model = study.runs[candidate.name].get(name), study.predicted[candidate.name]
-    ended = run if isinstance(run, Trajectory) else None
+    ended = run if isinstance(run, Run) else None
     predicted = _listed(of_model.rms_urad[name])
-    simulated = ended and pointing_rms_urad(ended).tolist()
+    simulated = ended and (1e6 * ended.rms()).tolist()
     return {
         "name": name,
         "rms_urad": predicted if run is None else simulated,
         "simulated_urad": simulated,
         "predicted_urad": predicted,
         "sensitivity_peak": of_model.sensitivity[name],
-        "strut_input_peak_percent": ended and float(np.abs(ended.strut_input_percent).max()),
-        "closure_residual_max_m": ended and closure_residual_max_m(ended),
+        "strut_input_peak_percent": ended and float(np.abs(ended.inputs).max()),
+        "closure_residual_max_m": ended and ended.closure_max_m,
         "diverged_at_s": run if isinstance(run, float) else None,
     }
 
 
-def _signature(run: Trajectory | float) -> dict[str, Any] | None:
+def _signature(run: Run | float) -> dict[str, Any] | None:
     """What Fig. 5 would show: how far the outer turns reach, and when the error arises."""
-    if not isinstance(run, Trajectory):
+    if not isinstance(run, Run):
         return None
-    squared = np.square(run.desired_rad - run.true_rad).sum(axis=1)
+    squared = np.square(run.error).sum(axis=1)
     outer = run.time_s >= 0.75 * run.time_s[-1]
-    reach = np.abs(run.true_rad[outer]).max(axis=0) / np.abs(run.desired_rad[outer]).max(axis=0)
+    reach = np.abs(run.true[outer]).max(axis=0) / np.abs(run.desired[outer]).max(axis=0)
     first_turn = squared[run.time_s < TestbedConfig().spiral_period_s]
     return {
         "outer_reach_percent": (100 * reach).tolist(),
@@ -226,9 +225,7 @@ def _listed(values: Array | None) -> list[float] | None:
     return None if values is None else values.tolist()
 
 
-def _record(
-    summary: dict[str, Any], candidate: dict[str, Any], run: Trajectory, folder: Path
-) -> None:
+def _record(summary: dict[str, Any], candidate: dict[str, Any], run: Run, folder: Path) -> None:
     """Write the data and the recording of a candidate's uncorrected column."""
     name, ratio, seed = candidate["name"], candidate["ratio"], summary["seed"]
     said = [f"Strut 1 locked, W_a uncorrected: {candidate['what']}.", ""]

@@ -1,17 +1,17 @@
 """Every candidate explanation, simulated and predicted, and the maps."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress
-from experiments.uncorrected.candidates import CANDIDATES, COLUMNS, Candidate
+from experiments.uncorrected.candidates import CANDIDATES, COLUMNS, EXPERIMENTS, Candidate
 from experiments.uncorrected.predicted import (
     Predicted,
     beam_walk_urad,
@@ -39,7 +39,7 @@ class Uncorrected:
     duration_s: float  # of each simulated run
     candidates: tuple[Candidate, ...]
     predicted: dict[str, Predicted]  # by candidate
-    runs: dict[str, dict[str, Trajectory | float]]  # by candidate and column
+    runs: dict[str, dict[str, Run | float]]  # by candidate and column
     grid: Grid
     map_rad: Array  # (roll-offs, dampings, crossovers, 2, 2), see map_row
     map_poles: Array  # (roll-offs, dampings, crossovers, 4)
@@ -62,9 +62,15 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
 
     jobs = [(c, column) for c in chosen for column in c.simulated]
     points = [] if quick else checked_calls(seed)
-    calls = [_call(c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
+    calls = [
+        {
+            "testbed": Testbed(c.machine(model), c.bench, predicted[c.name].loops),
+            **{"candidate": c, "column": column, "seed": seed, "duration_s": duration_s},
+        }
+        for c, column in jobs
+    ]
     ended = in_parallel(simulate, [*calls, *points], on_progress)
-    runs: dict[str, dict[str, Trajectory | float]] = {c.name: {} for c in chosen}
+    runs: dict[str, dict[str, Run | float]] = {c.name: {} for c in chosen}
     for (c, column), run in zip(jobs, ended[: len(jobs)], strict=True):
         runs[c.name][column] = run
 
@@ -88,23 +94,17 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
     )
 
 
-def simulate(testbed: Testbed, run: SpiralRun) -> Trajectory | float:
+def simulate(
+    testbed: Testbed, candidate: Candidate, column: str, seed: int, duration_s: float
+) -> Run | float:
     """The run, or the time at which the physics left the finite numbers: a result, here."""
+    rig = candidate.rig(testbed, column, seed, duration_s)
+    how = {"failures": EXPERIMENTS[column].failures, "seed": seed}
     try:
-        return track_spiral(testbed, run)
+        path = testbed.bench.spiral_rad(duration_s)
+        return rig.fly(rig.controller(), path, lead_in_s=candidate.lead_in_s, **how)
     except SimulationDiverged as diverged:
         return diverged.time_s
-
-
-def _call(
-    candidate: Candidate, column: str, predicted: Predicted, seed: int, duration_s: float
-) -> dict[str, Any]:
-    """Arguments of `track_spiral` for one run."""
-    machine = candidate.machine(load_model())
-    return {
-        "testbed": Testbed(machine, candidate.bench, predicted.loops),
-        "run": replace(candidate.run(column, seed), duration_s=duration_s),
-    }
 
 
 def _map(where: Grid, seed: int, on_progress: OnProgress) -> tuple[Array, Array]:

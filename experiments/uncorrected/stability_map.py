@@ -8,12 +8,21 @@ import mujoco
 import numpy as np
 
 from experiments.rig.hexapod.controller import designed, nominal_loops
-from experiments.rig.hexapod.metrics import pointing_rms_urad, rms
-from experiments.rig.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.machine import detector_noise_rad
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE, damped
-from experiments.uncorrected.predicted import gain_and_plant
+from experiments.rig.prediction import open_loop
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run, rms
+from experiments.uncorrected.candidates import (
+    BENCH,
+    COLUMNS,
+    EXPERIMENTS,
+    PAPER_RATIOS,
+    RATIO_TOLERANCE,
+    damped,
+)
+from experiments.uncorrected.predicted import faults_of, gain_and_plant, predicted_error_rad
 from sim import Array, ModelError, linearize, load_model
 
 ROLL_OFF_HZ = (25.0, 40.0)
@@ -65,18 +74,18 @@ def map_row(
         unstable. (K, 4): largest pole of each of COLUMNS; infinite where no sound loop exists.
     """
     machine = damped(model, damping_ratio)
-    driven = {name: gain_and_plant(machine, name) for name in COLUMNS}
-    pointing, plant = driven["W_a"]
-    sound = linearize(plant.model, plant.data)
+    pointing, plant = gain_and_plant(machine, "W_a")
+    healthy, rig = linearize(plant.model, plant.data), None
     errors = np.full((len(alpha_crossover_hz), 2, 2), np.inf)
     poles = np.full((len(alpha_crossover_hz), len(COLUMNS)), np.inf)
     for k, alpha_hz in enumerate(alpha_crossover_hz):
         here = at_crossover(bench, alpha_hz, roll_off_hz)
         try:
-            G = [each.discrete for each in designed(sound, pointing, here)]
+            testbed = Testbed(machine, here, designed(healthy, pointing, here))
         except ModelError:
             continue
-        loops = {name: driven_loop(plant, gain, G) for name, (gain, plant) in driven.items()}
+        rig = hexapod_rig(testbed) if rig is None else _with(rig, testbed)
+        loops = {name: _closed(rig, name) for name in COLUMNS}
         poles[k] = [np.abs(loops[name].poles()).max() for name in COLUMNS]
         for j, name in enumerate(("W_a", "W_a_uncorrected")):
             if poles[k, COLUMNS.index(name)] < 1:
@@ -84,12 +93,20 @@ def map_row(
     return errors, poles
 
 
+def _with(rig: Rig, testbed: Testbed) -> Rig:
+    """The same linear model with the compensators of another testbed."""
+    return replace(rig, control=replace(rig.control, testbed=testbed))
+
+
+def _closed(rig: Rig, column: str) -> control.StateSpace:
+    """The closed loop from reference to pointing, in one of COLUMNS."""
+    return control.feedback(open_loop(rig, EXPERIMENTS[column].goal, faults_of(column)), np.eye(2))
+
+
 def _error_rad(T: control.StateSpace, bench: TestbedConfig, seed: int) -> Array:
-    time_s = bench.time_s(bench.duration_s)
-    desired = bench.desired_rad(time_s)
-    driven = np.zeros((len(time_s), T.ninputs))
-    driven[:, :2] = desired - detector_noise_rad(bench, seed, len(time_s))
-    return desired - np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
+    desired = bench.spiral_rad()
+    time_s, noise = bench.time_s(bench.duration_s), detector_noise_rad(bench, seed, len(desired))
+    return desired - np.asarray(control.forced_response(T, time_s, (desired - noise).T).outputs).T
 
 
 def map_numbers(where: Grid, map_rad: Array, map_poles: Array) -> dict[str, Any]:
@@ -128,27 +145,26 @@ def map_arrays(where: Grid, map_rad: Array, map_poles: Array) -> dict[str, Array
 
 
 def checked_calls(seed: int) -> list[dict[str, Any]]:
-    """Arguments of `track_spiral`: W_a and uncorrected, point after point."""
+    """Arguments of `runs.simulate`: W_a and uncorrected, point after point."""
     calls = []
     for ratio, alpha_hz, roll_off_hz in CHECKED_POINTS:
         machine = damped(load_model(), ratio)
         bench = at_crossover(TestbedConfig(), alpha_hz, roll_off_hz)
         testbed = Testbed(machine, bench, nominal_loops(machine, bench))
-        both = (BENCH.run(column, seed) for column in ("W_a", "W_a_uncorrected"))
-        calls += [{"testbed": testbed, "run": run} for run in both]
+        how = {"testbed": testbed, "candidate": BENCH, "seed": seed}
+        how["duration_s"] = bench.duration_s
+        calls += [how | {"column": column} for column in ("W_a", "W_a_uncorrected")]
     return calls
 
 
-def compare_checked(
-    calls: list[dict[str, Any]], ended: list[Trajectory | float]
-) -> list[dict[str, Any]]:
+def compare_checked(calls: list[dict[str, Any]], ended: list[Run | float]) -> list[dict[str, Any]]:
     """Simulated beside predicted RMS at the checked points of the map."""
     compared = []
     for k, (call, run) in enumerate(zip(calls, ended, strict=True)):
-        error = predicted_error_rad(**call)
-        simulated = pointing_rms_urad(run).tolist() if isinstance(run, Trajectory) else None
+        error = predicted_error_rad(**call, lead_in_s=0.0)
+        simulated = (1e6 * run.rms()).tolist() if isinstance(run, Run) else None
         where = dict(zip(_CHECKED_BY, CHECKED_POINTS[k // 2], strict=True))
         predicted = None if error is None else (1e6 * rms(error)).tolist()
         outcome = {"predicted_urad": predicted, "simulated_urad": simulated}
-        compared.append({"name": ("W_a", "W_a_uncorrected")[k % 2]} | where | outcome)
+        compared.append({"name": call["column"]} | where | outcome)
     return compared

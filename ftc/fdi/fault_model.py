@@ -132,6 +132,8 @@ class NominalModel:
         implicit_damping: Whether a step of the integration takes the forces of dampers with the
             velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
         friction: Dry friction of the plant's positions, beside its A; None: nothing rubs.
+        floor: Acceleration of the positions per acceleration of the floor, shape (s / 2, 3); None:
+            it is not known.
         names: Of the actuators, for sentences; None: these have numbers.
 
     All arrays are copied, and read-only.
@@ -152,6 +154,7 @@ class NominalModel:
     spring: Array | None = None
     preload: Array | None = None
     friction: DryFriction | None = None
+    floor: Array | None = None
     names: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
@@ -168,7 +171,7 @@ class NominalModel:
                 f"{check.shown(plant)}"
             )
         shapes = {"displacement": (n, s), "feedback": (n, s), "spring": (n, s)}
-        shapes |= {"holding": (n,), "preload": (n,), "noise": (plant.noutputs,)}
+        shapes |= {"holding": (n,), "preload": (n,), "noise": (plant.noutputs,), "floor": (k, 3)}
         damping = check.flag("implicit_damping", self.implicit_damping)
         kept: dict[str, Any] = {"plant": plant, "implicit_damping": damping}
         for name, shape in shapes.items():
@@ -236,6 +239,7 @@ class FaultModel:
         onset: The state just after the onset of the faults, per state just before, shape (s, s):
             an actuator that locks stops, and the impact goes through the whole mechanism.
         drift: What loads do in a tick that an actuator no longer holds, shape (s,).
+        floor: What an acceleration of the floor does in a tick, shape (s, 3); None: not known.
         rubbing: The physics steps of a tick where there is dry friction, which A and B leave out.
     """
 
@@ -245,6 +249,7 @@ class FaultModel:
     onset: Array
     drift: Array
     rubbing: Rubbing | None = None
+    floor: Array | None = None
 
     def step(self, x: Array, commanded: Array) -> Array:
         """The state one tick later, with displacements (n,) commanded meanwhile."""
@@ -325,13 +330,14 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     # One step of the integration: velocities first, then positions with the new ones.
     h, eye = nominal.step_s, np.eye(k)
     unimpeded = [P @ part for part in (lower, np.column_stack([drive, push]))]
-    stiffness, damping, drive, push = (
-        h * P @ part for part in (lower[:, :k], lower[:, k:], drive, push)
+    floor = np.zeros((k, 3)) if nominal.floor is None else nominal.floor
+    stiffness, damping, drive, push, floor = (
+        h * P @ part for part in (lower[:, :k], lower[:, k:], drive, push, floor)
     )
     kept = eye + damping
     if nominal.implicit_damping:
         kept = np.linalg.inv(eye - damping)
-        stiffness, drive, push = kept @ stiffness, kept @ drive, kept @ push
+        stiffness, drive, push, floor = (kept @ part for part in (stiffness, drive, push, floor))
     A = np.block([[eye + h * stiffness, h * kept], [stiffness, kept]])
     B = np.vstack([h * drive, drive])
     steps = round(nominal.period_s / h)
@@ -342,6 +348,7 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
         C=plant.C / nominal.noise[:, None],
         onset=scipy.linalg.block_diag(eye, P),
         drift=total @ np.concatenate([h * push, push]),
+        floor=None if nominal.floor is None else total @ np.vstack([h * floor, floor]),
         rubbing=_rubbing(
             nominal, P, unimpeded, A, np.column_stack([B, [*(h * push), *push]]), kept
         ),

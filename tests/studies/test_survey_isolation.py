@@ -16,7 +16,7 @@ from experiments.rig.options import RobotOptions
 from experiments.survey.alike import alike_columns
 from experiments.survey.isolation import isolation_entry, isolation_sentences
 from experiments.survey.matrix import matrix_subject
-from experiments.survey.sensors import candidates, sensors_of, watched_by
+from experiments.survey.sensors import candidates, sensors_of, with_sensors
 from ftc.control.minimal import minimal
 from ftc.fdi.separation import separations
 from ftc.tracking import tracking
@@ -114,7 +114,7 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has(hand):
     rig, found = hand
     joints = next(each for each in found.sensed if each.sense == "joints")
     assert joints.added
-    watched, before = watched_by(rig, "joints"), len(joints.separations.isolable())
+    watched, before = with_sensors(rig, "joints").watched, len(joints.separations.isolable())
     for added in joints.added:
         told = {}
         for name, (row, noise) in candidates(rig, "joints").items():
@@ -141,7 +141,7 @@ def test_sensors_of_a_survey_are_those_of_the_library(hand):
         goal=rig.goal,
         sense="both",
     )
-    ours = watched_by(rig, "both")
+    ours = with_sensors(rig, "both").watched
     np.testing.assert_allclose(ours.noise, track.watched.noise)
     hz = 2 * np.pi * np.array([1.0, 20.0])
     for one, other in ((ours.plant, track.watched.plant), (minimal(ours.plant), ours.plant)):

@@ -1,9 +1,12 @@
-"""The hexapod's task, and the columns of Table I: what is minimized, what fails, what is known."""
+"""The hexapod's task, the columns of Table I, and a run in the words of its data files."""
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from experiments.rig.run import Run
 from ftc.goal import Goal
-from sim import Failure, FailureKind
+from sim import Array, Failure, FailureKind, secondary_motion
 
 MAJOR = [0, 1]
 """Rows of the payload's twist that matter: (alpha, beta), the pointing task."""
@@ -43,3 +46,29 @@ COLUMNS = (
     Column("W_e", Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at=_STRUT_1), _LOCK_1),
     Column("W_a_uncorrected", Goal(joint_weight=_EQUAL), _LOCK_1),
 )
+
+
+def secondary(run: Run) -> Array:
+    """True [gamma_rad, t_x_m, t_y_m, t_z_m] of a run, relative to its first tick, shape (N, 4)."""
+    rotation, translation_m = run.pose.rotation, run.pose.translation_m
+    return secondary_motion(rotation @ rotation[0].T, translation_m - translation_m[0])
+
+
+def secondary_estimated(run: Run) -> Array:
+    """The same as the controller estimates it; zeros where it estimates none."""
+    return np.zeros((len(run.time_s), 4)) if run.estimated is None else run.estimated[:, 2:]
+
+
+def hexapod_arrays(run: Run) -> dict[str, Array]:
+    """A run as its `.npz` has it, every control tick."""
+    return {
+        "time_s": run.time_s,
+        "desired_rad": run.desired,
+        "true_rad": run.true,
+        "measured_rad": run.measured,
+        "strut_input_percent": run.inputs,
+        "strut_displacement_m": run.displacement,
+        "secondary": secondary(run),
+        "secondary_estimated": secondary_estimated(run),
+        "closure_residual_m": run.closure_m,
+    }

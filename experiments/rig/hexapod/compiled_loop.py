@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.rig.hexapod.bench import HexapodSensors
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.machine import HexapodSensors
 from ftc.control.local_mapping import PreviousCommand
 from ftc.controller import ControllerState, PrioritizedController
 from ftc.loop import LoopRun

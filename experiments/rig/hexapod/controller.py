@@ -169,9 +169,9 @@ class HexapodGeometry:
 
 
 def task_coordinates(pose: Pose) -> Array:
-    """[alpha, beta, gamma, t_x, t_y, t_z] of a pose, shape (6,)."""
+    """[alpha, beta, gamma, t_x, t_y, t_z] of a pose (6,), or of N poses (N, 6)."""
     secondary = secondary_motion(pose.rotation, pose.translation_m)
-    return np.concatenate([pointing_angles(pose.rotation), secondary])
+    return np.concatenate([pointing_angles(pose.rotation), secondary], axis=-1)
 
 
 class StrutMapping(PrioritizedMapping[Pose]):

@@ -105,6 +105,7 @@ def nominal_model(
         step_s=float(model.opt.timestep),
         spring=linear.spring,
         preload=linear.preload,
+        floor=linear.B_floor[len(linear.A) // 2 :],
         names=[own for own, _ in STRUTS],
     )
 

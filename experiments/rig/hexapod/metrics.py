@@ -7,22 +7,12 @@ import mujoco
 import numpy as np
 
 from experiments.rig.hexapod.controller import ANGLES, Loop
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.run import Run
 from experiments.study.provenance import version_properties
 from experiments.study.quantity import Quantity, of_each
 from experiments.study.results import Check
 from sim import Array, element_id
-
-
-def rms(signal: Array) -> Array:
-    """Root mean square over time, the first axis."""
-    return np.sqrt((signal**2).mean(axis=0))
-
-
-def pointing_rms_urad(run: Trajectory) -> Array:
-    """RMS of desired minus true (alpha, beta), shape (2,)."""
-    return 1e6 * rms(run.desired_rad - run.true_rad)
 
 
 def finite_or_none(value: float) -> float | None:
@@ -41,11 +31,6 @@ def loop_measures(loop: Loop) -> dict[str, Any]:
         "phase_crossover_hz": finite_or_none(loop.phase_crossover_hz),
         "sentence": str(loop),
     }
-
-
-def closure_residual_max_m(run: Trajectory) -> float:
-    """Largest residual of the loop closures in the whole run."""
-    return float(run.closure_residual_m.max())
 
 
 def percent(difference: Array, whole: Array) -> float:
@@ -80,13 +65,13 @@ def prediction_tolerance(duration_s: float) -> float:
 class Flown(NamedTuple):
     """What the quantities below are of, or anything else with these attributes."""
 
-    run: Trajectory
+    run: Run
     predicted_rad: Array | None = None  # RMS (2,) by the linear model, if it predicts the run
 
 
 RMS = Quantity(
     "*_rms_urad",
-    lambda flown: pointing_rms_urad(flown.run),
+    lambda flown: 1e6 * flown.run.rms(),
     "the RMS error of *, {:.3f} urad,",
     agrees_with="predicted_*_rms_urad",
     within=lambda entry: prediction_tolerance(entry["duration_s"]),
@@ -102,13 +87,13 @@ PREDICTED = Quantity(
 
 PEAK = Quantity(
     "*_peak_urad",
-    lambda flown: 1e6 * np.abs(flown.run.desired_rad - flown.run.true_rad).max(axis=0),
+    lambda flown: 1e6 * np.abs(flown.run.error).max(axis=0),
 )
 """Largest error, of both angles."""
 
 CLOSURE = Quantity(
     "closure_residual_max_m",
-    lambda flown: closure_residual_max_m(flown.run),
+    lambda flown: flown.run.closure_max_m,
     "closure residual [m]",
     below=CLOSURE_LIMIT_M,
 )

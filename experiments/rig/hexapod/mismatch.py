@@ -1,16 +1,14 @@
-"""Plants that differ from their controller's model, by sizes written down beforehand."""
+"""How a hexapod may differ from its controller's model: springs, hysteresis, drifts, floor, too."""
 
-import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-from experiments.rig.hexapod.inexact import InexactPlant
-from experiments.rig.hexapod.testbed import Testbed
-from experiments.rig.mismatch import Mismatch
+from experiments.rig.mismatch import Mismatch, sampled_model
 from experiments.study.draw import Draw
 from sim import Array, MaxwellSlip, ModelError, Plant
+from sim.mjcf.transmission import drives
 
 ALL = Mismatch(
     gain=0.03,
@@ -50,7 +48,6 @@ DRAWN = ("gain", "stiffness", "damping", "inertia")
 OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in DRAWN})
 """Another family than the prior's: log-normal, correlated between parts, and twice as wide."""
 
-
 SLIP_M = (0.3e-6, 30e-6)
 """Range of the stretch at which an element of the hysteresis slips, drawn with a uniform logarithm:
 from less than the dither of a diagnosis, 0.5 um, to more than the struts move on the spiral."""
@@ -59,8 +56,32 @@ ELEMENTS = 4
 """Of the hysteresis of each suspension, equally stiff."""
 
 
-def mismatched(testbed: Testbed, mismatch: Mismatch, seed: int) -> Testbed:
-    """The testbed with a plant so drawn; its controllers keep the nominal model.
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """What of a hexapod differs from the model that its controllers have; by default nothing.
+
+    Attributes:
+        model: The machine itself: springs, dampers, inertias, gains of the coils, physics step;
+            None is the controllers' model.
+        hysteresis: Of the suspensions, beside the springs of the model; None is none.
+        gain_drift_per_s: Relative change of each coil's gain from the start of a run.
+        delay_ticks: Control ticks by which commands come late.
+        floor_m_per_s: RMS velocity of the floor in each third octave.
+        floor_seed: Of its phases.
+        drift_rad_per_s: Of the detector's zero in (alpha, beta), from the start of a run.
+    """
+
+    model: mujoco.MjModel | None = None
+    hysteresis: MaxwellSlip | None = None
+    gain_drift_per_s: tuple[float, ...] = (0.0,) * 6
+    delay_ticks: int = 0
+    floor_m_per_s: float = 0.0
+    floor_seed: tuple[int, ...] = (0,)
+    drift_rad_per_s: tuple[float, ...] = (0.0, 0.0)
+
+
+def differing(known: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
+    """What is drawn of a machine whose controllers have this model.
 
     The same seed gives the same plant and drift, whoever controls it and for how long, and the same
     floor in runs of one length. Each difference has a stream of its own: a plant drawn with one
@@ -70,36 +91,27 @@ def mismatched(testbed: Testbed, mismatch: Mismatch, seed: int) -> Testbed:
     Raises:
         sim.ModelError: A machine whose struts are not driven by coils against springs.
     """
-    if not has_suspensions(testbed.model):
+    if not has_suspensions(known):
         raise ModelError("a mismatch needs struts with suspension springs, got one without")
-    draw = Draw(seed, mismatch.family)
-    model = copy.copy(testbed.model)
-    hysteresis = _set_springs(model, mismatch, draw)
-    model.actuator_gainprm[:, 0] *= draw.factors("gain", model.nu, mismatch.gain)
-    model.dof_damping[model.jnt_dofadr[_suspensions(model)]] *= draw.factors(
-        "damping", model.nu, mismatch.damping
-    )
-    if mismatch.inertia:
-        _set_inertia(model, mismatch.inertia, draw)
-    if mismatch.timestep_s is not None:
-        model.opt.timestep = mismatch.timestep_s
-    if mismatch.stiffness or mismatch.inertia or mismatch.hysteresis:
+    draw = Draw(seed, sizes.family)
+    model, _ = sampled_model(known, drives(known), sizes, draw, damped=_suspensions(known))
+    hysteresis = _set_springs(model, sizes, draw)
+    if sizes.timestep_s is not None:
+        model.opt.timestep = sizes.timestep_s
+    if sizes.stiffness or sizes.inertia or sizes.hysteresis:
         _preload(model)
     direction, rate = draw.uniform("drift", 2)
-    speed = 1e-6 * mismatch.drift_urad_per_s * rate
+    speed = 1e-6 * sizes.drift_urad_per_s * rate
     drift = speed * np.cos(np.pi * direction), speed * np.sin(np.pi * direction)
-    gain_drift = mismatch.gain_drift_per_s * draw.uniform("gain_drift", model.nu)
-    return replace(
-        testbed,
-        inexact=InexactPlant(
-            model,
-            hysteresis=hysteresis,
-            gain_drift_per_s=tuple(gain_drift.tolist()),
-            delay_ticks=mismatch.delay_ticks,
-            floor_m_per_s=1e-6 * mismatch.floor_um_per_s,
-            floor_seed=draw.seed("floor"),
-            drift_rad_per_s=tuple(map(float, drift)),
-        ),
+    gain_drift = sizes.gain_drift_per_s * draw.uniform("gain_drift", model.nu)
+    return Differences(
+        model,
+        hysteresis=hysteresis,
+        gain_drift_per_s=tuple(gain_drift.tolist()),
+        delay_ticks=sizes.delay_ticks,
+        floor_m_per_s=1e-6 * sizes.floor_um_per_s,
+        floor_seed=draw.seed("floor"),
+        drift_rad_per_s=tuple(map(float, drift)),
     )
 
 
@@ -113,25 +125,18 @@ def _suspensions(model: mujoco.MjModel) -> Array:
     return model.actuator_trnid[:, 0]
 
 
-def _set_springs(model: mujoco.MjModel, mismatch: Mismatch, draw: Draw) -> MaxwellSlip | None:
+def _set_springs(model: mujoco.MjModel, sizes: Mismatch, draw: Draw) -> MaxwellSlip | None:
     """Draw all springs; of the suspensions', a part becomes elements that slip."""
-    model.jnt_stiffness[:] *= draw.factors("stiffness", model.njnt, mismatch.stiffness)
-    if not mismatch.hysteresis:
+    model.jnt_stiffness[:] *= draw.factors("stiffness", model.njnt, sizes.stiffness)
+    if not sizes.hysteresis:
         return None
     joints, shape = _suspensions(model), (model.nu, ELEMENTS)
     stiffness = model.jnt_stiffness[joints]
     low, high = np.log(SLIP_M)
     at = 0.5 + 0.5 * draw.uniform("hysteresis", model.nu * ELEMENTS).reshape(shape)
-    model.jnt_stiffness[joints] -= mismatch.hysteresis * stiffness
-    each = np.outer(mismatch.hysteresis * stiffness, np.full(ELEMENTS, 1 / ELEMENTS))
+    model.jnt_stiffness[joints] -= sizes.hysteresis * stiffness
+    each = np.outer(sizes.hysteresis * stiffness, np.full(ELEMENTS, 1 / ELEMENTS))
     return MaxwellSlip(stiffness=each, slip=np.exp(low + at * (high - low)))
-
-
-def _set_inertia(model: mujoco.MjModel, half_width: float, draw: Draw) -> None:
-    """Draw the mass of each body, and apart from it the size of its inertia."""
-    model.body_mass[:] *= draw.factors("mass", model.nbody, half_width)
-    model.body_inertia[:] *= draw.factors("inertia", model.nbody, half_width)[:, None]
-    mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
 
 
 def _preload(model: mujoco.MjModel) -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from experiments.rig.hexapod.inexact import InexactPlant
 from experiments.study.within import check_within
 from ftc.control.compensator import Compensator
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
@@ -141,6 +140,11 @@ class TestbedConfig:
             start_rad=np.radians(self.spiral_start_deg),
         )
 
+    def spiral_rad(self, duration_s: float | None = None, begin_s: float = 0.0) -> Array:
+        """The spiral tick by tick, shape (N, 2), from a time on; None is all of it."""
+        duration_s = self.duration_s if duration_s is None else duration_s
+        return self.desired_rad(begin_s + self.time_s(duration_s))
+
     @property
     def demand_limit_rad(self) -> float:
         """Of the compensators' output; infinite where there is none."""
@@ -180,8 +184,6 @@ class Testbed:
             :func:`experiments.rig.hexapod.controller.nominal_loops`.
         stiffness: Of the struts and the payload, shape (12, 12), for goals with free struts; see
             :func:`experiments.rig.hexapod.fault_tolerance.strut_and_payload_stiffness`.
-        inexact: The machine itself, where it is not quite the model; see
-            :func:`experiments.rig.hexapod.mismatch.mismatched`.
     """
 
     __test__ = False  # pytest takes a class Test... for one of its own
@@ -190,61 +192,25 @@ class Testbed:
     bench: TestbedConfig
     loops: tuple[Compensator, Compensator]
     stiffness: Array | None = None
-    inexact: InexactPlant | None = None
 
-    @property
-    def machine(self) -> InexactPlant:
-        """The machine itself, exact or not."""
-        return InexactPlant(self.model) if self.inexact is None else self.inexact
+    def scaled(self, *, stroke: float = 1.0, spiral: float = 1.0) -> "Testbed":
+        """A machine of longer strokes, with coils and amplifiers for them, on a larger spiral.
+
+        The detector sees the spiral; its noise and the crossovers stay as they are.
+        """
+        model = copy.copy(self.model)
+        model.jnt_range[model.actuator_trnid[:, 0]] *= stroke
+        model.actuator_forcerange[:] *= stroke
+        model.actuator_ctrlrange[:] *= stroke
+        bench = replace(
+            self.bench,
+            spiral_radius_urad=self.bench.spiral_radius_urad * spiral,
+            detector_half_width_m=self.bench.detector_half_width_m * spiral,
+            dac_full_input_a=self.bench.dac_full_input_a * stroke,
+            amplifier_limit_a=self.bench.amplifier_limit_a * stroke,
+        )
+        return replace(self, model=model, bench=bench)
 
     def amplifier(self) -> Amplifier:
         """One strut's converter, amplifier and coil, with the gain of the model's coils."""
         return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))
-
-
-@dataclass(frozen=True)
-class Growth:
-    """A larger machine task: how many times the stroke, how many times the spiral."""
-
-    stroke: float
-    spiral: float
-
-    def __str__(self) -> str:
-        if self.stroke == self.spiral:
-            return f"x{self.spiral:g}"
-        return f"x{self.spiral:g} on stroke x{self.stroke:g}"
-
-
-GROWTHS = (
-    Growth(1, 1),
-    Growth(3, 3),
-    Growth(10, 10),
-    Growth(30, 30),
-    Growth(100, 100),
-    # A longer stroke would not leave the struts' triangle whole; the spiral has room to grow.
-    Growth(100, 300),
-    Growth(100, 1000),
-)
-
-
-def grown_machine(model: mujoco.MjModel, growth: Growth) -> mujoco.MjModel:
-    """The machine with longer strokes, and coils strong enough for them; all else as it is."""
-    grown = copy.copy(model)
-    grown.jnt_range[grown.actuator_trnid[:, 0]] *= growth.stroke
-    grown.actuator_forcerange[:] *= growth.stroke
-    grown.actuator_ctrlrange[:] *= growth.stroke
-    return grown
-
-
-def grown_bench(bench: TestbedConfig, growth: Growth) -> TestbedConfig:
-    """A larger spiral, a detector that sees it, and amplifiers that drive the stroke.
-
-    Detector noise and crossovers stay as they are.
-    """
-    return replace(
-        bench,
-        spiral_radius_urad=bench.spiral_radius_urad * growth.spiral,
-        detector_half_width_m=bench.detector_half_width_m * growth.spiral,
-        dac_full_input_a=bench.dac_full_input_a * growth.stroke,
-        amplifier_limit_a=bench.amplifier_limit_a * growth.stroke,
-    )
