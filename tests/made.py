@@ -8,10 +8,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from experiments.rig.hexapod.simulation import Trajectory
 
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.results import Results
 from experiments.study.study import OnProgress, Option, Study

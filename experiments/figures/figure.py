@@ -13,8 +13,8 @@ from experiments.figures.block_diagram import figure_3
 from experiments.figures.geometry import figure_2
 from experiments.figures.machine import figure_machine
 from experiments.figures.runs import OpenLoop, Portrait
+from experiments.rig.conditions import LETTERS
 from experiments.rig.hexapod.fault_tolerance import pointing_verdicts
-from experiments.rig.letters import OF_ATLAS
 from experiments.rig.verdicts import Verdict
 from experiments.study.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.study.results import Picture
@@ -157,7 +157,7 @@ def _map(axes: Axes, found: list[Verdict]) -> None:
     for level in range(3):
         span, out = 3 ** (2 - level), -3 + level
         for k in range(3 ** (level + 1)):
-            middle, letter = (k + 0.5) * span, OF_ATLAS[k % 3]
+            middle, letter = (k + 0.5) * span, LETTERS[k % 3]
             axes.text(middle, out + 0.5, letter, ha="center", va="center")
             axes.text(out + 0.5, middle, letter, ha="center", va="center")
         axes.text(27.3, out + 0.5, f"strut {4 + level}", va="center")

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from experiments.rig.hexapod.metrics import closure_check
+from experiments.rig.checks import closure_check
 from experiments.study.results import Check
 from experiments.study.tables import Column, Table, tabulate
 

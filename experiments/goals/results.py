@@ -20,7 +20,8 @@ from experiments.recording.properties import checked, results_of
 from experiments.recording.screens import write_flights
 from experiments.recording.signals import Plot
 from experiments.rig.arm import ARM_MJCF
-from experiments.rig.hexapod.metrics import closure_check, plant_constants
+from experiments.rig.checks import closure_check
+from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.run import rms
 from experiments.study.provenance import version_properties, versions

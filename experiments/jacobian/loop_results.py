@@ -7,9 +7,9 @@ import numpy as np
 from argument_checks.ties import greatest
 from experiments.jacobian.loop import AT_NOMINAL, GROWN, GROWTHS, VARIANTS, Growth, LoopRun, Tracked
 from experiments.jacobian.variation import NORMS, ByNorm, variation
+from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import secondary
-from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.run import rms
 from experiments.study.results import Check

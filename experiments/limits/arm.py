@@ -23,7 +23,7 @@ TILT_RAD = 0.9
 TURN_S = 10.0
 EASE_S = 5.0
 """In which the line of sight tilts, and at the end returns."""
-LOCKED, LOCK_RAD = 3, 0.0
+LOCKED = 3
 """The elbow fails."""
 
 

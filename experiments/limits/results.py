@@ -16,7 +16,8 @@ from experiments.limits.out_of_reach import COUNT, excesses
 from experiments.limits.runs import Case, LimitsRuns
 from experiments.limits.tables import arm_table, reach_table, spiral_table
 from experiments.rig.arm import ARM_MJCF
-from experiments.rig.hexapod.metrics import closure_check, plant_constants
+from experiments.rig.checks import closure_check
+from experiments.rig.hexapod.metrics import plant_constants
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
 from sim import load_model, model_sha256

@@ -1,19 +1,29 @@
-"""Failure conditions of actuators as codes, in words, and as lists of names."""
+"""Failure conditions of actuators as codes, a letter each, in words, and as lists of names."""
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
 from math import comb
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-SOUND, LOCKED, FREE = 0, 1, 2
-"""As in :class:`prioritized.FailureAtlas`."""
+from sim import Failure, FailureKind
+
+SOUND, LOCKED, FREE, LOOSE = 0, 1, 2, 3
+"""Codes of actuators; the first three as in :class:`prioritized.FailureAtlas`."""
+
+LETTERS = "SLFB"
+"""Of each code, as files and command lines have it."""
+
+Name = TypeVar("Name", str, int)
 
 Codes = NDArray[np.int8]
 """Of C conditions of n actuators, 0 sound, 1 locked, 2 free, shape (C, n)."""
 
-KINDS = {LOCKED: "locked", FREE: "free"}
+KINDS: dict[int, FailureKind] = {LOCKED: "locked", FREE: "free"}
+"""Failures that an atlas knows."""
+_KINDS: dict[int, FailureKind] = {**KINDS, LOOSE: "loose"}
 
 
 def with_failures(n: int, count: int) -> Codes:
@@ -33,15 +43,31 @@ def few_failures(n: int, most: int = 2) -> Codes:
     return np.vstack([with_failures(n, count) for count in range(min(most, n) + 1)])
 
 
-def failed(condition: Iterable[int], names: Sequence[str], kind: int) -> list[str]:
-    """Names of the actuators that failed so."""
+def every_condition(n: int) -> tuple[str, ...]:
+    """All 3^n conditions of n actuators in letters, in the order of a failure atlas."""
+    return tuple(map("".join, product(LETTERS[: FREE + 1], repeat=n)))
+
+
+def codes_of(letters: str) -> tuple[int, ...]:
+    """The code of each actuator, from its letter."""
+    return tuple(LETTERS.index(letter) for letter in letters)
+
+
+def failures_of(letters: str, time_s: float = 0.0) -> tuple[Failure, ...]:
+    """What happens to a plant at a time, in the order of the actuators."""
+    codes = enumerate(codes_of(letters))
+    return tuple(Failure(k, _KINDS[code], time_s) for k, code in codes if code != SOUND)
+
+
+def failed(condition: Iterable[int], names: Iterable[Name], kind: int) -> list[Name]:
+    """Names, or numbers, of the actuators that failed so."""
     return [name for name, code in zip(names, condition, strict=True) if code == kind]
 
 
 def in_words(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) -> str:
     """A condition for people: "knee locked, hip and ankle free", or "sound"."""
     parts = []
-    for kind, word in KINDS.items():
+    for kind, word in _KINDS.items():
         if some := failed(condition, names, kind):
             parts.append(f"{listed(some)} {word}")
     return ", ".join(parts) or "sound"

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 
 from argument_checks.ties import ascending
+from experiments.rig.checks import closure_check
 from experiments.rig.hexapod.fault_tolerance import pointing_verdicts
-from experiments.rig.hexapod.metrics import closure_check
 from experiments.rig.verdicts import KEPT
 from experiments.study.dataset import Columns
 from experiments.study.results import Check, Results

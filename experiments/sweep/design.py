@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import qmc
 
+from experiments.rig.conditions import LETTERS
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.letters import STATES
 from experiments.study.study import WrongInput
 from experiments.study.within import check_within
 from experiments.sweep import sweep_run as runs_of
@@ -149,7 +149,7 @@ def _checked(name: str, value: Any) -> Any:
     if name in runs_of.LIMITS:
         check_within(name, value, *runs_of.LIMITS[name])
         return float(value) if KINDS[name] == "real" else value
-    known, letters = runs_of.NAMES.get(name, ()), "".join(STATES)
+    known, letters = runs_of.NAMES.get(name, ()), LETTERS
     valid, expected = {
         "switch": (type(value) is bool, "true or false"),
         "sign": (type(value) is int and value in (1, -1), "1 or -1"),

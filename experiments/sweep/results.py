@@ -10,7 +10,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from argument_checks.ties import ascending, greatest, ranks
-from experiments.rig.hexapod.metrics import closure_check, each_angle
+from experiments.rig.checks import closure_check
+from experiments.rig.hexapod.metrics import each_angle
 from experiments.study.dataset import Columns
 from experiments.study.quantity import Quantity, columns_of, entry_of
 from experiments.study.results import Check, Results

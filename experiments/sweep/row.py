@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pyarrow as pa
 
+from experiments.rig.conditions import every_condition
 from experiments.rig.hexapod import fault_tolerance
 from experiments.rig.hexapod.columns import MAJOR, secondary
 from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
 from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.letters import conditions
 from experiments.rig.prediction import MARGINAL, open_loop, pole_radius
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run, rms
@@ -183,6 +183,6 @@ def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
         "elastic_major_rank": elastic.major_rank,
         "elastic_worst_gain_rad_per_m": elastic.worst_gain,
     }
-    row = {condition: k for k, condition in enumerate(conditions(6))}
+    row = {condition: k for k, condition in enumerate(every_condition(6))}
     rows = [row[each] for each in struts]
     return {name: values[rows] for name, values in columns.items()}

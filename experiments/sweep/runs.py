@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from experiments.rig.letters import conditions
+from experiments.rig.conditions import every_condition
 from experiments.study.resumable import Outcome, complete
 from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import SweepRuns, grid, read_design
@@ -39,7 +39,7 @@ def run_atlas(*, seed: int, quick: bool, **options: Any) -> Sweep:
 
 def representatives() -> tuple[str, ...]:
     """The first of each set of conditions that turning by 120 degrees and mirroring make equal."""
-    every, found = conditions(6), {}
+    every, found = every_condition(6), {}
     for condition in every:
         for seen in (condition, _moved(condition, _MIRROR)):
             for _ in range(3):

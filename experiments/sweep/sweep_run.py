@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from experiments.rig import letters
+from experiments.rig.conditions import failures_of
 from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
@@ -125,7 +125,7 @@ class SweepRun:
     number: int  # from 0 on; column `case` of the dataset
     seed: int  # of the detector noise
     duration_s: float  # of the spiral
-    struts: str  # a letter of `STATES` for each strut: its state from `failure_time_s` on
+    struts: str  # a letter of `LETTERS` for each strut: its state from `failure_time_s` on
     failure_time_s: float
     known: bool  # whether the mapping is reconfigured for the failures when they happen
     weight: str
@@ -139,7 +139,7 @@ class SweepRun:
         """What happens to the plant during the run."""
         if self.failure_time_s >= self.duration_s:
             return ()
-        return letters.failures(self.struts, self.failure_time_s)
+        return failures_of(self.struts, self.failure_time_s)
 
     @property
     def goal(self) -> Goal:

@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.rig.letters import in_words
 from experiments.study.plotting import BLACK, LINES, PAGE_IN, new_figure
 from experiments.study.results import Picture
 from experiments.systems.probe import CORNERS
-from experiments.systems.runs import Examination, Mechanism, Systems
+from experiments.systems.runs import Mechanism, Probing, Systems
 from sim import Array
 
 _REST_PT, _WAY_PT = (3.4, 0.8), 0.4
@@ -56,12 +55,12 @@ def figure_systems(systems: Systems) -> Figure:
     return figure
 
 
-def _polygons(axes: Axes, mechanism: Mechanism, ours: list[Examination]) -> None:
+def _polygons(axes: Axes, mechanism: Mechanism, ours: list[Probing]) -> None:
     widths = np.linspace(*_REST_PT, len(ours))
     for one, color, width in zip(ours, cycle(LINES), widths, strict=False):
         style = "--" if one.report.unstable_major or one.report.unmanipulable else "-"
         at_rest, on_the_way = (1e6 * points.T for points in _around(one.polygon.reached))
-        axes.plot(*at_rest, style, color=color, lw=width, label=in_words(one.condition))
+        axes.plot(*at_rest, style, color=color, lw=width, label=one.in_words)
         axes.plot(*on_the_way, style, color=color, lw=_WAY_PT)
     corners, _ = _around(ours[0].polygon.desired)
     axes.plot(*1e6 * corners.T, "o", color=BLACK, ms=3)

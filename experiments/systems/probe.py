@@ -29,7 +29,7 @@ _COASTING_PER_S = 0.01  # slower than any servo; what decays no faster coasts
 
 
 @dataclass(frozen=True)
-class Rig:
+class Probed:
     """A mechanism and its task, as in `Mechanism`; each measurement makes a plant of its own."""
 
     model: mujoco.MjModel
@@ -56,7 +56,7 @@ class Rig:
         return PERIOD_S * np.ceil(-np.log(_AT_REST) / slowest / PERIOD_S)
 
 
-def respond(rig: Rig, survivors: Array) -> tuple[Array, Array]:
+def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
     """Displacements at rest after one step of each surviving actuator, divided by the step.
 
     Of the survivors, shape (n', n'), and of the task, shape (m, n'): a column a commanded step.
@@ -70,7 +70,7 @@ def respond(rig: Rig, survivors: Array) -> tuple[Array, Array]:
     return np.array(active).T, np.array(twist).T[list(rig.task)]
 
 
-def coast(rig: Rig) -> Array:
+def coast(rig: Probed) -> Array:
     """What keeps moving after a push along each task row, shape (m, m).
 
     What the actuators hold has come back to rest by then; self-motion coasts. Columns are
@@ -85,7 +85,7 @@ def coast(rig: Rig) -> Array:
     return np.array(coasting).T[list(rig.task)]
 
 
-def _pushed(rig: Rig, wrench: Array) -> tuple[Array, float]:
+def _pushed(rig: Probed, wrench: Array) -> tuple[Array, float]:
     """Displacement in a tenth of the wait, after it and a short push, and the largest there was."""
     plant, still = rig.plant(), np.zeros(rig.model.nu)
     plant.push(wrench)
@@ -112,7 +112,7 @@ class Polygon:
     error: float
 
 
-def drive_polygon(rig: Rig, kin: Kinematics, rng: np.random.Generator) -> Polygon:
+def drive_polygon(rig: Probed, kin: Kinematics, rng: np.random.Generator) -> Polygon:
     """Drive the major task around an octagon of radius STEP, then both ways along the others."""
     m1 = len(rig.major)
     angle = 2 * np.pi * (np.arange(CORNERS) / CORNERS + rng.random())
@@ -133,7 +133,7 @@ def drive_polygon(rig: Rig, kin: Kinematics, rng: np.random.Generator) -> Polygo
 
 
 def hold_force(
-    rig: Rig, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
+    rig: Probed, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
 ) -> dict[str, float]:
     """How far a force, exerted through the force mapping, is from what was predicted of it.
 
@@ -170,7 +170,7 @@ def hold_force(
     }
 
 
-def _task_force(rig: Rig, mapping: ForceMapping, f_major: Array, squeeze: Array) -> Array:
+def _task_force(rig: Probed, mapping: ForceMapping, f_major: Array, squeeze: Array) -> Array:
     """The major force that the mapping attains, and the secondary force that goes with it."""
     force, major = np.zeros(len(rig.task)), list(rig.major)
     force[major] = f_major - mapping.residual(f_major)

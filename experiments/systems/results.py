@@ -10,13 +10,13 @@ from experiments.recording.notes import constants
 from experiments.recording.properties import checked
 from experiments.recording.signals import Plot
 from experiments.recording.views import Task
-from experiments.rig.letters import failed, in_words
+from experiments.rig.conditions import FREE, LOCKED
 from experiments.study.provenance import version_properties, versions
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table, tabulate
 from experiments.systems.figure import pictures
 from experiments.systems.probe import PERIOD_S, STEP
-from experiments.systems.runs import Examination, Mechanism, Systems
+from experiments.systems.runs import Mechanism, Probing, Systems
 from sim import Array, load_model, model_sha256
 
 LIMIT = 0.01
@@ -99,15 +99,15 @@ _FLAGS = ("unmanipulable", "unmanipulable_task", "irresolvable")
 _FLAGS += ("unstable", "unstable_major", "unstable_secondary")
 
 
-def _entry(one: Examination) -> dict[str, Any]:
+def _entry(one: Probing) -> dict[str, Any]:
     mechanism, report = one.mechanism, one.report
     predicted = ("self_motion", "self_motion_major", "constrained_active")
     return {
         "mechanism": mechanism.name,
         "index": mechanism.conditions.index(one.condition),
-        "condition": in_words(one.condition),
-        "locked": failed(one.condition, "locked"),
-        "free": failed(one.condition, "free"),
+        "condition": one.in_words,
+        "locked": one.failed(LOCKED),
+        "free": one.failed(FREE),
         "major": mechanism.major_names,
         "verdict": one.verdict,
         **{flag: getattr(report, flag) for flag in _FLAGS},
@@ -124,7 +124,7 @@ def _entry(one: Examination) -> dict[str, Any]:
     }
 
 
-def _arrays(ours: list[Examination]) -> dict[str, Array]:
+def _arrays(ours: list[Probing]) -> dict[str, Array]:
     """Every condition's run around the polygon, its number at the end of the names."""
     arrays = {}
     for k, one in enumerate(ours):
@@ -135,7 +135,7 @@ def _arrays(ours: list[Examination]) -> dict[str, Array]:
 
 
 def _record(
-    mechanism: Mechanism, ours: list[Examination], summary: dict[str, Any], folder: Path
+    mechanism: Mechanism, ours: list[Probing], summary: dict[str, Any], folder: Path
 ) -> None:
     properties = {key: summary[key] for key in ("seed", "step_m_or_rad")}
     properties |= {"model_sha256": summary["model_sha256"][mechanism.name], "period_s": PERIOD_S}
@@ -148,18 +148,18 @@ def _record(
     ]
     for one in ours:
         sentences = [f"- {sentence}" for sentence in str(one.report).splitlines()]
-        notes += [f"## {in_words(one.condition)}", "", *sentences, ""]
+        notes += [f"## {one.in_words}", "", *sentences, ""]
     identity = f"systems-{mechanism.name}-seed{summary['seed']}"
     text = "\n".join([*notes, *constants(properties)])
     found = {"study": "systems", "robot": mechanism.name, "verdict": notes[2]}
-    found |= {"failures": "; ".join(in_words(one.condition) for one in ours)}
+    found |= {"failures": "; ".join(one.in_words for one in ours)}
     found["checks"] = checked(checks(summary))
     about = RecordingInfo(identity, mechanism.title, text, properties, found)
-    driven = {in_words(one.condition): _driven(one) for one in ours}
+    driven = {one.in_words: _driven(one) for one in ours}
     write_mechanism(folder / f"{mechanism.name}.rrd", about, load_model(mechanism.path), driven)
 
 
-def _driven(one: Examination) -> Driven:
+def _driven(one: Probing) -> Driven:
     desired, reached = 1e6 * one.polygon.desired, 1e6 * one.polygon.reached
     names, unit = one.mechanism.major_names, f"u{one.mechanism.major_unit}"
     title, labels = f"desired - reached [{unit}]", [f"{name} off [{unit}]" for name in names]

@@ -7,12 +7,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from experiments.rig.letters import failed, failures
+from experiments.rig.conditions import FREE, LOCKED, codes_of, failed, failures_of, in_words
 from experiments.rig.units import ROWS
 from experiments.rig.verdicts import left_of
 from experiments.study.parallel import in_parallel
 from experiments.systems import probe
-from experiments.systems.probe import PERIOD_S, Polygon, Rig
+from experiments.systems.probe import PERIOD_S, Polygon, Probed
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, failure_atlas
 from sim import HEXAPOD_MJCF, Array, jacobians, load_model, mass_matrix
 
@@ -76,7 +76,7 @@ MECHANISMS = (
 
 
 @dataclass(frozen=True)
-class Examination:
+class Probing:
     """One mechanism in one condition, classified and simulated."""
 
     mechanism: Mechanism
@@ -89,13 +89,27 @@ class Examination:
     time_s: Array
     polygon: Polygon
 
+    @property
+    def in_words(self) -> str:
+        """The condition for people, actuators 1..n."""
+        return in_words(self.codes, [str(k + 1) for k in range(len(self.condition))])
+
+    @property
+    def codes(self) -> tuple[int, ...]:
+        """The condition as codes."""
+        return codes_of(self.condition)
+
+    def failed(self, kind: int) -> list[int]:
+        """Actuators 0..n-1 that failed so."""
+        return failed(self.codes, range(len(self.condition)), kind)
+
 
 @dataclass(frozen=True)
 class Systems:
-    """All examinations, by mechanism."""
+    """All probings, by mechanism."""
 
     seed: int
-    examinations: dict[Mechanism, list[Examination]]
+    examinations: dict[Mechanism, list[Probing]]
 
 
 def run_systems(
@@ -103,7 +117,6 @@ def run_systems(
     seed: int,
     quick: bool,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-    mechanisms: tuple[Mechanism, ...] = MECHANISMS,
 ) -> Systems:
     """Examine every mechanism in every condition, in parallel on the machine's cores.
 
@@ -111,18 +124,18 @@ def run_systems(
     """
     calls = [
         {"mechanism": mechanism, "condition": condition, "seed": seed}
-        for mechanism in mechanisms
+        for mechanism in MECHANISMS
         for condition in mechanism.conditions[: 3 if quick else None]
     ]
     examined = in_parallel(examine, calls, on_progress)
-    ours = {each: [one for one in examined if one.mechanism == each] for each in mechanisms}
+    ours = {each: [one for one in examined if one.mechanism == each] for each in MECHANISMS}
     return Systems(seed, ours)
 
 
-def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
+def examine(mechanism: Mechanism, condition: str, seed: int) -> Probing:
     """Classify one condition, then simulate it and compare."""
     model = load_model(mechanism.path)
-    rig = Rig(model, failures(condition), mechanism.task, mechanism.major)
+    rig = Probed(model, failures_of(condition), mechanism.task, mechanism.major)
     system, kin = classified(model, mechanism, condition)
     report, major = kin.manipulability(mechanism.major), list(mechanism.major)
     bases = report.bases
@@ -153,7 +166,7 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
     # The system's failures are part of every condition of its atlas.
     atlas = failure_atlas(system, mechanism.major, codes=np.zeros((1, model.nu)))
     [verdict] = left_of(atlas)
-    return Examination(
+    return Probing(
         mechanism, condition, report, verdict, simulated, predicted, errors, time_s, polygon
     )
 
@@ -169,5 +182,6 @@ def classified(
     data = mujoco.MjData(model)
     jac = jacobians(model, data, site="payload", axes="base")
     system = ConstrainedSystem(jac.J_T[list(mechanism.task)], jac.J_C, jac.active)
-    system = system.with_failures(failed(condition, "locked"), failed(condition, "free"))
+    codes, numbers = codes_of(condition), range(len(condition))
+    system = system.with_failures(*(failed(codes, numbers, kind) for kind in (LOCKED, FREE)))
     return system, system.kinematics(passive_metric=mass_matrix(model, data))

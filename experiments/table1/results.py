@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from experiments.rig.checks import closure_check
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.columns import Column as Experiment
 from experiments.rig.hexapod.controller import ANGLES
-from experiments.rig.hexapod.metrics import (
-    closure_check,
-    is_cut,
-    loop_measures,
-)
+from experiments.rig.hexapod.metrics import is_cut, loop_measures
 from experiments.study.provenance import versions
 from experiments.study.quantity import checks_of, columns_of, entry_of
 from experiments.study.results import Check, Results

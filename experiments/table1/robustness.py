@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from experiments.rig.checks import closure_check
 from experiments.rig.hexapod.columns import Column
 from experiments.rig.hexapod.machine import detector_noise_rad
-from experiments.rig.hexapod.metrics import closure_check
 from experiments.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run, rms

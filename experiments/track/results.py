@@ -30,7 +30,7 @@ from experiments.track.happened import event_tables, happened
 from experiments.track.recording import record
 from experiments.track.runs import Tracked
 from ftc.fdi.dither_design import DitherDesign
-from sim import Array
+from sim import CLOSURE_TOLERANCE, Array
 from sim.plant.friction import dry_friction
 
 _OF_ROWS = (
@@ -61,7 +61,8 @@ def results(tracked: Tracked) -> Results:
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Loops stay closed, errors are as predicted, another controller does nothing wrong."""
-    found = [closure_check(summary)]
+    gap_m = summary["closure_residual_max_m"]
+    found = [closure_check(summary["robot"], gap_m, CLOSURE_TOLERANCE)]
     for when in ("before", "after"):
         if (off := summary[f"prediction_off_{when}"]) is not None:
             what = f"relative error of the predicted RMS, {when} the first failure,"

@@ -10,9 +10,9 @@ import numpy as np
 from argument_checks.ties import least
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
+from experiments.rig.checks import closure_check
 from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.metrics import (
-    closure_check,
     finite_or_none,
     is_cut,
     plant_constants,

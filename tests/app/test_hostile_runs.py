@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.simulation import Trajectory
 
 from experiments.app.cli import main
 from experiments.app.review import check_stated
@@ -16,7 +17,6 @@ from experiments.recording.hexapod import of_hexapod
 from experiments.recording.keep import COLUMNS, whole_run
 from experiments.recording.marks import Mark, marks_from
 from experiments.rig.hexapod.metrics import pointing_rms_urad
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
 from experiments.study.study import WrongInput
 from sim import load_model

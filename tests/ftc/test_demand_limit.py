@@ -5,12 +5,12 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from experiments.rig.hexapod.prediction import driven_plant, predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
 from experiments.rig.hexapod.metrics import rms
 from experiments.rig.hexapod.paper import TABLE_I_URAD
-from experiments.rig.hexapod.prediction import driven_plant, predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.table1.runs import CONFIGURATIONS
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS, W_A

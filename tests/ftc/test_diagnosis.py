@@ -5,10 +5,10 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from experiments.rig.hexapod.prediction import linear_loop
 
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
-from experiments.rig.hexapod.prediction import linear_loop
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis
 from ftc.fdi.dither import Dither

@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.simulation import SpiralRun, track_path, track_spiral
 
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
 from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.simulation import SpiralRun, track_path, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.control.mapping import DisplacementForm
 from ftc.controller import BumplessTransfer, Measurement, PrioritizedController

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.prediction import linear_loop
 
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
-from experiments.rig.hexapod.prediction import linear_loop
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.fdi.design.isolability import distances as from_causes
 from ftc.fdi.design.isolability import isolability

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from experiments.app.live.kept import keep
+from experiments.app.live.session import Session
 from experiments.recording.properties import properties_of
 from experiments.rig import Rig
-from experiments.rig.session import Session
 from experiments.study.files import OutputError
 from tests import rrd
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.app.live.flight import Flight
 from experiments.app.live.page import LocalServer, Page, local_server, stop
 from experiments.rig import Rig
 from experiments.rig.events import Event
-from experiments.rig.flight import Flight
 from experiments.study.study import WrongInput
 from ftc.fdi.fault_model import Fault
 from sim import ModelError, SimulationDiverged

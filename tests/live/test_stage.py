@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from experiments.app.live.flight import Flight
 from experiments.app.live.page import local_server, stop
 from experiments.app.live.stage import NAMES, Pointer, Stage
 from experiments.rig import Rig
-from experiments.rig.flight import Flight
 from sim import MODELS
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
+from experiments.app.live.course import course
 from experiments.app.live.tour import TOUR, write_tour
 from experiments.rig.asked import asked_rig
-from experiments.rig.course import course
 from experiments.rig.events import Event
 from sim import Failure, FailureKind
 from tests.live.browser import browsed

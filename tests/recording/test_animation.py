@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from experiments.rig.hexapod.simulation import Trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
@@ -20,7 +21,6 @@ from experiments.recording.hexapod import of_hexapod
 from experiments.recording.keep import read_run
 from experiments.recording.marks import Mark
 from experiments.rig.arm import ARM_MJCF
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
 from experiments.study.plotting import BLACK, BLUE, VERMILION
 from experiments.study.study import WrongInput

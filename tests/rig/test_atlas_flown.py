@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.rig.letters import conditions
+from experiments.rig.conditions import every_condition
 from experiments.sweep.atlas import checks, notes
 from experiments.sweep.row import classified, verdict_columns
 from experiments.sweep.runs import representatives
@@ -44,7 +44,7 @@ def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
         gaps = np.linalg.norm(moved[:, :, None] - ends[:, None], axis=-1).max(axis=0)
         assert gaps.min(axis=1).max() < 1e-9
         found.append(gaps.argmin(axis=1).tolist())
-    every = conditions(6)
+    every = every_condition(6)
     left_alone = sum("".join(c[k] for k in move) == c for move in found for c in every)
     chosen = representatives()
     assert len(chosen) == left_alone / 6 == 138
@@ -57,7 +57,7 @@ def test_symmetry_leaves_the_verdict_alone():
     assert atlas.elastic is not None
     for struts in ("FSSSSS", "SLFSSL", "SFFSLF"):
         turned = [struts[k:] + struts[:k] for k in (0, 2, 4)]
-        rows = [conditions(6).index(each) for each in turned]
+        rows = [every_condition(6).index(each) for each in turned]
         for flag in (atlas.possible, atlas.elastic.possible, atlas.elastic.major_rank):
             assert len(set(flag[rows].tolist())) == 1
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from scipy.spatial.transform import Rotation
 
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal

@@ -5,16 +5,16 @@ from dataclasses import fields, replace
 import control
 import numpy as np
 import pytest
-from scipy.stats import kstest
-
 from experiments.rig.hexapod.bench import simulated
-from experiments.rig.hexapod.columns import COLUMNS, MAJOR
-from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.floor import floor_acceleration
 from experiments.rig.hexapod.inexact import InexactPlant
-from experiments.rig.hexapod.mismatch import ALL, ALONE, SLIP_M, mismatched
 from experiments.rig.hexapod.prediction import predicted_error_rad
 from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from scipy.stats import kstest
+
+from experiments.rig.hexapod.columns import COLUMNS, MAJOR
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.mismatch import ALL, ALONE, SLIP_M, mismatched
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, LIMITS, Mismatch
 from sim import Failure, MaxwellSlip, Plant, linearize, load_model, pointing_angles

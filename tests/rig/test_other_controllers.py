@@ -15,6 +15,7 @@ import control
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.app.cli import main
 from experiments.recover import runs as recover_runs
@@ -26,7 +27,6 @@ from experiments.recover.row import other_columns, row_of
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.other_controller import fly_with
 from experiments.study.controllers import controller_factory, controller_label

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.bench import settled, simulated
 
 from experiments.rig import Rig
 from experiments.rig.dither import rig_dither
-from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.rig import HexapodRig
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput

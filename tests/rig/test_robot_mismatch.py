@@ -9,10 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from experiments.rig.mismatched import ALL, displaced, mismatched_model
 from scipy.stats import kstest
 
 from experiments.rig.mismatch import EXACT, Mismatch
-from experiments.rig.mismatched import ALL, displaced, mismatched_model
 from experiments.rig.mjcf import OF_THE_HEXAPOD, robot_rig
 from experiments.rig.options import RobotOptions
 from experiments.study.study import WrongInput

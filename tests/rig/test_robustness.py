@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.metrics import each_angle
 from experiments.rig.hexapod.mismatch import ALL, mismatched
-from experiments.rig.hexapod.prediction import predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.quantity import checks_of, entry_of
 from experiments.table1.quantities import MISMATCHED

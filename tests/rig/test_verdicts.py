@@ -5,7 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.rig.letters import OF_ATLAS, conditions, failed, failures, in_words
+from experiments.rig.conditions import (
+    FREE,
+    LETTERS,
+    LOCKED,
+    codes_of,
+    every_condition,
+    failed,
+    failures_of,
+    in_words,
+)
 from experiments.rig.verdicts import KEPT, names_of, verdicts
 from prioritized import ConstrainedSystem, failure_atlas
 from tests.random_systems import SEEDS
@@ -26,8 +35,8 @@ def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, direction
     assert np.sum([each.by_failures for each in found], axis=0).tolist() == [1, 8, 24, 32, 16]
     rigid = ConstrainedSystem(J_T, J_C, range(4))
     for row in rng.choice(81, 5, replace=False):
-        condition, name = conditions(4)[row], names_of(found)[row]
-        kinds = {"locked": failed(condition, "locked"), "free": failed(condition, "free")}
+        codes, name = codes_of(every_condition(4)[row]), names_of(found)[row]
+        kinds = {"locked": failed(codes, range(4), LOCKED), "free": failed(codes, range(4), FREE)}
         alone = rigid.with_failures(**kinds).kinematics().manipulability(major)
         held = system.with_failures(**kinds).kinematics().manipulability(major)
         possible = [not (one.unmanipulable or one.unstable_major) for one in (alone, held)]
@@ -44,25 +53,25 @@ def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, direction
     ("condition", "said"),
     [
         ("SSS", "sound"),
-        ("SLF", "locked 2; free 3"),
-        ("FLFFS", "locked 2; free 1, 3, 4"),
-        ("FFFFSL", "locked 6; free 1-4"),
-        ("SB", "loose 2"),
+        ("SLF", "2 locked, 3 free"),
+        ("FLFFS", "2 locked, 1, 3 and 4 free"),
+        ("SB", "2 loose"),
     ],
 )
-def test_a_condition_in_words_counts_actuators_from_one(condition, said):
-    assert in_words(condition) == said
+def test_a_condition_in_words_names_the_actuators_of_each_kind(condition, said):
+    names = [str(k + 1) for k in range(len(condition))]
+    assert in_words(codes_of(condition), names) == said
 
 
 @given(st.text("SLFB", min_size=1, max_size=9))
 def test_failures_are_what_a_condition_says(condition):
-    found = {failure.actuator: failure.kind for failure in failures(condition, 0.5)}
+    found = {failure.actuator: failure.kind for failure in failures_of(condition, 0.5)}
     letters = {"locked": "L", "free": "F", "loose": "B", "none": "S"}
     said = [letters[found.get(k, "none")] for k in range(len(condition))]
     assert "".join(said) == condition
-    assert {failure.time_s for failure in failures(condition, 0.5)} <= {0.5}
+    assert {failure.time_s for failure in failures_of(condition, 0.5)} <= {0.5}
 
 
 def test_conditions_are_in_the_order_of_an_atlas():
     atlas = failure_atlas(ConstrainedSystem(np.ones((1, 3)), None, range(3)), [0])
-    assert conditions(3) == tuple("".join(OF_ATLAS[c] for c in row) for row in atlas.codes)
+    assert every_condition(3) == tuple("".join(LETTERS[c] for c in row) for row in atlas.codes)

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M, pointing_rms_urad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize, load_model

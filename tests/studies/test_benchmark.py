@@ -14,6 +14,7 @@ import pytest
 if sys.version_info >= (3, 14):
     pytest.skip("PlaCo cannot be installed", allow_module_level=True)
 
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from threadpoolctl import threadpool_limits
 
 from experiments.app.cli import main
@@ -35,7 +36,6 @@ from experiments.benchmark.results import results
 from experiments.benchmark.solvers import SOLVERS
 from experiments.benchmark.tables import notes, tables
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.results import Results
 from experiments.study.study import Unsound

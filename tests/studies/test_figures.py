@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
+from experiments.rig.hexapod.simulation import Trajectory
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -21,7 +22,6 @@ from experiments.figures.geometry import figure_2
 from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
 from experiments.rig.hexapod.controller import nominal_plant
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
 from experiments.study.results import Results

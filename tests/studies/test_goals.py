@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from experiments.rig.hexapod.simulation import track_path
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -41,7 +42,6 @@ from experiments.rig.arm import ARM_MJCF, smooth_step
 from experiments.rig.compromise import weighted_pseudo_inverse
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.rig.hexapod.simulation import track_path
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import Measurement
 from ftc.goal import Goal

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.simulation import track_path
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
@@ -19,7 +20,6 @@ from experiments.limits.results import checks
 from experiments.limits.runs import BENCH, HEAVE_M, Case, limits_of
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from experiments.rig.hexapod.simulation import track_path
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
+from experiments.rig.hexapod.prediction import sensitivity_peak
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.release.results import checks
 from experiments.release.statics import released_statics
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.rig.hexapod.prediction import sensitivity_peak
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.goal import Goal
 from sim import (

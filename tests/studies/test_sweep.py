@@ -18,11 +18,11 @@ import numpy as np
 import psutil
 import pyarrow.parquet as pq
 import pytest
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.app.cli import main
 from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.prediction import predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study import basis, cluster
 from experiments.study.basis import basis_in

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M, rms
-from experiments.rig.hexapod.prediction import predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.results import Results
 from experiments.table1.figure import pictures

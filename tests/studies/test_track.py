@@ -71,9 +71,10 @@ def test_a_lock_in_flight_is_survived_and_told_as_the_interface_has_it(name, tmp
 @pytest.mark.long
 def test_a_short_run_of_the_hexapod_is_the_testbeds_own(tmp_path):
     """Without a file, a failure or a diagnosis it is `track_path` with W_a, to the bit."""
+    from experiments.rig.hexapod.simulation import track_path
+
     from experiments.rig.hexapod.columns import COLUMNS
     from experiments.rig.hexapod.controller import controller_for, nominal_loops
-    from experiments.rig.hexapod.simulation import track_path
     from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
     from sim import load_model
 

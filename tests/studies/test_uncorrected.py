@@ -8,15 +8,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from experiments.rig.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
+from experiments.rig.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from matplotlib.colors import to_hex
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
-from experiments.rig.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
 from experiments.rig.hexapod.metrics import rms
-from experiments.rig.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.plotting import GREEN
 from experiments.uncorrected.answer import paragraph, table

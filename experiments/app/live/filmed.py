@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from argument_checks.ties import greatest
+from experiments.app.live.flight import Flight
 from experiments.app.live.page import local_server, stop
 from experiments.app.live.panel import BUTTONS
+from experiments.app.live.session import LASTING, Kind, Session
 from experiments.app.live.stage import FRAME_S, NAMES, Stage
 from experiments.recording.file import round_down
 from experiments.rig import Rig
 from experiments.rig.asked import asked_rig
 from experiments.rig.choices import SOUND
 from experiments.rig.events import EVENTS
-from experiments.rig.flight import Flight
 from experiments.rig.options import RobotOptions
-from experiments.rig.session import LASTING, Kind, Session
 from experiments.rig.units import norms_said
 
 BREAKS_S, ENDS_S = 1.5, 4.5

@@ -3,6 +3,8 @@
 from itertools import count
 from pathlib import Path
 
+from experiments.app.live.flight import Flight
+from experiments.app.live.session import Session
 from experiments.app.live.stage import NAMES
 from experiments.recording.flight import info_of, stated_of
 from experiments.recording.properties import results_of
@@ -11,8 +13,6 @@ from experiments.recording.screens import write_flights
 from experiments.recording.shown import Shown
 from experiments.rig import Rig, Run
 from experiments.rig.choices import SOUND
-from experiments.rig.flight import Flight
-from experiments.rig.session import Session
 from experiments.study.files import published
 from experiments.study.provenance import version_properties, versions
 

@@ -16,9 +16,9 @@ import websockets.asyncio.server
 from experiments.app.live.gate import guarded
 from experiments.app.live.kept import keep
 from experiments.app.live.panel import Panel
+from experiments.app.live.session import LONGEST_S, Session
 from experiments.app.live.stage import FRAME_S, NAMES, Stage
 from experiments.rig import Rig
-from experiments.rig.session import LONGEST_S, Session
 from experiments.study.study import WrongInput
 from sim import ModelError, SimulationDiverged
 

@@ -8,12 +8,12 @@ import numpy as np
 import viser
 from viser.uplot import Legend, Series
 
+from experiments.app.live.course import COURSES
 from experiments.app.live.gate import NOW
+from experiments.app.live.session import LASTING, Kind, Session
 from experiments.app.live.stage import COLORS, NAMES
 from experiments.rig.choices import SOUND
-from experiments.rig.course import COURSES
 from experiments.rig.events import EVENTS
-from experiments.rig.session import LASTING, Kind, Session
 from experiments.rig.units import norms_said
 from sim import Array
 

@@ -10,6 +10,7 @@ import viser
 from mjviser.conversions import merge_geoms
 from scipy.spatial.transform import Rotation
 
+from experiments.app.live.flight import Flight
 from experiments.recording.file import rgb, round_down
 from experiments.recording.hexapod import BODIES
 from experiments.recording.machine import Motion, ahead_of
@@ -17,7 +18,6 @@ from experiments.recording.robot import mover
 from experiments.rig import Rig
 from experiments.rig.bodies import body_name
 from experiments.rig.choices import SOUND
-from experiments.rig.flight import Flight
 from experiments.study.palette import BLUE, FAILED, VERMILION
 from sim import Array
 

@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod.controller import ANGLES, Loop
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.run import Run
 from experiments.study.provenance import version_properties
 from experiments.study.quantity import Quantity, of_each
-from experiments.study.results import Check
 from sim import Array, element_id
 
 
@@ -42,9 +42,6 @@ def percent(difference: Array, whole: Array) -> float:
     ratios = [np.linalg.norm(difference[..., p]) / np.linalg.norm(whole[..., p]) for p in parts]
     return float(100 * max(ratios))
 
-
-CLOSURE_LIMIT_M = 1e-8
-"""A larger closure residual affects the angles: 10 nm is about 0.03 urad."""
 
 PREDICTION_TOLERANCE = 0.004
 """Largest relative distance of a whole run's RMS from the linear model's, which is an expectation.
@@ -103,11 +100,6 @@ CLOSURE = Quantity(
 def each_angle(*quantities: Quantity) -> tuple[Quantity, ...]:
     """The quantities of alpha, then those of beta."""
     return of_each(ANGLES, *quantities)
-
-
-def closure_check(where: str, closure_residual_m: float) -> Check:
-    """Check of a closure residual."""
-    return Check(CLOSURE.words, where, closure_residual_m, CLOSURE_LIMIT_M)
 
 
 def is_cut(summary: Mapping[str, Any]) -> bool:

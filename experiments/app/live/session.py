@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from experiments.app.live.course import COURSES, course
+from experiments.app.live.flight import Flight
 from experiments.rig import Rig, Run
 from experiments.rig.choices import SOUND
-from experiments.rig.course import COURSES, course
-from experiments.rig.flight import Flight
 from ftc.supervisor import Supervisor, SupervisorState
 
 Kind = Literal["sound", "locked", "free", "weak", "loose"]

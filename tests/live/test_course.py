@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from experiments.app.live.course import COURSES, REST, Course, course
 from experiments.rig import Rig
-from experiments.rig.course import COURSES, REST, Course, course
 from sim import HEXAPOD_MJCF
 
 NAMES = ("hexapod", "arm")
