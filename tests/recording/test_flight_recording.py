@@ -17,7 +17,7 @@ from experiments.recording.flight import of_flight, record
 from experiments.recording.keep import read_run
 from experiments.recording.properties import properties_of
 from experiments.recording.shown import Shown
-from experiments.rig import Named
+from experiments.rig import Diagnosed
 from experiments.rig.events import Event
 from experiments.study.files import OutputError, write_arrays
 from experiments.study.study import WrongInput
@@ -118,7 +118,7 @@ def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
 
 def test_a_mark_has_the_first_diagnosis_since_the_failure_and_no_false_alarm_before_it(kept):
     _, rig, run = kept
-    diagnoses = Named("b", "weak", 0.05, None), Named("b", "locked", 0.2, None)
+    diagnoses = Diagnosed("b", "weak", 0.05, None), Diagnosed("b", "locked", 0.2, None)
     shown = of_flight(rig, replace(run, diagnoses=diagnoses))
     (mark,) = shown.marks
     assert (shown.bodies[mark.actuator], mark.failed_s, mark.diagnosed_s) == (("fore",), 0.1, 0.2)
@@ -214,7 +214,7 @@ def test_runs_of_different_robots_are_reviewed_side_by_side(kept, model, tmp_pat
 
 def test_every_event_is_a_line_over_the_axis_of_every_plot_and_in_the_list(kept, tmp_path):
     _, rig, run = kept
-    named = Named("b", "free", 0.15, 0.18), Named("b", "locked", 0.2, None)
+    named = Diagnosed("b", "free", 0.15, 0.18), Diagnosed("b", "locked", 0.2, None)
     flight = replace(run, diagnoses=named, events=(Event("stuck", 0.05),))
     record(tmp_path / "a.rrd", rig, flight)
     when = {"stuck": 50, "b locked": 100, "b named free": 150, "b cleared": 180}
