@@ -125,7 +125,7 @@ def hexapod(method: str, **good: Any) -> list[Target]:
 def flown(**given: Any) -> Any:
     """A flight of the hexapod with its plain controller, unless there is another."""
     one = known_rig("hexapod")
-    return one.fly(**{"pilot": one.controller(), "path": np.zeros((3, 2))} | given)
+    return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
 
 
 def hooked(**hooks: Any) -> SimpleNamespace:
@@ -198,7 +198,7 @@ KINDS = [
     (LOADED, "limits", [None], "^limits must"),
     (LOADED, "cross_over", [5.0], "^there is no argument cross_over; did you mean .crossover"),
     (PATH, "name", [None, 5, ["circle"]], "^name must"),
-    (FLOWN, "pilot", [None, 5, "supervisor"], "^pilot must"),
+    (FLOWN, "controller", [None, 5, "supervisor"], "^controller must"),
     (FLOWN, "failures", [None, 5, "strut1", STRUCK[0], [None], ["strut1"]], "^failures must"),
     (FLOWN, "on_tick", [3, "x"], "^on_tick must"),
     (FLOWN, "events", ["bump", ["bump"]], r'^events must .*fjh\.Event\("bump", 1\.5\)'),
