@@ -166,32 +166,6 @@ def _tick(channel: Channel, z: Array, error: Array) -> tuple[Array, Array]:
     return demand + channel.D[0, 0] * error, moved + channel.B[:, 0] * error[..., None]
 
 
-def limited_response(
-    plant: "control.StateSpace",
-    compensators: Sequence[Channel],
-    reference: Array,
-    disturbance: Array,
-    limit: Array,
-    anti_windup: Array,
-) -> Array:
-    """Outputs of the plant, (S, N, m), for S settings of a limit on what the compensators demand.
-
-    Args:
-        plant: Sampled, strictly proper; inputs [disturbances; demands].
-        compensators: As in :func:`steps`, and so are the next four.
-        reference: Shape (S, N, m).
-        disturbance: Inputs of the plant, the same in all settings, shape (N, d).
-        limit: Shape (S,).
-        anti_windup: Shape (S,).
-    """
-    m = len(compensators)
-    stage = Stage(plant.A, plant.B[:, -m:])
-    pushed = disturbance @ plant.B[:, :-m].T
-    settings = {"disturbance": pushed, "limit": limit, "anti_windup": anti_windup}
-    ticks = steps([stage], plant.C, compensators, reference, **settings)
-    return np.stack([tick.output for tick in ticks], axis=1)
-
-
 @dataclass(frozen=True)
 class LinearLoop:
     """Plant, mapping at the nominal pose and compensators.
