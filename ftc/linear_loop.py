@@ -1,12 +1,11 @@
-"""Sampled closed loops with a linear plant, for predictions.
+"""Sampled closed loops with a linear plant, for predictions, stepped tick by tick.
 
-:func:`closed_loop` is one linear system, and python-control's simulations serve it. A loop that
-saturates, or whose plant changes in the run, is stepped: :func:`steps`.
+The loop may saturate, and its plant may change in the run: :func:`steps`.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,33 +15,6 @@ from ftc.control.compensator import Channel
 from ftc.control.frequency_response import channels
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.friction import Rubbing
-
-if TYPE_CHECKING:
-    import control
-
-
-def closed_loop(
-    plant: "control.StateSpace", compensators: "Sequence[control.StateSpace]"
-) -> "control.StateSpace":
-    """Closed loop from [references; disturbances] to the plant's outputs.
-
-    Args:
-        plant: Sampled, strictly proper; inputs [disturbances; demands].
-        compensators: One for each output, of the plant's sampling period.
-    """
-    import control  # late, as in ftc.compensator
-
-    n, m = plant.nstates, plant.noutputs
-    free = plant.ninputs - m
-    # Last inputs and outputs close the loop: demand from error.
-    general = control.ss(
-        plant.A,
-        np.hstack([np.zeros((n, m)), plant.B]),
-        np.vstack([plant.C, -plant.C]),
-        np.block([[np.zeros((m, 2 * m + free))], [np.eye(m), np.zeros((m, m + free))]]),
-        plant.dt,
-    )
-    return general.lft(control.append(*compensators))
 
 
 @dataclass(frozen=True)
