@@ -95,10 +95,10 @@ def test_a_limit_that_is_never_reached_changes_nothing():
         hexapod_rig(nominal_testbed(TestbedConfig(demand_limit_urad=limit)))
         for limit in (1e3, None)
     )
-    runs = [one.fly(one.controller(), path).inputs for one in (wide, usual)]
-    np.testing.assert_array_equal(*runs)
-    errors = [one.predict(path, noise=noise).error for one in (wide, usual)]
-    np.testing.assert_array_equal(*errors)
+    inputs, others = (one.fly(one.controller(), path).inputs for one in (wide, usual))
+    np.testing.assert_array_equal(inputs, others)
+    error, other = (one.predict(path, noise=noise).error for one in (wide, usual))
+    np.testing.assert_array_equal(error, other)
 
 
 def test_a_setting_of_many_is_the_setting_alone(model, loops):

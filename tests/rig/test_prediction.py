@@ -40,8 +40,8 @@ class Setting:
     @property
     def rig(self) -> Rig:
         """The hexapod for its runs."""
-        around = {"start_m": self.start, "floor_m_per_s2": self.floor}
-        return hexapod_rig(nominal_testbed(self.bench), self.goal, **around)
+        testbed = nominal_testbed(self.bench)
+        return hexapod_rig(testbed, self.goal, start_m=self.start, floor_m_per_s2=self.floor)
 
     def predicted(self, path: Array, noise: Array) -> Any:
         """The prediction of a controller that learns of nothing in the run."""
