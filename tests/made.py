@@ -1,8 +1,8 @@
 """A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,16 @@ def made_run(ticks: int = 400) -> Run:
         undiagnosed=None,
         status="Made.",
     )
+
+
+def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
+    """A run of the hexapod from the arrays of its `.npz`."""
+    published = {"desired": "desired_rad", "true": "true_rad", "measured": "measured_rad"}
+    published |= {"inputs": "strut_input_percent", "displacement": "strut_displacement_m"}
+    pose = NOMINAL.moved(np.hstack([arrays["true_rad"], arrays["secondary"]]))
+    known = {name: arrays[key] for name, key in published.items()}
+    known |= {"time_s": arrays["time_s"], "closure_m": arrays["closure_residual_m"], "pose": pose}
+    return replace(made_run(), **known)
 
 
 def keep_made(folder: Path, model: mujoco.MjModel, name: str = "made") -> None:
