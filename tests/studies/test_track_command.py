@@ -17,7 +17,7 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.rig import Rig
-from experiments.rig.mjcf import RobotRig, robot_rig
+from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
 from experiments.rig.run import Diagnosed
 from experiments.study.study import WrongInput
@@ -79,7 +79,7 @@ def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
 
 
 @cache
-def tracking_rig(model: Path) -> RobotRig:
+def tracking_rig(model: Path) -> Rig:
     return robot_rig(model, RobotOptions(crossover=0.7))
 
 
