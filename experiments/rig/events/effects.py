@@ -132,8 +132,9 @@ def event(
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
     """Declare an event on the function of its effect; arguments as of :class:`Kind`.
 
-    `sizes` are the function's arguments besides the target. Of several decorators the lowest
-    declares first; an event that comes after those of other functions is declared by a call.
+    `sizes` are the function's arguments besides the target; it raises WrongInput where the target
+    cannot have the event. Of several decorators the lowest declares first; an event that comes
+    after those of other functions is declared by a call.
     """
 
     def declare(effect: Callable[..., Effect]) -> Callable[..., Effect]:
@@ -161,14 +162,11 @@ def no_effect(_: "Target") -> Effect:
 
 @actuator_event("spring_lost", "the own spring is lost, not the force", ("loose", "free"))
 def lost_spring(target: "Target") -> Effect:
-    """Take the actuator's own spring away, and with it its preload.
-
-    Raises:
-        WrongInput: It has none.
-    """
-    if target.moved(target.rig.model, "stiffness") == 0.0:
+    """Take the actuator's own spring away, and with it its preload."""
+    stiffness = target.moved("stiffness")
+    if stiffness(target.rig.model) == 0.0:
         raise target.refused("has no spring of its own")
-    return _once(lambda model: target.moved(model, "stiffness").fill(0.0))
+    return _once(lambda model: stiffness(model).fill(0.0))
 
 
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
@@ -255,11 +253,7 @@ actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(sca
 
 @actuator_event("lock_released", "locks, moves again after 100 ms", _LOCKED, _LOCKED, opens_s=0.1)
 def released_lock(target: "Target", opens_s: float) -> Effect:
-    """Open the lock that the event brings, some time after it.
-
-    Raises:
-        WrongInput: The actuator has no lock.
-    """
+    """Open the lock that the event brings, some time after it."""
     lock, opens = target.lock, target.ticks(opens_s)
     if lock < 0:
         raise target.refused("has no lock")
@@ -278,32 +272,23 @@ actuator_event("free_returns", "no force for 0.5 s, then all again", ("free",), 
     "rubbing", "dry friction: half of what the path takes", ("locked", "weak"), part=0.5
 )
 def rubbing(target: "Target", part: float) -> Effect:
-    """Add dry friction, as a part of the force that the path takes against spring and servo.
-
-    Raises:
-        WrongInput: The actuator moves neither a joint nor a tendon.
-    """
-    target.moved(target.rig.model, "frictionloss")  # or it is refused
+    """Add dry friction, as a part of the force that the path takes against spring and servo."""
+    stiffness, friction = target.moved("stiffness"), target.moved("frictionloss")
 
     def rub(model: mujoco.MjModel) -> None:
-        holds = target.moved(model, "stiffness") + _feedback(target, model, 1)
-        target.moved(model, "frictionloss")[:] += part * target.reach * holds
+        holds = stiffness(model) + _feedback(target, model, 1)
+        friction(model)[:] += part * target.reach * holds
 
     return _once(rub)
 
 
 @actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
 def damped(target: "Target", times: float) -> Effect:
-    """Multiply the actuator's damping, the servo's included.
-
-    Raises:
-        WrongInput: The actuator moves neither a joint nor a tendon.
-    """
-    target.moved(target.rig.model, "damping")  # or it is refused
+    """Multiply the actuator's damping, the servo's included."""
+    damping = target.moved("damping")
 
     def damp(model: mujoco.MjModel) -> None:
-        damping = target.moved(model, "damping")
-        damping[:] = times * damping + (times - 1.0) * _feedback(target, model, 2)
+        damping(model)[:] = times * damping(model) + (times - 1.0) * _feedback(target, model, 2)
 
     return _once(damp)
 

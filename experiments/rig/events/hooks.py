@@ -1,7 +1,7 @@
 """The events of a run, as what a :class:`sim.Bench` calls tick by tick."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -205,21 +205,21 @@ class Target:
         return normal / np.linalg.norm(normal)
 
     def moved(
-        self, model: mujoco.MjModel, what: Literal["stiffness", "damping", "frictionloss"]
-    ) -> Array:
-        """View (1,) of a property of the joint or tendon that the event's own actuator moves.
+        self, what: Literal["stiffness", "damping", "frictionloss"]
+    ) -> Callable[[mujoco.MjModel], Array]:
+        """View (1,) in a model of a property of what the event's own actuator moves.
 
         Raises:
-            WrongInput: It moves neither.
+            WrongInput: It moves neither a joint nor a tendon.
         """
         joint, k, name = self.drive.joint, self.drive.tendon, f"tendon_{what}"
         if joint is not None and what == "stiffness":
             k, name = joint, "jnt_stiffness"
         elif joint is not None:
-            k, name = int(model.jnt_dofadr[joint]), f"dof_{what}"
+            k, name = int(self.rig.model.jnt_dofadr[joint]), f"dof_{what}"
         if k is None:
             raise self.refused("moves neither a joint nor a tendon")
-        return getattr(model, name)[k : k + 1]
+        return lambda model: getattr(model, name)[k : k + 1]
 
     def refused(self, why: str) -> WrongInput:
         """Error: the machine cannot have the event."""
