@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.rig.events.kinds import Event
+from experiments.rig.events import Event
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, LoopRun, run_loop
 from ftc.sensors import Sensors
@@ -128,6 +129,11 @@ class Run:
 def rms(signal: Array) -> Array:
     """Root mean square over time, the first axis."""
     return np.sqrt((signal**2).mean(axis=0))
+
+
+def tick_of(time_s: float, period_s: float) -> int:
+    """First control tick at or after a time since tick 0; times are rounded to 1e-6 of a tick."""
+    return ceil(time_s / period_s - 1e-6)
 
 
 def simulate(
