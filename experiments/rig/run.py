@@ -66,10 +66,11 @@ class Run:
         failures: That happened, in the order of time, actuators by number.
         state: Of the controller after the last tick.
         diagnoses: That the controller made, in order.
-        task_lost: Whether the controller believes that the major task cannot be done whole any more.
+        task_lost: Whether the controller believes that the major task cannot be done whole any
+            more.
         undiagnosed: Why the controller diagnosed nothing; None where it did.
-        lost: That the major task is lost, by what happened or as the controller believes, one sentence;
-            None where it is not.
+        lost: That the major task is lost, by what happened or as the controller believes, one
+            sentence; None where it is not.
         status: What the controller made of the run, one sentence, after that one.
         events: What else happened and has a name, in the order of time.
     """
