@@ -1,0 +1,199 @@
+"""A run read back from its data (.npz) and its recording (.rrd), which anybody may have written."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from rerun.chunk import RrdReader
+
+from experiments.recording import Array
+from experiments.recording.file import TIMELINE
+from experiments.recording.layout import entity_of
+from experiments.recording.properties import groups_of
+from experiments.recording.record import FLIGHT
+from experiments.recording.view import PUBLISHED, Change, RunView, Stated, as_run_arrays, stated_of
+from experiments.rig import Rig
+from experiments.rig.bodies import body_name
+from experiments.rig.units import ROWS
+from experiments.study.foreign import read_arrays
+from experiments.study.spelling import LARGEST_FILE
+from experiments.study.study import WrongInput
+from sim import MODELS, hexapod, load_model, model_sha256
+
+LARGEST = 1e6
+"""In [s], [rad], [m] or [%]: what a machine does stays far below."""
+_UNEVEN = 1e-6
+_OF_ANY = ("time_s", "desired", "true", "qpos")
+"""Arrays by which a run is known that is none of the hexapod's studies."""
+_TRUE = ("/task/true", f"/{entity_of(0)}task/true")
+"""Where a recording has the true displacements of its only or first run."""
+
+
+class NoRunError(WrongInput):
+    """The file holds something else than a run."""
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """A run read back, the study by which it was recorded, and its parameters.
+
+    Where there is no recording beside the data, the last two are empty.
+    """
+
+    view: RunView
+    study: str
+    parameters: dict[str, Any]
+
+
+def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
+    """A run, with what its recording says of it; drawn with the machine file of this path.
+
+    None is the file that the recording names, or that of `models/` with its SHA-256. A run of the
+    hexapod's studies needs no recording; nothing is known then of failures.
+
+    Raises:
+        NoRunError: It holds something else.
+        WrongInput: It is no such file, or not a whole one; the recording beside it is missing, not
+            of it or of an earlier version; its machine file is another, or is nowhere.
+    """
+    arrays, recording = read_arrays(path), path.with_suffix(".rrd")
+    is_published = set(PUBLISHED.values()) <= arrays.keys()
+    if not is_published and (missing := [name for name in _OF_ANY if name not in arrays]):
+        raise NoRunError(f"{path} is not a run of the hexapod or another robot: no {missing[0]}")
+    if is_published and not recording.is_file():
+        model, parameters, study = load_model(machine), dict[str, Any](), ""
+        hexapod(model)  # raises for any other
+        stated = stated_of(Rig.hexapod(), machine_file=machine)
+    elif recording.is_file():
+        parameters, results = groups_of(recording)
+        stated = _stated(recording, parameters.pop(FLIGHT, ""))
+        study = str(results.get("study", ""))
+        model = load_model(_machine_of(path, stated, machine))
+    else:
+        raise WrongInput(f"{path} is a run of a robot that {recording.name} would name: it is gone")
+    try:
+        _check_stated(stated, model)
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise WrongInput(f"{path} and {recording.name} are not a run: {error}") from None
+    if fault := _fault(arrays, stated, model.nq):
+        raise WrongInput(f"{path} is not a complete run: {fault}")
+    view = RunView(stated, as_run_arrays(arrays), model)
+    if recording.is_file() and not _is_of(recording, view):
+        raise WrongInput(
+            f"{recording} is not the recording of {path.name}: their displacements differ"
+        )
+    return RecordedRun(view, study, parameters)
+
+
+def _stated(recording: Path, text: str) -> Stated:
+    """What a recording states of its run, not yet checked."""
+    try:
+        found = json.loads(text)
+        if found.keys() == {field.name for field in fields(Stated)}:
+            changes = {key: [Change(**each) for each in found[key]] for key in _CHANGES}
+            return Stated(**{**found, **changes})
+    except (ValueError, TypeError, AttributeError):
+        pass
+    raise WrongInput(f"{recording} was recorded by an earlier version, and cannot be read back")
+
+
+_CHANGES = ("incidents", "diagnoses")
+
+
+def _check_stated(its: Stated, model: mujoco.MjModel) -> None:
+    """Raise a ValueError or another error where no run of a robot of this model states so."""
+    n, bodies = len(its.actuators), {body_name(model, k) for k in range(model.nbody)}
+    changes = [*its.incidents, *its.diagnoses]
+    of_rows, of_actuators = [*its.rows, *its.row_units], [*its.actuator_units, *its.input_units]
+    texts = [its.robot, its.known, its.status, *its.actuators, *of_rows, *of_actuators]
+    if not all(isinstance(text, str) for text in [*texts, *(each.kind for each in changes)]):
+        raise ValueError("names, units and kinds must be text")
+    per_actuator = (its.actuator_units, its.input_units, its.bodies, *its.limits)
+    if {len(each) for each in per_actuator} != {n}:
+        raise ValueError(f"limits, units and bodies must be of {n} actuators")
+    if np.array(its.limits, dtype=float).shape != (2, n):
+        raise ValueError("limits must be lower and upper ones")
+    if not {name for each in its.bodies for name in each} <= bodies:
+        raise ValueError("bodies must be those of the robot")
+    known = set(range(len(ROWS)))
+    if len(its.rows) != len(ROWS) or not its.major or not set(its.major) <= known:
+        raise ValueError(f"major must be some of {len(ROWS)} rows")
+    if len(its.row_units) != len(its.major):
+        raise ValueError("units must be of the major rows")
+    for each in changes:
+        if each.actuator not in (*its.actuators, None):
+            raise ValueError(f"there is no actuator {each.actuator}")
+        if not 0.0 <= each.time_s < np.inf:
+            raise ValueError(f"times of failures must be from 0 on, got {each.time_s}")
+    if its.hexapod:
+        hexapod(model)  # raises for any other
+
+
+def _fault(arrays: Mapping[str, Array], its: Stated, nq: int) -> str | None:
+    """What no arrays of such a run may be, in words; None for valid ones."""
+    n, m1 = len(its.actuators), len(its.major)
+    columns = dict.fromkeys(("desired", "true", "measured"), (m1,))
+    columns |= dict.fromkeys(("inputs", "displacement"), (n,))
+    if PUBLISHED["true"] in arrays:
+        columns = {PUBLISHED[name]: shape for name, shape in columns.items()}
+        columns |= dict.fromkeys(("secondary", "secondary_estimated"), (len(ROWS) - m1,))
+    else:
+        columns |= {"task": (len(ROWS),), "qpos": (nq,)}
+    time_s = arrays["time_s"]
+    if time_s.size < 2:
+        return "it has fewer than two ticks"
+    for name, shape in {"time_s": (), **columns, "closure_residual_m": ()}.items():
+        if name not in arrays:
+            return f"it has no {name}"
+        values, wanted = arrays[name], (time_s.size, *shape)
+        if values.dtype != np.float64:
+            return f"{name} must be float64, got {values.dtype}"
+        if values.shape != wanted:
+            return f"{name} must have shape {wanted}, got {values.shape}"
+        if name.startswith("measured"):
+            values = np.where(np.isnan(values), 0.0, values)  # samples of sensors may be missing
+        if not np.isfinite(values).all():
+            return f"{name} is not finite everywhere"
+        if (largest := np.abs(values).max(initial=0.0)) > LARGEST:
+            return f"{name} has values up to {largest:.3g}, expected at most {LARGEST:g}"
+    steps_s = np.diff(time_s)
+    if not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
+        return "time_s does not increase in equal steps"
+    return None
+
+
+def _is_of(recording: Path, run: RunView) -> bool:
+    """Whether the true displacements in a recording are the run's, to the bit."""
+    reader, true = RrdReader(recording), run.arrays["true"]
+    for entity in _TRUE:
+        chunks = reader.stream().filter(content=entity, is_static=False).to_chunks()
+        batches = [chunk.to_record_batch() for chunk in chunks]
+        if batches:
+            times = np.concatenate([each.column(TIMELINE).cast("int64") for each in batches])
+            values = [each.column("Scalars:scalars").flatten() for each in batches]
+            shown = np.concatenate(values).reshape(len(times), -1)[np.argsort(times)]
+            ticks = np.searchsorted(np.rint(1e9 * run.time_s), np.sort(times))
+            return bool(ticks.max() < len(true)) and np.array_equal(shown, 1e6 * true[ticks])
+    return False
+
+
+def _machine_of(path: Path, stated: Stated, given: Path | None) -> Path:
+    """The machine file of a run."""
+    named = str(stated.model_file)
+    if given is not None:
+        if stated.model_sha256 != model_sha256(given):
+            raise WrongInput(f"{path} is a run of another machine; --model FILE draws that")
+        return given
+    candidates: Iterator[Path] = (Path(each) for each in ([named] if named else []))
+    for file in (*candidates, *sorted(MODELS.glob("*.xml"))):
+        is_one = file.is_file() and file.stat().st_size <= LARGEST_FILE
+        if is_one and model_sha256(file) == stated.model_sha256:
+            return file
+    raise WrongInput(
+        f"{path} is a run of another machine, {named or 'which is none of models/'}, and the file "
+        "is not there as it was; --model FILE draws it"
+    )
