@@ -33,7 +33,6 @@ class Repeated:
     again: Again
     source: Source
     columns: Row
-    rig: Rig
     run: Run
     known: str
 
@@ -108,7 +107,7 @@ def again_of(source: Source) -> Again:
         ) from None
 
 
-def flown(again: Again, row: Row) -> tuple[Row, Rig, Run, str]:
+def flown(again: Again, row: Row) -> tuple[Row, Run, str]:
     """A run, in a process of its own; refused where it is not that of the row."""
     case = row["case"]
     run = again.campaign.runs[case]
@@ -138,7 +137,7 @@ def _kept(folder: Path, one: Repeated, row: Row) -> Path:
         parameters=stated,
     )
     path, arrays = folder / f"{name}.rrd", hexapod_arrays(one.run)
-    write_run(path, one.rig, one.run, about, arrays=arrays, known=one.known)
+    write_run(path, Rig.hexapod(), one.run, about, arrays=arrays, known=one.known)
     return path.with_suffix(".npz")
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -64,73 +65,68 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
     is_published = set(PUBLISHED.values()) <= arrays.keys()
     if not is_published and (missing := [name for name in _OF_ANY if name not in arrays]):
         raise NoRunError(f"{path} is not a run of the hexapod or another robot: no {missing[0]}")
-    if is_published and not recording.is_file():
-        model, parameters, study = load_model(machine), dict[str, Any](), ""
-        hexapod(model)  # raises for any other
-        stated = stated_of(Rig.hexapod(), machine_file=machine)
-    elif recording.is_file():
+    parameters, study, found = dict[str, Any](), "", None
+    if recording.is_file():
         parameters, results = groups_of(recording)
-        stated = _stated(recording, parameters.pop(FLIGHT, ""))
-        study = str(results.get("study", ""))
-        model = load_model(_machine_of(path, stated, machine))
-    else:
-        raise WrongInput(f"{path} is a run of a robot that {recording.name} would name: it is gone")
+        study, found = str(results.get("study", "")), _json(recording, parameters.pop(FLIGHT, ""))
+    elif not is_published:
+        raise WrongInput(
+            f"{path} cannot be read without {recording.name}, which says of what it is"
+        )
+    model = load_model(machine if found is None else _machine_of(path, found, machine))
     try:
-        _check_stated(stated, model)
+        its = stated_of(Rig.hexapod(), machine_file=machine) if found is None else _stated(found)
+        _check_stated(its, model)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise WrongInput(f"{path} and {recording.name} are not a run: {error}") from None
-    if fault := _fault(arrays, stated, model.nq):
+    if fault := _fault(arrays, its, model.nq):
         raise WrongInput(f"{path} is not a complete run: {fault}")
-    view = RunView(stated, as_run_arrays(arrays), model)
-    if recording.is_file() and not _is_of(recording, view):
+    view = RunView(its, as_run_arrays(arrays), model)
+    if found is not None and not _is_of(recording, view):
         raise WrongInput(
             f"{recording} is not the recording of {path.name}: their displacements differ"
         )
     return RecordedRun(view, study, parameters)
 
 
-def _stated(recording: Path, text: str) -> Stated:
-    """What a recording states of its run, not yet checked."""
-    try:
+def _json(recording: Path, text: str) -> dict[str, Any]:
+    """What a recording states of its run."""
+    with suppress(ValueError):
         found = json.loads(text)
-        if found.keys() == {field.name for field in fields(Stated)}:
-            changes = {key: [Change(**each) for each in found[key]] for key in _CHANGES}
-            return Stated(**{**found, **changes})
-    except (ValueError, TypeError, AttributeError):
-        pass
+        if isinstance(found, dict) and found.keys() == {each.name for each in fields(Stated)}:
+            return found
     raise WrongInput(f"{recording} was recorded by an earlier version, and cannot be read back")
 
 
-_CHANGES = ("incidents", "diagnoses")
+def _stated(found: dict[str, Any]) -> Stated:
+    changes = {key: [Change(**each) for each in found[key]] for key in ("incidents", "diagnoses")}
+    return Stated(**{**found, **changes})
 
 
 def _check_stated(its: Stated, model: mujoco.MjModel) -> None:
     """Raise a ValueError or another error where no run of a robot of this model states so."""
-    n, bodies = len(its.actuators), {body_name(model, k) for k in range(model.nbody)}
-    changes = [*its.incidents, *its.diagnoses]
-    of_rows, of_actuators = [*its.rows, *its.row_units], [*its.actuator_units, *its.input_units]
-    texts = [its.robot, its.known, its.status, *its.actuators, *of_rows, *of_actuators]
-    if not all(isinstance(text, str) for text in [*texts, *(each.kind for each in changes)]):
+    if its.hexapod:
+        hexapod(model)  # raises for any other
+    n, changes = len(its.actuators), [*its.incidents, *its.diagnoses]
+    texts = [its.robot, its.known, its.status, *its.actuators, *its.rows, *its.row_units]
+    texts += [*its.actuator_units, *its.input_units, *(each.kind for each in changes)]
+    if not all(isinstance(text, str) for text in texts):
         raise ValueError("names, units and kinds must be text")
-    per_actuator = (its.actuator_units, its.input_units, its.bodies, *its.limits)
-    if {len(each) for each in per_actuator} != {n}:
-        raise ValueError(f"limits, units and bodies must be of {n} actuators")
+    for name in ("actuator_units", "input_units", "bodies"):
+        if len(getattr(its, name)) != n:
+            raise ValueError(f"{name} must be of {n} actuators")
     if np.array(its.limits, dtype=float).shape != (2, n):
-        raise ValueError("limits must be lower and upper ones")
+        raise ValueError(f"limits must be lower and upper ones of {n} actuators")
+    bodies, known = {body_name(model, k) for k in range(model.nbody)}, set(range(len(ROWS)))
     if not {name for each in its.bodies for name in each} <= bodies:
         raise ValueError("bodies must be those of the robot")
-    known = set(range(len(ROWS)))
     if len(its.rows) != len(ROWS) or not its.major or not set(its.major) <= known:
         raise ValueError(f"major must be some of {len(ROWS)} rows")
     if len(its.row_units) != len(its.major):
-        raise ValueError("units must be of the major rows")
+        raise ValueError("row_units must be of the major rows")
     for each in changes:
-        if each.actuator not in (*its.actuators, None):
-            raise ValueError(f"there is no actuator {each.actuator}")
-        if not 0.0 <= each.time_s < np.inf:
-            raise ValueError(f"times of failures must be from 0 on, got {each.time_s}")
-    if its.hexapod:
-        hexapod(model)  # raises for any other
+        if each.actuator not in (*its.actuators, None) or not 0.0 <= each.time_s < np.inf:
+            raise ValueError(f"no actuator of the robot, or no time of a run: {each}")
 
 
 def _fault(arrays: Mapping[str, Array], its: Stated, nq: int) -> str | None:
@@ -181,17 +177,17 @@ def _is_of(recording: Path, run: RunView) -> bool:
     return False
 
 
-def _machine_of(path: Path, stated: Stated, given: Path | None) -> Path:
-    """The machine file of a run."""
-    named = str(stated.model_file)
+def _machine_of(path: Path, found: Mapping[str, Any], given: Path | None) -> Path:
+    """The machine file of a run, by what its recording states."""
+    named, sha256 = str(found["model_file"]), found["model_sha256"]
     if given is not None:
-        if stated.model_sha256 != model_sha256(given):
+        if sha256 != model_sha256(given):
             raise WrongInput(f"{path} is a run of another machine; --model FILE draws that")
         return given
     candidates: Iterator[Path] = (Path(each) for each in ([named] if named else []))
     for file in (*candidates, *sorted(MODELS.glob("*.xml"))):
         is_one = file.is_file() and file.stat().st_size <= LARGEST_FILE
-        if is_one and model_sha256(file) == stated.model_sha256:
+        if is_one and model_sha256(file) == sha256:
             return file
     raise WrongInput(
         f"{path} is a run of another machine, {named or 'which is none of models/'}, and the file "

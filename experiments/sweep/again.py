@@ -2,8 +2,6 @@
 
 from typing import Any
 
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from experiments.study.campaign import Again, Row
 from experiments.study.study import WrongInput
@@ -31,7 +29,7 @@ def again(summary: dict[str, Any]) -> Again:
     return Again(sweep_of(SweepRuns(design, basis["seed"])), fly)
 
 
-def fly(run: SweepRun) -> tuple[Row, Rig, Run, str]:
-    """What is measured of the run, its robot, the run, and whether its failures were known."""
+def fly(run: SweepRun) -> tuple[Row, Run, str]:
+    """What is measured of the run, the run, and whether its failures were known."""
     whole = simulated(run)
-    return measured(whole), hexapod_rig(), whole, "known" if run.known else "not known"
+    return measured(whole), whole, "known" if run.known else "not known"

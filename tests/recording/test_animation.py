@@ -8,6 +8,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from experiments.recording.hexapod import of_hexapod
+from experiments.recording.keep import read_run
+from experiments.recording.marks import Mark
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
@@ -16,9 +19,6 @@ from experiments.app.cli import main
 from experiments.recording import animation as animations
 from experiments.recording.animated import Animated
 from experiments.recording.animation import Animation, figure_at, state_at, write_animation
-from experiments.recording.hexapod import of_hexapod
-from experiments.recording.keep import read_run
-from experiments.recording.marks import Mark
 from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.study.files import write_arrays
