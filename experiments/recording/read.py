@@ -79,8 +79,10 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
         _check_stated(its, model)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise WrongInput(f"{path} and {recording.name} are not a run: {error}") from None
-    if fault := _fault(arrays, its, model.nq):
-        raise WrongInput(f"{path} is not a complete run: {fault}")
+    try:
+        _check_arrays(arrays, its, model.nq)
+    except ValueError as error:
+        raise WrongInput(f"{path} is not a complete run: {error}") from None
     view = RunView(its, as_run_arrays(arrays), model)
     if found is not None and not _is_of(recording, view):
         raise WrongInput(
@@ -112,16 +114,14 @@ def _check_stated(its: Stated, model: mujoco.MjModel) -> None:
     texts += [*its.actuator_units, *its.input_units, *(each.kind for each in changes)]
     if not all(isinstance(text, str) for text in texts):
         raise ValueError("names, units and kinds must be text")
-    for name in ("actuator_units", "input_units", "bodies"):
-        if len(getattr(its, name)) != n:
-            raise ValueError(f"{name} must be of {n} actuators")
-    if np.array(its.limits, dtype=float).shape != (2, n):
-        raise ValueError(f"limits must be lower and upper ones of {n} actuators")
-    bodies, known = {body_name(model, k) for k in range(model.nbody)}, set(range(len(ROWS)))
+    sizes = [len(each) for each in (its.actuator_units, its.input_units, its.bodies)]
+    if sizes != [n] * 3 or np.array(its.limits, dtype=float).shape != (2, n):
+        raise ValueError(f"units, bodies and limits must be of {n} actuators")
+    bodies, rows = {body_name(model, k) for k in range(model.nbody)}, set(range(len(ROWS)))
     if not {name for each in its.bodies for name in each} <= bodies:
         raise ValueError("bodies must be those of the robot")
-    if len(its.rows) != len(ROWS) or not its.major or not set(its.major) <= known:
-        raise ValueError(f"major must be some of {len(ROWS)} rows")
+    if len(its.rows) != len(rows) or not its.major or not set(its.major) <= rows:
+        raise ValueError(f"major must be some of {len(rows)} rows")
     if len(its.row_units) != len(its.major):
         raise ValueError("row_units must be of the major rows")
     for each in changes:
@@ -129,37 +129,31 @@ def _check_stated(its: Stated, model: mujoco.MjModel) -> None:
             raise ValueError(f"no actuator of the robot, or no time of a run: {each}")
 
 
-def _fault(arrays: Mapping[str, Array], its: Stated, nq: int) -> str | None:
-    """What no arrays of such a run may be, in words; None for valid ones."""
-    n, m1 = len(its.actuators), len(its.major)
-    columns = dict.fromkeys(("desired", "true", "measured"), (m1,))
-    columns |= dict.fromkeys(("inputs", "displacement"), (n,))
+def _check_arrays(arrays: Mapping[str, Array], its: Stated, nq: int) -> None:
+    """Raise a ValueError where these are not the arrays of such a run."""
+    n, m1, N = len(its.actuators), len(its.major), arrays["time_s"].size
+    widths = dict.fromkeys(("desired", "true", "measured"), m1)
+    widths |= dict.fromkeys(("inputs", "displacement"), n)
     if PUBLISHED["true"] in arrays:
-        columns = {PUBLISHED[name]: shape for name, shape in columns.items()}
-        columns |= dict.fromkeys(("secondary", "secondary_estimated"), (len(ROWS) - m1,))
+        widths = {PUBLISHED[name]: width for name, width in widths.items()}
+        widths |= dict.fromkeys(("secondary", "secondary_estimated"), len(ROWS) - m1)
     else:
-        columns |= {"task": (len(ROWS),), "qpos": (nq,)}
-    time_s = arrays["time_s"]
-    if time_s.size < 2:
-        return "it has fewer than two ticks"
-    for name, shape in {"time_s": (), **columns, "closure_residual_m": ()}.items():
+        widths |= {"task": len(ROWS), "qpos": nq}
+    shapes = {name: (N, width) for name, width in widths.items()}
+    for name, shape in {"time_s": (N,), **shapes, "closure_residual_m": (N,)}.items():
         if name not in arrays:
-            return f"it has no {name}"
-        values, wanted = arrays[name], (time_s.size, *shape)
-        if values.dtype != np.float64:
-            return f"{name} must be float64, got {values.dtype}"
-        if values.shape != wanted:
-            return f"{name} must have shape {wanted}, got {values.shape}"
+            raise ValueError(f"it has no {name}")
+        values = arrays[name]
+        if values.dtype != np.float64 or values.shape != shape:
+            got = f"{values.dtype} of shape {values.shape}"
+            raise ValueError(f"{name} must be float64 of shape {shape}, got {got}")
         if name.startswith("measured"):
             values = np.where(np.isnan(values), 0.0, values)  # samples of sensors may be missing
-        if not np.isfinite(values).all():
-            return f"{name} is not finite everywhere"
-        if (largest := np.abs(values).max(initial=0.0)) > LARGEST:
-            return f"{name} has values up to {largest:.3g}, expected at most {LARGEST:g}"
-    steps_s = np.diff(time_s)
-    if not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
-        return "time_s does not increase in equal steps"
-    return None
+        if not np.abs(values).max(initial=0.0) <= LARGEST:
+            raise ValueError(f"{name} must be at most {LARGEST:g} everywhere")
+    steps_s = np.diff(arrays["time_s"])
+    if N < 2 or not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
+        raise ValueError("time_s must increase in equal steps, of two ticks at least")
 
 
 def _is_of(recording: Path, run: RunView) -> bool:

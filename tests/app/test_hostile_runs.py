@@ -61,17 +61,17 @@ def test_every_signal_of_a_run_is_checked(tmp_path, signal):
 @pytest.mark.parametrize(
     ("signal", "values", "said"),
     [
-        ("strut_input_percent", RUN.inputs[:, :4], "shape (400, 6), got (400, 4)"),
-        ("true_rad", RUN.true.T.copy(), "shape (400, 2), got (2, 400)"),
-        ("secondary", np.full((400, 4), 1e300), "values up to 1e+300"),
-        ("measured_rad", -1e7 * np.ones((400, 2)), "values up to 1e+07"),
-        ("desired_rad", RUN.desired.astype(np.float32), "must be float64, got float32"),
-        ("desired_rad", RUN.desired.astype(complex), "must be float64, got complex128"),
-        ("closure_residual_m", np.full(400, np.inf), "not finite"),
-        ("time_s", RUN.time_s[::-1].copy(), "time_s does not increase"),
-        ("time_s", np.zeros(400), "time_s does not increase"),
-        ("time_s", RUN.time_s**2, "time_s does not increase in equal steps"),
-        ("time_s", np.array(0.0), "fewer than two ticks"),
+        ("strut_input_percent", RUN.inputs[:, :4], "shape (400, 6), got float64 of shape (400, 4)"),
+        ("true_rad", RUN.true.T.copy(), "shape (400, 2), got float64 of shape (2, 400)"),
+        ("secondary", np.full((400, 4), 1e300), "secondary must be at most 1e+06"),
+        ("measured_rad", -1e7 * np.ones((400, 2)), "measured_rad must be at most 1e+06"),
+        ("desired_rad", RUN.desired.astype(np.float32), "must be float64 of shape (400, 2), got float32"),
+        ("desired_rad", RUN.desired.astype(complex), "must be float64 of shape (400, 2), got complex128"),
+        ("closure_residual_m", np.full(400, np.inf), "must be at most 1e+06 everywhere"),
+        ("time_s", RUN.time_s[::-1].copy(), "time_s must increase"),
+        ("time_s", np.zeros(400), "time_s must increase"),
+        ("time_s", RUN.time_s**2, "time_s must increase in equal steps"),
+        ("time_s", np.array(0.0), "time_s must be float64"),
     ],
 )
 def test_arrays_that_are_no_run_are_refused(tmp_path, signal, values, said):
