@@ -48,8 +48,8 @@ def limiting(rig: Rig, run: Run, failures: Sequence[Failure] = ()) -> str | None
     if _of(rig, still.rms_before) < before / 2 < _of(rig, sound.rms_before):
         return "Most of the error is noise of the sensors, which the loops pass on."
     if rig.nominal.friction is not None:
-        smooth = replace(rig, nominal=replace(rig.nominal, friction=None))
-        without = smooth.predict(run.desired, failures=none, noise=noise)
+        control = replace(rig.control, nominal=replace(rig.nominal, friction=None))
+        without = replace(rig, control=control).predict(run.desired, failures=none, noise=noise)
         if _of(rig, without.rms_before) < before / 2:
             return "Most of the error is from dry friction in the joints."
     return None
