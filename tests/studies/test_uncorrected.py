@@ -158,6 +158,12 @@ def test_a_floor_that_is_no_floor_is_refused(model, bad):
         Plant(model).shake(bad)
 
 
+def test_a_floor_of_another_length_than_the_spiral_is_refused():
+    rig = hexapod_rig(floor_m_per_s2=np.zeros((50, 3)))
+    with pytest.raises(ValueError, match="floor_m_per_s2 must be 300 finite numbers"):
+        rig.fly(rig.controller(), TestbedConfig().spiral_rad(0.1))
+
+
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
     criterion = 50e-6
     acceleration = floor_acceleration(16000, 1e-3, criterion, [3])
