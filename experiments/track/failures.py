@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from experiments.rig.events import Event, events_of
+from experiments.rig.events import Event
+from experiments.rig.events.hooks import events_of
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run, diagnosed_since
 from experiments.study.study import WrongInput
