@@ -58,7 +58,8 @@ def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
         (("hand", "1 free"), False, False, 0),  # three motors still hold the object
         (("hand", "1 and 2 free"), True, True, 0),  # a limp finger lets it swing about the other
         (("arms", "sound"), False, False, 6),  # twelve motors, six freedoms
-        (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),  # one arm carries both the load and the other
+        # One arm carries both the load and the other.
+        (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),
         (("platform", "1 free"), False, False, 0),  # over-actuated: no self-motion
         (("platform", "1 and 2 free"), True, True, 0),
     ],
@@ -166,12 +167,6 @@ def test_the_octagon_is_closed_and_leaves_out_the_corners_aside():
     np.testing.assert_allclose(at_rest, closed)
     np.testing.assert_allclose(commanded, closed)
     assert len(on_the_way) == 7 * 3 + 1
-
-
-def test_everything_named_is_there(systems, systems_folder):
-    named = {one[kind] for one in systems["systems"] for kind in ("recording", "data")}
-    named |= {"systems.json", "systems.md", "systems.png", "systems.pdf"}
-    assert {file.name for file in systems_folder.iterdir()} == named
 
 
 def test_an_unsound_experiment_is_called_so(systems):
