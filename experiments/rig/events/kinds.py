@@ -125,6 +125,24 @@ class Event:
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(f"{self.name} is of no single actuator, got {self.actuator}")
 
+    @classmethod
+    def parse(cls, text: str) -> "Event":
+        """Parse NAME@SECONDS or, of what happens to an actuator, NAME:ACTUATOR@SECONDS.
+
+        Raises:
+            ValueError, TypeError: Another form; or as of an event that is made.
+        """
+        if not isinstance(text, str):
+            raise TypeError(f"text must be that of an event, got {text!r:.80}")
+        what, _, time_s = text.rpartition("@")
+        name, _, actuator = what.partition(":")
+        try:
+            seconds = float(time_s)
+        except ValueError:
+            said = f"NAME@SECONDS or NAME:ACTUATOR@SECONDS, got {text!r:.80}"
+            raise ValueError(f"text must be {said}") from None
+        return cls(name, seconds, actuator or None)
+
     @property
     def kind(self) -> Kind:
         """What `EVENTS` says of it."""
