@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.rig.choices import SOUND as SOUND
+from experiments.rig.run import SOUND as SOUND
 
 _FORMER = {"strut": "actuator"}
 """Attributes of marks by the names that they have in earlier recordings."""

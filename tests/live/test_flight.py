@@ -10,7 +10,7 @@ import pytest
 
 from experiments.app.live.flight import Flight
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.rig.events import Event
 from experiments.rig.events.hooks import Hooks
 from experiments.rig.events.target import Effect

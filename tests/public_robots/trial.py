@@ -24,9 +24,9 @@ import numpy as np
 from experiments.rig import Rig, Run
 from experiments.rig.dither import dither_of
 from experiments.rig.mjcf import RobotRig
+from experiments.rig.reach import learnt_s, uncompared
 from experiments.study.provenance import commit
 from experiments.study.study import WrongInput
-from experiments.track.failures import learnt_s, uncompared
 from ftc.tracking import is_possible
 from prioritized import ConstrainedSystem
 from sim import (

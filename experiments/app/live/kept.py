@@ -12,7 +12,7 @@ from experiments.recording.robot import of_robot
 from experiments.recording.screens import write_flights
 from experiments.recording.shown import Shown
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.study.files import published
 from experiments.study.provenance import version_properties, versions
 

@@ -17,7 +17,7 @@ from experiments.recording.machine import Motion, ahead_of
 from experiments.recording.robot import mover
 from experiments.rig import Rig
 from experiments.rig.bodies import body_name
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.study.palette import BLUE, FAILED, VERMILION
 from sim import Array
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Literal
 
-from experiments.rig.choices import Failing
-from experiments.study.spelling import hint
+from experiments.study.spelling import nearest
+from sim import FailureKind
 
 Of = Literal["actuator", "supply", "machine", "sensor"]
 """What an event is of; those of an actuator name it."""
@@ -27,15 +27,15 @@ class Kind:
 
     sentence: str
     of: Of
-    named_as: tuple[Failing, ...] = ()
-    failures: tuple[Failing, ...] = ()
+    named_as: tuple[FailureKind, ...] = ()
+    failures: tuple[FailureKind, ...] = ()
     after_s: float = 0.0
     cause: Literal["offset", "supply", "scale"] | None = None
 
 
-_UNMOVED: tuple[Failing, ...] = ("free", "locked")
+_UNMOVED: tuple[FailureKind, ...] = ("free", "locked")
 """What obeys no input: free where a spring takes the load, locked where a servo does."""
-_LOCKED: tuple[Failing, ...] = ("locked",)
+_LOCKED: tuple[FailureKind, ...] = ("locked",)
 
 EVENTS: dict[str, Kind] = {
     "locked": Kind("the actuator stays where it is", "actuator", _LOCKED, _LOCKED),
@@ -111,7 +111,9 @@ class Event:
         if not isinstance(self.name, str):
             raise TypeError(f"name must be the name of an event, got {self.name!r:.80}")
         if self.name not in EVENTS:
-            raise ValueError(f'there is no event "{self.name:.80}"{hint(self.name, EVENTS)}')
+            raise ValueError(
+                f'there is no event "{self.name:.80}"{nearest(self.name, EVENTS, listed=True)}'
+            )
         is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
         if not (is_time and 0.0 <= self.time_s <= LATEST_S):
             said = f"a time from zero on, got {self.time_s!r:.80}, and at most {LATEST_S:g} s"
