@@ -10,7 +10,8 @@ from experiments.recover.flight import Flight
 from experiments.recover.pointing import error_columns, pointing_error_urad
 from experiments.recover.recovery import Flight as AnyFlight
 from experiments.recover.recovery import Identification, fault_unaware, informed, supervised
-from experiments.rig.events import EVENTS, events_of
+from experiments.rig.events import EVENTS
+from experiments.rig.events.hooks import events_of
 from experiments.rig.rig import Rig
 from experiments.rig.run import Named, Run
 from experiments.study.campaign import Row

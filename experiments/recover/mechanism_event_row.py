@@ -8,7 +8,7 @@ import pyarrow as pa
 from experiments.recover.event_row import doing_nothing, ended, named
 from experiments.recover.mechanism_flight import MechanismFlight
 from experiments.recover.recovery import RECOVERED_S, supervised
-from experiments.rig.events import events_of
+from experiments.rig.events.hooks import events_of
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from experiments.study.campaign import Row

@@ -1,6 +1,5 @@
 """A robot with its loops: fly it, predict it, let it fail."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,7 +26,7 @@ from experiments.rig.options import (
 )
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
-from experiments.rig.run import Run, simulate
+from experiments.rig.run import Run, simulate, tick_of
 from experiments.rig.units import ROWS
 from experiments.study.spelling import nearest
 from experiments.study.study import WrongInput
@@ -316,8 +315,8 @@ class Rig:
 
     def reconfigured(self, before: Goal, after: Goal, time_s: float) -> OracleController:
         """A controller that goes over to another goal at a time of the run, as if it were told."""
-        tick = math.ceil(time_s / self.period_s - 1e-6)
-        return OracleController(self.controller(before), self.controller(after), tick)
+        first, then = self.controller(before), self.controller(after)
+        return OracleController(first, then, tick_of(time_s, self.period_s))
 
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None

@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.rig.events.kinds import Event
+from experiments.rig.events import Event
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, LoopRun, run_loop
 from ftc.sensors import Sensors
@@ -69,10 +70,11 @@ class Run:
         failures: That happened, in the order of time, actuators by number.
         state: Of the controller after the last tick.
         diagnoses: That the controller made, in order.
-        task_lost: Whether the controller believes that the major task cannot be done whole any more.
+        task_lost: Whether the controller believes that the major task cannot be done whole any
+            more.
         undiagnosed: Why the controller diagnosed nothing; None where it did.
-        lost: That the major task is lost, by what happened or as the controller believes, one sentence;
-            None where it is not.
+        lost: That the major task is lost, by what happened or as the controller believes, one
+            sentence; None where it is not.
         status: What the controller made of the run, one sentence, after that one.
         events: What else happened and has a name, in the order of time.
     """
@@ -132,6 +134,11 @@ class Run:
 def rms(signal: Array) -> Array:
     """Root mean square over time, the first axis."""
     return np.sqrt((signal**2).mean(axis=0))
+
+
+def tick_of(time_s: float, period_s: float) -> int:
+    """First control tick at or after a time since tick 0; times are rounded to 1e-6 of a tick."""
+    return ceil(time_s / period_s - 1e-6)
 
 
 def simulate(

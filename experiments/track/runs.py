@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from experiments.rig.dither import not_isolable, rig_dither
-from experiments.rig.events import Event, events_of
+from experiments.rig.events import Event
+from experiments.rig.events.hooks import events_of
 from experiments.rig.mjcf import rig_of
 from experiments.rig.options import DITHER, RobotOptions, Switch
 from experiments.rig.other_controller import fly_with

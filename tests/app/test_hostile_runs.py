@@ -3,12 +3,10 @@
 import json
 import re
 import shutil
-from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.rig.hexapod.simulation import Trajectory
 
 from experiments.app.cli import main
 from experiments.app.review import check_stated
@@ -16,7 +14,7 @@ from experiments.recording import keep as keep_module
 from experiments.recording.hexapod import of_hexapod
 from experiments.recording.keep import COLUMNS, whole_run
 from experiments.recording.marks import Mark, marks_from
-from experiments.rig.hexapod.metrics import pointing_rms_urad
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.study.files import write_arrays
 from experiments.study.study import WrongInput
 from sim import load_model
@@ -52,22 +50,23 @@ def refused(capfd, folder: Path) -> str:
     return said
 
 
-def test_every_signal_of_a_run_is_checked():
-    assert list(COLUMNS) == [field.name for field in fields(Trajectory)]
-
-
 RUN = made_run()
+ARRAYS = hexapod_arrays(RUN)
+
+
+def test_every_signal_of_a_run_is_checked():
+    assert list(COLUMNS) == list(ARRAYS)
 
 
 @pytest.mark.parametrize(
     ("signal", "values", "said"),
     [
-        ("strut_input_percent", RUN.strut_input_percent[:, :4], "shape (400, 6), got (400, 4)"),
-        ("true_rad", RUN.true_rad.T.copy(), "shape (400, 2), got (2, 400)"),
+        ("strut_input_percent", RUN.inputs[:, :4], "shape (400, 6), got (400, 4)"),
+        ("true_rad", RUN.true.T.copy(), "shape (400, 2), got (2, 400)"),
         ("secondary", np.full((400, 4), 1e300), "values up to 1e+300"),
         ("measured_rad", -1e7 * np.ones((400, 2)), "values up to 1e+07"),
-        ("desired_rad", RUN.desired_rad.astype(np.float32), "must be float64, got float32"),
-        ("desired_rad", RUN.desired_rad.astype(complex), "must be float64, got complex128"),
+        ("desired_rad", RUN.desired.astype(np.float32), "must be float64, got float32"),
+        ("desired_rad", RUN.desired.astype(complex), "must be float64, got complex128"),
         ("closure_residual_m", np.full(400, np.inf), "not finite"),
         ("time_s", RUN.time_s[::-1].copy(), "time_s does not increase"),
         ("time_s", np.zeros(400), "time_s does not increase"),
@@ -77,12 +76,12 @@ RUN = made_run()
 )
 def test_arrays_that_are_no_run_are_refused(signal, values, said):
     with pytest.raises(WrongInput, match=re.escape(said)) as refused:
-        whole_run("run.npz", asdict(RUN) | {signal: values})
+        whole_run("run.npz", ARRAYS | {signal: values})
     assert str(refused.value).startswith("run.npz is not a complete run: ")
 
 
 def test_review_refuses_arrays_that_are_no_run(capfd, folder):
-    spoil(folder, strut_input_percent=RUN.strut_input_percent[:, :4])
+    spoil(folder, strut_input_percent=RUN.inputs[:, :4])
     assert f"{folder / 'made.npz'} is not a complete run: strut_input" in refused(capfd, folder)
 
 
@@ -94,7 +93,7 @@ def test_a_broken_run_of_a_folder_is_not_passed_over(capfd, folder):
 
 def test_a_recording_of_another_run_is_noticed(capfd, folder):
     """Its marks and parameters would be told of this one."""
-    spoil(folder, true_rad=RUN.true_rad + 1e-12)
+    spoil(folder, true_rad=RUN.true + 1e-12)
     assert "made.rrd is not the recording of made.npz" in refused(capfd, folder)
 
 
@@ -154,7 +153,7 @@ def index(folder: Path, **told: object) -> None:
 
 
 def test_json_that_agrees_with_the_data_is_accepted(folder):
-    alpha, beta = pointing_rms_urad(RUN)
+    alpha, beta = 1e6 * RUN.rms()
     index(folder, alpha_rms_urad=alpha, beta_rms_urad=beta, paper_alpha_rms_urad=2.4)
     assert main(["review", str(folder), "--out", str(folder.parent / "review.rrd")]) == 0
 
@@ -162,10 +161,10 @@ def test_json_that_agrees_with_the_data_is_accepted(folder):
 @pytest.mark.parametrize("alpha", [0.0, 1e300, -1.0, float("nan"), None, "1", [1.0]])
 def test_json_that_contradicts_the_data_is_noticed(alpha):
     told = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
-    ours = f"{pointing_rms_urad(RUN)[0]:.10g}"
+    ours = f"{1e6 * RUN.rms()[0]:.10g}"
     said = re.escape(f"made.json says alpha_rms_urad = {alpha} of made.npz, whose data give {ours}")
     with pytest.raises(WrongInput, match=said):
-        check_stated("made.npz", of_hexapod(RUN, load_model()), told)
+        check_stated("made.npz", of_hexapod(ARRAYS, load_model()), told)
 
 
 @pytest.mark.parametrize("place", [".", "made.npz"])

@@ -10,6 +10,7 @@ from experiments.app.review import about_runs
 from experiments.recording.hexapod import of_hexapod
 from experiments.recording.keep import RecordedRun
 from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.columns import hexapod_arrays
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.conftest import fjh
@@ -70,7 +71,7 @@ def test_the_papers_numbers_stand_beside_ours(review, table1):
 
 @pytest.mark.parametrize(("ticks", "beside"), [(16000, True), (4000, False)])
 def test_the_papers_numbers_stand_beside_whole_spirals_only(model, ticks, beside):
-    kept = RecordedRun(of_hexapod(made_run(ticks), model), "table1", {})
+    kept = RecordedRun(of_hexapod(hexapod_arrays(made_run(ticks)), model), "table1", {})
     assert (f"{paper.TABLE_I_URAD['W_a'][0]:.4f}" in about_runs({"W_a": kept}).notes) == beside
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from experiments.rig.hexapod.simulation import Trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
@@ -21,6 +20,7 @@ from experiments.recording.hexapod import of_hexapod
 from experiments.recording.keep import read_run
 from experiments.recording.marks import Mark
 from experiments.rig.arm import ARM_MJCF
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.study.files import write_arrays
 from experiments.study.plotting import BLACK, BLUE, VERMILION
 from experiments.study.study import WrongInput
@@ -199,19 +199,19 @@ def test_the_frames_begin_shortly_before_the_failure_and_run_forward(both):
 
 
 @pytest.fixture(scope="module")
-def run() -> Trajectory:
-    return made_run()
+def run() -> dict[str, np.ndarray]:
+    return hexapod_arrays(made_run())
 
 
 def test_the_hexapod_is_drawn_alone_with_its_own_factor(model, run):
-    mark = Mark(0, run.time_s[200], "strut 1 locked", run.time_s[224], "found: strut 1 locked")
+    time_s, off = run["time_s"], run["desired_rad"] - run["true_rad"]
+    mark = Mark(0, time_s[200], "strut 1 locked", time_s[224], "found: strut 1 locked")
     alone = Animation([Animated("locked", of_hexapod(run, model, [mark]))])
     ((machine, _, error),) = panels(alone, 300)
-    off_urad = 1e6 * np.linalg.norm(run.desired_rad[300] - run.true_rad[300])
-    assert error.get_title() == f"error {off_urad:.1f} µrad"
+    assert error.get_title() == f"error {1e6 * np.linalg.norm(off[300]):.1f} µrad"
     assert words(figure_at(alone, 300)) == [
         *("locked", "found: strut 1 locked, after 24 ms"),
-        f"{run.time_s[300]:.2f} s; motion magnified {alone.factor} times",
+        f"{time_s[300]:.2f} s; motion magnified {alone.factor} times",
     ]
     assert machine.collections
 
@@ -245,7 +245,7 @@ def test_the_command_writes_the_animation_of_one_run_or_two(files, count, tmp_pa
 
 def test_the_command_writes_the_animation_of_the_hexapod(run, tmp_path, monkeypatch):
     monkeypatch.setattr(animations, "FRAMES", 2)
-    write_arrays(tmp_path / "run.npz", vars(run))
+    write_arrays(tmp_path / "run.npz", run)
     out = tmp_path / "run.gif"
     assert main(["animate", str(tmp_path / "run.npz"), "--out", str(out)]) == 0
     assert out.read_bytes()[:6] == b"GIF89a"
@@ -289,7 +289,7 @@ ARM = ["--model", str(ARM_MJCF)]
     ],
 )
 def test_what_cannot_be_animated_is_one_sentence(capsys, run, tmp_path, names, options, said):
-    write_arrays(tmp_path / "run.npz", vars(run))
+    write_arrays(tmp_path / "run.npz", run)
     write_arrays(tmp_path / "other.npz", {"x": np.zeros(3)})
     (tmp_path / "text.npz").write_text("text")
     for folder in ("arm", "other_file", "no_json", "spoilt"):

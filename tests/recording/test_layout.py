@@ -1,7 +1,5 @@
 """What a screen shows: axes with ticks, nothing that is constant."""
 
-from dataclasses import replace
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +8,7 @@ from experiments.recording.hexapod import of_hexapod
 from experiments.recording.marks import Mark
 from experiments.recording.scene import scenes_of
 from experiments.recording.signals import axis_range
+from experiments.rig.hexapod.columns import hexapod_arrays
 from tests.made import made_run
 
 NUMBERS = st.floats(-1e6, 1e6, allow_subnormal=False).map(lambda x: round(x, 6))
@@ -35,9 +34,8 @@ def entities(scene):
 
 
 def test_what_is_constant_has_no_panel_unless_it_varies_in_a_run_beside(model):
-    run = made_run()
-    still = replace(run, secondary=0 * run.secondary, strut_input_percent=0 * run.true_rad[:, :1])
-    still = replace(still, strut_input_percent=np.zeros((400, 6)))
+    run = hexapod_arrays(made_run())
+    still = run | {"secondary": np.zeros((400, 4)), "strut_input_percent": np.zeros((400, 6))}
     alone, beside = of_hexapod(still, model), of_hexapod(run, model)
     (scene,) = scenes_of([alone])
     assert entities(scene) == ["task/error", "closure/residual"]
@@ -48,7 +46,8 @@ def test_what_is_constant_has_no_panel_unless_it_varies_in_a_run_beside(model):
 
 
 def test_limits_are_levels_and_what_failed_is_thick_from_then_on(model):
-    shown = of_hexapod(made_run(), model, [Mark(2, 0.1, "strut 3 free", kind="free")])
+    mark = Mark(2, 0.1, "strut 3 free", kind="free")
+    shown = of_hexapod(hexapod_arrays(made_run()), model, [mark])
     (inputs,) = [plot for plot in shown.signals if plot.entity == "actuators/input"]
     assert list(inputs.levels) == [-100.0, 100.0]
     assert list(inputs.failed) == [(2, 0.1)]
@@ -57,7 +56,7 @@ def test_limits_are_levels_and_what_failed_is_thick_from_then_on(model):
 
 def test_states_are_of_what_fails_alone(model):
     mark = Mark(2, 0.1, "strut 3 free", 0.2, "found", "free", "locked")
-    lanes = of_hexapod(made_run(), model, [mark]).lanes
+    lanes = of_hexapod(hexapod_arrays(made_run()), model, [mark]).lanes
     assert lanes == {
         "strut 3 is": [(0.0, "sound"), (0.1, "free")],
         "strut 3 taken for": [(0.0, "sound"), (0.2, "locked")],

@@ -8,6 +8,7 @@ import pytest
 from experiments.recording.hexapod import of_hexapod
 from experiments.recording.marks import Mark
 from experiments.recording.properties import properties_of, results_of
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.study.results import Check
 from experiments.study.study import WrongInput
 from tests.made import keep_made, made_run
@@ -16,7 +17,7 @@ RUN = made_run()
 
 
 def results(model, *marks: Mark, **stated):
-    return results_of(of_hexapod(RUN, model, marks), "made", **stated)
+    return results_of(of_hexapod(hexapod_arrays(RUN), model, marks), "made", **stated)
 
 
 LOCK = Mark(1, 0.1, "strut 2 locked", 0.15, "found: strut 2 locked", "locked", "locked")
@@ -24,7 +25,7 @@ LOCK = Mark(1, 0.1, "strut 2 locked", 0.15, "found: strut 2 locked", "locked", "
 
 def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run(model):
     """Their sums of squares add up; and rows add up to all."""
-    held, error = results(model, LOCK), RUN.desired_rad - RUN.true_rad
+    held, error = results(model, LOCK), RUN.error
     before, after = 100 * held["rms_before_rad"] ** 2, 300 * held["rms_after_rad"] ** 2
     assert before + after == pytest.approx((error**2).sum())
     both = np.hypot(held["rms_after_alpha_rad"], held["rms_after_beta_rad"])
@@ -52,7 +53,7 @@ def test_the_first_failure_is_named_or_not(model):
 
 
 def test_rows_of_several_units_have_no_sum(model):
-    shown = replace(of_hexapod(RUN, model), row_units=("rad", "m"))
+    shown = replace(of_hexapod(hexapod_arrays(RUN), model), row_units=("rad", "m"))
     held = results_of(shown, "made")
     assert {name for name in held if name.startswith("rms")} == {
         *("rms_before_alpha_rad", "rms_before_beta_m")
@@ -70,9 +71,7 @@ def test_properties_come_back_from_the_recording(model, tmp_path):
     held = properties_of(tmp_path / "made.rrd")
     assert held["seed"] == 0
     assert (held["study"], held["checks"]) == ("made", "passed")
-    assert (
-        held["rms_after_alpha_rad"] == np.sqrt(((RUN.desired_rad - RUN.true_rad) ** 2).mean(0))[0]
-    )
+    assert held["rms_after_alpha_rad"] == RUN.rms()[0]
     (tmp_path / "no.rrd").write_text("no recording")
     with pytest.raises(WrongInput, match=r"no\.rrd is not a readable recording"):
         properties_of(tmp_path / "no.rrd")
