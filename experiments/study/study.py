@@ -56,7 +56,9 @@ class Option:
         if self.bounds is not None:
             (least, most), is_number = self.bounds, isinstance(value, Real)
             if isinstance(value, bool) or not is_number or not least <= value <= most:  # type: ignore[operator]
-                raise WrongInput(f"{name} must be from {least:g} to {most:g}, got {value!r:.80}")
+                raise WrongInput(
+                    f"{name} must be from {least:.10g} to {most:.10g}, got {value!r:.80}"
+                )
         if self.parse is None:
             return value
         try:

@@ -110,20 +110,21 @@ def run_track(
     told, options, scale = diagnosis == "on", RobotOptions(**robot), 0.5 if quick else 1.0
     if not told and dither not in ("none", DITHER.default):
         raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
-    for happens in (*fail, *event):
-        if not happens.time_s < duration:
-            late = f"{happens.time_s:g} s must be before the end of the run"
-            raise WrongInput(f"--fail or --event at {late}, which ends at {duration:g} s")
+    for flag, given in (("--fail", fail), ("--event", event)):
+        if late := [each.time_s for each in given if not each.time_s < duration]:
+            raise WrongInput(
+                f"{flag} must be before the run ends at {duration:g} s, got {late[0]:g} s"
+            )
     rig = rig_of(model, options)
     desired = rig.path(path, duration_s=scale * duration, turn_s=turn)
     # A name of digits is looked up before it is taken for a number.
-    given = [
+    announced = [
         replace(each, actuator=rig.number(str(each.actuator)), time_s=scale * each.time_s)
         for each in fail
     ]
     in_order = sorted(event, key=lambda one: one.time_s)
     events = [replace(each, time_s=scale * each.time_s) for each in in_order]
-    failures = _all_failures(rig, given, events, seed)
+    failures = _all_failures(rig, announced, events, seed)
     check_reach(rig, desired)
     for warning in rig.warnings:
         notice(warning)
@@ -142,7 +143,7 @@ def run_track(
             if done % _SHOWN_EVERY == 0 or done == ticks:
                 on_progress(before * ticks + done, runs * ticks)
 
-        return {"failures": given, "seed": seed, "on_tick": on_tick}
+        return {"failures": announced, "seed": seed, "on_tick": on_tick}
 
     own: Any = rig.supervisor(design and design.dither) if told else rig.controller()
     met = Met(rig.model, rig.part)

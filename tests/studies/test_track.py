@@ -112,7 +112,7 @@ FALLING = """
     [
         (["--fail", "joint44:locked@0.1"], 'did you mean "joint4"'),
         (["--fail", "joint4:melted@1"], "--fail must be NAME:KIND@SECONDS"),
-        (["--fail", "joint4:locked@99"], "before the end of the run"),
+        (["--fail", "joint4:locked@99"], "--fail must be before the run ends at 1 s"),
         (["--major", "0,7"], "different rows from 0 to 5"),
         (["--path", "zigzag"], "spiral, circle, steps or FILE.npz"),
         (["--path", "none.npz"], "there is no file"),
