@@ -10,7 +10,6 @@ from experiments.recover.flight import Flight
 from experiments.recover.pointing import error_columns, pointing_error_urad
 from experiments.recover.recovery import Flight as AnyFlight
 from experiments.recover.recovery import Identification, fault_unaware, informed, supervised
-from experiments.rig.choices import Failing
 from experiments.rig.events import EVENTS
 from experiments.rig.events.hooks import events_of
 from experiments.rig.rig import Rig
@@ -19,7 +18,7 @@ from experiments.study.campaign import Row
 from ftc.controller import Measurement
 from ftc.fdi.fault_model import Fault
 from ftc.oracle import OracleController, OracleState
-from sim import Array, Failure, SimulationDiverged
+from sim import Array, Failure, FailureKind, SimulationDiverged
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "integers": ("withdrawn",),
@@ -58,7 +57,7 @@ def event_columns(flight: Flight) -> Row:
         return row | {"status": "ended", "message": why}
     run, found = flown
     row |= supervised_columns(rig, flight, run, found)
-    if event.name in get_args(Failing):
+    if event.name in get_args(FailureKind):
         failures = _failures(rig, flight)
         known = replace(flight, failures=tuple(failures), events=())
         fault = Fault.of(failures[0])

@@ -11,8 +11,7 @@ import numpy as np
 from experiments.recover.mechanism_event_row import SCHEMA, row_of
 from experiments.recover.mechanism_flight import MechanismFlight
 from experiments.recover.mechanisms import SOURCES
-from experiments.rig.bounds import check_number
-from experiments.rig.dither import option_dither
+from experiments.rig.dither import rig_dither
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
@@ -73,10 +72,9 @@ def run_mechanism_events(
     **robot: Any,
 ) -> Iterator[MechanismEvents | dict[str, Any]]:
     """Fly a robot in all events; arguments and errors as of `mechanisms.run_mechanisms`."""
-    check_number("turn", turn)
     options, file = RobotOptions(**robot), model.resolve()
     rig = robot_rig(file, options)
-    design = option_dither(rig, dither)
+    design = rig_dither(rig, dither)
     first = MechanismFlight(
         number=0,
         model=file,

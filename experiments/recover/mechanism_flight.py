@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from experiments.recover.recovery import RECOVERED_S, Identification, informed, supervised
-from experiments.rig.choices import Sensing
 from experiments.rig.events import Event
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import RobotOptions, Sensing
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from ftc.fdi.dither import Dither

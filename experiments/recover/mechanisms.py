@@ -10,11 +10,9 @@ import numpy as np
 
 from experiments.recover.mechanism_flight import LEFT_S, MechanismFlight, recovered_s
 from experiments.recover.mechanism_row import SCHEMA, row_of
-from experiments.rig.bounds import check_number
-from experiments.rig.choices import Sensing
-from experiments.rig.dither import option_dither
+from experiments.rig.dither import rig_dither
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import RobotOptions, Sensing
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.study.basis import SHARED, Sources
@@ -93,7 +91,6 @@ def run_mechanisms(
         WrongInput: Something that the robot does not have or cannot do; or as `complete`.
         sim.ModelError: The file, or what it says.
     """
-    check_number("turn", turn)
     options, file = RobotOptions(**robot), model.resolve()
     drawn_from = {
         "seed": seed,
@@ -108,7 +105,7 @@ def run_mechanisms(
         sense: robot_rig(file, replace(options, sense=sense)) for sense in senses
     }
     dithers: dict[Sensing, DitherDesign | None] = {
-        sense: option_dither(rig, dither) for sense, rig in rigs.items()
+        sense: rig_dither(rig, dither) for sense, rig in rigs.items()
     }
     flights: list[MechanismFlight] = []
     for sense, rig in rigs.items():
@@ -126,14 +123,6 @@ def run_mechanisms(
             yield done
 
 
-def _is_isolable(design: DitherDesign | None, actuator: int, kind: FaultKind) -> bool:
-    """Whether the dither separates it in half a second, by the uncertain linear model."""
-    if design is None:
-        return False
-    isolable = design.separations.isolable()
-    return any((each.actuator, each.kind) == (actuator, kind) for each in isolable)
-
-
 def _drawn(
     rig: Rig, design: DitherDesign | None, seed: int, quick: bool
 ) -> Iterator[dict[str, Any]]:
@@ -149,7 +138,7 @@ def _drawn(
         yield {
             "dither": dither,
             "failure": Failure(actuator, kind, when_s, left),
-            "isolable": _is_isolable(design, actuator, kind),
+            "isolable": design is not None and design.separations.isolates(actuator, kind),
             "duration_s": round(when_s + recovered_s(rig) + LEFT_S, 3),
             "seed": int(rng.integers(2**32)),
         }

@@ -11,7 +11,7 @@ from experiments.app.live import session as sessions
 from experiments.app.live.course import COURSES, REST
 from experiments.app.live.session import LASTING, Kind, Session
 from experiments.rig import Rig
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from ftc.supervisor import SupervisorState
 from tests.ftc.test_handover import LSB_PERCENT
 

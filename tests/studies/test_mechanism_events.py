@@ -18,7 +18,7 @@ from experiments.rig.options import RobotOptions
 from sim import HEXAPOD_MJCF
 
 HAND = HEXAPOD_MJCF.with_name("hand.xml")
-OPTIONS = RobotOptions(major="3,4", crossover=0.7)
+OPTIONS = RobotOptions(major=(3, 4), crossover=0.7)
 FIRST = MechanismFlight(0, HAND, OPTIONS, None, None, False, 4.0, 0.0, 3)
 
 

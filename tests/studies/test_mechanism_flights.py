@@ -16,17 +16,16 @@ from experiments.recover.mechanism_results import described, summarize
 from experiments.recover.mechanism_row import SCHEMA, flown_row
 from experiments.recover.mechanisms import Mechanisms, run_mechanisms
 from experiments.rig import Rig
-from experiments.rig.choices import Sensing
 from experiments.rig.dither import rig_dither
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import DITHER_SIZE, RobotOptions
+from experiments.rig.options import DITHER_SIZE, RobotOptions, Sensing
 from experiments.study.campaign import Row, table_of
 from experiments.study.files import json_text
 from experiments.study.study import Interrupted, WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
 
-MAJOR = {"arm": "0,1", "hand": "3,4", "platform": "3,4", "arms": "3,4,5"}
+MAJOR = {"arm": (0, 1), "hand": (3, 4), "platform": (3, 4), "arms": (3, 4, 5)}
 STRUCK_S = 1.2
 
 
@@ -148,7 +147,7 @@ def test_a_dither_that_is_none_is_refused_in_a_sentence(words):
 def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
     design = rig_dither(designed("platform", "both")[0], "7")
     assert design is not None and design.dither.frequency_hz == 7.0
-    whole = robot_rig(file("platform"), RobotOptions(major="2,3,4", crossover=0.7))
+    whole = robot_rig(file("platform"), RobotOptions(major=(2, 3, 4), crossover=0.7))
     assert rig_dither(whole, "designed") is None
     assert rig_dither(whole, "none") is None
 
