@@ -1,15 +1,17 @@
 """The command: the cases that its options ask for, and what is done beside them."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
-from itertools import chain, islice
+from itertools import chain, product
 from math import ceil, inf
 from pathlib import Path
 from typing import Any, get_args
 
-from experiments.recover import CONTROLLER, HEXAPOD_ALONE, HOURS, OTHERS_ALONE, plan, predictions
-from experiments.recover.case import BENCH, Case, exact_rig
+from experiments.recover import CONTROLLER, HEXAPOD_ALONE, HOURS, OTHERS_ALONE, plan, simulate
+from experiments.recover import predictions as p
+from experiments.recover.plan import BENCH, Case, exact_rig
 from experiments.recover.recordings import SHOWN, Kept, fly, kept
 from experiments.recover.row import SCHEMA, other_columns, row_of
 from experiments.rig.bounds import check_number
@@ -51,7 +53,7 @@ class Outcome:
 
     done: Complete[tuple[Case, ...]]
     rigs: Mapping[Sensing, Rig]
-    designs: Mapping[Sensing, DitherDesign | None]
+    designs: Mapping[Sensing, DitherDesign | None] = field(default_factory=dict)
     controller: str | None = None
     others: Sequence[Row] = ()
     kept: Sequence[Kept] = ()
@@ -62,7 +64,7 @@ class Outcome:
 def run(
     *, seed: int, quick: bool, model: Path | None, on_progress: OnProgress, **options: Any
 ) -> Iterator[Outcome | dict[str, Any]]:
-    """All cases, on the workers there are, kept as they finish; within the context all is known.
+    """All cases, on the workers there are, kept as they finish; to be published in the context.
 
     What is beside the cases takes minutes, and is done again by a command that goes on.
 
@@ -79,48 +81,59 @@ def run(
             have or cannot do; no such controller; or as `complete`.
         sim.ModelError: The file, or what it says.
     """
-    events, controller = options.pop("events"), options["controller"]
-    for option in OTHERS_ALONE if model is None else HEXAPOD_ALONE:
-        if options[option.name] not in (option.default, None):
-            for_whom = "needs" if model is None else "does not go with"
-            raise WrongInput(f"--{option.name.replace('_', '-')} {for_whom} --model")
-    for option in (HOURS, CONTROLLER) if events else ():
-        if options[option.name] != option.default:
-            raise WrongInput(f"--{option.name} does not go with --events")
+    events, controller = options["events"], options["controller"]
+    _refuse_others(model, options)
     rigs: dict[Sensing, Rig] = {}
     designs: dict[Sensing, DitherDesign | None] = {}
     if model is not None:
-        campaign, rigs, designs = _of_robot(model, options, seed, quick, events)
+        campaign, rigs, designs = _of_robot(model, options, seed, quick)
     elif events:
         names, each = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
         campaign = events_of(names, each, 2.0 if quick else 3600.0, seed)
     else:
         if controller is not None:
             controller_factory(controller)  # a wrong name is refused before anything runs
-        blocks = plan.QUICK if quick else plan.WHOLE
-        healthy = (1, 2.0) if quick else (hours_of(options["hours"]), BENCH.duration_s)
-        campaign = failures_of(blocks, *healthy, seed, controller)
+        healthy = (1, 2.0) if quick else (healthy_for(options["hours"]), BENCH.duration_s)
+        campaign = failures_of(plan.QUICK if quick else plan.WHOLE, *healthy, seed, controller)
+    alone = model is None and not events
+    jobs = _jobs(campaign.runs, controller, seed, quick) if alone else []
+    cases, total = len(campaign.runs), len(campaign.runs) + len(jobs)
     how = {name: options[name] for name in ("folder", "workers", "scheduler", "resume")}
-    jobs = _jobs(campaign.runs, controller, seed, quick) if model is None and not events else {}
-    cases, total = len(campaign.runs), len(campaign.runs) + sum(map(len, jobs.values()))
-    with complete(
-        "recover", campaign, on_progress=lambda done, _: on_progress(done, total), **how
-    ) as done:
+    how["on_progress"] = lambda done, _: on_progress(done, total)
+    with complete("recover", campaign, **how) as done:
         if not isinstance(done, Complete):
             yield done
             return
+        rigs = rigs or {"task": exact_rig()}
+        if not alone:
+            yield Outcome(done, rigs, designs)
+            return
         try:
-            beside = _done(jobs, lambda k, _: on_progress(cases + k, total)) if jobs else {}
+            calls = [{"job": job, "given": given} for _, job, given in jobs]
+            found = in_parallel(_call, calls, lambda k, _: on_progress(cases + k, total))
         except KeyboardInterrupt:
             raise Interrupted(
                 f"interrupted: all {cases} runs are kept; --resume continues"
             ) from None
-        rigs = rigs or {"task": exact_rig()}
-        others, whole = beside.pop("others", []), beside.pop("kept", [])
+        beside = defaultdict[str, list[Any]](list)
+        for (name, *_), result in zip(jobs, found, strict=True):
+            beside[name].append(result)
+        others, whole = beside["others"], beside["kept"]
         yield Outcome(done, rigs, designs, controller, others, whole, _published(beside))
 
 
-def hours_of(hours: float) -> int:
+def _refuse_others(model: Path | None, options: Mapping[str, Any]) -> None:
+    """Raise a `WrongInput` if an option is given that is for other cases."""
+    for option in OTHERS_ALONE if model is None else HEXAPOD_ALONE:
+        if options[option.name] not in (option.default, None):
+            for_whom = "needs" if model is None else "does not go with"
+            raise WrongInput(f"--{option.name.replace('_', '-')} {for_whom} --model")
+    for option in (HOURS, CONTROLLER) if options["events"] else ():
+        if options[option.name] != option.default:
+            raise WrongInput(f"--{option.name} does not go with --events")
+
+
+def healthy_for(hours: float) -> int:
     """How many runs without failures last at least so many hours.
 
     Raises:
@@ -142,8 +155,8 @@ def failures_of(
 
     Another controller changes no row, but what is published: its name and module count as well.
     """
-    drawn_from: dict[str, Any] = {"blocks": blocks, "healthy_s": healthy_s}
-    drawn_from = {"flights": drawn_from | {"controller": controller}, "seed": seed}
+    flights = {"blocks": blocks, "healthy_s": healthy_s, "controller": controller}
+    drawn_from: dict[str, Any] = {"flights": flights, "seed": seed}
     if controller is not None:
         drawn_from["controller_sha256"] = controller_sha256(controller)
     cases = plan.hexapod_failures(blocks, healthy, healthy_s, seed)
@@ -151,84 +164,79 @@ def failures_of(
 
 
 def events_of(names: Sequence[str], each: int, healthy_s: float, seed: int) -> Cases:
-    """Events of the hexapod."""
+    """Events of the hexapod, and a healthy run."""
     drawn_from = {"events": {"names": names, "each": each, "healthy_s": healthy_s}, "seed": seed}
     cases = plan.hexapod_events(names, each, healthy_s, seed)
     return Campaign(cases, row_of, SCHEMA, SOURCES, drawn_from)
 
 
 def _of_robot(
-    model: Path, options: dict[str, Any], seed: int, quick: bool, events: bool
+    model: Path, options: Mapping[str, Any], seed: int, quick: bool
 ) -> tuple[Cases, dict[Sensing, Rig], dict[Sensing, DitherDesign | None]]:
     """Failures or events of any robot, and the robot and its dither by what the diagnosis sees."""
-    turn_s, dither, file = options["turn"], options["dither"], model.resolve()
-    check_number("turn", turn_s)
-    of_robot = {each.name for each in fields(RobotOptions)} & options.keys()
-    robot = RobotOptions(**{name: options[name] for name in of_robot})
-    senses: tuple[Sensing, ...] = ("both",) if quick or events else get_args(Sensing)
-    seen = {sense: replace(robot, sense=sense) for sense in senses}
-    rigs = {sense: exact_rig(file, each) for sense, each in seen.items()}
-    designs = {sense: option_dither(rig, dither) for sense, rig in rigs.items()}
+    check_number("turn", options["turn"])
+    own = {each.name for each in fields(RobotOptions)} & options.keys()
+    file, robot = model.resolve(), RobotOptions(**{name: options[name] for name in own})
     drawn_from = {"seed": seed, "robot": asdict(robot), "robot_sha256": model_sha256(file)}
-    drawn_from |= {"turn_s": turn_s, "dither": dither}
-    if events:
-        each = 1 if quick else plan.ROBOT_EVENTS_EACH
-        names = plan.QUICK_ROBOT_EVENTS if quick else tuple(EVENTS)
-        drawn_from["events"] = {"names": names, "each": each}
-        how = {"names": names, "each": each, "turn_s": turn_s, "seed": seed}
-        cases = plan.robot_events(file, seen["both"], designs["both"], **how)
-    else:
-        drawn_from["quick"] = quick
-        cases = plan.robot_failures(file, seen, designs, turn_s=turn_s, seed=seed, quick=quick)
-    paths = {(case.options, case.course, case.duration_s): case for case in cases}
-    for case in paths.values():
-        rig = exact_rig(file, case.options)
-        check_reach(rig, case.path(rig))
-    return Campaign(cases, row_of, SCHEMA, SOURCES, drawn_from), rigs, designs
+    drawn_from |= {"turn_s": options["turn"], "dither": options["dither"], "quick": quick}
+    senses: tuple[Sensing, ...] = get_args(Sensing)
+    if quick or options["events"]:
+        senses = ("both",)
+    rigs, designs, cases = dict[Sensing, Rig](), dict[Sensing, DitherDesign | None](), list[Case]()
+    for sense in senses:
+        of_sense = replace(robot, sense=sense)
+        rigs[sense] = rig = exact_rig(file, of_sense)
+        designs[sense] = design = option_dither(rig, options["dither"])
+        sort = "event" if options["events"] else "failure"
+        first = Case(sort, model=file, options=of_sense)
+        first = plan.on_circle(first, options["turn"], design)
+        if options["events"]:
+            names = plan.QUICK_ROBOT_EVENTS if quick else tuple(EVENTS)
+            drawn_from["events"] = names
+            each = 1 if quick else plan.ROBOT_EVENTS_EACH
+            cases += plan.robot_events(first, names, each, seed)
+        else:
+            cases += plan.robot_failures(first, design, seed, quick)
+    for case in {(case.options, case.course, case.duration_s): case for case in cases}.values():
+        check_reach(rig := exact_rig(file, case.options), case.path(rig))
+    return Campaign(plan.numbered(cases), row_of, SCHEMA, SOURCES, drawn_from), rigs, designs
 
 
-Jobs = dict[str, list[tuple[Callable[..., Any], tuple[Any, ...]]]]
-"""Calls of functions with their arguments, by what they are for."""
+Job = tuple[str, Callable[..., Any], tuple[Any, ...]]
+"""What a call is for, the function, and its arguments."""
 
 
-def _jobs(cases: Sequence[Case], controller: str | None, seed: int, quick: bool) -> Jobs:
+def _jobs(cases: Sequence[Case], controller: str | None, seed: int, quick: bool) -> list[Job]:
     """What is done beside failures of the hexapod, with --quick a little of it."""
     struts, names = range(1 if quick else 6), [*SHOWN][: 1 if quick else None]
     mixed = [case for case in cases if (case.sort, case.mismatch) == ("failure", "all")]
-    controllers, others = [None, *([controller] if controller else [])], mixed if controller else []
-    p = predictions
-    settings, late = p.SETTINGS[: 1 if quick else None], p.INFORMED_LATE[: 0 if quick else None]
-    return {
-        "kept": [(kept, (name, seed, quick, each)) for each in controllers for name in names],
-        "others": [(other_columns, (case, controller)) for case in others],
-        "dither_design": [] if quick else [(p.dither_design, (struts[:3], p.FREQUENCIES_HZ))],
-        "ambiguity": [(p.lookalikes, (setting, struts)) for setting in settings],
-        "informed_late": [(p.informed_late, (case,)) for case in late],
-        "dither_cost": [(p.dither_cost, (cases[0], 1.0 if quick else BENCH.duration_s))],
-        "beliefs": [(p.beliefs, (struts,))],
-    }
-
-
-def _done(jobs: Jobs, on_progress: OnProgress) -> dict[str, list[Any]]:
-    """Results of all calls, in parallel, by what they are for."""
-    calls = [{"job": job, "given": given} for own in jobs.values() for job, given in own]
-    found = iter(in_parallel(_call, calls, on_progress))
-    return {name: list(islice(found, len(own))) for name, own in jobs.items()}
+    flies = [] if controller is None else [controller]
+    late, settings = simulate.INFORMED_LATE, [*p.SETTINGS][: 1 if quick else None]
+    design = "dither_design", p.dither_design, (struts[:3], p.FREQUENCIES_HZ)
+    cost_s = 1.0 if quick else BENCH.duration_s
+    return [
+        *(("kept", kept, (n, seed, quick, own)) for own, n in product((None, *flies), names)),
+        *(("others", other_columns, (case, own)) for own, case in product(flies, mixed)),
+        *([] if quick else [design]),
+        *(("ambiguity", p.lookalikes, (setting, struts)) for setting in settings),
+        *(("informed_late", simulate.informed_late, (f,)) for f in late[: 0 if quick else None]),
+        ("dither_cost", simulate.dither_cost, (cases[0], cost_s)),
+        ("beliefs", p.beliefs, (struts,)),
+    ]
 
 
 def _call(job: Callable[..., Any], given: tuple[Any, ...]) -> Any:
     return job(*given)
 
 
-def _published(beside: dict[str, list[Any]]) -> dict[str, Any]:
+def _published(beside: Mapping[str, list[Any]]) -> dict[str, Any]:
     """What was computed beside failures of the hexapod, ready for JSON."""
-    if not beside:
-        return {}
     lists = {name: list(chain(*beside[name])) for name in ("dither_design", "informed_late")}
-    alike = {"alike_below": predictions.ALIKE, "evidence_s": predictions.EVIDENCE_S}
+    alike = {"alike_below": p.ALIKE, "evidence_s": p.EVIDENCE_S}
     return lists | {
         "ambiguity": alike | {"failures": list(chain(*beside["ambiguity"]))},
-        **{name: beside[name][0] for name in ("dither_cost", "beliefs")},
+        "dither_cost": beside["dither_cost"][0],
+        "beliefs": beside["beliefs"][0],
         "bench": asdict(BENCH) | plant_constants(exact_rig().model),
         "jacobian": "constant",
     }

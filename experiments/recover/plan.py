@@ -1,31 +1,187 @@
-"""Which cases there are: four campaigns, each case drawn from a seed and its place alone."""
+"""Cases of the study as numbers and words alone, each drawn from a seed and its place."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
+from math import inf
 from pathlib import Path
-from typing import get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from experiments.recover.case import BENCH, Case, Course, Sort, exact_rig
-from experiments.rig.choices import Failing, Sensing
+from experiments.rig.choices import Failing
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.hexapod.fault_tolerance import DITHER
-from experiments.rig.hexapod.mismatch import ALONE
+from experiments.rig.hexapod.mismatch import ALONE, OTHER
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.mismatch import EXACT, Mismatch
+from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
+from experiments.rig.rig import Rig
+from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import DitherDesign
-from ftc.fdi.fault_model import KINDS
+from ftc.fdi.fault_model import KINDS, Fault
 from sim import Array, Failure, FailureKind
+
+BENCH = TestbedConfig()
+MISMATCHES = ("exact", *ALONE, "all", "other family")
+"""Names of differences of plant and model, in the order of the tables."""
+
+Sort = Literal["failure", "size", "pair", "healthy", "event"]
+"""What a case is for: one failure, beside an informed controller; the supervised controller alone,
+against the size of a mismatch; two failures; no failure; an event, beside an unaware controller."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A path of the major rows.
+
+    Attributes:
+        shape: The testbed's spiral, from any time on; a circle from rest; steps out and back, each
+            held for a quarter of a turn; or none.
+        turn_s: Time of one turn.
+        radius: In sizes of the robot's path.
+        plane_seed: Of the plane of the major rows in which it lies; None: the first two rows.
+    """
+
+    shape: Literal["spiral", "circle", "steps", "rest"] = "spiral"
+    turn_s: float = BENCH.spiral_period_s
+    radius: float = 1.0
+    plane_seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run with all controllers that are compared; so small that it can be sent anywhere.
+
+    Attributes:
+        sort: What it is for.
+        number: In the study; column `case` of the dataset.
+        draw: Cases of one draw have the same failure, path, noise and plant, as far as they can.
+        mismatch: Of plant and model, a name in `MISMATCHES`.
+        factor: By which its sizes are multiplied.
+        plant_seed: Of the plant.
+        seed: Of the sensors' noise, and of what is drawn of events.
+        begin_s: Time of its first tick; on the spiral, where it begins.
+        duration_s: How long it lasts.
+        dither: Secondary motion, about where the actuators stand; None is none.
+        failures: What happens, in the order of time.
+        events: What else happens; one at most.
+        course: Path of the major rows.
+        compared: Controllers beside the supervised one, "informed" and "unaware".
+        transient_s: Start of the run that its errors do not count.
+        recovered_s: What counts as recovery begins so long after what happens.
+        isolable: Whether the dither separates the failure in half a second, by the uncertain linear
+            model; None: that is not known.
+        model: MJCF file; None is the hexapod.
+        options: Of the robot of a file.
+    """
+
+    sort: Sort
+    number: int = 0
+    draw: int = 0
+    mismatch: str = "all"
+    factor: float = 1.0
+    plant_seed: int = 0
+    seed: int = 0
+    begin_s: float = 0.0
+    duration_s: float = 0.0
+    dither: Dither | None = None
+    failures: tuple[Failure, ...] = ()
+    events: tuple[Event, ...] = ()
+    course: Course = Course()
+    compared: tuple[str, ...] = ()
+    transient_s: float = 0.5
+    recovered_s: float = 0.5
+    isolable: bool | None = None
+    model: Path | None = None
+    options: RobotOptions | None = None
+
+    @property
+    def happens_s(self) -> float:
+        """Time of its first failure or event; infinite where nothing happens."""
+        return min((each.time_s for each in (*self.failures, *self.events)), default=inf)
+
+    def rig(self) -> Rig:
+        """The robot with the plant of this case, for all its controllers."""
+        rig = exact_rig(self.model, self.options)
+        return rig.drawn(sizes_of(rig, self.mismatch).scaled(self.factor), self.plant_seed)
+
+    def path(self, rig: Rig) -> Array:
+        """Desired displacements of the major rows, shape (N, m1)."""
+        course, rows = self.course, len(rig.major)
+        if course.shape == "spiral":
+            size_urad = course.radius * BENCH.spiral_radius_urad
+            bench = replace(BENCH, spiral_period_s=course.turn_s, spiral_radius_urad=size_urad)
+            return bench.spiral_rad(self.duration_s, self.begin_s)
+        if course.shape == "rest":
+            return np.zeros((round(self.duration_s / rig.period_s), rows))
+        sized = replace(rig, size=course.radius * rig.size)
+        path = sized.path(course.shape, duration_s=self.duration_s, turn_s=course.turn_s)
+        if course.plane_seed is None:
+            return path
+        normal = np.random.default_rng([course.plane_seed, 1]).normal(size=(rows, rows))
+        return path @ np.linalg.qr(normal)[0]
+
+    def parameters(self) -> dict[str, Any]:
+        """The columns in which cases differ before they are simulated."""
+        rig, course = exact_rig(self.model, self.options), self.course
+        row = {name: getattr(self, name) for name in _PARAMETERS}
+        row |= {"case": self.number, "sense": self.options.sense if self.options else "task"}
+        row |= {"course": course.shape, "turn_s": course.turn_s, "radius": course.radius}
+        for place, failure in zip(("", "second_"), self.failures, strict=False):
+            fault = Fault.of(failure)
+            row |= {f"{place}actuator": rig.actuators[fault.actuator], f"{place}kind": fault.kind}
+            row |= {f"{place}effectiveness": fault.effectiveness, f"{place}time_s": failure.time_s}
+        for event in self.events:
+            own = None if event.actuator is None else rig.actuators[rig.number(event.actuator)]
+            row |= {"event": event.name, "time_s": event.time_s, "actuator": own}
+        return row
+
+
+_PARAMETERS = (
+    *("sort", "draw", "mismatch", "factor", "plant_seed", "seed"),
+    *("begin_s", "duration_s", "isolable"),
+)
+
+
+@lru_cache(maxsize=4)
+def exact_rig(model: Path | None = None, options: RobotOptions | None = None) -> Rig:
+    """The hexapod, or the robot of a file, on its exact plant: once in each process."""
+    return hexapod_rig() if model is None or options is None else robot_rig(model, options)
+
+
+def sizes_of(rig: Rig, mismatch: str) -> Mismatch:
+    """How far a plant of a name in `MISMATCHES` is from the model."""
+    named = {"exact": EXACT, "all": rig.machine.everything, "other family": OTHER, **ALONE}
+    return named[mismatch]
+
+
+# The four campaigns.
 
 BEFORE_S, AFTER_S = 1.2, 2.5
 """Of a run of the hexapod, before and after its failure."""
-
-# The hexapod, whose random streams have numbers of their own.
+COURSES = 6
+"""Of the draws of an event in turn: the spiral, three times, twice at another speed and radius; a
+circle; steps that are held; rest."""
 
 _STREAMS: dict[Sort, int] = {"failure": 2, "size": 2, "pair": 4, "healthy": 5, "event": 6}
 _HEALTHY_AMONG_EVENTS, _EVENTS_OF_ROBOTS = 7, 8
+"""Of random numbers; failures are the same at every size."""
 _STANDING_M, _EFFECTIVENESS = 10e-6, (0.2, 0.8)
+_AFTER_EVENT_S, _EARLY_S, _LATER_S = 3.0, (0.2, 0.8), (0.9, 6.0)
+_EARLY = (2, 9)
+"""Draws, of every twelve, whose event happens while the diagnosis is still learning."""
+_LEARNED_S, _LEFT_S, _AFTER_ROBOT_EVENT_S = 0.8, 1.0, 1.5
+"""Of other robots: what is not counted at the start, while the diagnosis learns; how long a run
+goes on once it has recovered, and from an event on."""
+_HEALTHY_S, _HEALTHY = 6.0, 3
+"""Of other robots and each sensing: how long runs without failures last, and how many there are."""
+
+Block = tuple[Sort, str, float, int]
+"""Sort, mismatch, factor and number of cases."""
 
 FACTORS = (0.3, 3.0, 10.0, 30.0, 100.0)
 """Sizes of a mismatch beside one, which the failures have, and zero, the exact plant."""
@@ -33,9 +189,6 @@ _LARGEST = {"drift_urad_per_s": 100.0, "gain_drift_per_s": 100.0}
 _LARGEST |= {"damping": 3.0, "all": 3.0, "timestep_s": 0.0}
 """Of the factors: a damper has no negative constant, a physics step no size. Others end at 30,
 where gains and springs are within 90 %, and a delay makes the loop itself unstable."""
-
-Block = tuple[Sort, str, float, int]
-"""Sort, mismatch, factor and number of cases."""
 WHOLE: list[Block] = [
     ("failure", "exact", 1.0, 60),
     ("failure", "all", 1.0, 306),
@@ -55,6 +208,8 @@ QUICK: list[Block] = [
     *(("size", "all", factor, 1) for factor in FACTORS[:2]),
     ("pair", "all", 1.0, 1),
 ]
+EVENTS_EACH, ROBOT_EVENTS_EACH = 12, 2
+QUICK_EVENTS, QUICK_ROBOT_EVENTS = ("locked", "hard_over", "sag", "bias"), ("locked", "sag", "bias")
 
 
 def hexapod_failures(
@@ -62,59 +217,55 @@ def hexapod_failures(
 ) -> tuple[Case, ...]:
     """Struts fail at random times and in random postures on the spiral; then so many healthy runs.
 
-    Their number comes last, as it may change.
+    The number of these comes last, as it may change.
     """
     cases = list[Case]()
-    for sort, mismatch, factor, count in (*blocks, ("healthy", "all", 1.0, healthy)):
-        beside = ("informed", *(["unaware"] if mismatch == "all" else []))
+    last: Block = ("healthy", "all", 1.0, healthy)
+    for sort, mismatch, factor, count in (*blocks, last):
+        compared = ("informed", *(["unaware"] if mismatch == "all" else []))
         how = {"mismatch": mismatch, "factor": factor}
-        how["compared"] = beside if sort == "failure" else ()
+        how["compared"] = compared if sort == "failure" else ()
         cases += [replace(_on_spiral(sort, seed, draw, healthy_s), **how) for draw in range(count)]
-    return _numbered(cases)
+    return numbered(cases)
 
 
 def _on_spiral(sort: Sort, seed: int, draw: int, healthy_s: float) -> Case:
     rng = np.random.default_rng([seed, _STREAMS[sort], draw])
-    posture = rng.normal(scale=_STANDING_M, size=6)
-    seeds = rng.integers(2**32, size=2).tolist()
+    case = replace(_standing(sort, rng), draw=draw)
     if sort == "healthy":
-        return of_hexapod(sort, draw, seeds, 0.0, healthy_s, posture)
+        return replace(case, duration_s=healthy_s)
+    after_s = AFTER_S
     if sort == "pair":
-        failures = _pair(rng)  # in the posture in which opposite struts are most alike
-        posture, after_s = 0.0, failures[1].time_s - failures[0].time_s + 2.0
+        struts = rng.permutation(6)[:2].tolist()
+        rigid: tuple[FailureKind, ...] = ("locked", "free")
+        kinds = [rigid[k] for k in rng.integers(len(rigid), size=2)]
+        first_s = _time_s(rng, 1.5, 9.0)
+        times_s = first_s, round(first_s + _time_s(rng, 0.1, 2.0), 3)
+        failures = tuple(map(Failure, struts, kinds, times_s))
+        after_s = times_s[1] - first_s + 2.0
+        case = replace(case, dither=about(0.0))  # where opposite struts are most alike
     else:
         strut, kind = list(product(range(6), KINDS))[draw % (6 * len(KINDS))]
         left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
-        failures, after_s = (Failure(strut, kind, _time_s(rng, 1.5, 13.4), left),), AFTER_S
-    begin_s = failures[0].time_s - BEFORE_S
-    return of_hexapod(sort, draw, seeds, begin_s, BEFORE_S + after_s, posture, failures)
+        failures = (Failure(strut, kind, _time_s(rng, 1.5, 13.4), left),)
+    return around(replace(case, failures=failures), after_s)
 
 
-def of_hexapod(
-    sort: Sort,
-    draw: int,
-    seeds: Sequence[int],
-    begin_s: float,
-    duration_s: float,
-    posture: Array | float = 0.0,
-    failures: tuple[Failure, ...] = (),
-) -> Case:
-    """A case of the hexapod on its exact plant.
-
-    `seeds` are of plant and noise, `posture` where the struts stand, (6,) or one for all, [m].
-    """
-    dither = replace(DITHER, offset=tuple(np.broadcast_to(posture, 6).tolist()))
-    return Case(0, sort, draw, "exact", 1.0, *seeds, begin_s, duration_s, dither, failures)
+def _standing(sort: Sort, rng: np.random.Generator) -> Case:
+    """A case of the hexapod in a random posture, with seeds of its own."""
+    posture = rng.normal(scale=_STANDING_M, size=6)
+    plant_seed, seed = rng.integers(2**32, size=2).tolist()
+    return Case(sort, plant_seed=plant_seed, seed=seed, dither=about(posture))
 
 
-def _pair(rng: np.random.Generator) -> tuple[Failure, Failure]:
-    """Two struts, locked or free, some time apart, at random times on the spiral."""
-    struts = rng.permutation(6)[:2].tolist()
-    rigid: tuple[FailureKind, ...] = ("locked", "free")
-    kinds = [rigid[k] for k in rng.integers(len(rigid), size=2)]
-    first_s = _time_s(rng, 1.5, 9.0)
-    second_s = round(first_s + _time_s(rng, 0.1, 2.0), 3)
-    return Failure(struts[0], kinds[0], first_s), Failure(struts[1], kinds[1], second_s)
+def about(posture: Array | float) -> Dither:
+    """The dither of the hexapod about where the struts stand, (6,) or one for all, [m]."""
+    return replace(DITHER, offset=tuple(np.broadcast_to(posture, 6).tolist()))
+
+
+def around(case: Case, after_s: float = AFTER_S) -> Case:
+    """A case with the part of the spiral around its first failure."""
+    return replace(case, begin_s=case.happens_s - BEFORE_S, duration_s=BEFORE_S + after_s)
 
 
 def _time_s(rng: np.random.Generator, low_s: float, high_s: float) -> float:
@@ -122,17 +273,9 @@ def _time_s(rng: np.random.Generator, low_s: float, high_s: float) -> float:
     return round(float(rng.uniform(low_s, high_s)), 3)
 
 
-def _numbered(cases: Iterable[Case]) -> tuple[Case, ...]:
+def numbered(cases: Iterable[Case]) -> tuple[Case, ...]:
+    """The same cases with their numbers, in their order."""
     return tuple(replace(case, number=number) for number, case in enumerate(cases))
-
-
-EVENTS_EACH, QUICK_EVENTS = 12, ("locked", "hard_over", "sag", "bias")
-COURSES = 6
-"""Of each draw in turn: the spiral, three times, twice at another speed and radius; a circle; steps
-that are held; rest."""
-_AFTER_EVENT_S, _EARLY_S, _LATER_S = 3.0, (0.2, 0.8), (0.9, 6.0)
-_EARLY = (2, 9)
-"""Draws, of every twelve, whose event happens while the diagnosis is still learning."""
 
 
 def hexapod_events(
@@ -144,11 +287,11 @@ def hexapod_events(
     an event costs is not the luck of the draw.
     """
     rng = np.random.default_rng([seed, _HEALTHY_AMONG_EVENTS])
-    seeds = rng.integers(2**32, size=2).tolist()
-    posture = rng.normal(scale=_STANDING_M, size=6)
-    healthy = of_hexapod("healthy", 0, seeds, 0.0, healthy_s, posture)
-    healthy = replace(healthy, mismatch="all", course=Course("circle"))
-    return _numbered([healthy, *(_eventful(n, seed, k) for n, k in product(names, range(each)))])
+    plant_seed, own_seed = rng.integers(2**32, size=2).tolist()
+    dither = about(rng.normal(scale=_STANDING_M, size=6))
+    healthy = Case("healthy", plant_seed=plant_seed, seed=own_seed, dither=dither)
+    healthy = replace(healthy, duration_s=healthy_s, course=Course("circle"))
+    return numbered([healthy, *(_eventful(n, seed, k) for n, k in product(names, range(each)))])
 
 
 def _eventful(name: str, seed: int, draw: int) -> Case:
@@ -158,8 +301,7 @@ def _eventful(name: str, seed: int, draw: int) -> Case:
     one; struts take turns.
     """
     rng = np.random.default_rng([seed, _STREAMS["event"], draw])
-    posture = rng.normal(scale=_STANDING_M, size=6)
-    seeds = rng.integers(2**32, size=2).tolist()
+    case = _standing("event", rng)
     early, turns = draw % (2 * COURSES) in _EARLY, draw // COURSES
     after_s = round(float(np.exp(rng.uniform(*np.log(_EARLY_S if early else _LATER_S)))), 3)
     turn_s, radius = np.exp(rng.uniform(*np.log([(1.0, 4.0), (0.5, 2.0)]).T)).tolist()
@@ -169,8 +311,11 @@ def _eventful(name: str, seed: int, draw: int) -> Case:
     courses = (Course(), spiral, spiral, circle, Course("steps", 4.0, 0.5), Course("rest"))
     strut = (draw + turns) % 6 if EVENTS[name].of == "actuator" else None
     return replace(
-        of_hexapod("event", draw, seeds, begin_s, round(after_s + _AFTER_EVENT_S, 3), posture),
+        case,
+        draw=draw,
         mismatch="other family" if turns % 2 else "all",
+        begin_s=begin_s,
+        duration_s=round(after_s + _AFTER_EVENT_S, 3),
         events=(Event(name, round(begin_s + after_s, 3), strut),),
         course=courses[draw % COURSES],
         compared=("unaware", *(["informed"] if name in get_args(Failing) else [])),
@@ -178,89 +323,56 @@ def _eventful(name: str, seed: int, draw: int) -> Case:
     )
 
 
-# Any other robot, on a circle.
-
-ROBOT_EVENTS_EACH, QUICK_ROBOT_EVENTS = 2, ("locked", "sag", "bias")
-_LEARNED_S, _LEFT_S, _AFTER_ROBOT_EVENT_S = 0.8, 1.0, 1.5
-"""What is not counted at the start, while the diagnosis learns; how long a run goes on once it has
-recovered, and from an event on."""
-_HEALTHY_S, _HEALTHY = 6.0, 3
-"""Of each sensing: how long runs without failures last, and how many there are."""
+def on_circle(case: Case, turn_s: float, design: DitherDesign | None) -> Case:
+    """A case of another robot, of which others are made: on a circle in a plane of their own."""
+    dither, course = None if design is None else design.dither, Course("circle", turn_s)
+    return replace(case, dither=dither, course=course, transient_s=_LEARNED_S)
 
 
 def robot_failures(
-    model: Path,
-    options: Mapping[Sensing, RobotOptions],
-    designs: Mapping[Sensing, DitherDesign | None],
-    *,
-    turn_s: float,
-    seed: int,
-    quick: bool,
-) -> tuple[Case, ...]:
-    """Each actuator fails in each way, as seen by each of some sensings, whose draws are equal."""
-    cases = list[Case]()
-    for sense, of_sense in options.items():
-        rig, robot = exact_rig(model, of_sense), (model, of_sense, designs[sense], turn_s)
-        design = designs[sense]
-        found = () if design is None else design.separations.isolable()
-        separated = {(fault.actuator, fault.kind) for fault in found}
-        # One period of the slowest loop's crossover, in which errors decay; not less than on the
-        # hexapod, whose loops are faster.
-        recovered_s = max(0.5, 1 / min(margins.crossover_hz for margins in rig.margins))
-        each = list(product(range(len(rig.actuators)), KINDS))
-        for place, (actuator, kind) in enumerate(each[:1] if quick else each):
-            rng = np.random.default_rng([seed, place])
-            when_s = _time_s(rng, 1.5, 3.5)
-            left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
-            duration_s, own_seed = round(when_s + recovered_s + _LEFT_S, 3), rng.integers(2**32)
-            case = replace(
-                _on_circle("failure", place, int(own_seed), duration_s, *robot),
-                failures=(Failure(actuator, kind, when_s, left),),
-                compared=("informed",),
-                recovered_s=recovered_s,
-                isolable=(actuator, kind) in separated,
-            )
-            cases.append(case)
-        for place in range(len(each), len(each) + (0 if quick else _HEALTHY)):
-            own_seed = int(np.random.default_rng([seed, place]).integers(2**32))
-            cases.append(_on_circle("healthy", place, own_seed, _HEALTHY_S, *robot))
-    return _numbered(cases)
+    first: Case, design: DitherDesign | None, seed: int, quick: bool
+) -> Iterator[Case]:
+    """Each actuator of a robot fails in each way, the same for every sensing; then healthy runs."""
+    rig = exact_rig(first.model, first.options)
+    found = () if design is None else design.separations.isolable()
+    separated = {(fault.actuator, fault.kind) for fault in found}
+    # One period of the slowest loop's crossover, in which errors decay; not less than on the
+    # hexapod, whose loops are faster.
+    recovered_s = max(0.5, 1 / min(margins.crossover_hz for margins in rig.margins))
+    each = list(product(range(len(rig.actuators)), KINDS))
+    for place, (actuator, kind) in enumerate(each[:1] if quick else each):
+        rng = np.random.default_rng([seed, place])
+        when_s = _time_s(rng, 1.5, 3.5)
+        left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
+        yield replace(
+            _of_robot(first, place, int(rng.integers(2**32))),
+            duration_s=round(when_s + recovered_s + _LEFT_S, 3),
+            failures=(Failure(actuator, kind, when_s, left),),
+            compared=("informed",),
+            recovered_s=recovered_s,
+            isolable=(actuator, kind) in separated,
+        )
+    for place in range(len(each), len(each) + (0 if quick else _HEALTHY)):
+        own_seed = int(np.random.default_rng([seed, place]).integers(2**32))
+        yield replace(_of_robot(first, place, own_seed), sort="healthy", duration_s=_HEALTHY_S)
 
 
-def robot_events(
-    model: Path,
-    options: RobotOptions,
-    design: DitherDesign | None,
-    *,
-    names: Iterable[str],
-    each: int,
-    turn_s: float,
-    seed: int,
-) -> tuple[Case, ...]:
+def robot_events(first: Case, names: Iterable[str], each: int, seed: int) -> Iterator[Case]:
     """Cases of each event; those of one draw differ in what happens, and to which actuator."""
-    actuators, cases = len(exact_rig(model, options).actuators), list[Case]()
+    actuators = len(exact_rig(first.model, first.options).actuators)
     for (place, name), draw in product(enumerate(names), range(each)):
         rng = np.random.default_rng([seed, _EVENTS_OF_ROBOTS, draw])
         time_s = _time_s(rng, 1.0, 2.0)
-        own_seed, begin = (int(number) for number in rng.integers(2**32, size=2))
+        own_seed, begin = rng.integers(2**32, size=2).tolist()
         struck = (begin + place + draw) % actuators if EVENTS[name].of == "actuator" else None
-        duration_s = round(time_s + _AFTER_ROBOT_EVENT_S, 3)
-        case = _on_circle("event", draw, own_seed, duration_s, model, options, design, turn_s)
-        cases.append(replace(case, events=(Event(name, time_s, struck),), compared=("unaware",)))
-    return _numbered(cases)
+        yield replace(
+            _of_robot(first, draw, own_seed),
+            duration_s=round(time_s + _AFTER_ROBOT_EVENT_S, 3),
+            events=(Event(name, time_s, struck),),
+            compared=("unaware",),
+        )
 
 
-def _on_circle(
-    sort: Sort,
-    draw: int,
-    seed: int,
-    duration_s: float,
-    model: Path,
-    options: RobotOptions,
-    design: DitherDesign | None,
-    turn_s: float,
-) -> Case:
-    dither = None if design is None else design.dither
-    case = Case(0, sort, draw, "all", 1.0, seed, seed, 0.0, duration_s, dither)
-    course = Course("circle", turn_s, plane_seed=seed)
-    return replace(case, course=course, transient_s=_LEARNED_S, model=model, options=options)
+def _of_robot(first: Case, draw: int, seed: int) -> Case:
+    course = replace(first.course, plane_seed=seed)
+    return replace(first, draw=draw, plant_seed=seed, seed=seed, course=course)

@@ -1,17 +1,14 @@
-"""The runs that are kept whole, and those of a dataset that are run again."""
+"""The runs of the hexapod that are kept whole, and those of a dataset that are run again."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recover.case import Case
-from experiments.recover.plan import BEFORE_S, of_hexapod
+from experiments.recover.plan import BEFORE_S, Case, about
 from experiments.recover.row import supervised_columns
-from experiments.recover.simulate import distance, other, supervised
+from experiments.recover.simulate import errors, other, supervised
 from experiments.rig.hexapod.fault_tolerance import fault_text
 from experiments.rig.hexapod.metrics import recording_properties
 from experiments.rig.rig import Rig
@@ -43,14 +40,14 @@ class Kept:
     Attributes:
         name: Of its files.
         run: All of it.
-        entry: What is published of it, ready for JSON.
+        row: Its columns, as of the dataset; of somebody else's controller what it has of them.
         marks: Of its failures, for a recording.
         controller: Somebody else's; None is the supervised one.
     """
 
     name: str
     run: Run
-    entry: dict[str, Any]
+    row: Row
     marks: list[Mark]
     controller: str | None
 
@@ -60,63 +57,52 @@ def kept(name: str, seed: int, quick: bool, controller: str | None) -> Kept:
 
     Or, if `quick`, from shortly before the failures.
     """
-    failures = SHOWN[name]
-    begin_s = failures[0].time_s - BEFORE_S if quick else 0.0
-    duration_s = failures[-1].time_s + 2.0 - begin_s
-    case = of_hexapod("pair", 0, (seed, seed), begin_s, duration_s, 0.0, failures)
-    rig = (case := replace(case, mismatch="all")).rig()
+    begin_s = SHOWN[name][0].time_s - BEFORE_S if quick else 0.0
+    duration_s = SHOWN[name][-1].time_s + 2.0 - begin_s
+    case = Case("pair", plant_seed=seed, seed=seed, dither=about(0.0), failures=SHOWN[name])
+    case = replace(case, begin_s=begin_s, duration_s=duration_s)
     if controller is None:
-        run = supervised(rig, case)
-        row = supervised_columns(rig, case, run)
-        found = [_entry(rig, each.fault) for each in run.state.standing]
-        entry = {"found": found, "right": row["all_right"], "task_lost": run.task_lost}
-        entry |= {"unexplained": row["unexplained"]}
-    else:
-        run, failed = other(rig, case, controller)
-        name, entry = f"{controller_label(controller)}_{name}", {"controller_failure": failed}
-    error, last_second = distance(rig, run), round(1 / rig.period_s)
-    entry |= {
-        "happened": [_entry(rig, Fault.of(f)) | {"time_s": f.time_s} for f in failures],
-        "rms_in_the_end": float(np.sqrt((error[-last_second:] ** 2).mean())),
-        "peak": float(error[run.time_s >= failures[0].time_s].max()),
-        "closure_residual_max_m": run.closure_max_m,
-    }
-    return Kept(name, run, entry, marks_of(rig, run), controller)
+        columns, run, marks = fly(case)
+        return Kept(name, run, case.parameters() | columns, marks, controller)
+    rig, name = case.rig(), f"{controller_label(controller)}_{name}"
+    run, failed = other(rig, case, controller)
+    row = case.parameters() | errors(rig, case, run, "other")
+    row |= {"controller_failure": failed, "closure_residual_max_m": run.closure_max_m}
+    return Kept(name, run, row, marks_of(rig, run), controller)
 
 
-def _entry(rig: Rig, fault: Fault) -> dict[str, Any]:
-    entry = {"actuator": rig.actuators[fault.actuator], "kind": fault.kind}
-    return entry | ({"effectiveness": fault.effectiveness} if fault.kind == "weak" else {})
+def fly(case: Case) -> tuple[Row, Run, list[Mark]]:
+    """The supervised controller's columns of a row, its run, and marks of the failures."""
+    rig = case.rig()
+    run = supervised(rig, case)
+    return supervised_columns(rig, case, run), run, marks_of(rig, run)
 
 
 def marks_of(rig: Rig, run: Run) -> list[Mark]:
     """Each failure, when its actuator was first named, and as what in the end."""
     marks = []
-    last = {} if not run.diagnoses else {d.fault.actuator: d.fault for d in run.state.diagnoses}
     for failure in run.failures:
-        fault = Fault.of(failure)
-        happened = failure.number, failure.time_s, fault_text(fault)
+        fault, found = Fault.of(failure), dict[str, Any]()
         if named := named_since(rig, run, failure):
-            text, first = f"found: {fault_text(last[failure.number])}", named[0]
-            found = first.time_s, text, fault.kind, first.kind
-            marks.append(Mark(*happened, *found))
-        else:
-            marks.append(Mark(*happened, kind=fault.kind))
+            faults = {each.fault.actuator: each.fault for each in run.state.diagnoses}
+            found = {"diagnosed_s": named[0].time_s, "named": named[0].kind}
+            found["diagnosis"] = f"found: {fault_text(faults[fault.actuator])}"
+        happened = failure.number, failure.time_s, fault_text(fault)
+        marks.append(Mark(*happened, kind=fault.kind, **found))
     return marks
 
 
 def record(summary: dict[str, Any], own: Kept, checks: list[Check], folder: Path) -> None:
     """Write data and recording of a run that is kept whole."""
-    seed, controller = summary["seed"], own.controller
     properties, status = recording_properties(summary), own.run.status
-    if controller is not None:
-        properties |= {"controller": controller}
-        status = own.entry["controller_failure"] or f"Controller {controller}."
+    if own.controller is not None:
+        properties |= {"controller": own.controller}
+        status = own.row["controller_failure"] or f"Controller {own.controller}."
     failures = [f"- {mark.failure} at {mark.failed_s:g} s" for mark in own.marks]
     record_run(
         folder,
         own.name,
-        f"recover-{own.name}-seed{seed}",
+        f"recover-{own.name}-seed{summary['seed']}",
         load_model(),
         own.run,
         own.marks,
@@ -126,10 +112,3 @@ def record(summary: dict[str, Any], own: Kept, checks: list[Check], folder: Path
         checks=checks,
         verdict=status,
     )
-
-
-def fly(case: Case) -> tuple[Row, Run, list[Mark]]:
-    """The supervised controller's columns of a row, its run, and marks of the failures."""
-    rig = case.rig()
-    run = supervised(rig, case)
-    return supervised_columns(rig, case, run), run, marks_of(rig, run)

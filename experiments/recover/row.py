@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 
-from experiments.recover.case import Case
+from experiments.recover.plan import Case
 from experiments.recover.predictions import ISOLABLE, separations
 from experiments.recover.simulate import (
     SPANS,
@@ -49,10 +49,11 @@ _NUMBERS = (
     *("alarm_s", "named_s", "last_effectiveness", "kind_confidence", "closure_residual_max_m"),
     *(f"{what}_{c}_{span}" for c in CONTROLLERS for span in SPANS for what in ("rms", "peak")),
 )
-_TYPES = {pa.int64(): _INTEGERS, pa.string(): _WORDS, pa.bool_(): _SWITCHES, pa.float64(): _NUMBERS}
+_TYPES = {pa.int64(): _INTEGERS, pa.string(): _WORDS, pa.bool_(): _SWITCHES}
+_TYPES |= {pa.float64(): _NUMBERS}
 SCHEMA = pa.schema([(name, kind) for kind, names in _TYPES.items() for name in names])
-"""Columns of the study's dataset: `alarm_s` and `named_s` from the failure or event on, errors of all
-major rows together in sizes of the path."""
+"""Columns of the study's dataset: `alarm_s` and `named_s` from the failure or event on, errors of
+all major rows together in sizes of the path."""
 
 
 def row_of(case: Case) -> Row:

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from experiments.recover.case import Case
+from experiments.recover.plan import Case, about, around, exact_rig
 from experiments.rig.events import events_of
+from experiments.rig.hexapod.fault_tolerance import STILL, fault_text
 from experiments.rig.other_controller import fly_with
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from experiments.study.campaign import Row
 from ftc.controller import Measurement
 from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, static_share
 from ftc.oracle import NEVER, OracleController, OracleState
 from ftc.reconfiguration import goal_after
@@ -49,13 +49,9 @@ def supervised(rig: Rig, case: Case) -> Run:
     return _run(rig, case, rig.supervisor(case.dither))
 
 
-def unaware(rig: Rig, case: Case, dither: Dither | None = None) -> Run:
-    """The run with a controller that goes on as if nothing had happened.
-
-    `dither` is another one than that of the case.
-    """
-    controller, dither = rig.controller(), dither or case.dither
-    secondary = None if dither is None else dither.at
+def unaware(rig: Rig, case: Case) -> Run:
+    """The run with a controller that goes on as if nothing had happened."""
+    controller, secondary = rig.controller(), None if case.dither is None else case.dither.at
     return _run(rig, case, Holding(controller, controller, NEVER, secondary=secondary))
 
 
@@ -132,3 +128,57 @@ def errors(rig: Rig, case: Case, run: Run, controller: str) -> Row:
             row[f"rms_{controller}_{span}"] = float(np.sqrt((part**2).mean()))
             row[f"peak_{controller}_{span}"] = float(part.max())
     return row
+
+
+LATE_S = (0.03, 0.1, 0.3, 1.0)
+INFORMED_LATE = (
+    Failure(0, "locked", 8.25),
+    Failure(0, "free", 8.25),
+    Failure(0, "weak", 8.25, effectiveness=1.0),
+)
+"""Of these a controller is informed so late, or wrongly; the last is no failure at all."""
+
+
+def informed_late(failure: Failure) -> list[dict[str, Any]]:
+    """Entries on a controller that is told the truth, ever later; then, that another strut locked.
+
+    The struts stand without a secondary displacement; errors in sizes of the path.
+    """
+    case = around(Case("failure", mismatch="exact", dither=about(0.0), failures=(failure,)))
+    rig, truth = exact_rig(), Fault.of(failure)
+    run, tick = unaware(rig, case), tick_of(rig, case, case.happens_s)
+    nothing = errors(rig, case, run, "told_nothing")["rms_told_nothing_after"]
+    news = [(truth, late_s) for late_s in LATE_S]
+    news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
+    entries = []
+    for fault, late_s in news:
+        stood = float(run.displacement[tick, fault.actuator])
+        found = errors(rig, case, informed(rig, case, fault, stood, late_s), "told")
+        named = {"truth": fault_text(None if truth.is_sound else truth), "told": fault_text(fault)}
+        kept = ("peak_told_during", "rms_told_after", "peak_told_after")
+        entry = named | {"late_s": late_s, "rms_told_nothing_after": nothing}
+        entries.append(entry | {key: found[key] for key in kept})
+    return entries
+
+
+def dither_cost(case: Case, duration_s: float) -> dict[str, Any]:
+    """RMS errors (m1,) without failures on the exact plant, and their changes by dither and seed.
+
+    And how far the dither moves the major rows, all together, on a plant that is not the model:
+    there the actuators do not cancel. In sizes of the path.
+    """
+    rig, mixed = exact_rig(), exact_rig().drawn("all", case.plant_seed)
+    case = replace(case, begin_s=0.0, duration_s=duration_s, failures=())
+    still = replace(case, dither=replace(case.dither or STILL, amplitude=0.0))
+    quiet, moved = (unaware(mixed, each) for each in (still, case))
+    alone, swinging, reseeded = (
+        unaware(rig, each).rms() / rig.size
+        for each in (still, case, replace(still, seed=case.seed + 1))
+    )
+    apart = distance(rig, replace(quiet, desired=moved.true))
+    return {
+        "rms": alone.tolist(),
+        "change": (swinging - alone).tolist(),
+        "reseeded": (reseeded - alone).tolist(),
+        "moved": float(np.sqrt((apart**2).mean())),
+    }

@@ -1,6 +1,6 @@
 """The statistics of all rows, ready for JSON: one entry for each group, with the same keys."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import sqrt
 from typing import Any
 
@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 from scipy.stats import binomtest, chi2
 
-from experiments.recover.case import MISMATCHES
+from experiments.recover.plan import MISMATCHES
 from experiments.recover.predictions import ISOLABLE
 from experiments.recover.row import CONTROLLERS, SCHEMA
 from experiments.recover.simulate import SPANS
@@ -111,11 +111,11 @@ def summarized(rows: pd.DataFrame, noise: float) -> dict[str, Any]:
 def rate(values: pd.Series) -> dict[str, Any]:
     """Share of true values with its exact (Clopper and Pearson) 95 % interval; of none, None."""
     known = values.dropna().astype(bool)
-    right, cases = int(known.sum()), len(known)
+    count, cases = int(known.sum()), len(known)
     if not cases:
-        return {"cases": 0, "right": 0, "rate": None, "low": None, "high": None}
-    low, high = map(float, binomtest(right, cases).proportion_ci(0.95))
-    return {"cases": cases, "right": right, "rate": right / cases, "low": low, "high": high}
+        return {"cases": 0, "count": 0, "rate": None, "low": None, "high": None}
+    low, high = map(float, binomtest(count, cases).proportion_ci(0.95))
+    return {"cases": cases, "count": count, "rate": count / cases, "low": low, "high": high}
 
 
 def quantiles(values: pd.Series) -> dict[str, float] | None:
@@ -190,8 +190,10 @@ def _per_hour(rows: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def per_hour(count: int, hours: float) -> Mapping[str, float]:
-    """Rate of a Poisson process with its two one-sided 95 % bounds (Garwood)."""
+def per_hour(count: int, hours: float) -> dict[str, float | None]:
+    """Rate of a Poisson process with its two one-sided 95 % bounds (Garwood); of no time, None."""
+    if not hours:
+        return {"rate": None, "low_95": 0.0, "high_95": None}
     low = float(chi2.ppf(0.05, 2 * count)) / 2 / hours if count else 0.0
     high = float(chi2.ppf(0.95, 2 * (count + 1))) / 2 / hours
     return {"rate": count / hours, "low_95": low, "high_95": high}
