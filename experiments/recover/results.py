@@ -18,6 +18,7 @@ from experiments.recover.statistics import WORST, frame_of, noise_of, statistics
 from experiments.rig.checks import CLOSURE_LIMIT_M, closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
+from experiments.rig.hexapod.fault_tolerance import DITHER
 from experiments.rig.mismatch import EXACT
 from experiments.rig.units import by_unit, sizes_said
 from experiments.study.results import Check, Results
@@ -71,6 +72,9 @@ def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
     # Against the size of a mismatch runs go on to where the loops themselves are unstable.
     places = {"near": ~thrown & frame["sort"].ne("size"), "thrown": thrown}
     gaps_m = frame["closure_residual_max_m"].fillna(0.0)
+    closure_m = {name: float(gaps_m.where(at, 0.0).max()) for name, at in places.items()}
+    for each in outcome.kept:
+        closure_m["near"] = max(closure_m["near"], each.run.closure_max_m)
     differing = {name: asdict(sizes_of(rig, name)) for name in frame["mismatch"].unique()}
     return summary | {
         "robot": rig.title,
@@ -89,7 +93,8 @@ def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
         "dither": {
             sense: dither_entry(design, outcome.rigs[sense])
             for sense, design in outcome.designs.items()
-        },
+        }
+        or {"task": asdict(DITHER)},
         "recovered_from_s": max(each.recovered_s for each in outcome.done.campaign.runs),
         "noise": noise,
         "worst_allowed": WORST,
@@ -97,7 +102,7 @@ def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
         "sorts": dict(Counter(frame["sort"])),
         "ended": int(((ended | beside_ended) & frame["sort"].ne("event")).sum()),
         "refused": sorted({*frame.loc[frame["status"].eq("refused"), "message"]}),
-        "closure_m": {name: float(gaps_m.where(at, 0.0).max()) for name, at in places.items()},
+        "closure_m": closure_m,
         "closure_limit_m": CLOSURE_LIMIT_M if rig.file is None else CLOSURE_TOLERANCE,
         **statistics(frame, noise),
         **outcome.predicted,
@@ -126,10 +131,9 @@ def _compared(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Closed loops, runs to their end, no event in which the diagnosis does harm; and the goals."""
     closure_m, limit_m = summary["closure_m"], summary["closure_limit_m"]
-    shown, events = summary["shown"].values(), summary["by_event"]
-    near_m = max(closure_m["near"], *(each["closure_residual_max_m"] for each in shown), 0.0)
+    events, near = summary["by_event"], "runs near the path, at the usual sizes"
     found = [
-        closure_check("runs near the path, at the usual sizes", near_m, limit_m),
+        closure_check(near, closure_m["near"], limit_m),
         closure_check("runs that an event throws far", closure_m["thrown"], 10 * limit_m),
         Check("number of runs that ended early", summary["robot"], summary["ended"], 1),
     ]

@@ -27,7 +27,7 @@ def frame_of(rows: Sequence[Row], others: Sequence[Row] = ()) -> pd.DataFrame:
     """All rows, numbers that are missing as NaN, with another controller's columns where it ran."""
     frame = pd.DataFrame(rows, columns=SCHEMA.names)
     numbers = [each.name for each in SCHEMA if pa.types.is_floating(each.type)]
-    frame = frame.astype(dict.fromkeys(numbers, float))
+    frame = frame.astype(dict.fromkeys([*numbers, "alarms", "withdrawn"], float))
     return frame.merge(pd.DataFrame(others), how="left", on="case") if others else frame
 
 
