@@ -1,12 +1,11 @@
-"""Sampled closed loops with a linear plant, for predictions.
+"""Sampled closed loops with a linear plant, for predictions, stepped tick by tick.
 
-:func:`closed_loop` is one linear system, and python-control's simulations serve it. A loop that
-saturates, or whose plant changes in the run, is stepped: :func:`steps`.
+The loop may saturate, and its plant may change in the run: :func:`steps`.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,33 +15,6 @@ from ftc.control.compensator import Channel
 from ftc.control.frequency_response import channels
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.friction import Rubbing
-
-if TYPE_CHECKING:
-    import control
-
-
-def closed_loop(
-    plant: "control.StateSpace", compensators: "Sequence[control.StateSpace]"
-) -> "control.StateSpace":
-    """Closed loop from [references; disturbances] to the plant's outputs.
-
-    Args:
-        plant: Sampled, strictly proper; inputs [disturbances; demands].
-        compensators: One for each output, of the plant's sampling period.
-    """
-    import control  # late, as in ftc.compensator
-
-    n, m = plant.nstates, plant.noutputs
-    free = plant.ninputs - m
-    # Last inputs and outputs close the loop: demand from error.
-    general = control.ss(
-        plant.A,
-        np.hstack([np.zeros((n, m)), plant.B]),
-        np.vstack([plant.C, -plant.C]),
-        np.block([[np.zeros((m, 2 * m + free))], [np.eye(m), np.zeros((m, m + free))]]),
-        plant.dt,
-    )
-    return general.lft(control.append(*compensators))
 
 
 @dataclass(frozen=True)
@@ -164,32 +136,6 @@ def _tick(channel: Channel, z: Array, error: Array) -> tuple[Array, Array]:
         return (demand + channel.D[:, 0] * error)[0], moved + channel.B[:, 0] * error
     demand, moved = (z * channel.C[0]).sum(axis=-1), np.einsum("ij,sj->si", channel.A, z)
     return demand + channel.D[0, 0] * error, moved + channel.B[:, 0] * error[..., None]
-
-
-def limited_response(
-    plant: "control.StateSpace",
-    compensators: Sequence[Channel],
-    reference: Array,
-    disturbance: Array,
-    limit: Array,
-    anti_windup: Array,
-) -> Array:
-    """Outputs of the plant, (S, N, m), for S settings of a limit on what the compensators demand.
-
-    Args:
-        plant: Sampled, strictly proper; inputs [disturbances; demands].
-        compensators: As in :func:`steps`, and so are the next four.
-        reference: Shape (S, N, m).
-        disturbance: Inputs of the plant, the same in all settings, shape (N, d).
-        limit: Shape (S,).
-        anti_windup: Shape (S,).
-    """
-    m = len(compensators)
-    stage = Stage(plant.A, plant.B[:, -m:])
-    pushed = disturbance @ plant.B[:, :-m].T
-    settings = {"disturbance": pushed, "limit": limit, "anti_windup": anti_windup}
-    ticks = steps([stage], plant.C, compensators, reference, **settings)
-    return np.stack([tick.output for tick in ticks], axis=1)
 
 
 @dataclass(frozen=True)

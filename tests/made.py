@@ -1,50 +1,86 @@
 """A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
-from experiments.rig.hexapod.simulation import Trajectory
 
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
+from experiments.recording.record import About, write_run
+from experiments.recording.view import Change, RunView, as_run_arrays, stated_of
+from experiments.rig import Rig, Run
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.results import Results
 from experiments.study.study import OnProgress, Option, Study
+from sim import NOMINAL, Failure, pointing_angles
 
-MARK = Mark(0, 0.0, "strut 1 locked", kind="locked")
+ABOUT = About("made", "made-seed0", said=["Made."], parameters={"seed": 0})
 
 
-def made_run(ticks: int = 400) -> Trajectory:
+@cache
+def hexapod() -> Rig:
+    """The rig that the made runs are of."""
+    return Rig.hexapod()
+
+
+def made_run(ticks: int = 400) -> Run:
     """The spiral's beginning, tracked up to noise; nothing else moves."""
     rng, bench = np.random.default_rng(0), TestbedConfig()
-    time_s = bench.time_s(ticks * bench.control_period_s)
-    desired_rad = bench.desired_rad(time_s)
+    desired = bench.spiral_rad(ticks * bench.control_period_s)
 
     def noise(size: float, *shape: int) -> np.ndarray:
         return size * rng.normal(size=(ticks, *shape))
 
-    return Trajectory(
-        time_s=time_s,
-        desired_rad=desired_rad,
-        true_rad=desired_rad + noise(1e-6, 2),
-        measured_rad=desired_rad + noise(1e-6, 2),
-        strut_input_percent=noise(1.0, 6),
-        strut_displacement_m=noise(1e-6, 6),
-        secondary=noise(1e-7, 4),
-        secondary_estimated=noise(1e-7, 4),
-        closure_residual_m=np.abs(noise(1e-10)),
+    pose = NOMINAL.moved(np.hstack([desired + noise(1e-6, 2), noise(1e-7, 4)]))
+    return Run(
+        time_s=bench.time_s(ticks * bench.control_period_s),
+        desired=desired,
+        true=pointing_angles(pose.rotation),
+        measured=desired + noise(1e-6, 2),
+        pose=pose,
+        estimated=noise(1e-7, 6),
+        inputs=noise(1.0, 6),
+        displacement=noise(1e-6, 6),
+        qpos=np.zeros((ticks, 0)),
+        closure_m=np.abs(noise(1e-10)),
+        saturated=np.zeros((ticks, 6), dtype=bool),
+        failures=(),
+        state=None,
+        diagnoses=(),
+        task_lost=False,
+        undiagnosed=None,
+        status="Made.",
     )
 
 
-def keep_made(folder: Path, model: mujoco.MjModel, name: str = "made") -> None:
-    """`made.npz` and `made.rrd`, as any study writes a run."""
-    told = {"said": ["Made."], "beside": {}, "properties": {"seed": 0}}
-    record_run(folder, name, "made-seed0", model, made_run(), [MARK], **told)
+def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
+    """A run of the hexapod from the arrays of its `.npz`."""
+    published = {"desired": "desired_rad", "true": "true_rad", "measured": "measured_rad"}
+    published |= {"inputs": "strut_input_percent", "displacement": "strut_displacement_m"}
+    pose = NOMINAL.moved(np.hstack([arrays["true_rad"], arrays["secondary"]]))
+    known = {name: arrays[key] for name, key in published.items()}
+    known |= {"time_s": arrays["time_s"], "closure_m": arrays["closure_residual_m"], "pose": pose}
+    return replace(made_run(), **known)
+
+
+def keep_made(folder: Path, name: str = "made") -> None:
+    """`made.npz` and `made.rrd`, as any study of the hexapod writes a run; strut 1 is locked."""
+    run = replace(made_run(), failures=(Failure(0, "locked"),))
+    arrays = hexapod_arrays(run)
+    write_run(folder / f"{name}.rrd", hexapod(), run, ABOUT, arrays=arrays, known="known")
+
+
+def made_view(
+    *incidents: Change, diagnoses: Sequence[Change] = (), ticks: int = 400, **arrays: np.ndarray
+) -> RunView:
+    """A made run as it is shown, with what happened in it and some arrays of its file changed."""
+    rig, own = hexapod(), hexapod_arrays(made_run(ticks)) | arrays
+    stated = replace(stated_of(rig), incidents=list(incidents), diagnoses=list(diagnoses))
+    return RunView(stated, as_run_arrays(own), rig.model)
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from experiments.rig.mismatch import Mismatch as Mismatch
     from experiments.rig.prediction import Prediction as Prediction
     from experiments.rig.rig import Rig as Rig
-    from experiments.rig.run import Named as Named
+    from experiments.rig.run import Diagnosed as Diagnosed
     from experiments.rig.run import Run as Run
 
 _OF = {
     "Mismatch": "experiments.rig.mismatch",
-    "Named": "experiments.rig.run",
+    "Diagnosed": "experiments.rig.run",
     "Prediction": "experiments.rig.prediction",
     "Rig": "experiments.rig.rig",
     "Run": "experiments.rig.run",

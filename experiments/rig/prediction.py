@@ -1,6 +1,5 @@
 """The linear model of a rig in the loop: errors of a run, before and after failures; stability."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ import scipy.linalg
 
 import argument_checks as check
 from argument_checks.ties import greatest
+from experiments.rig.run import tick_of
 from ftc.control.compensator import sensitivity_peak
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
@@ -148,7 +148,7 @@ def _changes(
             if at_s is not None:
                 if check.signed("told", at_s) < failure.time_s:
                     raise ValueError(f"told must be no times before the failures, got {told}")
-                tick = math.ceil(at_s / rig.period_s - 1e-6)
+                tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))
     return sorted(changes.items())
 

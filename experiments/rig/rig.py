@@ -1,6 +1,5 @@
-"""A robot with its loops: what it consists of, and what can be done with it."""
+"""A robot with its loops: fly it, predict it, let it fail."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from experiments.rig.mismatch import Known, Mismatch, sizes_of
 from experiments.rig.options import RobotOptions, by_argument, written
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
-from experiments.rig.run import Run, flown
+from experiments.rig.run import Run, simulate, tick_of
 from experiments.rig.units import ROWS
 from experiments.study.spelling import hint
 from experiments.study.study import WrongInput
@@ -312,8 +311,8 @@ class Rig:
 
     def reconfigured(self, before: Goal, after: Goal, time_s: float) -> OracleController:
         """A controller that goes over to another goal at a time of the run, as if it were told."""
-        tick = math.ceil(time_s / self.period_s - 1e-6)
-        return OracleController(self.controller(before), self.controller(after), tick)
+        first, then = self.controller(before), self.controller(after)
+        return OracleController(first, then, tick_of(time_s, self.period_s))
 
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
@@ -394,7 +393,7 @@ class Rig:
 
     def fly(
         self,
-        pilot: Any,
+        controller: Any,
         path: ArrayLike,
         *,
         failures: Sequence[Failure] = (),
@@ -404,10 +403,11 @@ class Rig:
         events: object = None,
         on_tick: Callable[[int], None] | None = None,
     ) -> Run:
-        """Fly a path with a pilot.
+        """Simulate a path with a controller.
 
         Args:
-            pilot: As of :meth:`supervisor` or :meth:`controller`; any :class:`ftc.loop.Controller`.
+            controller: As of :meth:`supervisor` or :meth:`controller`; any
+                :class:`ftc.loop.Controller`.
             path: Desired displacements of the major rows, tick by tick, shape (N, m1).
             failures: What happens, actuators by name or number.
             seed: Of the noise of all sensors.
@@ -423,7 +423,7 @@ class Rig:
                 cannot have.
             sim.SimulationDiverged: The physics left the finite numbers.
         """
-        check.methods("pilot", pilot, "start", "step")
+        check.methods("controller", controller, "start", "step")
         desired = self._checked_path(path)
         check.index("seed", seed)
         check.duration("begin_s", begin_s, least=0.0)
@@ -434,9 +434,9 @@ class Rig:
         hooks, caused = events_of(self, events, **around)
         struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
-        run = flown(
+        run = simulate(
             self,
-            pilot,
+            controller,
             time_s,
             desired,
             struck,

@@ -43,7 +43,7 @@ class RobotMachine:
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
-        """The machine for times (N,), with noise of this seed beside that of the plant.
+        """The machine for times (N,), with noise of this seed.
 
         A plant is commanded by displacements, and balances its own gains and springs; the controls
         of a robot are made by the model that its controller has. At the start both stand still: a
@@ -69,14 +69,14 @@ class RobotMachine:
     def _sensors(self, seed: int) -> Sensors:
         """Of the task, or encoders alone; zeros drift up to so many standard deviations."""
         robot, rows, draw = self.robot, self.robot.options.rows, Draw(self.seed)
-        per_tick, seeds = self.sizes.drift_per_s * robot.period_s, (self.seed, seed)
+        per_tick = self.sizes.drift_per_s * robot.period_s
         noise, encoder_noise = robot.noise, robot.encoder_noise
         of_task = per_tick * noise * draw.uniform("task drift", len(rows))
         of_encoders = per_tick * encoder_noise * draw.uniform("drift", len(robot.known.drives))
-        sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seeds)
+        sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seed)
         if robot.options.sense == "joints":
             # The task is computed from the encoders, and drifts with them.
-            sensors = JointSensors(robot.mechanism, rows, encoder_noise, seeds)
+            sensors = JointSensors(robot.mechanism, rows, encoder_noise, seed)
             of_task = 0 * of_task
         return DriftingSensors(sensors, of_task, of_encoders)
 

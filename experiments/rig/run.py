@@ -1,14 +1,15 @@
-"""A flight of a robot: what happened at every tick, and what the pilot made of it."""
+"""A run of a robot: what happened at every tick, and what its controller made of it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.rig.events.kinds import Event
+from experiments.rig.events import Event
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, LoopRun, run_loop
 from ftc.sensors import Sensors
@@ -21,14 +22,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Named:
-    """An actuator that a pilot took for failed.
+class Diagnosed:
+    """An actuator that a controller took for failed.
 
     Attributes:
         actuator: Its name.
         kind: What it was taken for.
         time_s: When.
-        withdrawn_s: When the pilot took that back; None is never.
+        withdrawn_s: When the controller took that back; None is never.
         acted_s: From when the commands follow from it; None is never.
     """
 
@@ -47,7 +48,7 @@ class Named:
 
 @dataclass(frozen=True)
 class Run:
-    """What happened, at every control tick.
+    """A run: what happened at every control tick.
 
     Attributes:
         time_s: (N,).
@@ -63,13 +64,14 @@ class Run:
         closure_m: (N,) largest gap of a closed loop.
         saturated: (N, n) whether the actuators gave their largest force.
         failures: That happened, in the order of time, actuators by number.
-        state: Of the pilot after the last tick.
-        diagnoses: That the pilot made, in order.
-        task_lost: Whether the pilot believes that the major task cannot be done whole any more.
-        undiagnosed: Why the pilot named nothing; None where it did.
-        lost: That the major task is lost, by what happened or as the pilot believes, one sentence;
-            None where it is not.
-        status: What the pilot made of the flight, one sentence, after that one.
+        state: Of the controller after the last tick.
+        diagnoses: That the controller made, in order.
+        task_lost: Whether the controller believes that the major task cannot be done whole any
+            more.
+        undiagnosed: Why the controller diagnosed nothing; None where it did.
+        lost: That the major task is lost, by what happened or as the controller believes, one
+            sentence; None where it is not.
+        status: What the controller made of the run, one sentence, after that one.
         events: What else happened and has a name, in the order of time.
     """
 
@@ -86,7 +88,7 @@ class Run:
     saturated: Array
     failures: tuple[Failure, ...]
     state: Any
-    diagnoses: tuple[Named, ...]
+    diagnoses: tuple[Diagnosed, ...]
     task_lost: bool
     undiagnosed: str | None
     status: str
@@ -130,9 +132,14 @@ def rms(signal: Array) -> Array:
     return np.sqrt((signal**2).mean(axis=0))
 
 
-def flown(
+def tick_of(time_s: float, period_s: float) -> int:
+    """First control tick at or after a time since tick 0; times are rounded to 1e-6 of a tick."""
+    return ceil(time_s / period_s - 1e-6)
+
+
+def simulate(
     rig: "Rig",
-    pilot: Controller[Any],
+    controller: Controller[Any],
     time_s: Array,
     desired: Array,
     failures: Sequence[Failure],
@@ -142,18 +149,18 @@ def flown(
     events: object,
     on_tick: Callable[[int], None] | None,
 ) -> Run:
-    """A flight, `lead_in` ticks at rest before it; see :meth:`experiments.rig.Rig.fly`."""
+    """A run, `lead_in` ticks at rest before it; see :meth:`experiments.rig.Rig.fly`."""
     times = np.concatenate([np.full(lead_in, time_s[0]), time_s])
     bench, kept = rig.bench(times, failures, seed, events), slice(lead_in, None)
     demands = rig.feedforward_demands(desired)
     if demands is not None:
         demands = after_rest(lead_in, demands)
     reference = after_rest(lead_in, desired)
-    begun = rig.fast_start and rig.fast_start(bench, pilot, reference, demands, on_tick)
+    begun = rig.fast_start and rig.fast_start(bench, controller, reference, demands, on_tick)
     done = 0 if begun is None else len(begun.inputs)
     machine = bench if on_tick is None else _Counted(bench, on_tick, done)
     try:
-        looped = run_loop(machine, pilot, reference, demands, begun=begun)
+        looped = run_loop(machine, controller, reference, demands, begun=begun)
     except (ValueError, TypeError, AttributeError):
         if bench.gap is None:
             raise
@@ -176,20 +183,20 @@ def run_of(
     Args:
         rig: The robot.
         bench: Its machine.
-        looped: What passed between it and its pilot.
+        looped: What passed between it and its controller.
         time_s: Of all ticks, (N,).
         desired: Likewise, (N, m1).
         failures: That happened.
         kept: Ticks of the run.
-        since: The tick at which the pilot began.
+        since: The tick at which the controller began.
     """
     pose = Pose(bench.rotation[kept], bench.translation_m[kept])
     assert bench.qpos is not None and bench.actuator_force is not None  # rigs keep them
     state = looped.state
-    named, true = named_of(rig, state, time_s[since:]), rig.reached(pose)
+    diagnoses, true = diagnoses_of(rig, state, time_s[since:]), rig.reached(pose)
     task_lost = isinstance(state, SupervisorState) and state.task_lost
     lost = _lost(rig, time_s[kept], desired[kept] - true, failures, believed=task_lost)
-    said = status_of(rig, state, named)
+    said = status_of(rig, state, diagnoses)
     return Run(
         time_s=time_s[kept],
         desired=desired[kept],
@@ -204,9 +211,9 @@ def run_of(
         saturated=_saturated(bench.plant.drives, bench.actuator_force[kept]),
         failures=tuple(failures),
         state=state,
-        diagnoses=named,
+        diagnoses=diagnoses,
         task_lost=task_lost,
-        undiagnosed=None if named else _undiagnosed(state, rig.actuators),
+        undiagnosed=None if diagnoses else _undiagnosed(state, rig.actuators),
         status=said if lost is None else f"{lost} {said}",
         lost=lost,
     )
@@ -257,16 +264,16 @@ def _saturated(drives: Sequence[Drive], force: Array) -> Array:
     return np.column_stack(at_limit)
 
 
-def named_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Named, ...]:
-    """What the state of a pilot says was named, by the times of its ticks.
+def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Diagnosed, ...]:
+    """What a controller diagnosed, by its state and the times of its ticks.
 
     Another kind of the same actuator is one of its own, a confirmation none.
     """
     if not isinstance(state, SupervisorState):
         return ()
-    withdrawn, named = dict(state.withdrawn), list[Named]()
+    withdrawn, named = dict(state.withdrawn), list[Diagnosed]()
     for found in state.diagnoses:
-        one = Named(
+        one = Diagnosed(
             rig.actuators[found.fault.actuator],
             found.fault.kind,
             float(time_s[found.tick]),
@@ -287,8 +294,8 @@ def named_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Named, ...]:
     return tuple(named)
 
 
-def named_since(rig: "Rig", run: Run, failure: Failure) -> list[Named]:
-    """What was named of an actuator since its failure."""
+def diagnosed_since(rig: "Rig", run: Run, failure: Failure) -> list[Diagnosed]:
+    """Diagnoses of an actuator since its failure."""
     name, since = rig.actuators[failure.number], failure.time_s - 1e-9
     return [each for each in run.diagnoses if each.actuator == name and each.time_s >= since]
 
@@ -311,8 +318,8 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     return "the sensors read what the model without a failure predicts"
 
 
-def status_of(rig: "Rig", state: Any, named: Sequence[Named]) -> str:
-    """What the pilot makes of it, one sentence."""
+def status_of(rig: "Rig", state: Any, named: Sequence[Diagnosed]) -> str:
+    """What the controller makes of the run, one sentence."""
     sensors: Sensors | None = getattr(state, "sensors", None)
     read = ""
     if sensors is not None and sensors.failed:

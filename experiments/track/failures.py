@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from experiments.rig.events import Event, events_of
+from experiments.rig.events import Event
+from experiments.rig.events.hooks import events_of
 from experiments.rig.rig import Rig
-from experiments.rig.run import Run, named_since
+from experiments.rig.run import Run, diagnosed_since
 from experiments.study.study import WrongInput
 from experiments.track.announced import Announced
 from sim import Failure
@@ -66,7 +67,9 @@ def modelled(failures: Sequence[Failure], events: Sequence[Event]) -> Sequence[F
 
 def learnt_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
     """When the controller first named each failed actuator; None is never."""
-    return [next((each.time_s for each in named_since(rig, run, one)), None) for one in failures]
+    return [
+        next((each.time_s for each in diagnosed_since(rig, run, one)), None) for one in failures
+    ]
 
 
 def uncompared(
@@ -82,12 +85,12 @@ def uncompared(
     for each in failures:
         if each.kind == "locked" and each.number in rig.soft_locks:
             return f"the lock of {rig.actuators[each.number]} gives way"
-    named = {each for failure in failures for each in named_since(rig, run, failure)}
+    named = {each for failure in failures for each in diagnosed_since(rig, run, failure)}
     for each in run.diagnoses:
         if each not in named or each.withdrawn_s is not None:
             return f"{each.actuator} was named {each.kind} and had not failed, or was cleared again"
     for failure in failures:
-        for last in named_since(rig, run, failure)[-1:]:
+        for last in diagnosed_since(rig, run, failure)[-1:]:
             if last.kind != failure.kind:
                 return f"{last.actuator} was taken for {last.kind}"
     return None

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.recording.flight import info_of, of_flight
-from experiments.recording.properties import results_of
-from experiments.recording.screens import write_flights
+from experiments.recording.record import About, write_views
+from experiments.recording.view import view_of
 from experiments.rig.units import loops_said
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import version_properties
@@ -22,18 +21,16 @@ def record(
     properties = {"seed": summary["seed"], "control_period_s": summary["control_period_s"]}
     properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
     said = [summary["verdict"], *loops_said(rig.major, rig.margins)]
-    flights = {rig.title: of_flight(rig, tracked.run)}
-    results = results_of(
-        flights[rig.title],
-        "track",
+    about = About(
+        study="track",
+        identity=f"track-{rig.title}-seed{tracked.seed}",
+        said=[f"- {sentence}" for sentence in said],
+        parameters=properties,
+        predicted=(summary["predicted_rms_before"], summary["predicted_rms_after_when_named"]),
         checks=checks,
-        predicted_before=summary["predicted_rms_before"],
-        predicted_after=summary["predicted_rms_after_when_named"],
         verdict=summary["verdict"],
     )
-    identity = f"track-{rig.title}-seed{tracked.seed}"
-    lines = [f"- {sentence}" for sentence in said]
-    about = info_of(rig, tracked.run, identity, lines, properties, results)
+    runs = {rig.title: view_of(rig, tracked.run)}
     if (other := tracked.other) is not None:
-        flights[controller_label(other.name)] = of_flight(rig, other.run)
-    write_flights(folder / "track.rrd", about, flights)
+        runs[controller_label(other.name)] = view_of(rig, other.run)
+    write_views(folder / "track.rrd", about, runs)

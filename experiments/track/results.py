@@ -11,7 +11,7 @@ from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
 from experiments.rig.limiting import limiting
 from experiments.rig.reach import AGREES, beyond_linear_range
-from experiments.rig.run import Named
+from experiments.rig.run import Diagnosed
 from experiments.rig.units import (
     ROWS,
     by_unit,
@@ -198,7 +198,7 @@ def _listed(values: Array) -> list[float] | None:
 
 def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
     """Each actuator and kind as it was first named; of a false alarm the delay is None."""
-    named: dict[tuple[str, str], Named] = {}
+    named: dict[tuple[str, str], Diagnosed] = {}
     for found in tracked.run.diagnoses:
         named.setdefault((found.actuator, found.kind), found)
     rig = tracked.rig

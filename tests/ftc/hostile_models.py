@@ -57,7 +57,7 @@ from tests.ftc.hostile_machine import (
 from tests.hostile import Target
 
 LOADED = {"feedback": np.eye(N, 2 * N), "holding": np.ones(N), "spring": np.eye(N, 2 * N)}
-LOADED |= {"preload": np.ones(N), "implicit_damping": False}
+LOADED |= {"preload": np.ones(N), "implicit_damping": False, "floor": np.ones((N, 3))}
 RUBS = DryFriction(np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N))
 TOLD = [Diagnosis.told(Fault(0, "locked"), 1e-3)]
 ENCODED = {"limits": LIMITS, "springs": False, "sense": "joints", "noise": np.ones(N)}

@@ -1,23 +1,25 @@
 """A limit on the pointing that the compensators demand: controller and linear model."""
 
 from dataclasses import replace
+from typing import Any
 
 import control
 import numpy as np
 import pytest
-from experiments.rig.hexapod.prediction import driven_plant, predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
-from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.fault_tolerance import nominal_model
+from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.paper import TABLE_I_URAD
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.table1.runs import CONFIGURATIONS
-from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS, W_A
+from experiments.uncorrected.candidates import CLOCKWISE, COLUMNS, W_A
 from experiments.uncorrected.predicted import beam_walk_urad, fast_loop_ratio, remaining_gain
 from ftc.controller import Measurement
-from ftc.linear_loop import limited_response
-from sim import Failure, failed_plant, hexapod, linearize, spiral
+from ftc.fdi.fault_model import fault_model
+from ftc.linear_loop import Stage, steps
+from sim import Array, Failure, failed_plant, hexapod, linearize, spiral
 
 LOCK_1 = (Failure(0, "locked"),)
 TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)
@@ -86,55 +88,36 @@ def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(model, loops, ant
     assert ticks < 60 if anti_windup else ticks > 500
 
 
-@pytest.mark.parametrize("failures", [(), LOCK_1], ids=["sound", "locked"])
-@pytest.mark.parametrize("anti_windup", [False, True])
-def test_mujoco_does_tick_by_tick_what_the_limited_linear_loop_says(
-    model, loops, anti_windup, failures
-):
-    bench = replace(TIGHT, anti_windup=anti_windup)
-    testbed = Testbed(model, bench, loops)
-    spiral = SpiralRun(W_A, failures, jacobian="constant", seed=2, duration_s=1.5)
-    run = track_spiral(testbed, spiral)
-    error = run.desired_rad - run.true_rad
-    predicted = predicted_error_rad(testbed, spiral)
-    assert predicted is not None
-    # Quantization leaves 0.02 urad, and what has wound up is at most 0.8 % off.
-    np.testing.assert_array_less(rms(error - predicted), 0.03e-6 + 5e-3 * rms(predicted))
-    for other in (
-        replace(bench, demand_limit_urad=None),
-        replace(bench, anti_windup=not anti_windup),
-    ):
-        wrong = predicted_error_rad(replace(testbed, bench=other), spiral)
-        assert wrong is not None
-        assert np.any(rms(error - wrong) > 10 * rms(error - predicted))
-
-
-def test_a_limit_that_is_never_reached_changes_nothing(model, loops):
-    """The stepped loop and the linear one of python-control are the same."""
-    spiral = SpiralRun(W_A, LOCK_1, seed=1, duration_s=2.0)
-    wide = Testbed(model, replace(TestbedConfig(), demand_limit_urad=1e3), loops)
-    usual = Testbed(model, TestbedConfig(), loops)
-    stepped, linear = predicted_error_rad(wide, spiral), predicted_error_rad(usual, spiral)
-    assert stepped is not None
-    assert linear is not None
-    np.testing.assert_allclose(stepped, linear, rtol=1e-9, atol=1e-15)
-    few = SpiralRun(W_A, jacobian="constant", duration_s=0.3)
-    runs = [track_spiral(testbed, few) for testbed in (wide, usual)]
-    np.testing.assert_array_equal(runs[0].strut_input_percent, runs[1].strut_input_percent)
+def test_a_limit_that_is_never_reached_changes_nothing():
+    """Neither a run nor its prediction."""
+    path, noise = TestbedConfig().spiral_rad(0.3), 1e-6 * np.ones((300, 2))
+    wide, usual = (
+        hexapod_rig(nominal_testbed(TestbedConfig(demand_limit_urad=limit)))
+        for limit in (1e3, None)
+    )
+    inputs, others = (one.fly(one.controller(), path).inputs for one in (wide, usual))
+    np.testing.assert_array_equal(inputs, others)
+    error, other = (one.predict(path, noise=noise).error for one in (wide, usual))
+    np.testing.assert_array_equal(error, other)
 
 
 def test_a_setting_of_many_is_the_setting_alone(model, loops):
     rng = np.random.default_rng(0)
-    plant = driven_plant(failed_plant(model, ()), rng.normal(size=(6, 2)) * 1e-3, 1e-3)
+    nominal = nominal_model(model, TestbedConfig())
+    plant, C = fault_model(nominal), nominal.plant.C
+    stage = Stage(plant.A, plant.B, gain=1e-2 * rng.normal(size=(6, 2)))
     reference = 1e-4 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
-    pushed = 1e-3 * rng.normal(size=(80, plant.ninputs - 2))
+    disturbance, start = 1e-6 * rng.normal(size=(80, 12)), 1e-6 * rng.normal(size=(3, 12))
     limit, held = np.array([1e-4, 2e-4, np.inf]), np.array([True, False, True])
-    compensators = [loop.discrete for loop in loops]
-    many = limited_response(plant, compensators, reference, pushed, limit, held)
+
+    def states(which: Any) -> Array:
+        how = {"limit": limit[which], "anti_windup": held[which], "start": start[which]}
+        ticks = steps([stage], C, loops, reference[which], disturbance=disturbance, **how)
+        return np.stack([tick.x for tick in ticks], axis=-2)
+
+    many = states(slice(None))
     for k in range(3):
-        one = slice(k, k + 1)
-        alone = limited_response(plant, compensators, reference[one], pushed, limit[one], held[one])
-        np.testing.assert_allclose(many[one], alone, rtol=1e-12, atol=1e-20)
+        np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-20)
 
 
 def test_any_fast_linear_loop_gives_139_and_115_percent_whatever_its_compensators(model):
@@ -175,11 +158,10 @@ def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model,
     """At the focus it is the bench; off it, W_e, which hardly translates, hardly errs."""
     at_focus = beam_walk_urad(model, TestbedConfig(), loops, 0.0, 0)
     for k, failures in ((0, ()), (3, LOCK_1)):
-        expected = predicted_error_rad(
-            Testbed(model, TestbedConfig(), loops), SpiralRun(W_A, failures)
-        )
-        assert expected is not None
-        np.testing.assert_allclose(at_focus[k, 0], 1e6 * rms(expected), rtol=1e-6)
+        path = TestbedConfig().spiral_rad()
+        noise = detector_noise_rad(TestbedConfig(), 0, len(path))
+        expected = hexapod_rig().predict(path, failures=failures, told=False, noise=noise)
+        np.testing.assert_allclose(at_focus[k, 0], 1e6 * expected.rms, rtol=1e-4)
     off = beam_walk_urad(model, TestbedConfig(), loops, -1.0, 0)
     W_d, W_e = COLUMNS.index("W_d"), COLUMNS.index("W_e")
     assert np.all(off[W_e, 0] < 1.05 * at_focus[W_e, 0])
@@ -189,14 +171,11 @@ def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model,
 
 
 @pytest.mark.long
-def test_a_limit_wider_than_the_spiral_is_far_from_the_last_column(model, loops):
+def test_a_limit_wider_than_the_spiral_is_far_from_the_last_column():
     bench = replace(CONFIGURATIONS["demand-limit"].bench, demand_limit_urad=120.0)
-    run = BENCH.run("W_a_uncorrected", 0)
-    error = predicted_error_rad(
-        Testbed(model, bench, loops), SpiralRun(run.goal, run.failures, seed=0)
-    )
-    assert error is not None
-    miss = 1e6 * rms(error) / TABLE_I_URAD["W_a_uncorrected"] - 1
+    rig, path = hexapod_rig(nominal_testbed(bench)), bench.spiral_rad()
+    found = rig.predict(path, failures=LOCK_1, told=False, noise=np.zeros_like(path))
+    miss = 1e6 * found.rms / TABLE_I_URAD["W_a_uncorrected"] - 1
     assert np.abs(miss).max() > 0.3
 
 

@@ -5,24 +5,21 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from experiments.rig.hexapod.prediction import linear_loop
 
-from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.fault_tolerance import HEAVE
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.prediction import linear_loop
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.fdi.uncertainty import STEP, TYPICAL, perturbed
-from ftc.goal import Goal
 from ftc.linear_loop import simulate
-from sim import load_model
 
-MODEL, BENCH = load_model(), TestbedConfig()
-LOOPS = nominal_loops(MODEL, BENCH)
+BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
-ANGLES = nominal_model(MODEL, BENCH)
+ANGLES = RIG.nominal
 ONSET = 1500
 CONFIG = replace(DEFAULT_CONFIG, dither_hz=DITHER.frequency_hz)
 
@@ -39,9 +36,7 @@ def drawn(nominal: NominalModel, seed: int) -> NominalModel:
 
 def flown(seed: int, fault: Fault | None, duration_s: float = 1.9, late: int = 1):
     """Commands that came before each tick, and outputs, of a drawn plant with late commands."""
-    testbed = Testbed(MODEL, BENCH, LOOPS)
-    goal = Goal(joint_weight=(1.0,) * 6)
-    loop = linear_loop(testbed, goal, DITHER, begin_s=6.0, duration_s=duration_s)
+    loop = linear_loop(RIG, BENCH.spiral_rad(duration_s, begin_s=6.0), DITHER)
     loop = replace(loop, nominal=drawn(ANGLES, seed))
     states, sent = simulate(loop, [] if fault is None else [fault], ONSET)
     rng = np.random.default_rng(seed)

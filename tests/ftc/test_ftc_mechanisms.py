@@ -16,7 +16,7 @@ from ftc.control.geometry import LocalGeometry
 from ftc.control.mapping import PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
-from ftc.linear_loop import Stage, closed_loop, steps
+from ftc.linear_loop import Stage, steps
 from ftc.oracle import NEVER, OracleController
 from prioritized import ConstrainedSystem
 from sim import HEXAPOD_MJCF, Failure, Plant, jacobians, linearize, load_model
@@ -196,6 +196,7 @@ def test_the_stepped_loop_is_the_linear_one_of_python_control():
     """Where nothing saturates and nothing fails."""
     B = LINEAR.B @ mapping().major_gain()
     P = control.c2d(control.ss(LINEAR.A, B, LINEAR.C_twist[MAJOR], 0), PERIOD_S, "zoh")
-    T = closed_loop(P, [each.discrete for each in COMPENSATORS])
+    L = P * control.append(*(each.discrete for each in COMPENSATORS))
+    T = control.feedback(L, np.eye(L.noutputs))
     linear = np.asarray(control.forced_response(T, _TIME_S, REFERENCE.T).outputs).T
     np.testing.assert_allclose(predicted_m(), linear, rtol=1e-8, atol=1e-14)

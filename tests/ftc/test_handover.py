@@ -4,13 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from experiments.rig.hexapod.simulation import SpiralRun, track_path, track_spiral
 
 from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
-from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.controller import StrutMapping, controller_for
+from experiments.rig.hexapod.fault_tolerance import HEAVE
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import TestbedConfig
 from ftc.control.mapping import DisplacementForm
 from ftc.controller import BumplessTransfer, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
@@ -18,18 +17,15 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from ftc.reconfiguration import goal_after, lost_displacement
-from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
+from sim import NOMINAL, Failure, hexapod, pointing_angles
 
-MODEL, BENCH = load_model(), TestbedConfig()
-LOOPS = nominal_loops(MODEL, BENCH)
-TESTBED = Testbed(MODEL, BENCH, LOOPS)
+BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
 EQUAL = Goal(joint_weight=(1.0,) * 6)
-J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
+J = np.linalg.inv(hexapod(RIG.model).inverse_jacobian(NOMINAL))
 DESIRED = np.array([6e-5, -3e-5])
 LSB_PERCENT = 100 / 2**15
-SOUND = nominal_model(MODEL, BENCH)
-RIG = rig_of(TESTBED)
+SOUND = RIG.nominal
 PILOT = RIG.supervisor(None)
 
 GOALS = {
@@ -41,7 +37,7 @@ GOALS = {
 
 
 def controller(goal: Goal, form: DisplacementForm = "absolute") -> PrioritizedController:
-    return controller_for(TESTBED, goal, jacobian="constant", form=form)
+    return controller_for(RIG.control.testbed, goal, jacobian="constant", form=form)
 
 
 def steady(pilot, state, ticks: int, secondary_reference=None):
@@ -184,15 +180,14 @@ def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_com
 @pytest.mark.long
 def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
     """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
-    failure = [Failure(0, "locked", 3.0)]
-    unaware = SpiralRun(EQUAL, failure, jacobian="constant", duration_s=3.3)
-    fault_unaware = track_spiral(TESTBED, unaware)
-    stuck_m = float(fault_unaware.strut_displacement_m[3000, 0])
-    told = Goal(EQUAL.joint_weight, locked_at={0: stuck_m})
-    run = track_spiral(TESTBED, replace(unaware, reconfigured=told))
-    error = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+    failures, path = [Failure(0, "locked", 3.0)], BENCH.spiral_rad(3.3)
+    fault_unaware = RIG.fly(RIG.controller(EQUAL), path, failures=failures)
+    stuck_m = float(fault_unaware.displacement[3000, 0])
+    told = RIG.reconfigured(EQUAL, Goal(EQUAL.joint_weight, locked_at={0: stuck_m}), 3.0)
+    run = RIG.fly(told, path, failures=failures)
+    error = 1e6 * np.linalg.norm(run.error, axis=1)
     assert error[3000:].max() < 1.3 * error[2500:3000].max()
-    step = np.abs(np.diff(run.strut_input_percent[2990:3010], axis=0))[:, 1:]
+    step = np.abs(np.diff(run.inputs[2990:3010], axis=0))[:, 1:]
     assert step.max() < 5 * LSB_PERCENT
 
 
@@ -379,14 +374,16 @@ def test_a_second_failure_soon_after_the_first_is_found_too():
     """A fifth of a second later: the first diagnosis is not settled yet."""
     pilot = RIG.supervisor(DITHER)
     failures = [Failure(1, "locked", 7.0), Failure(5, "free", 7.2)]
-    run, state = track_path(TESTBED, pilot, failures=failures, begin_s=6.3, duration_s=2.0, seed=3)
+    path = BENCH.spiral_rad(2.0, begin_s=6.3)
+    run = RIG.fly(pilot, path, failures=failures, begin_s=6.3, seed=3)
+    state = run.state
     found = {(each.fault.actuator, each.fault.kind) for each in state.standing}
     assert found == {(1, "locked"), (5, "free")}
     assert not state.task_lost and not state.watch.unexplained
     # A lock is no reason for any other strut to step; its own command stays.
     named = next(each.tick for each in state.diagnoses if each.fault.actuator == 1)
-    step = np.abs(np.diff(run.strut_input_percent, axis=0))
+    step = np.abs(np.diff(run.inputs, axis=0))
     usual = step[500:600].max()
     assert np.delete(step[named - 1 : named + 1], 1, axis=1).max() < 1.5 * usual
-    error = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+    error = 1e6 * np.linalg.norm(run.error, axis=1)
     assert error[-300:].max() < 1.5 * error[500:700].max()

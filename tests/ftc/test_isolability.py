@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from experiments.rig.hexapod.prediction import linear_loop
 
-from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.prediction import linear_loop
 from ftc.fdi.design.isolability import distances as from_causes
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
@@ -14,17 +14,18 @@ from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
 from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, TYPICAL, Uncertainty
-from ftc.goal import Goal
-from ftc.linear_loop import simulate
-from sim import load_model
+from ftc.linear_loop import LinearLoop, simulate
 
-MODEL, BENCH = load_model(), TestbedConfig()
-LOOPS = nominal_loops(MODEL, BENCH)
+BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
-ANGLES = nominal_model(MODEL, BENCH)
-GAUGES = nominal_model(MODEL, BENCH, strut_sensors=True)
+ANGLES, GAUGES = RIG.nominal, nominal_model(RIG.model, BENCH, strut_sensors=True)
 ONSET = 1500
 STRUT_1 = np.eye(6)[0]
+
+
+def dithered(duration_s: float, dither: Dither = DITHER) -> LinearLoop:
+    """The loop on a part of the spiral from 6 s on."""
+    return linear_loop(RIG, BENCH.spiral_rad(duration_s, begin_s=6.0), dither)
 
 
 def distances(
@@ -35,10 +36,8 @@ def distances(
     uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[np.ndarray, float]:
     """Of a failure at 1.5 s of a spiral, after so many ticks."""
-    goal, until = Goal(joint_weight=(1.0,) * 6), ONSET + ticks
-    testbed = Testbed(MODEL, BENCH, LOOPS)
-    duration_s = (until + 1) * BENCH.control_period_s
-    loop = linear_loop(testbed, goal, dither, begin_s=6.0, duration_s=duration_s)
+    until = ONSET + ticks
+    loop = dithered((until + 1) * BENCH.control_period_s, dither)
     states, commanded = simulate(loop, [fault], ONSET)
     return isolability(seen, fault, ONSET, states[:until], commanded[:until], uncertainty)
 
@@ -72,9 +71,8 @@ def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
 
 def test_the_distance_from_no_failure_is_that_of_the_outputs():
     """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
-    goal, fault = Goal(joint_weight=(1.0,) * 6), Fault(0, "free")
-    loop = linear_loop(Testbed(MODEL, BENCH, LOOPS), goal, DITHER, begin_s=6.0, duration_s=1.7)
-    states, commanded = simulate(loop, [fault], ONSET)
+    fault = Fault(0, "free")
+    states, commanded = simulate(dithered(1.7), [fault], ONSET)
     sound = fault_model(ANGLES)
     apart = (states - sound.states(commanded)[:-1]) @ sound.C.T
     _, found = isolability(ANGLES, fault, ONSET, states, commanded)
@@ -116,10 +114,9 @@ def test_pointing_does_not_see_the_heave_and_sees_each_strut_that_leaves_it(hz):
 )
 def test_what_is_no_failure_is_far_from_every_failure(cause, commands, scale):
     """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
-    until, goal = ONSET + 200, Goal(joint_weight=(1.0,) * 6)
-    loop = linear_loop(Testbed(MODEL, BENCH, LOOPS), goal, DITHER, begin_s=6.0, duration_s=1.71)
+    until = ONSET + 200
     since_s = ((np.arange(until) - ONSET) * ANGLES.period_s)[:, None]
-    commanded = simulate(loop, [], ONSET)[1][:until]
+    commanded = simulate(dithered(1.71), [], ONSET)[1][:until]
     sound, bank = fault_model(ANGLES), hypothesis_bank(ANGLES, (), TYPICAL, 4)
     moved = sound.states(commands(since_s, commanded))[:-1] @ sound.C.T
     outputs = moved * np.where(since_s < 0, 1.0, scale)

@@ -8,8 +8,10 @@ from scipy.optimize import minimize
 
 from experiments.jacobian.loop import (
     GROWN,
+    GROWTHS,
     RECORDED,
     VARIANTS,
+    Growth,
     Visited,
     extra_percent,
     follow,
@@ -20,13 +22,7 @@ from experiments.jacobian.loop import (
 from experiments.jacobian.loop_results import loop_checks
 from experiments.rig.hexapod.columns import COLUMNS, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.testbed import (
-    GROWTHS,
-    Growth,
-    TestbedConfig,
-    grown_bench,
-    grown_machine,
-)
+from experiments.rig.hexapod.rig import nominal_testbed
 from ftc.control.local_mapping import PreviousCommand
 from ftc.goal import Goal
 from sim import (
@@ -217,22 +213,23 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     assert loop_gain_error(constant, np.zeros((1, 6))) < 1e-12
 
 
-def test_a_grown_machine_has_longer_strokes_and_stronger_coils_and_is_otherwise_itself(model):
-    growth = Growth(100, 300)
-    grown, bench = grown_machine(model, growth), grown_bench(TestbedConfig(), growth)
+def test_a_grown_machine_has_longer_strokes_and_stronger_coils_and_is_otherwise_itself():
+    testbed = nominal_testbed()
+    scaled, model = testbed.scaled(stroke=100, spiral=300), testbed.model
+    grown, bench = scaled.model, scaled.bench
     for k in range(6):
         joint = model.actuator_trnid[k, 0]
         np.testing.assert_allclose(grown.jnt_range[joint], 100 * model.jnt_range[joint])
         assert grown.actuator_forcerange[k, 1] == 100 * model.actuator_forcerange[k, 1]
-    assert bench.spiral_radius_urad == 300 * TestbedConfig().spiral_radius_urad
-    assert bench.amplifier_limit_a == 100 * TestbedConfig().amplifier_limit_a
+    assert bench.spiral_radius_urad == 300 * testbed.bench.spiral_radius_urad
+    assert bench.amplifier_limit_a == 100 * testbed.bench.amplifier_limit_a
     np.testing.assert_array_equal(grown.jnt_stiffness, model.jnt_stiffness)
     plant = Plant(grown)
     far = np.zeros(6)
     far[0] = 0.01
     plant.step(far, 1.0)
     assert plant.displacements()[0] == pytest.approx(0.01, rel=0.01)
-    assert load_model().jnt_range[model.actuator_trnid[0, 0], 1] < 1e-3  # the original is as it was
+    assert model.jnt_range[model.actuator_trnid[0, 0], 1] < 1e-3  # the original is as it was
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from experiments.app.live.flight import Flight
 from experiments.rig import Rig, Run
 from experiments.rig.choices import SOUND
 from experiments.rig.events import Event
+from experiments.rig.events.effects import Effect
 from experiments.rig.events.hooks import Hooks
-from experiments.rig.events.target import Effect
 from sim import HEXAPOD_MJCF, Failure, Pose
 
 SEED, ON_THE_WAY = 3, 0.61

@@ -373,14 +373,16 @@ def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     )
     from experiments.jacobian.variation import relative_change
     from experiments.rig.hexapod.controller import StrutMapping
-    from experiments.rig.hexapod.testbed import Growth, TestbedConfig, grown_bench
-    from sim import hexapod, load_model
+    from experiments.rig.hexapod.rig import nominal_testbed
+    from sim import hexapod
 
-    geometry, goal = hexapod(load_model()), BY_NAME[GROWN].goal
+    testbed, goal = nominal_testbed(), BY_NAME[GROWN].goal
+    geometry = hexapod(testbed.model)
     constant = StrutMapping(geometry, goal, "constant")
     time_s = np.arange(0, 16, STRIDE_S)
-    for label, growth in {"x1": Growth(1, 1), "x100": Growth(100, 100)}.items():
-        visited = follow(constant, grown_bench(TestbedConfig(), growth).desired_rad(time_s))
+    for label, times in {"x1": 1, "x100": 100}.items():
+        bench = testbed.scaled(stroke=times, spiral=times).bench
+        visited = follow(constant, bench.desired_rad(time_s))
         off = extra_percent(geometry, goal, visited)
         e = relative_change(geometry, visited.strut_m, "frobenius").max()
         gain = 100 * loop_gain_error(constant, visited.strut_m)

@@ -23,7 +23,7 @@ import numpy as np
 
 from experiments.rig import Rig, Run
 from experiments.rig.dither import dither_of
-from experiments.rig.mjcf import RobotRig
+from experiments.rig.run import rms
 from experiments.study.provenance import commit
 from experiments.study.study import WrongInput
 from experiments.track.failures import learnt_s, uncompared
@@ -169,7 +169,7 @@ class Trial:
 
         Of all, where it never remains so.
         """
-        system, major = self.rig.track.system, list(self.rig.major)
+        system, major = self.rig.control.system, list(self.rig.major)
         moves = np.linalg.norm(system.kinematics().J[major], axis=0)
         order = np.argsort(-np.round(moves, 9), kind="stable").tolist()
 
@@ -180,12 +180,12 @@ class Trial:
         return next((k for k in order if moves[k] > 0 and spared(k)), order[0])
 
     @property
-    def rig(self) -> RobotRig:
+    def rig(self) -> Rig:
         """The robot with its loops; torque motors and velocity servos become position servos."""
         return self._rig_and_pins[0]
 
     @cached_property
-    def _rig_and_pins(self) -> tuple[RobotRig, list[str]]:
+    def _rig_and_pins(self) -> tuple[Rig, list[str]]:
         """The rig; where it is refused for what it stands on, with the pins that the refusal names.
 
         The major rows are then the first that remain.
@@ -202,11 +202,9 @@ class Trial:
                 return self._rig(pins, rows), pins
         return self._rig(pins, ROWS[-1]), pins
 
-    def _rig(self, pins: list[str], rows: tuple[int, ...]) -> RobotRig:
+    def _rig(self, pins: list[str], rows: tuple[int, ...]) -> Rig:
         given = {"site": self.task.frame, "major": rows, "pinned": pins}
-        rig = Rig.of_mjcf(self.file, **given, servo_hz=servo_hz(self.model))
-        assert isinstance(rig, RobotRig)
-        return rig
+        return Rig.of_mjcf(self.file, **given, servo_hz=servo_hz(self.model))
 
     def _flown(self, failures: tuple[Failure, ...]) -> dict[str, Any]:
         """A flight with a diagnosing controller, beside what was predicted.
@@ -219,9 +217,8 @@ class Trial:
         run = rig.fly(rig.supervisor(dither), path, failures=failures)
         told, noise = learnt_s(rig, run, failures), run.measured - run.true
         predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
-        after = run.time_s >= (FAILS_S if failures else 0.0) - 1e-9
         of_model = predicted.rms_after if failures else predicted.rms_before
-        measured = np.sqrt(((run.desired - run.true)[after] ** 2).mean(axis=0))
+        measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
         return {
             "measured": measured.tolist(),
             "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from scipy.spatial.transform import Rotation
 
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.hexapod.testbed import TestbedConfig
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from sim import (
@@ -120,17 +120,16 @@ def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
 
 
 @pytest.mark.long
-def test_a_saturated_amplifier_shows_in_the_run(model):
+def test_a_saturated_amplifier_shows_in_the_run():
     """Half a per cent of the current: the spiral outgrows it."""
-    bench, goal = TestbedConfig(), Goal(joint_weight=EQUAL)
+    bench = TestbedConfig()
     weak = replace(bench, amplifier_limit_a=0.005 * bench.dac_full_input_a)
-    loops = nominal_loops(model, bench)
-    spiral = SpiralRun(goal, duration_s=4.0)
-    full, cut = (track_spiral(Testbed(model, b, loops), spiral) for b in (bench, weak))
-    assert np.abs(full.strut_input_percent).max() > 0.5
+    rigs = [hexapod_rig(nominal_testbed(each)) for each in (bench, weak)]
+    full, cut = (one.fly(one.controller(), bench.spiral_rad(4.0)) for one in rigs)
+    assert np.abs(full.inputs).max() > 0.5
     limit_m = 0.005 * 0.000635
-    assert np.abs(cut.strut_displacement_m).max() < 1.1 * limit_m
-    assert np.abs(full.strut_displacement_m).max() > 1.1 * limit_m
+    assert np.abs(cut.displacement).max() < 1.1 * limit_m
+    assert np.abs(full.displacement).max() > 1.1 * limit_m
 
 
 def test_the_spiral_starts_at_the_centre_and_ends_after_eight_turns_at_its_radius():
@@ -231,14 +230,12 @@ def test_a_controller_step_is_a_pure_function(model):
     assert np.abs(once.compensator).max() > 0
 
 
-def test_the_same_seed_gives_the_same_run_to_the_bit_and_another_does_not(model):
-    bench = TestbedConfig()
-    testbed = Testbed(model, bench, nominal_loops(model, bench))
-    spiral = SpiralRun(Goal(joint_weight=EQUAL), duration_s=0.2)
-    first, second, other = (track_spiral(testbed, replace(spiral, seed=seed)) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(first.true_rad, second.true_rad)
-    np.testing.assert_array_equal(first.measured_rad, second.measured_rad)
-    assert np.any(first.measured_rad != other.measured_rad)
+def test_the_same_seed_gives_the_same_run_to_the_bit_and_another_does_not():
+    one, path = hexapod_rig(), TestbedConfig().spiral_rad(0.2)
+    first, second, other = (one.fly(one.controller(), path, seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.true, second.true)
+    np.testing.assert_array_equal(first.measured, second.measured)
+    assert np.any(first.measured != other.measured)
 
 
 def test_a_pose_moves_along_the_manifold():

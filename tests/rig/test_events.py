@@ -4,7 +4,7 @@ Inputs here are of a pilot that looks at nothing, so that what follows is the ma
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ import pytest
 
 from experiments.recover.event_row import Holding
 from experiments.rig import Rig, Run
-from experiments.rig.events import EVENTS, Event, actuator, events_of, machine, sensor
-from experiments.rig.events.hooks import EFFECTS
+from experiments.rig.events import EVENTS, Event, effects
+from experiments.rig.events.hooks import events_of
+from experiments.rig.run import tick_of
 from experiments.study.study import WrongInput
 from ftc.oracle import NEVER
 from sim import HEXAPOD_MJCF, Failure, Reading
@@ -155,8 +156,7 @@ def forces(events: Sequence[Event], ticks: int, hz: float = 0.0) -> np.ndarray:
     return np.array(log.force[1:])
 
 
-def test_each_event_is_described_and_has_an_effect():
-    assert EFFECTS.keys() == EVENTS.keys()
+def test_each_event_says_what_it_is_of():
     assert {kind.of for kind in EVENTS.values()} == {"actuator", "supply", "machine", "sensor"}
     for kind in EVENTS.values():
         assert kind.of != "sensor" or not kind.named_as + kind.failures
@@ -199,24 +199,25 @@ def quiet_of(name: str) -> Run:
 
 
 WITHOUT_SIZE = {
-    "sag": partial(actuator.sag, part=1.0),
-    "ripple": partial(actuator.ripple, part=0.0, frequency_hz=100.0),
-    "strong": partial(actuator.strong, gain=1.0),
-    "rubbing": partial(actuator.rubbing, part=0.0),
-    "damped": partial(actuator.damped, times=1.0),
-    "push": partial(machine.pushed, weights=0.0),
-    "tilt": partial(machine.tilt, rad_per_s=0.0),
-    "heavier": partial(machine.heavier, factor=1.0),
-    "noisy": partial(sensor.noisy, times=1.0),
-    "scale": partial(sensor.scaled, factor=1.0),
-    "late": partial(sensor.late, ticks=0),
-    "dropped": partial(sensor.dropped, part=0.0),
+    "sag": partial(effects.supply, mean=1.0),
+    "ripple": partial(effects.supply, ripple=0.0),
+    "strong": partial(effects.scaled_force, gain=1.0),
+    "rubbing": partial(effects.rubbing, part=0.0),
+    "damped": partial(effects.damped, times=1.0),
+    "push": partial(effects.pushed, parts=0.0),
+    "tilt": partial(effects.tilting_floor, rad_per_s=0.0),
+    "heavier": partial(effects.scaled_mass, factor=1.0),
+    "noisy": partial(effects.noisy, times=1.0),
+    "scale": partial(effects.scaled, factor=1.0),
+    "late": partial(effects.late, ticks=0),
+    "dropped": partial(effects.missing, part=0.0),
 }
 
 
 @pytest.mark.parametrize("name", WITHOUT_SIZE)
 def test_an_event_of_no_size_changes_nothing(name, monkeypatch):
-    monkeypatch.setitem(EFFECTS, name, WITHOUT_SIZE[name])
+    kind = replace(EVENTS[name], effect=WITHOUT_SIZE[name])
+    monkeypatch.setitem(EVENTS, name, kind)
     assert not differ(flown(rig("hexapod"), [event(name)]), quiet("hexapod")).size
 
 
@@ -225,6 +226,14 @@ def test_a_failure_is_the_same_as_an_event(name):
     as_failure = flown(rig("hexapod"), None, failures=[Failure(2, name, ONSET * 1e-3)])
     assert not differ(one_event(name), as_failure).size
     assert one_event(name).failures == as_failure.failures
+
+
+@pytest.mark.parametrize(
+    ("time_s", "tick"), [(0.0, 0), (0.07, 70), (0.07 + 1e-12, 70), (0.0701, 71), (-0.0015, -1)]
+)
+def test_a_time_is_at_the_first_tick_after_it(time_s, tick):
+    """Rounded, seven times 0.01 is 0.07, and 70.00000000000001 ticks of a millisecond are 70."""
+    assert tick_of(time_s, 1e-3) == tick
 
 
 def test_times_count_from_the_first_tick_of_the_path_and_what_was_is_before_the_lead_in():

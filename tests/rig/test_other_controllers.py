@@ -15,7 +15,6 @@ import control
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.app.cli import main
 from experiments.recover import runs as recover_runs
@@ -24,10 +23,10 @@ from experiments.recover.checks import checks
 from experiments.recover.comparison import controller_checks
 from experiments.recover.plan import Counts, FlightPlan
 from experiments.recover.row import other_columns, row_of
+from experiments.rig import Rig
 from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.rig import hexapod_rig, pursuing
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.other_controller import fly_with
 from experiments.study.controllers import controller_factory, controller_label
 from experiments.study.results import Results
@@ -77,9 +76,8 @@ def folder(tmp_path_factory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def testbed(model) -> Testbed:
-    bench = TestbedConfig()
-    return Testbed(model, bench, nominal_loops(model, bench))
+def rig() -> Rig:
+    return hexapod_rig()
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +129,10 @@ def test_labels_are_names_of_files():
 # The task, and the examples on a linear plant.
 
 
-def test_the_task_holds_the_machine_without_its_failures(testbed):
+def test_the_task_holds_the_machine_without_its_failures(rig):
     """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
     known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
-    task = rig_of(testbed, known).task
+    task = pursuing(rig, known).task
     gain = -task.nominal.plant.C @ np.linalg.solve(task.nominal.plant.A, task.nominal.plant.B)
     np.testing.assert_allclose(gain, task.major_jacobian, atol=4e-3 * np.abs(gain).max())
     assert task.goal == known and task.period_s == 1e-3
@@ -143,10 +141,10 @@ def test_the_task_holds_the_machine_without_its_failures(testbed):
 
 @pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
 @pytest.mark.parametrize("locked", [(), (0,)])
-def test_the_examples_reach_a_constant_reference_without_error(testbed, examples, name, locked):
+def test_the_examples_reach_a_constant_reference_without_error(rig, examples, name, locked):
     """Integral action, on the linear plant: zero on average, since the converters quantize."""
     goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
-    task = rig_of(testbed, goal).task
+    task = pursuing(rig, goal).task
     plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
 
     class Machine:
@@ -164,15 +162,13 @@ def test_the_examples_reach_a_constant_reference_without_error(testbed, examples
     assert not run.inputs[:, list(locked)].any()
 
 
-def test_another_controller_meets_the_same_noise(testbed):
+def test_another_controller_meets_the_same_noise(rig):
     """Measured less true angle, tick by tick: equal up to the angles' own round-off."""
-    column, span = COLUMNS[0], {"seed": 3, "duration_s": SHORT_S}
-    ours = track_spiral(testbed, SpiralRun(column.goal, **span))
-    path = testbed.bench.desired_rad(testbed.bench.time_s(SHORT_S))
-    rig, theirs = rig_of(testbed, column.goal), "page_examples:PseudoInverse"
-    flown, failure = fly_with(rig, theirs, path, seed=3)
+    path = TestbedConfig().spiral_rad(SHORT_S)
+    ours = rig.fly(rig.controller(), path, seed=3)
+    theirs, failure = fly_with(rig, "page_examples:PseudoInverse", path, seed=3)
     assert failure is None
-    own, other = ours.measured_rad - ours.true_rad, flown.measured - flown.true
+    own, other = ours.measured - ours.true, theirs.measured - theirs.true
     assert own.std() > 2e-7
     np.testing.assert_allclose(other, own, atol=1e-12)
 
@@ -238,11 +234,12 @@ def test_the_figure_of_both_controllers_is_legible(compared, faults_of_figures):
     assert faults_of_figures("controller") == []
 
 
-def test_our_columns_are_those_without_another_controller(compared, testbed):
-    column = COLUMNS[3]
-    alone = track_spiral(testbed, SpiralRun(column.goal, column.failures, duration_s=SHORT_S))
+def test_our_columns_are_those_without_another_controller(compared, rig):
+    column, path = COLUMNS[3], TestbedConfig().spiral_rad(SHORT_S)
+    own = pursuing(rig, column.goal, jacobian="analytic")
+    alone = own.fly(own.controller(), path, failures=column.failures)
     with np.load(compared["out"] / "W_d.npz") as data:
-        assert np.array_equal(data["true_rad"], alone.true_rad)
+        assert np.array_equal(data["true_rad"], alone.true)
     assert all(not {"controller", "failure"} & set(each) for each in compared["columns"][:6])
     ours = compared | {"columns": compared["columns"][:6]}
     assert table1_results.table(ours) == table1_results.table(compared)

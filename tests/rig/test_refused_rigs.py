@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.recording.flight import record
+from experiments.recording.record import record
 from experiments.rig import Mismatch, Rig
 from experiments.rig.events import Event
 from experiments.rig.rig import LARGEST_DISPLACEMENT
@@ -37,8 +37,7 @@ def holds(one: Rig) -> bool:
     path = one.path("circle", duration_s=0.3, turn_s=0.3)
     run = one.fly(one.controller(), path)
     predicted = one.predict(path, noise=run.measured - run.true).rms_before
-    rms = np.sqrt(((run.desired - run.true) ** 2).mean(axis=0))
-    return bool(np.linalg.norm(rms) == pytest.approx(np.linalg.norm(predicted), rel=0.1))
+    return bool(np.linalg.norm(run.rms()) == pytest.approx(np.linalg.norm(predicted), rel=0.1))
 
 
 def test_servos_that_overshoot_in_a_physics_step_are_refused_with_steps_that_do_not(tmp_path):
@@ -126,7 +125,7 @@ def hexapod(method: str, **good: Any) -> list[Target]:
 def flown(**given: Any) -> Any:
     """A flight of the hexapod with its plain controller, unless there is another."""
     one = known_rig("hexapod")
-    return one.fly(**{"pilot": one.controller(), "path": np.zeros((3, 2))} | given)
+    return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
 
 
 def hooked(**hooks: Any) -> SimpleNamespace:
@@ -165,6 +164,8 @@ VALUES = [
     (FLOWN, "lead_in_s", [*NUMBERS, -1, 1e9], "^lead_in_s must"),
     (PREDICTED, "told", [[], [None, None], [NAN], ["x"], [-1.0]], "^told must"),
     (PREDICTED, "noise", [NAN, "x", np.zeros((2, 2))], "^noise must"),
+    (PREDICTED, "start", [NAN, "x", np.zeros(5), np.zeros((3, 6))], "^start must"),
+    (PREDICTED, "floor_m_per_s2", [NAN, "x", np.zeros(3), np.zeros((2, 3))], "^floor_m_per_s2 m"),
     (HAPPENS, "name", ["bmp", ""], "^there is no event"),
     (HAPPENS, "time_s", [*NUMBERS, -1.0], "^time_s must"),
     (LOCKS, "actuator", [NAN, -1, 2.5, [0], True], "^actuator must"),
@@ -197,7 +198,7 @@ KINDS = [
     (LOADED, "limits", [None], "^limits must"),
     (LOADED, "cross_over", [5.0], "^there is no argument cross_over; did you mean .crossover"),
     (PATH, "name", [None, 5, ["circle"]], "^name must"),
-    (FLOWN, "pilot", [None, 5, "supervisor"], "^pilot must"),
+    (FLOWN, "controller", [None, 5, "supervisor"], "^controller must"),
     (FLOWN, "failures", [None, 5, "strut1", STRUCK[0], [None], ["strut1"]], "^failures must"),
     (FLOWN, "on_tick", [3, "x"], "^on_tick must"),
     (FLOWN, "events", ["bump", ["bump"]], r'^events must .*fjh\.Event\("bump", 1\.5\)'),

@@ -1,18 +1,17 @@
 """Table I on plants off the model: what is flown, what is charged to the controller, what fails."""
 
+import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from experiments.rig.hexapod.prediction import predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.metrics import each_angle
-from experiments.rig.hexapod.mismatch import ALL, mismatched
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.rig import hexapod_rig, pursuing
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.quantity import checks_of, entry_of
 from experiments.table1.quantities import MISMATCHED
 from experiments.table1.robustness import (
@@ -20,47 +19,39 @@ from experiments.table1.robustness import (
     TOLERANCE,
     MismatchedRun,
     measured,
-    mismatched_flights,
+    mismatched_rigs,
     robustness,
     robustness_checks,
 )
-from sim import load_model
 
-RUNS = {column.name: SpiralRun(column.goal, column.failures, seed=7) for column in COLUMNS}
-
-
-@pytest.fixture(scope="module")
-def testbed(model) -> Testbed:
-    bench = TestbedConfig()
-    return Testbed(model, bench, nominal_loops(model, bench))
+RIG = hexapod_rig()
 
 
-def test_every_column_flown_has_a_plant_of_its_own(testbed):
-    flights = mismatched_flights(testbed, RUNS, quick=False)
-    assert tuple(flights) == REPRESENTATIVE
-    gains = [flights[name][0].machine.model.actuator_gainprm[:, 0] for name in flights]
-    assert len({tuple(each) for each in gains}) == len(flights)
-    assert tuple(mismatched_flights(testbed, RUNS, quick=True)) == REPRESENTATIVE[:1]
-    servos = load_model()
+def test_every_column_has_a_plant_of_its_own():
+    rigs = {column.name: pursuing(RIG, column.goal) for column in COLUMNS}
+    found = mismatched_rigs(rigs, 7, quick=False)
+    assert tuple(found) == REPRESENTATIVE
+    gains = [rig.machine.model.actuator_gainprm[:, 0] for rig in found.values()]
+    assert len({tuple(each) for each in gains}) == len(found)
+    assert tuple(mismatched_rigs(rigs, 7, quick=True)) == REPRESENTATIVE[:1]
+    servos = copy.copy(RIG.model)
     servos.jnt_stiffness[servos.actuator_trnid[:, 0]] = 0.0
-    assert not mismatched_flights(replace(testbed, model=servos), RUNS, quick=False)
+    without = {name: replace(rig, model=servos) for name, rig in rigs.items()}
+    assert not mismatched_rigs(without, 7, quick=False)
 
 
-def test_the_drift_of_the_detectors_zero_is_not_charged_and_the_floor_is_expected(testbed):
-    machine = mismatched(testbed, ALL, 3)
-    run = replace(RUNS["W_a"], duration_s=0.3, jacobian="constant")
-    flown = track_spiral(testbed, run)
-    zero = machine.machine.zero_rad(300, 1e-3)
-    perfect = replace(flown, true_rad=flown.desired_rad - zero)
-    found = measured("W_a", machine, run, perfect)
+def test_the_drift_of_the_detectors_zero_is_not_charged_and_the_floor_is_expected():
+    drawn, path = RIG.drawn("all", 3), TestbedConfig().spiral_rad(0.3)
+    run = RIG.fly(RIG.controller(), path)
+    perfect = replace(run, true=path - drawn.machine.zero_rad(300))
+    found = measured("W_a", drawn, COLUMNS[0], perfect, 7)
     np.testing.assert_allclose(found.rms_rad, 0.0, atol=1e-20)
-    floor = machine.machine.floor(300, 1e-3)
-    expected = predicted_error_rad(testbed, replace(run, floor_m_per_s2=floor))
-    assert expected is not None
-    np.testing.assert_allclose(found.predicted_rad, np.sqrt((expected**2).mean(axis=0)))
-    still = predicted_error_rad(testbed, run)
-    assert still is not None
-    assert (found.predicted_rad > 1.1 * np.sqrt((still**2).mean(axis=0))).any()
+    noise, floor = detector_noise_rad(TestbedConfig(), 7, 300), drawn.machine.floor(300)
+    expected, still = (
+        RIG.predict(path, noise=noise, floor_m_per_s2=each).rms for each in (floor, None)
+    )
+    np.testing.assert_allclose(found.predicted_rad, expected)
+    assert (found.predicted_rad > 1.1 * still).any()
 
 
 ANGLES = each_angle(*MISMATCHED)

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M, pointing_rms_urad
+from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
@@ -230,16 +230,19 @@ def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_
     half.opt.timestep /= 2
     testbed = Testbed(half, TestbedConfig(), nominal_loops(model, TestbedConfig()))
     # The constant Jacobian is cheaper, and moves no RMS by more than 5e-5 urad.
-    asked = [SpiralRun(c.goal, c.failures, jacobian="constant") for c in columns]
-    calls = [{"testbed": testbed, "run": run} for run in asked]
-    runs = in_parallel(track_spiral, calls, lambda done, total: None)
+    rig, path = hexapod_rig(testbed), testbed.bench.spiral_rad()
+    calls = [
+        {"controller": rig.controller(c.goal), "path": path, "failures": c.failures}
+        for c in columns
+    ]
+    runs = in_parallel(rig.fly, calls, lambda done, total: None)
     for column, run in zip(columns, runs, strict=True):
-        assert run.closure_residual_m.max() < CLOSURE_LIMIT_M
+        assert run.closure_max_m < CLOSURE_LIMIT_M
         told = table1["by_name"][column.name]
         whole = [told[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
-        np.testing.assert_allclose(pointing_rms_urad(run), whole, rtol=1e-4)
+        np.testing.assert_allclose(1e6 * run.rms(), whole, rtol=1e-4)
         # Another step is another run: the comparison is not one of a run with itself.
-        assert np.abs(pointing_rms_urad(run) - whole).min() > 0
+        assert np.abs(1e6 * run.rms() - whole).min() > 0
 
 
 @pytest.mark.parametrize("strut", range(6))

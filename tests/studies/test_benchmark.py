@@ -14,7 +14,6 @@ import pytest
 if sys.version_info >= (3, 14):
     pytest.skip("PlaCo cannot be installed", allow_module_level=True)
 
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from threadpoolctl import threadpool_limits
 
 from experiments.app.cli import main
@@ -332,7 +331,7 @@ def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch)
     testbed = Testbed(model, bench, nominal_loops(model, bench))
     loop = closed_loop.ClosedLoop(testbed, seconds=0.05, seed=0)
     monkeypatch.setattr(mujoco, "mj_step", counting)
-    track_spiral(testbed, SpiralRun(closed_loop.GOAL, duration_s=loop.seconds))
+    loop.run()
     assert counted == [loop.steps]
     loop.step()
     assert counted == [2 * loop.steps]
@@ -547,8 +546,8 @@ def test_the_replayed_controller_sends_what_it_sent_in_the_run(run, monkeypatch)
     tick, ticks = run.controlling(), len(run.run.time_s)
     for _ in range(ticks + 5):
         tick()
-    np.testing.assert_array_equal(sent[:ticks], run.run.strut_input_percent)
-    np.testing.assert_array_equal(sent[ticks:], run.run.strut_input_percent[:5])
+    np.testing.assert_array_equal(sent[:ticks], run.run.inputs)
+    np.testing.assert_array_equal(sent[ticks:], run.run.inputs[:5])
 
 
 def test_the_diagnosis_that_is_timed_looks_back_as_far_as_ever_and_has_no_alarm(run):

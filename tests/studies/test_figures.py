@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from experiments.rig.hexapod.simulation import Trajectory
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -29,6 +28,7 @@ from experiments.table1.figure import figure_4, figure_5, figure_6, figure_resul
 from sim import hexapod, load_model
 from sim.mjcf.model import HEXAPOD_MJCF
 from tests.figure_checks import overlapping_texts
+from tests.made import run_of
 from tests.on_paper import is_printed, text_box, touches
 from tests.printed import assert_printable, faults
 
@@ -352,15 +352,15 @@ def test_a_cell_of_the_map_is_the_condition_that_its_letters_say(portrait):
 
 
 def test_the_panels_of_figures_4_to_6_show_their_runs(runs):
-    trajectories = {name: Trajectory(**arrays) for name, arrays in runs.items()}
-    axes = figure_4(trajectories).axes
+    made = {name: run_of(arrays) for name, arrays in runs.items()}
+    axes = figure_4(made).axes
     for plane, panel, name in zip(axes[:3], axes[3:], ("W_a", "W_b", "W_c"), strict=True):
         assert plane.get_title() == f"$W_{name[-1]}$"
         assert_plane(plane, runs[name])
         assert panel.get_xlim() == (0, 16)
         for line, current in zip(panel.lines, runs[name]["strut_input_percent"].T, strict=True):
             np.testing.assert_array_equal(line.get_ydata(), current)
-    axes = figure_6(trajectories).axes
+    axes = figure_6(made).axes
     for (plane, *panels), name in zip((axes[:3], axes[3:]), ("W_d", "W_e"), strict=True):
         assert_plane(plane, runs[name])
         lines = [line for panel in panels for line in panel.lines]
@@ -371,12 +371,12 @@ def test_the_panels_of_figures_4_to_6_show_their_runs(runs):
                 line.get_ydata(), 1e6 * runs[name]["secondary"][:, column]
             )
     sound, locked = (runs[name] for name in ("W_a", "W_a_uncorrected"))
-    spiral, *both = figure_5(trajectories).axes
+    spiral, *both = figure_5(made).axes
     np.testing.assert_array_equal(spiral.lines[0].get_xydata(), 1e6 * locked["measured_rad"])
     assert_errors(both, locked)
     assert_errors(both, sound, line=1)
     for figure in (figure_4, figure_5, figure_6):
-        drawn = figure(trajectories)
+        drawn = figure(made)
         assert not any(panel.get_legend() for panel in drawn.axes)
         (legend,) = drawn.legends
         labels = [text.get_text() for text in legend.get_texts()]
@@ -386,10 +386,10 @@ def test_the_panels_of_figures_4_to_6_show_their_runs(runs):
 
 def test_the_titles_of_figures_4_and_6_are_those_of_table_i(runs, table1):
     """Numbers of the JSON file, which other code computes."""
-    trajectories = {name: Trajectory(**arrays) for name, arrays in runs.items()}
+    made = {name: run_of(arrays) for name, arrays in runs.items()}
     column = {each["name"]: each for each in table1["columns"]}
     rms = "{alpha_rms_urad:.2f} and {beta_rms_urad:.2f} µrad".format(**column["W_a"])
-    first, second = (figure(trajectories).get_suptitle() for figure in (figure_4, figure_6))
+    first, second = (figure(made).get_suptitle() for figure in (figure_4, figure_6))
     assert rms in first and rms in second
     odd, even = (
         [max(column[name]["strut_input_peak_percent"][k::2]) for name in names]
@@ -424,8 +424,8 @@ def assert_errors(panels: list[Axes], run: dict[str, np.ndarray], line: int = 0)
 
 def test_the_result_shows_what_its_legends_say(runs):
     """Sizes and peaks by other words of numpy's."""
-    trajectories = {name: Trajectory(**arrays) for name, arrays in runs.items()}
-    left, right = figure_result(trajectories).axes
+    made = {name: run_of(arrays) for name, arrays in runs.items()}
+    left, right = figure_result(made).axes
     for line, name in zip(left.lines, ("W_a_uncorrected", "W_a", "W_e"), strict=True):
         run = runs[name]
         size = 1e6 * np.hypot(*(run["desired_rad"] - run["true_rad"]).T)

@@ -8,7 +8,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from experiments.rig.hexapod.simulation import track_path
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -41,8 +40,8 @@ from experiments.goals.secondary_goals import (
 from experiments.rig.arm import ARM_MJCF, smooth_step
 from experiments.rig.compromise import weighted_pseudo_inverse
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
-from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.testbed import TestbedConfig
 from ftc.controller import Measurement
 from ftc.goal import Goal
 from prioritized import velocity_mapping
@@ -330,17 +329,6 @@ def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
     assert np.linalg.norm(path[slew:] - target, axis=1).max() == pytest.approx(100.0, rel=1e-3)
     assert np.abs(np.diff(path, axis=0)).max() < 2 * 3000 / slew
     assert (smooth_step(-1.0), smooth_step(0.5), smooth_step(2.0)) == (0.0, 0.5, 1.0)
-
-
-def test_a_path_has_a_length_of_its_own(model):
-    bench = TestbedConfig()
-    testbed = Testbed(model, bench, nominal_loops(model, bench))
-    pilot = controller_for(testbed, Goal(joint_weight=(1.0,) * 6), jacobian="constant")
-    with pytest.raises(ValueError, match="duration_s must be None with a desired_rad, got 1"):
-        track_path(testbed, pilot, desired_rad=np.zeros((50, 2)), duration_s=1.0)
-    run, _ = track_path(testbed, pilot, desired_rad=np.zeros((50, 2)))
-    assert run.time_s.shape == (50,)
-    assert not run.desired_rad.any()
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
-from experiments.rig.hexapod.prediction import sensitivity_peak
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.release.results import checks
 from experiments.release.statics import released_statics
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.prediction import loop_peak
 from ftc.goal import Goal
 from sim import (
     NOMINAL,
@@ -146,12 +146,11 @@ def test_without_its_spring_the_loop_needs_the_mapping_of_its_bandwidth(spirals)
             assert spirals[f"loose_{when}_as_locked"][key] < 0.9 * untold[key]
 
 
-def test_the_peak_sensitivity_is_what_brings_a_loop_to_its_margin(model):
+def test_the_peak_sensitivity_is_what_brings_a_loop_to_its_margin():
     """A gain or phase margin below what the peak allows would have been seen as a larger peak."""
-    bench = TestbedConfig()
-    loops = nominal_loops(model, bench)
-    peak = sensitivity_peak(Testbed(model, bench, loops), SpiralRun(Goal(EQUAL)))
-    for loop in loops:
+    rig = hexapod_rig()
+    peak = loop_peak(rig, rig.goal)
+    for loop in rig.margins:
         assert 10 ** (-loop.gain_margin_db / 20) <= 1 - 1 / peak
         assert 2 * np.sin(np.deg2rad(loop.phase_margin_deg) / 2) >= 1 / peak
 
@@ -249,15 +248,10 @@ def test_a_mismatch_would_be_seen(model):
 def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
     bench = TestbedConfig()
     stiffness = strut_and_payload_stiffness(model)
-    spiral = SpiralRun(
-        Goal(EQUAL),
-        failures=[Failure(0, "free", 0.2)],
-        reconfigured=Goal(EQUAL, free=(0,)),
-        jacobian="constant",
-        duration_s=0.8,
-    )
-    run = track_spiral(Testbed(model, bench, nominal_loops(model, bench), stiffness), spiral)
-    strut_1 = run.strut_input_percent[:, 0]
+    rig = hexapod_rig(Testbed(model, bench, nominal_loops(model, bench), stiffness))
+    controller = rig.reconfigured(Goal(EQUAL), Goal(EQUAL, free=(0,)), 0.2)
+    run = rig.fly(controller, bench.spiral_rad(0.8), failures=[Failure(0, "free", 0.2)])
+    strut_1 = run.inputs[:, 0]
     before, after = strut_1[run.time_s < 0.2], strut_1[run.time_s >= 0.2]
     assert np.any(before)
     # Its last command fades within half a second, and is nothing from then on.

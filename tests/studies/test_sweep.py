@@ -18,12 +18,12 @@ import numpy as np
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from experiments.rig.hexapod.prediction import predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
 from experiments.app.cli import main
-from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.columns import secondary
+from experiments.rig.hexapod.machine import detector_noise_rad
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study import basis, cluster
 from experiments.study.basis import basis_in
 from experiments.study.dataset import Columns, Dataset
@@ -205,25 +205,27 @@ def test_a_design_that_makes_no_sense_is_one_sentence(tmp_path, text, said):
 
 
 @pytest.mark.long
-def test_a_row_is_what_the_run_and_the_linear_model_say(model):
-    """With compensators designed anew, and the prediction of another function."""
+def test_a_row_is_what_the_run_and_the_linear_model_say():
+    """With compensators designed anew."""
     bench = TestbedConfig(detector_noise_m=1e-6)
     values = {"seed": 7, "detector_noise_m": 1e-6, "weight": "W_e", "struts": "SSLSSS"}
     row = row_of(sweep_run(3, 0.3, values))
     goal = Goal(secondary_weight=(10, 10, 1, 1), locked_at={2: 0.0})
     lock = (Failure(2, "locked"),)
-    same = SpiralRun(goal, lock, seed=7, duration_s=0.3)
-    testbed = Testbed(model, bench, nominal_loops(model, bench))
-    simulated = track_spiral(testbed, same)
-    off_urad = 1e6 * (simulated.desired_rad - simulated.true_rad)
+    rig, path = (
+        hexapod_rig(nominal_testbed(bench), goal, jacobian="analytic"),
+        bench.spiral_rad(0.3),
+    )
+    simulated = rig.fly(rig.controller(), path, failures=lock, seed=7)
+    off_urad = 1e6 * simulated.error
     rms = row["alpha_rms_urad"], row["beta_rms_urad"]
     np.testing.assert_allclose(rms, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
-    assert row["t_x_peak_um"] == 1e6 * abs(simulated.secondary[:, 1]).max()
+    assert row["t_x_peak_um"] == 1e6 * abs(secondary(simulated)[:, 1]).max()
     assert row["strut_input_peak_percent_3"] == 0.0
-    error = predicted_error_rad(testbed, same)
-    assert error is not None
+    noise = detector_noise_rad(bench, 7, len(path))
+    found = rig.predict(path, failures=lock, told=False, noise=noise)
     predicted = row["predicted_alpha_rms_urad"], row["predicted_beta_rms_urad"]
-    np.testing.assert_allclose(predicted, 1e6 * np.sqrt((error**2).mean(axis=0)), rtol=1e-9)
+    np.testing.assert_allclose(predicted, 1e6 * found.rms, rtol=1e-9)
     assert row["case"] == 3
     assert row["status"] == "exact"
     assert set(row) <= set(SCHEMA.names)
@@ -261,7 +263,7 @@ def test_a_diverging_run_is_a_row(monkeypatch):
     def diverge(*_args, **_options):
         raise SimulationDiverged(0.03, np.zeros(3))
 
-    monkeypatch.setattr("experiments.sweep.row.track_spiral", diverge)
+    monkeypatch.setattr("experiments.rig.rig.simulate", diverge)
     row = row_of(sweep_run(0, 0.05, {"seed": 1}))
     assert (row["status"], row["diverged_at_s"]) == ("diverged", 0.03)
     assert "non-finite at t = 0.0300 s" in row["message"]

@@ -10,7 +10,7 @@ import pytest
 
 from experiments.systems import runs as systems_module
 from experiments.systems.figure import figure_systems
-from experiments.systems.probe import Rig, coast, respond
+from experiments.systems.probe import Probed, coast, respond
 from experiments.systems.results import checks, summarize
 from experiments.systems.runs import MECHANISMS, Mechanism, Systems, classified, examine
 from sim import Failure, load_model
@@ -18,8 +18,8 @@ from sim import Failure, load_model
 BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
 
 
-def rig(mechanism: Mechanism, *failures: Failure) -> Rig:
-    return Rig(load_model(mechanism.path), failures, mechanism.task, mechanism.major)
+def rig(mechanism: Mechanism, *failures: Failure) -> Probed:
+    return Probed(load_model(mechanism.path), failures, mechanism.task, mechanism.major)
 
 
 def failed_checks(summary: dict) -> list[str]:

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.rig.hexapod.prediction import predicted_error_rad
-from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 
+from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M, rms
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.machine import detector_noise_rad
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.results import Results
 from experiments.table1.figure import pictures
 from experiments.table1.results import checks, notes, table
@@ -191,16 +190,14 @@ def test_an_unsound_table_fails_its_checks(table1):
     assert len(failed(off | {"duration_s": 4.0})) == 1
 
 
-def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):
+def test_a_run_alone_gives_the_same_bits_as_beside_others(runs):
     """Seed 0, same machine: neither worker processes nor their order leave a trace."""
-    bench = TestbedConfig()
     column = next(column for column in COLUMNS if column.name == "W_d")
-    loops = nominal_loops(model, bench)
-    run = SpiralRun(column.goal, column.failures, seed=0, duration_s=2.0)
-    alone = track_spiral(Testbed(model, bench, loops), run)
+    rig, path = hexapod_rig(goal=column.goal, jacobian="analytic"), TestbedConfig().spiral_rad(2.0)
+    alone = rig.fly(rig.controller(), path, failures=column.failures, seed=0)
     ticks = len(alone.time_s)
-    np.testing.assert_array_equal(alone.true_rad, runs["W_d"]["true_rad"][:ticks])
-    np.testing.assert_array_equal(alone.measured_rad, runs["W_d"]["measured_rad"][:ticks])
+    np.testing.assert_array_equal(alone.true, runs["W_d"]["true_rad"][:ticks])
+    np.testing.assert_array_equal(alone.measured, runs["W_d"]["measured_rad"][:ticks])
 
 
 def test_the_json_carries_what_a_reader_needs_to_repeat_it(table1):
@@ -251,17 +248,16 @@ DEMAND_LIMITED = re.findall(
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["W_a", "W_e", "W_a_uncorrected"])
-def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(model, name):
+def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(name):
     """The printed numbers are MuJoCo's; the stepped linear loop gives them to 0.2 %."""
     bench = CONFIGURATIONS["demand-limit"].bench
     column = next(column for column in COLUMNS if column.name == name)
-    loops = nominal_loops(model, bench)
-    run = SpiralRun(column.goal, column.failures)
-    error = predicted_error_rad(Testbed(model, bench, loops), run)
-    assert error is not None
+    rig, path = hexapod_rig(nominal_testbed(bench), column.goal), bench.spiral_rad()
+    noise = detector_noise_rad(bench, 0, len(path))
+    found = rig.predict(path, failures=column.failures, told=False, noise=noise)
     place = list(paper.TABLE_I_URAD).index(name)
     printed = {angle: [float(x) for x in cells.split("|")] for angle, cells in DEMAND_LIMITED}
     urad = [printed[angle][place] for angle in ANGLES]
-    np.testing.assert_allclose(1e6 * rms(error), urad, rtol=2e-3)
+    np.testing.assert_allclose(1e6 * found.rms, urad, rtol=2e-3)
     everything = [printed[angle][k] for k in range(6) for angle in ANGLES]
     np.testing.assert_allclose(everything, np.ravel(list(paper.TABLE_I_URAD.values())), rtol=0.15)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.paths import path_of
 from sim import HEXAPOD_MJCF
 from tests.robots import PANDA
@@ -70,23 +71,14 @@ def test_a_lock_in_flight_is_survived_and_told_as_the_interface_has_it(name, tmp
 
 @pytest.mark.long
 def test_a_short_run_of_the_hexapod_is_the_testbeds_own(tmp_path):
-    """Without a file, a failure or a diagnosis it is `track_path` with W_a, to the bit."""
-    from experiments.rig.hexapod.simulation import track_path
-
-    from experiments.rig.hexapod.columns import COLUMNS
-    from experiments.rig.hexapod.controller import controller_for, nominal_loops
-    from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-    from sim import load_model
-
+    """Without a file, a failure or a diagnosis it is that of W_a, to the bit."""
     options = ["--path", "spiral", "--duration", "0.3", "--diagnosis", "off"]
     assert main(["track", "--quiet", *options, "--out", str(tmp_path)]) == 0
-    model, bench = load_model(), TestbedConfig()
-    testbed = Testbed(model, bench, nominal_loops(model, bench))
-    pilot = controller_for(testbed, COLUMNS[0].goal, jacobian="constant")
+    rig = hexapod_rig()
     with np.load(tmp_path / "track.npz") as run:
-        ours, _ = track_path(testbed, pilot, desired_rad=run["desired"])
-        assert np.array_equal(run["inputs"], ours.strut_input_percent)
-        assert np.array_equal(run["measured"], ours.measured_rad)
+        ours = rig.fly(rig.controller(), run["desired"])
+        assert np.array_equal(run["inputs"], ours.inputs)
+        assert np.array_equal(run["measured"], ours.measured)
 
 
 @pytest.mark.long

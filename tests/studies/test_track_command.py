@@ -17,9 +17,9 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.rig import Rig
-from experiments.rig.mjcf import RobotRig, robot_rig
+from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
-from experiments.rig.run import Named
+from experiments.rig.run import Diagnosed
 from experiments.study.study import WrongInput
 from experiments.track import STUDY
 from experiments.track.failures import learnt_s, uncompared
@@ -79,7 +79,7 @@ def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
 
 
 @cache
-def tracking_rig(model: Path) -> RobotRig:
+def tracking_rig(model: Path) -> Rig:
     return robot_rig(model, RobotOptions(crossover=0.7))
 
 
@@ -323,10 +323,10 @@ def test_a_run_that_named_what_had_not_failed_is_not_compared(sound):
     """Nor one that took a lock for a weakness; each says so."""
     rig, failure = sound.rig, Failure(3, "locked", 0.1)
     for named, why in (
-        (Named("motor4", "locked", 0.2, None), None),
-        (Named("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
-        (Named("motor2", "locked", 0.2, None), "motor2 was named locked and had not failed"),
-        (Named("motor4", "locked", 0.2, 0.3), "motor4 was named locked and had not failed, or"),
+        (Diagnosed("motor4", "locked", 0.2, None), None),
+        (Diagnosed("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
+        (Diagnosed("motor2", "locked", 0.2, None), "motor2 was named locked and had not failed"),
+        (Diagnosed("motor4", "locked", 0.2, 0.3), "motor4 was named locked and had not failed, or"),
     ):
         run = replace(sound.run, diagnoses=(named,))
         said = uncompared(rig, run, [failure])

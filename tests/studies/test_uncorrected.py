@@ -8,16 +8,17 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from experiments.rig.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
-from experiments.rig.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from matplotlib.colors import to_hex
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
-from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.prediction import open_loop, pole_radius
+from experiments.rig.run import Run, rms
 from experiments.study.plotting import GREEN
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
@@ -25,10 +26,12 @@ from experiments.uncorrected.candidates import (
     CANDIDATES,
     COLUMNS,
     W_A,
+    Candidate,
     damped,
     pointing_mode,
 )
 from experiments.uncorrected.figure import SHOWN, figure_demand_limit, figure_uncorrected
+from experiments.uncorrected.predicted import predicted_error_rad
 from experiments.uncorrected.results import checks
 from experiments.uncorrected.stability_map import at_crossover, map_row
 from ftc.goal import Goal
@@ -36,12 +39,12 @@ from sim import (
     NOMINAL,
     Failure,
     Plant,
-    failed_plant,
     hexapod,
     linearize,
     load_model,
 )
 from tests.figure_checks import faults
+from tests.made import made_run, run_of
 from tests.printed import assert_printable
 from tests.sim.test_plant import edited, mode_shapes, pole_of, ring_down
 
@@ -103,16 +106,16 @@ def test_both_spirals_are_drawn_and_the_one_that_is_the_answer_is_called_so(
     """Without the runs of their candidates, as here, the study leaves them out."""
     assert not (uncorrected_folder / "demand_limit.png").exists()
     with np.load(uncorrected_folder / "lost_strut.npz") as data:
-        run = Trajectory(**data)
+        run = run_of(data)
     runs = {name: {"W_a_uncorrected": run} for name in SHOWN}
     figure = figure_demand_limit(runs, explained(study, SHOWN[0]))
     limit, lock = (axes.get_title() for axes in figure.axes)
     outer = run.time_s >= 0.75 * run.time_s[-1]
-    true, desired = (abs(angles[outer, 0]).max() for angles in (run.true_rad, run.desired_rad))
+    true, desired = (abs(angles[outer, 0]).max() for angles in (run.true, run.desired))
     assert limit.startswith("✓ Reproduces Table I: a limit of 95 µrad")
     assert f"reach {100 * true / desired:.0f} %" in limit
     first = run.time_s < TestbedConfig().spiral_period_s
-    error_urad = 1e6 * np.linalg.norm((run.desired_rad - run.true_rad)[first], axis=1).max()
+    error_urad = 1e6 * np.linalg.norm(run.error[first], axis=1).max()
     assert lock.startswith("Does not reproduce Table I: a lock 125 µm off")
     assert f"up to {error_urad:.0f} µrad" in lock
     assert all(axes.lines for axes in figure.axes)
@@ -155,12 +158,6 @@ def test_a_floor_that_is_no_floor_is_refused(model, bad):
         Plant(model).shake(bad)
 
 
-def test_a_floor_shorter_than_the_spiral_is_refused(model, loops):
-    run = SpiralRun(W_A, duration_s=0.1, floor_m_per_s2=np.zeros((50, 3)))
-    with pytest.raises(ValueError, match="must have 3 columns and at least 100 rows"):
-        track_spiral(Testbed(model, TestbedConfig(), loops), run)
-
-
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
     criterion = 50e-6
     acceleration = floor_acceleration(16000, 1e-3, criterion, [3])
@@ -184,64 +181,24 @@ def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model, loops):
     run = off_centre(model, loops, W_A, place_m, 0.0)
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))
     # The flexures take a few thousandths of the coil's force.
-    np.testing.assert_allclose(run.true_rad[0], J[:2, 0] * place_m, rtol=6e-3)
-    assert np.abs(run.strut_displacement_m[:, 0] - place_m).max() < 6e-3 * place_m
-    assert np.abs(run.strut_displacement_m[0, 1:]).max() < 6e-3 * place_m
+    np.testing.assert_allclose(run.true[0], J[:2, 0] * place_m, rtol=6e-3)
+    assert np.abs(run.displacement[:, 0] - place_m).max() < 6e-3 * place_m
+    assert np.abs(run.displacement[0, 1:]).max() < 6e-3 * place_m
     settled = off_centre(model, loops, W_A, place_m, 1.0)
     # The integrators have removed it, but for the detector's noise.
-    assert np.abs(settled.true_rad[0]).max() < 1e-6
+    assert np.abs(settled.true[0]).max() < 1e-6
 
 
-def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
-    run = SpiralRun(
-        goal,
-        failures=LOCK_1,
-        start_m=place_m * np.eye(6)[0],
-        lead_in_s=lead_in_s,
-        jacobian="constant",
-        duration_s=SECONDS,
-    )
-    return track_spiral(Testbed(model, TestbedConfig(), loops), run)
-
-
-KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 80e-6})
-OFF = {"failures": LOCK_1, "start_m": 80e-6 * np.eye(6)[0]}
-FLOOR = {"floor_m_per_s2": floor_acceleration(16000, 1e-3, 200e-6, [1, 1])}
-
-
-@pytest.mark.parametrize(
-    ("goal", "conditions"),
-    [
-        (W_A, {}),
-        (W_A, FLOOR),
-        (W_A, OFF | FLOOR),
-        (W_A, OFF | {"lead_in_s": 0.5}),
-        (KNOWN, OFF),
-    ],
-    ids=["sound", "floor", "off centre on a floor", "settled first", "known where it is stuck"],
-)
-def test_mujoco_does_tick_by_tick_what_the_linear_model_says(model, loops, goal, conditions):
+def off_centre(model, loops, goal, place_m, lead_in_s) -> Run:
     testbed = Testbed(model, TestbedConfig(), loops)
-    spiral = SpiralRun(goal, jacobian="constant", seed=2, duration_s=SECONDS, **conditions)
-    run = track_spiral(testbed, spiral)
-    error = run.desired_rad - run.true_rad
-    predicted = predicted_error_rad(testbed, spiral)
-    assert predicted is not None
-    # Quantization leaves 0.02 urad; a kick from the lock two parts in a hundred.
-    np.testing.assert_array_less(rms(error - predicted), 0.03e-6 + 0.025 * rms(predicted))
-    # It can fail: other noise, a floor at rest and a lock at the centre are not what was run.
-    failures = conditions.get("failures", ())
-    other = predicted_error_rad(testbed, SpiralRun(W_A, failures, seed=3, duration_s=SECONDS))
-    assert other is not None
-    assert np.all(rms(error - other) > 1.2 * rms(error - predicted))
+    rig = hexapod_rig(testbed, goal, start_m=place_m * np.eye(6)[0])
+    path = testbed.bench.spiral_rad(SECONDS)
+    return rig.fly(rig.controller(), path, failures=LOCK_1, lead_in_s=lead_in_s)
 
 
-def test_both_predictions_agree_where_both_speak(model, loops):
-    testbed, run = Testbed(model, TestbedConfig(), loops), SpiralRun(W_A, LOCK_1)
-    error = predicted_error_rad(testbed, run)
-    assert error is not None
-    expected = predicted_rms_rad(testbed, run)
-    np.testing.assert_allclose(rms(error), expected, rtol=2e-3)
+def predicted(testbed: Testbed, candidate: Candidate, column: str) -> np.ndarray | None:
+    duration_s, lead_in_s = testbed.bench.duration_s, candidate.lead_in_s
+    return predicted_error_rad(testbed, candidate, column, 0, duration_s, lead_in_s)
 
 
 def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
@@ -276,8 +233,7 @@ def test_the_page_says_the_linear_models_ratios(model, name):
     machine = candidate.machine(model)
     testbed = Testbed(machine, candidate.bench, nominal_loops(machine, candidate.bench))
     sound, uncorrected = (
-        predicted_error_rad(testbed, candidate.run(column, 0))
-        for column in ("W_a", "W_a_uncorrected")
+        predicted(testbed, candidate, column) for column in ("W_a", "W_a_uncorrected")
     )
     assert sound is not None
     assert uncorrected is not None
@@ -307,8 +263,8 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
     quiet = damped(model, 0.05)
     loops = nominal_loops(quiet, bench)
     errors, poles = map_row(model, TestbedConfig(), 0.05, np.array([6.0, 30.0]), 25.0, seed=0)
-    for k, failures in enumerate(((), LOCK_1)):
-        expected = predicted_error_rad(Testbed(quiet, bench, loops), SpiralRun(W_A, failures))
+    for k, column in enumerate(("W_a", "W_a_uncorrected")):
+        expected = predicted(Testbed(quiet, bench, loops), BENCH, column)
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
     # At 30 Hz the sound loop is not to be closed.
@@ -323,11 +279,10 @@ def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(mod
     machine = candidate.machine(model)
     loops = nominal_loops(machine, candidate.bench)
     testbed = Testbed(machine, candidate.bench, loops)
-    assert predicted_error_rad(testbed, candidate.run("W_d", 0)) is None
-    assert predicted_error_rad(testbed, candidate.run("W_a", 0)) is not None
-    gain = np.linalg.pinv(np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2])
-    T = driven_loop(failed_plant(machine, ()), gain, [loop.discrete for loop in loops])
-    assert np.abs(T.poles()).max() < 1
+    assert predicted(testbed, candidate, "W_d") is None
+    assert predicted(testbed, candidate, "W_a") is not None
+    rig = hexapod_rig(testbed)
+    assert pole_radius(open_loop(rig, rig.goal)) < 1
 
 
 def test_each_candidate_differs_from_the_bench_in_what_it_names():
@@ -341,7 +296,7 @@ def test_each_candidate_differs_from_the_bench_in_what_it_names():
 def test_the_folder_holds_what_the_json_speaks_of(uncorrected_folder, study):
     assert study["experiment"] == "uncorrected"
     assert {"seed", "versions", "model_sha256", "bench"} <= set(study)
-    fields = set(Trajectory.__dataclass_fields__)
+    fields = set(hexapod_arrays(made_run()))
     for candidate in study["candidates"]:
         with np.load(uncorrected_folder / candidate["data"]) as data:
             assert set(data) == fields

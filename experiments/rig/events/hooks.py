@@ -1,70 +1,26 @@
-"""The events of a flight, as what a :class:`sim.Bench` calls tick by tick."""
+"""The events of a run, as what a :class:`sim.Bench` calls tick by tick."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from math import ceil
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
-from experiments.rig.events import actuator, machine, sensor
-from experiments.rig.events.kinds import EVENTS, Event
-from experiments.rig.events.target import Effect, Target
+from experiments.rig.events.effects import EVENTS, Effect, Event
+from experiments.rig.run import tick_of
 from experiments.study.draw import Draw
-from sim import Array, Failure, Reading
+from experiments.study.study import WrongInput
+from sim import Array, Drive, Failure, Reading
+from sim.mjcf.transmission import drives
+from sim.plant.actuators import locks_of, switch_off
 from sim.plant.bench import hooks_of, measured_by, sent_by
 
 if TYPE_CHECKING:
     from experiments.rig.rig import Rig
-
-_SOON = 1e-6
-"""Of a tick: times are rounded."""
-
-EFFECTS: dict[str, Callable[[Target], Effect]] = {
-    **dict.fromkeys(("locked", "free", "weak", "loose", "two_locked"), actuator.nothing),
-    "spring_lost": actuator.spring_lost,
-    "hard_over": partial(actuator.over, part=1.0),
-    "half_over": partial(actuator.over, part=0.5),
-    "stuck_input": partial(actuator.lagging, time_constant_s=np.inf),
-    "offset": partial(actuator.offset, reaches=3.0, reaches_per_s=0.0),
-    "drift": partial(actuator.offset, reaches=0.0, reaches_per_s=0.6),
-    "intermittent": partial(actuator.without_force, works=lambda s: (s + 1e-9) % 0.3 >= 0.1),
-    "fading": partial(actuator.fading, time_constant_s=1.0),
-    "reversed": actuator.reversed_input,
-    "slow": partial(actuator.lagging, time_constant_s=0.03),
-    "strong": partial(actuator.strong, gain=1.3),
-    "lock_released": partial(actuator.released, after_s=0.1),
-    "free_returns": partial(actuator.without_force, works=lambda s: s >= 0.5),
-    "rubbing": partial(actuator.rubbing, part=0.5),
-    "damped": partial(actuator.damped, times=10.0),
-    "sag": partial(actuator.sag, part=0.8),
-    "ripple": partial(actuator.ripple, part=0.2, frequency_hz=100.0),
-    "blackout": partial(actuator.without_force, works=lambda s: s >= 0.05, everywhere=True),
-    "push": partial(machine.pushed, weights=1 / 54),
-    **dict.fromkeys(
-        ("bump", "bump_then_lock"), partial(machine.pushed, weights=5 / 54, duration_s=0.005)
-    ),
-    "tone": partial(machine.tone, frequency_hz=20.0, rms_m_per_s=1e-4),
-    "tilt": partial(machine.tilt, rad_per_s=1e-3),
-    "heavier": partial(machine.heavier, factor=1.2),
-    "lighter": partial(machine.heavier, factor=0.8),
-    "bias": partial(sensor.bias, deviations=20.0),
-    "scale": partial(sensor.scaled, factor=1.2),
-    "stuck": partial(sensor.stuck, everywhere=False),
-    "all_stuck": partial(sensor.stuck, everywhere=True),
-    "silent": partial(sensor.scaled, factor=0.0),
-    "noisy": partial(sensor.noisy, times=5.0),
-    "nan": partial(sensor.missing, duration_s=0.0),
-    "nan_for_50ms": partial(sensor.missing, duration_s=0.05),
-    "dropped": partial(sensor.dropped, part=0.1),
-    "repeated": partial(sensor.repeated, part=0.1),
-    "spike": partial(sensor.bias, deviations=1e6, samples=1),
-    "late": partial(sensor.late, ticks=5),
-    "hum": partial(sensor.hum, deviations=5.0, frequency_hz=20.0),
-}
-"""What each of :data:`experiments.rig.events.EVENTS` does."""
 
 
 def events_of(
@@ -79,27 +35,27 @@ def events_of(
         begin_s: Time of the first tick of the path.
         lead_in_s: How long the loop has been closed by then; what happens at the first tick of the
             path happens at the first of the lead-in, as with failures.
-        seed: Of what is drawn: directions, actuators, samples; the same of the first event of a
-            name whatever else happens.
+        seed: Of random directions, actuators and samples; the same of the first event of a name
+            whatever else happens.
 
     Raises:
+        TypeError: An event without a list, its name alone, or an object without such functions.
         WrongInput: An actuator that the robot does not have, or that cannot have this event.
     """
-    if isinstance(events, str | Event):
-        raise TypeError(f"events must be a list of events, as {_written(events)}")
-    if not isinstance(events, Sequence):
+    listed = [events] if isinstance(events, str | Event) else events
+    if not isinstance(listed, Sequence):
         return events, []
-    if texts := [each for each in events if isinstance(each, str)]:
-        raise TypeError(f"events must be a list of events, as {_written(texts[0])}")
-    named = [each for each in events if isinstance(each, Event)]
-    hooks = Hooks([each for each in events if not isinstance(each, Event)])
-    failures, lead_in = list[Failure](), round(lead_in_s / rig.period_s)
-    for number, event in enumerate(named):
-        before = sum(each.name == event.name for each in named[:number])
-        effect, caused = effect_of(rig, event, seed, before)
-        after = ceil((event.time_s - begin_s) / rig.period_s - _SOON)
+    for each in listed:
+        if isinstance(each, str) or listed is not events:
+            raise TypeError(f"events must be a list of events, as {_written(each)}")
+    hooks = Hooks([each for each in listed if not isinstance(each, Event)])
+    failures, lead_in, names = list[Failure](), round(lead_in_s / rig.period_s), list[str]()
+    for event in (each for each in listed if isinstance(each, Event)):
+        effect, caused = effect_of(rig, event, seed, names.count(event.name))
+        after = tick_of(event.time_s - begin_s, rig.period_s)
         hooks.begin(lead_in + after if after > 0 else 0, effect)
         failures += caused
+        names.append(event.name)
     return (None if hooks.is_empty else hooks), failures
 
 
@@ -118,83 +74,153 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
     Raises:
         WrongInput: An actuator that the robot does not have, or that cannot have this event.
     """
-    draw = Draw(seed).seed(f"{event.name} {before}")
-    target = Target(rig, event, np.random.default_rng(draw))
-    return EFFECTS[event.name](target), _failures(target)
-
-
-def _failures(target: Target) -> list[Failure]:
-    """That belong to an event: of its actuator, or of drawn ones."""
-    kind, time_s = target.event.kind, target.event.time_s + target.event.kind.after_s
+    rng = np.random.default_rng(Draw(seed).seed(f"{event.name} {before}"))
+    target, kind = Target(rig, event, rng), event.kind
+    effect = kind.effect(target)
     if kind.of == "actuator":
         struck = [target.actuator] * len(kind.failures)
     else:
-        drawn = target.rng.permutation(len(target.rig.actuators))[: len(kind.failures)]
-        struck = drawn.tolist()
-    return [Failure(k, each, time_s) for k, each in zip(struck, kind.failures, strict=True)]
+        struck = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
+    time_s = event.time_s + kind.after_s
+    return effect, [Failure(k, each, time_s) for k, each in zip(struck, kind.failures, strict=True)]
 
 
 class Hooks:
-    """All that happens to a machine: other hooks first, then effects in their order."""
+    """Everything that happens to a machine: hooks of others first, then effects in their order."""
 
-    def __init__(self, others: Sequence[Any] = ()) -> None:
+    def __init__(self, others: Iterable[object] = ()) -> None:
         """Begin with hooks as of :class:`sim.Bench`, without effects.
 
         Raises:
             TypeError: One has no such function.
         """
-        self._others = [hooks_of(other) for other in others]
-        self._effects, self._pushes = list[tuple[int, Effect]](), False
+        self._effects, self._readers, self._pushes = list[tuple[int, Effect]](), list[Any](), False
+        for plant, measured, sent in map(hooks_of, others):
+            self._effects.append((0, Effect(plant, sent=sent and partial(sent_by, sent))))
+            self._readers += [measured] if measured else []
 
     def __getstate__(self) -> dict[str, Any]:
-        raise TypeError("events in flight cannot be copied: what they did so far would be shared")
+        raise TypeError("events in a run cannot be copied: what they did so far would be shared")
 
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing of either."""
-        return not (self._others or self._effects)
+        return not self._effects
 
     def begin(self, tick: int, effect: Effect) -> None:
-        """An effect from a tick on."""
+        """Add an effect from a tick on."""
         self._effects.append((tick, effect))
         self._pushes |= effect.plant is not None
 
     def end(self, effect: Effect) -> None:
-        """It is over; what it has changed of the plant's model stays."""
+        """Remove an effect; what it has changed of the plant's model stays."""
         self._effects = [each for each in self._effects if each[1] is not effect]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Before the physics of a tick; forces of several events add up."""
+        """Act on the plant before the physics of a tick; forces of several events add up."""
         if self._pushes:
             data.xfrc_applied[:] = 0.0
-        for plant, *_ in self._others:
-            if plant is not None:
-                plant(tick, model, data)
-        for since, effect in self._begun(tick):
-            if effect.plant is not None:
-                effect.plant(since, model, data)
+        for since, change in self._begun("plant", tick):
+            change(since, model, data)
 
     def measured(self, tick: int, reading: Reading) -> Reading:
         """What the controller reads instead."""
-        for _, measured, _ in self._others:
-            if measured is not None:
-                reading, gap = measured_by(measured, tick, reading)
-                if gap is not None:
-                    return reading
-        for since, effect in self._begun(tick):
-            if effect.measured is not None:
-                reading = reading._replace(output=effect.measured(since, reading.output))
+        for reader in self._readers:
+            reading, gap = measured_by(reader, tick, reading)
+            if gap is not None:
+                return reading
+        for since, change in self._begun("measured", tick):
+            reading = reading._replace(output=change(since, reading.output))
         return reading
 
     def sent(self, tick: int, inputs: Array) -> Array:
         """What the drives get instead."""
-        for *_, sent in self._others:
-            if sent is not None:
-                inputs = sent_by(sent, tick, inputs)
-        for since, effect in self._begun(tick):
-            if effect.sent is not None:
-                inputs = effect.sent(since, inputs)
+        for since, change in self._begun("sent", tick):
+            inputs = change(since, inputs)
         return inputs
 
-    def _begun(self, tick: int) -> list[tuple[int, Effect]]:
-        return [(tick - first, effect) for first, effect in self._effects if tick >= first]
+    def _begun(self, hook: str, tick: int) -> list[tuple[int, Any]]:
+        """Ticks since each effect with this hook began, and the hook."""
+        found = [(tick - first, getattr(each, hook)) for first, each in self._effects]
+        return [(since, change) for since, change in found if since >= 0 and change is not None]
+
+
+@dataclass(frozen=True)
+class Target:
+    """Machine that an event acts on, and the generator of the event's random numbers."""
+
+    rig: "Rig"
+    event: Event
+    rng: np.random.Generator
+
+    switch_off = staticmethod(switch_off)
+
+    @cached_property
+    def actuator(self) -> int:
+        """Number of the event's own actuator."""
+        assert self.event.actuator is not None  # of an actuator, so it has one
+        return self.rig.number(self.event.actuator)
+
+    @cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """Drives of all actuators; their ids are those of the plant's model, too."""
+        part = self.rig.part
+        return drives(self.rig.model, among=None if part is None else part.actuators)
+
+    @property
+    def drive(self) -> Drive:
+        """Drive of the event's own actuator."""
+        return self.drives[self.actuator]
+
+    @property
+    def lock(self) -> int:
+        """Id of the equality that locks the event's own actuator; negative: it has none."""
+        return locks_of(self.rig.model, self.drives, None)[self.actuator]
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest displacement of any actuator on the path, [m] or [rad]."""
+        gain = self.rig.mapping(self.rig.goal).major_gain()
+        return self.rig.size * float(np.abs(gain).max())
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest displacement of the event's own actuator; infinite without limits."""
+        low, high = self.rig.task.limits
+        return float(low[self.actuator]), float(high[self.actuator])
+
+    def input(self, displacement: float) -> float:
+        """Input of the event's own actuator that a displacement takes."""
+        everywhere = np.full(len(self.drives), displacement)
+        return float(self.rig.task.drives.inputs(everywhere)[self.actuator])
+
+    def ticks(self, duration_s: float) -> float:
+        """Nearest number of ticks, one at least; infinite as the duration."""
+        ticks = duration_s / self.rig.period_s
+        return max(1, round(ticks)) if math.isfinite(ticks) else ticks
+
+    def direction(self, axes: int) -> Array:
+        """Random unit vector, (axes,)."""
+        normal = self.rng.standard_normal(axes)
+        return normal / np.linalg.norm(normal)
+
+    def moved(
+        self, what: Literal["stiffness", "damping", "frictionloss"]
+    ) -> Callable[[mujoco.MjModel], Array]:
+        """View (1,) in a model of a property of what the event's own actuator moves.
+
+        Raises:
+            WrongInput: It moves neither a joint nor a tendon.
+        """
+        joint, k, name = self.drive.joint, self.drive.tendon, f"tendon_{what}"
+        if joint is not None and what == "stiffness":
+            k, name = joint, "jnt_stiffness"
+        elif joint is not None:
+            k, name = int(self.rig.model.jnt_dofadr[joint]), f"dof_{what}"
+        if k is None:
+            raise self.refused("moves neither a joint nor a tendon")
+        return lambda model: getattr(model, name)[k : k + 1]
+
+    def refused(self, why: str) -> WrongInput:
+        """Error: the machine cannot have the event."""
+        return WrongInput(f"{self.event.name}: {self.rig.actuators[self.actuator]} {why}")

@@ -116,15 +116,21 @@ class HexapodMachine:
             return amplifiers
         reached = _per_control(self.model) / _per_control(known)
         drift = np.array(self.differs.gain_drift_per_s) * self.testbed.bench.control_period_s
-        ticks = 0
+        return DriftingDrives(amplifiers, reached, drift)
 
-        def displacements(input_percent: Array) -> Array:
-            nonlocal ticks
-            gain = reached * (1 + drift * ticks)
-            ticks += 1
-            return amplifiers(input_percent) * gain
 
-        return displacements
+class DriftingDrives:
+    """Displacements under inputs, of drives whose gains change with each call."""
+
+    def __init__(self, amplifiers: Callable[[Array], Array], gains: Array, per_tick: Array) -> None:
+        """Take drives, their first gains (n,), and the relative change of each in a tick, (n,)."""
+        self._amplifiers, self._gains, self._per_tick, self._ticks = amplifiers, gains, per_tick, 0
+
+    def __call__(self, input_percent: Array) -> Array:
+        """Displacements (n,) by the gains of this tick."""
+        gain = self._gains * (1 + self._per_tick * self._ticks)
+        self._ticks += 1
+        return self._amplifiers(input_percent) * gain
 
 
 def _per_control(model: mujoco.MjModel) -> Array:
