@@ -17,7 +17,7 @@ from experiments.recover.simulate import (
     is_lost,
     other,
     supervised,
-    tick_of,
+    tick_at,
     unaware,
 )
 from experiments.rig.events import EVENTS
@@ -91,7 +91,7 @@ def row_of(case: Case) -> Row:
 
 def _informed(rig: Rig, case: Case, failures: tuple[Failure, ...], run: Run) -> Run:
     """The run with a controller that is informed of the first failure at once."""
-    fault, tick = Fault.of(failures[0]), tick_of(rig, case, case.happens_s)
+    fault, tick = Fault.of(failures[0]), tick_at(rig, case, case.happens_s)
     stood = float(run.displacement[tick, fault.actuator])
     return informed(rig, replace(case, failures=failures, events=()), fault, stood)
 
@@ -114,9 +114,9 @@ def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
     then is, or, where none can be, whether the cause is; None: nothing can rightly be named.
     """
     state, failures, period_s = run.state, caused(rig, case), rig.period_s
-    tick, expected = tick_of(rig, case, case.happens_s), _expected(rig, case, failures)
+    tick, expected = tick_at(rig, case, case.happens_s), _expected(rig, case, failures)
     onset = min((since for since, _ in expected.values()), default=tick)
-    named = [(each, tick_of(rig, case, each.time_s)) for each in run.diagnoses]
+    named = [(each, tick_at(rig, case, each.time_s)) for each in run.diagnoses]
     are_right = [
         each.actuator in expected and at >= expected[each.actuator][0] for each, at in named
     ]
@@ -162,14 +162,14 @@ Expected = dict[str, tuple[int, tuple[str, ...]]]
 def _expected(rig: Rig, case: Case, failures: tuple[Failure, ...]) -> Expected:
     """Actuators that may rightly be named, from which tick on, and as which kinds."""
     expected: Expected = {
-        rig.actuators[each.number]: (tick_of(rig, case, each.time_s), (each.kind,))
+        rig.actuators[each.number]: (tick_at(rig, case, each.time_s), (each.kind,))
         for each in failures
     }
     if not case.events:
         return expected
     [event] = case.events
     kind = EVENTS[event.name]
-    onset = tick_of(rig, case, event.time_s + kind.after_s)
+    onset = tick_at(rig, case, event.time_s + kind.after_s)
     if kind.named_as and event.actuator is not None:
         expected[rig.actuators[rig.number(event.actuator)]] = onset, kind.named_as
     return dict.fromkeys(expected, (onset, kind.named_as))

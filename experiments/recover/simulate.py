@@ -2,17 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import ceil
 from typing import Any
 
 import numpy as np
 
 from experiments.recover.plan import Case, about, around, exact_rig
-from experiments.rig.events import events_of
+from experiments.rig.events.hooks import events_of
 from experiments.rig.hexapod.fault_tolerance import STILL, fault_text
 from experiments.rig.other_controller import fly_with
 from experiments.rig.rig import Rig
-from experiments.rig.run import Run
+from experiments.rig.run import Run, tick_of
 from experiments.study.campaign import Row
 from ftc.controller import Measurement
 from ftc.fdi.diagnosis import Diagnosis
@@ -67,7 +66,7 @@ def informed(rig: Rig, case: Case, fault: Fault, displacement: float, late_s: fl
         lost[fault.actuator] = (1 - share) * displacement
     news = Diagnosis.told(fault, displacement)
     after = rig.controller(goal_after(rig.goal, [news], rig.nominal, rig.unused))
-    tick = tick_of(rig, case, case.happens_s) + round(late_s / rig.period_s)
+    tick = tick_at(rig, case, case.happens_s) + round(late_s / rig.period_s)
     secondary = None if case.dither is None else case.dither.at
     return _run(rig, case, OracleController(rig.controller(), after, tick, lost, secondary, acting))
 
@@ -106,10 +105,9 @@ def is_lost(rig: Rig, failures: tuple[Failure, ...]) -> bool:
     return not is_possible(rig.classified([Fault.of(each) for each in failures]))
 
 
-def tick_of(rig: Rig, case: Case, time_s: float) -> int:
+def tick_at(rig: Rig, case: Case, time_s: float) -> int:
     """The first tick of a run from a time on; one beyond its last if that is infinite."""
-    ticks = (min(time_s, case.begin_s + case.duration_s) - case.begin_s) / rig.period_s
-    return ceil(ticks - 1e-6)
+    return tick_of(min(time_s - case.begin_s, case.duration_s), rig.period_s)
 
 
 def distance(rig: Rig, run: Run) -> Array:
@@ -120,7 +118,7 @@ def distance(rig: Rig, run: Run) -> Array:
 def errors(rig: Rig, case: Case, run: Run, controller: str) -> Row:
     """RMS and peak error in each span, in sizes of the path, as columns of a controller."""
     begin, recovers = (round(s / rig.period_s) for s in (case.transient_s, case.recovered_s))
-    tick, error = tick_of(rig, case, case.happens_s), distance(rig, run)
+    tick, error = tick_at(rig, case, case.happens_s), distance(rig, run)
     ends = (begin, tick), (tick, tick + recovers), (tick + recovers, None), (tick, None)
     row: Row = {}
     for span, (first, last) in zip(SPANS, ends, strict=True):
@@ -146,7 +144,7 @@ def informed_late(failure: Failure) -> list[dict[str, Any]]:
     """
     case = around(Case("failure", mismatch="exact", dither=about(0.0), failures=(failure,)))
     rig, truth = exact_rig(), Fault.of(failure)
-    run, tick = unaware(rig, case), tick_of(rig, case, case.happens_s)
+    run, tick = unaware(rig, case), tick_at(rig, case, case.happens_s)
     nothing = errors(rig, case, run, "told_nothing")["rms_told_nothing_after"]
     news = [(truth, late_s) for late_s in LATE_S]
     news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
