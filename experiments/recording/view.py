@@ -22,7 +22,7 @@ from experiments.recording.motion import (
 )
 from experiments.recording.signals import Line, Plot
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.rig.units import ROWS, said
 from experiments.study.palette import BLACK, FAILED, GREEN, ORANGE
 from sim import model_sha256

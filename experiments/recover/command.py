@@ -14,12 +14,10 @@ from experiments.recover import predictions as p
 from experiments.recover.plan import BENCH, Case, exact_rig
 from experiments.recover.recordings import SHOWN, Kept, fly, kept
 from experiments.recover.row import SCHEMA, other_columns, row_of
-from experiments.rig.bounds import check_number
-from experiments.rig.choices import Sensing
-from experiments.rig.dither import option_dither
+from experiments.rig.dither import rig_dither
 from experiments.rig.events import EVENTS
 from experiments.rig.hexapod.metrics import plant_constants
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import RobotOptions, Sensing
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.study.basis import sources_of
@@ -174,7 +172,6 @@ def _of_robot(
     model: Path, options: Mapping[str, Any], seed: int, quick: bool
 ) -> tuple[Cases, dict[Sensing, Rig], dict[Sensing, DitherDesign | None]]:
     """Failures or events of any robot, and the robot and its dither by what the diagnosis sees."""
-    check_number("turn", options["turn"])
     own = {each.name for each in fields(RobotOptions)} & options.keys()
     file, robot = model.resolve(), RobotOptions(**{name: options[name] for name in own})
     drawn_from = {"seed": seed, "robot": asdict(robot), "robot_sha256": model_sha256(file)}
@@ -186,7 +183,7 @@ def _of_robot(
     for sense in senses:
         of_sense = replace(robot, sense=sense)
         rigs[sense] = rig = exact_rig(file, of_sense)
-        designs[sense] = design = option_dither(rig, options["dither"])
+        designs[sense] = design = rig_dither(rig, options["dither"])
         sort = "event" if options["events"] else "failure"
         first = Case(sort, model=file, options=of_sense)
         first = plan.on_circle(first, options["turn"], design)
