@@ -425,7 +425,10 @@ ASKED: dict[str, Refusal] = {
     ),
     "a failure that is none": (["--fail", "joint2:tired@0.1"], "KIND one of locked, free"),
     "a failure without a time": (["--fail", "joint2:locked"], "NAME:KIND@SECONDS"),
-    "a failure after the end": (["--fail", "joint2:locked@9"], "--fail must be before the run ends at"),
+    "a failure after the end": (
+        ["--fail", "joint2:locked@9"],
+        "--fail must be before the run ends at",
+    ),
     "an actuator that fails twice": (
         ["--fail", "joint2:locked@0.1", "--fail", "joint2:free@0.2"],
         "each actuator once",
