@@ -166,7 +166,7 @@ def test_a_dither_for_which_the_task_leaves_no_motion_is_refused():
 @pytest.mark.long
 def test_both_sensors_and_a_dither_are_published_with_what_they_cost():
     """The error before is that of the linear model and of the dither, which nothing else moves."""
-    one = tracked(ARM, sense="both", dither="10", noise=2e-6, turn=1e9, path="steps", duration=0.6)
+    one = tracked(ARM, sense="both", dither="10", noise=2e-6, turn=1e6, path="steps", duration=0.6)
     summary = summarize(one)
     dither = summary["dither"]
     assert dither["frequency_hz"] == 10.0
@@ -425,7 +425,10 @@ ASKED: dict[str, Refusal] = {
     ),
     "a failure that is none": (["--fail", "joint2:tired@0.1"], "KIND one of locked, free"),
     "a failure without a time": (["--fail", "joint2:locked"], "NAME:KIND@SECONDS"),
-    "a failure after the end": (["--fail", "joint2:locked@9"], "--fail must be before the run ends at"),
+    "a failure after the end": (
+        ["--fail", "joint2:locked@9"],
+        "--fail must be before the run ends at",
+    ),
     "an actuator that fails twice": (
         ["--fail", "joint2:locked@0.1", "--fail", "joint2:free@0.2"],
         "each actuator once",
