@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from argument_checks import __version__ as __version__
     from experiments.ik import Ik as Ik
     from experiments.ik import Limits as Limits
-    from experiments.recording.flight import record as record
+    from experiments.recording.record import record as record
     from experiments.rig import Mismatch as Mismatch
     from experiments.rig import Prediction as Prediction
     from experiments.rig import Rig as Rig
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "fjh.argument_checks": ("__version__",),
     "fjh.experiments.ik": ("Ik", "Limits"),
-    "fjh.experiments.recording.flight": ("record",),
+    "fjh.experiments.recording.record": ("record",),
     "fjh.experiments.rig.events": ("Event",),
     "fjh.experiments.rig": ("Mismatch", "Prediction", "Rig", "Run"),
     "fjh.ftc": ("PrioritizedController", "Supervisor"),

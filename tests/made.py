@@ -1,23 +1,30 @@
 """A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
+from experiments.recording.record import About, write_run
+from experiments.recording.view import Change, RunView, as_run_arrays, stated_of
+from experiments.rig import Rig, Run
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.run import Run
 from experiments.study.results import Results
 from experiments.study.study import OnProgress, Option, Study
-from sim import NOMINAL, pointing_angles
+from sim import NOMINAL, Failure, pointing_angles
 
-MARK = Mark(0, 0.0, "strut 1 locked", kind="locked")
+ABOUT = About("made", "made-seed0", said=["Made."], parameters={"seed": 0})
+
+
+@cache
+def hexapod() -> Rig:
+    """The rig that the made runs are of."""
+    return Rig.hexapod()
 
 
 def made_run(ticks: int = 400) -> Run:
@@ -60,10 +67,20 @@ def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
     return replace(made_run(), **known)
 
 
-def keep_made(folder: Path, model: mujoco.MjModel, name: str = "made") -> None:
-    """`made.npz` and `made.rrd`, as any study writes a run."""
-    told = {"said": ["Made."], "beside": {}, "properties": {"seed": 0}}
-    record_run(folder, name, "made-seed0", model, made_run(), [MARK], **told)
+def keep_made(folder: Path, name: str = "made") -> None:
+    """`made.npz` and `made.rrd`, as any study of the hexapod writes a run; strut 1 is locked."""
+    run = replace(made_run(), failures=(Failure(0, "locked"),))
+    arrays = hexapod_arrays(run)
+    write_run(folder / f"{name}.rrd", hexapod(), run, ABOUT, arrays=arrays, known="known")
+
+
+def made_view(
+    *incidents: Change, diagnoses: Sequence[Change] = (), ticks: int = 400, **arrays: np.ndarray
+) -> RunView:
+    """A made run as it is shown, with what happened in it and some arrays of its file changed."""
+    rig, own = hexapod(), hexapod_arrays(made_run(ticks)) | arrays
+    stated = replace(stated_of(rig), incidents=list(incidents), diagnoses=list(diagnoses))
+    return RunView(stated, as_run_arrays(own), rig.model)
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from pkgutil import resolve_name
 from typing import Any
 
 from experiments.app.review import write_review
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
-from experiments.rig.run import Run
+from experiments.recording.record import About, write_run
+from experiments.rig import Rig, Run
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.studies import STUDIES
 from experiments.study.campaign import Again, Row
 from experiments.study.listing import ROW, SOURCE, Source
 from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress, Unsound, WrongInput
-from sim import ModelError, SimulationDiverged, load_model, model_sha256
+from sim import ModelError, SimulationDiverged
 
 ACCURACY = 1e-9
 """Relative difference up to which a number of a run that is flown again is the same."""
@@ -34,7 +34,7 @@ class Repeated:
     source: Source
     columns: Row
     run: Run
-    marks: Sequence[Mark]
+    known: str
 
     def said(self, stated: Row) -> str:
         """Whether it agrees with its row; raises `Unsound` where nothing has changed that may."""
@@ -107,7 +107,7 @@ def again_of(source: Source) -> Again:
         ) from None
 
 
-def flown(again: Again, row: Row) -> tuple[Row, Run, Sequence[Mark]]:
+def flown(again: Again, row: Row) -> tuple[Row, Run, str]:
     """A run, in a process of its own; refused where it is not that of the row."""
     case = row["case"]
     run = again.campaign.runs[case]
@@ -129,12 +129,16 @@ def _kept(folder: Path, one: Repeated, row: Row) -> Path:
     study = str(one.source.summary["experiment"])
     name = f"{study}_{one.case}"
     stated = {key: value for key, value in row.items() if value is not None and key[:2] != "__"}
-    said = [f"Case {one.case} of {one.source.folder.name}, flown again."]
-    properties = stated | {"model_sha256": model_sha256()}
-    how: dict[str, Any] = {"said": said, "beside": {}, "properties": properties}
-    identity = f"{study}-case{one.case}"
-    record_run(folder, name, identity, load_model(), one.run, one.marks, **how)
-    return folder / f"{name}.npz"
+    about = About(
+        study=study,
+        identity=f"{study}-case{one.case}",
+        title=name,
+        said=[f"Case {one.case} of {one.source.folder.name}, flown again."],
+        parameters=stated,
+    )
+    path, arrays = folder / f"{name}.rrd", hexapod_arrays(one.run)
+    write_run(path, Rig.hexapod(), one.run, about, arrays=arrays, known=one.known)
+    return path.with_suffix(".npz")
 
 
 def _agree(stated: Any, new: Any) -> bool:

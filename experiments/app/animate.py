@@ -37,10 +37,9 @@ def animate(
     It shows the machine, what has failed in red; the desired and the true path; and the error, a
     number and a bar. Two runs must be of the same path; they are drawn on the same scales, at the
     same time. The heading of a run is the name of its file, or of its folder where both files have
-    one name. Failures and diagnoses are read from the recording (.rrd) beside the run, or from
-    track.json. Where no two major rows have one unit, the first is drawn over time. The animation
-    begins shortly before the first failure. No display is needed. A GIF of 7 s, below 1 MB; takes
-    half a minute.
+    one name. Failures and diagnoses are read from the recording (.rrd) beside the run. Where no two
+    major rows have one unit, the first is drawn over time. The animation begins shortly before the
+    first failure. No display is needed. A GIF of 7 s, below 1 MB; takes half a minute.
 
     Example: fjh animate unaware/track.npz diagnosed/track.npz --out lock.gif
     """
@@ -71,5 +70,5 @@ def _read(files: Sequence[Path], model: Path | None) -> "list[Animated]":
         names = [file.resolve().parent.name for file in files]
     found = find_runs(files, model).values()
     return [
-        Animated(name.replace("_", " "), one.shown) for name, one in zip(names, found, strict=True)
+        Animated(name.replace("_", " "), one.view) for name, one in zip(names, found, strict=True)
     ]

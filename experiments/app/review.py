@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from experiments.recording.file import RecordingInfo
-from experiments.recording.keep import NoRunError, RecordedRun, read_run
-from experiments.recording.notes import constants
-from experiments.recording.screens import write_flights
-from experiments.recording.shown import Shown
+from experiments.recording.layout import write_scenes
+from experiments.recording.properties import constants
+from experiments.recording.read import NoRunError, RecordedRun, read_run
+from experiments.recording.scene import scenes_of
+from experiments.recording.view import RunView
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.units import said
@@ -21,14 +22,15 @@ from experiments.study.study import WrongInput
 
 _ROUNDING = 1e-9
 """Relative: sums may be taken in another order elsewhere."""
-_FLIGHTS = ("track", "record", "live")
+_OF_ONE_ROBOT = ("track", "record", "live")
 """Of one robot each: a run is called by its model, not by its file."""
 
 
 def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None:
     """Write the recording of the runs in some places, drawn with their machine files, or this."""
     kept = find_runs(places, model)
-    write_flights(file, about_runs(kept), {name: one.shown for name, one in kept.items()})
+    scenes = scenes_of({name: one.view for name, one in kept.items()})
+    write_scenes(file, about_runs(kept), scenes)
 
 
 def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, RecordedRun]:
@@ -50,18 +52,19 @@ def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, Re
         for file, run in runs.items():
             if file.resolve() in found:
                 raise WrongInput(f"{file} is named twice")
-            check_stated(file.name, run.shown, stated)
+            check_stated(file.name, run.view, stated)
             found[file.resolve()] = run
     return dict(zip(_names(found), found.values(), strict=True))
 
 
 def _names(found: Mapping[Path, RecordedRun]) -> list[str]:
-    """Short and different: a flight's model, else the file; with more where two agree."""
+    """Short and different: a robot's name, or that of the file; with more where two agree."""
     ways = []
     for file, run in found.items():
         each = [file.stem, f"{file.parent.name}/{file.stem}", str(file.with_suffix(""))]
-        if run.experiment in _FLIGHTS:
-            each = [run.shown.robot, *(f"{run.shown.robot}, {way}" for way in each)]
+        if run.study in _OF_ONE_ROBOT:
+            robot = run.view.stated.robot
+            each = [robot, *(f"{robot}, {way}" for way in each)]
         ways.append([*each, each[-1]])
     names = [each[0] for each in ways]
     for k in (1, 2, 3):
@@ -84,12 +87,13 @@ def read_summaries(folder: Path) -> dict[str, Any]:
     return {file.name: read_json(file) for file in sorted(folder.glob("*.json"))}
 
 
-def check_stated(data: str, shown: Shown, stated: dict[str, Any]) -> None:
+def check_stated(data: str, run: RunView, stated: dict[str, Any]) -> None:
     """Raise `WrongInput` where the JSON contents beside a data file contradict the run in it."""
-    computed = {"closure_residual_max_m": float(shown.closure_m.max())}
-    read = np.sqrt(((shown.desired - shown.measured) ** 2).mean(axis=0))
-    for kind, errors in (("rms", shown.rms()), ("measured_rms", read)):
-        for row, unit, rms in zip(shown.rows, shown.row_units, errors, strict=True):
+    own, units = run.arrays, run.stated.row_units
+    computed = {"closure_residual_max_m": float(own["closure_residual_m"].max())}
+    read = np.sqrt(((own["desired"] - own["measured"]) ** 2).mean(axis=0))
+    for kind, errors in (("rms", run.rms()), ("measured_rms", read)):
+        for row, unit, rms in zip(run.rows, units, errors, strict=True):
             computed[f"{row}_{kind}_u{unit}"] = 1e6 * float(rms)
     for file, content in stated.items():
         for entry in (each for each in _entries(content) if each.get("data") == data):
@@ -116,9 +120,9 @@ def _entries(content: Any) -> Iterator[dict[str, Any]]:
 
 def about_runs(runs: Mapping[str, RecordedRun]) -> RecordingInfo:
     """Notes with a table of the runs' numbers, the paper's beside; properties that all share."""
-    first, *others = (one.properties for one in runs.values())
+    first, *others = (one.parameters for one in runs.values())
     common = dict(item for item in first.items() if all(item in other.items() for other in others))
-    heads = ["run", "RMS error", "paper", "largest input", "named", "largest gap"]
+    heads = ["run", "RMS error", "paper", "largest input", "diagnosed", "largest gap"]
     table = [heads, ["---"] * len(heads), *(_row(name, run) for name, run in runs.items())]
     drawn = (
         "The plane beside each run has its error, desired minus true. What has failed is magenta; "
@@ -127,37 +131,37 @@ def about_runs(runs: Mapping[str, RecordedRun]) -> RecordingInfo:
     shared = ["What all runs have in common:", "", *constants(common)]
     lines = [f"| {' | '.join(cells)} |" for cells in table]
     notes = ["# Side by side", "", *lines, "", drawn, "", *shared]
-    robots = "; ".join(dict.fromkeys(one.shown.robot for one in runs.values()))
+    robots = "; ".join(dict.fromkeys(one.view.stated.robot for one in runs.values()))
     results = {"study": "review", "robot": robots, "verdict": f"{len(runs)} runs side by side."}
     return RecordingInfo("review", "review", "\n".join(notes), common, results)
 
 
 def _row(name: str, one: RecordedRun) -> list[str]:
-    shown = one.shown
+    run = one.view
+    its, gap_m = run.stated, run.arrays["closure_residual_m"]
     # The paper's numbers are of the whole spiral.
-    is_whole = len(shown.time_s) == len(TestbedConfig().time_s(TestbedConfig().duration_s))
-    is_the_papers = one.experiment == "table1" and is_whole
+    is_whole = len(run.time_s) == len(TestbedConfig().time_s(TestbedConfig().duration_s))
+    is_the_papers = one.study == "table1" and is_whole
     paper_rms = paper.TABLE_I_URAD.get(name) if is_the_papers else None
     largest = dict[str, float]()
-    for unit, peak in zip(shown.input_units, np.abs(shown.inputs).max(axis=0), strict=True):
+    for unit, peak in zip(its.input_units, np.abs(run.arrays["inputs"]).max(axis=0), strict=True):
         largest[unit] = max(largest.get(unit, 0.0), float(peak))
-    named = [
-        f"{shown.actuators[m.actuator]} {m.named or 'found'}: "
-        f"{said(m.diagnosed_s - m.failed_s, 's')}"
-        for m in shown.marks
-        if m.is_found
+    diagnosed = [
+        f"{each.actuator} {found.kind}: {said(found.time_s - each.time_s, 's')}"
+        for each in run.failures
+        if (found := run.diagnosis_of(each)) is not None
     ]
     return [
         name,
-        _said(shown, 1e6 * shown.rms()) if one.experiment == "table1" else shown.rms_said(),
-        _said(shown, paper_rms) if paper_rms else "",
+        _said(run, 1e6 * run.rms()) if one.study == "table1" else run.rms_text(),
+        _said(run, paper_rms) if paper_rms else "",
         ", ".join(said(peak, unit) for unit, peak in largest.items()),
-        ", ".join(named) or ("not named" if shown.marks else ""),
-        f"{1e9 * shown.closure_m.max():.2f} nm" if shown.closure_m.any() else "",
+        ", ".join(diagnosed) or ("not diagnosed" if run.failures else ""),
+        f"{1e9 * gap_m.max():.2f} nm" if gap_m.any() else "",
     ]
 
 
-def _said(shown: Shown, values: Any) -> str:
+def _said(run: RunView, values: Any) -> str:
     """Numbers of each major row with its name, in millionths of its unit."""
-    named = zip(shown.rows, values, shown.row_units, strict=True)
+    named = zip(run.rows, values, run.stated.row_units, strict=True)
     return ", ".join(f"{row} {value:.4f} u{unit}" for row, value, unit in named)

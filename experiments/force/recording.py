@@ -12,13 +12,11 @@ from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Trial
 from experiments.force.tables import checks, tables
 from experiments.recording.file import RecordingInfo, rgb, time_column
-from experiments.recording.hexapod import BODIES, FIXTURES, ROBOT, hexapod_motion, load_colors
-from experiments.recording.machine import Picture, body_entity, exaggeration
-from experiments.recording.marks import Mark
-from experiments.recording.notes import constants
-from experiments.recording.properties import checked
-from experiments.recording.scene import Scene
-from experiments.recording.screens import entity_of, scenes_file, side_by_side
+from experiments.recording.layout import entity_of, scenes_file
+from experiments.recording.machine import FIXTURES, Picture, body_entity, load_colors
+from experiments.recording.motion import BODIES, hexapod_mover, magnification
+from experiments.recording.properties import checked, constants
+from experiments.recording.scene import Scene, axes_of
 from experiments.recording.signals import Plot
 from experiments.study.plotting import GREEN, ORANGE
 from experiments.study.provenance import version_properties
@@ -28,6 +26,7 @@ _WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]
 _STRUTS = [f"strut {k} [N]" for k in range(1, 7)]
 _MOTION = ["alpha [urad]", "beta [urad]", "gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
 _DONE = "The hexapod holds prescribed wrenches, sound and with strut 1 failed."
+_ROBOT = "University of Wyoming hexapod"
 _M_PER_N, _M_PER_N_M = 0.01, 0.07
 """Lengths of arrows."""
 _ABOVE_M = 0.17
@@ -38,8 +37,8 @@ def write_force(examinations: list[Examination], summary: dict[str, Any], folder
     """Write the `.rrd`: prescribed wrenches, one after another, a column for each condition."""
     shown = [one for one in examinations if one.condition.strut == 0]
     held = [_yielding(one) for one in shown]
-    largest = np.max([np.abs(one.displacement).max(axis=(0, 1)) for one in held], axis=0)
-    factor = exaggeration(float(largest[:3].max()), float(largest[3:].max()))
+    moved = np.concatenate([one.displacement.reshape(-1, 6) for one in held])
+    factor = magnification(moved[:, :3], moved[:, 3:])
     full_n = float(np.ceil(max(np.abs(one.strut_n).max() for one in held)))
     model = load_model()
     properties = {"seed": summary["seed"]}
@@ -47,12 +46,11 @@ def write_force(examinations: list[Examination], summary: dict[str, Any], folder
     properties |= version_properties(summary) | summary["bench"]
     notes = _notes(summary, properties)
     failures = "; ".join(str(one.condition) for one in shown)
-    found = {"study": "force", "robot": ROBOT, "failures": failures}
+    found = {"study": "force", "robot": _ROBOT, "failures": failures}
     found |= {"verdict": _DONE, "checks": checked(checks(summary))}
     about = RecordingInfo(f"force-seed{summary['seed']}", "force mapping", notes, properties, found)
     scenes = {str(one.condition): _scene(model, one, factor, full_n) for one in shown}
-    layout = side_by_side(scenes, pages=False)
-    with scenes_file(folder / summary["recording"], about, scenes, layout) as recording:
+    with scenes_file(folder / summary["recording"], about, scenes, pages=False) as recording:
         for k, one in enumerate(shown):
             _log_wrench(recording, f"{entity_of(k)}machine", model, one.trial(PRESCRIBED))
 
@@ -68,12 +66,10 @@ def _scene(model: mujoco.MjModel, one: Examination, factor: int, full_n: float) 
     colors = {}
     for names, load in zip(BODIES, held.strut_n.reshape(-1, 6).T, strict=True):
         colors |= dict.fromkeys(names, load_colors(load, full_n))
-    failing = [(BODIES[0], Mark(0, 0.0, str(one.condition)))] if one.condition.failures else []
-    motion, words = hexapod_motion(model, pose), f"struts -{full_n:g} N blue, +{full_n:g} N red"
-    picture = Picture(
-        model, held.time_s.ravel(), motion, factor, failing, colors, dict(FIXTURES), words
-    )
-    return Scene(picture, plots, plots, {plot.entity: plot.range for plot in plots})
+    failing = [(BODIES[0], [(0.0, str(one.condition))])] if one.condition.failures else []
+    motion, words = hexapod_mover(model)(pose), f"struts -{full_n:g} N blue, +{full_n:g} N red"
+    picture = Picture(model, held.time_s.ravel(), motion, factor, failing, colors, FIXTURES, words)
+    return Scene(picture, plots, axes_of(plots))
 
 
 def _log_wrench(

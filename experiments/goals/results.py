@@ -1,6 +1,6 @@
 """The four goals as numbers, checks, a table and files."""
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,16 @@ from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, S
 from experiments.goals.figure import MEASURES, pictures, strategy_label
 from experiments.goals.runs import DEMONSTRATIONS, Goals
 from experiments.recording.file import RecordingInfo
-from experiments.recording.hexapod import of_hexapod
-from experiments.recording.marks import Mark
-from experiments.recording.mechanism import Driven, write_mechanism
-from experiments.recording.notes import constants
-from experiments.recording.properties import checked, results_of
-from experiments.recording.screens import write_flights
+from experiments.recording.layout import write_scenes
+from experiments.recording.properties import checked, constants
+from experiments.recording.record import About, write_views
+from experiments.recording.scene import condition_scene
 from experiments.recording.signals import Plot
+from experiments.recording.view import Change, RunView, as_run_arrays, stated_of
 from experiments.rig.arm import ARM_MJCF
 from experiments.rig.checks import closure_check
 from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.run import rms
 from experiments.study.provenance import version_properties, versions
@@ -210,31 +210,55 @@ def _record(
         **version_properties(summary),
         **(summary["bench"] if on_hexapod else {}),
     }
-    identity, notes = f"goals-{name}-seed{summary['seed']}", _notes(goal, properties)
-    path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
-    if not on_hexapod:
-        driven = {
-            key: Driven(one.time_s, one.arrays["joint_rad"], _plots(goal, one))
-            for key, one in shown.items()
-        }
-        stated = {"study": "goals", "robot": goal["machine"], "failures": "none"}
-        stated |= {"verdict": goal["title"], "checks": checked(checks(summary))}
-        about = RecordingInfo(identity, goal["title"], notes, properties, stated)
-        write_mechanism(path, about, load_model(ARM_MJCF), driven)
-        return
-    model, marks = load_model(), []
-    if name == "obstacle":
+    about = About(
+        study="goals",
+        identity=f"goals-{name}-seed{summary['seed']}",
+        title=goal["title"],
+        said=_notes(goal),
+        parameters=properties,
+        checks=checks(summary),
+        verdict=goal["title"],
+    )
+    shown = {key: ours[key] for key in ("pursued", "nothing")}
+    write = _write_hexapod if on_hexapod else _write_arm
+    write(folder / goal["recording"], about, goal, shown)
+
+
+def _write_arm(path: Path, about: About, goal: dict[str, Any], shown: dict[str, Outcome]) -> None:
+    model = load_model(ARM_MJCF)
+    scenes = {
+        key: condition_scene(model, one.time_s, one.arrays["joint_rad"], _plots(goal, one))
+        for key, one in shown.items()
+    }
+    results = {"study": about.study, "robot": goal["machine"], "failures": "none"}
+    results |= {"verdict": about.verdict, "checks": checked(about.checks)}
+    lines = [f"# {about.title}", "", *about.said, "", *constants(about.parameters)]
+    info = RecordingInfo(
+        about.identity, about.title, "\n".join(lines), dict(about.parameters), results
+    )
+    write_scenes(path, info, scenes, pages=False)
+
+
+def _write_hexapod(
+    path: Path, about: About, goal: dict[str, Any], shown: dict[str, Outcome]
+) -> None:
+    rig, model = hexapod_rig(), load_model()
+    stated = stated_of(rig)
+    if goal["name"] == "obstacle":
         model = secondary_goals.cluttered()
-        marks = [Mark(secondary_goals.LOCKED_STRUT, 0.0, "strut 1 locked", kind="locked")]
-    # A run of the hexapod shows its pointing error anyway.
-    flights = {
-        key: of_hexapod(
-            {"time_s": one.time_s, **one.arrays}, model, marks, extras=_plots(goal, one)[1:]
+        lock = Change(rig.actuators[secondary_goals.LOCKED_STRUT], "locked", 0.0)
+        stated = replace(stated, incidents=[lock])
+    # A run shows its pointing error anyway.
+    runs = {
+        key: RunView(
+            stated,
+            as_run_arrays({"time_s": one.time_s, **one.arrays}),
+            model,
+            extras=_plots(goal, one)[1:],
         )
         for key, one in shown.items()
     }
-    stated = results_of(flights["pursued"], "goals", checks=checks(summary), verdict=goal["title"])
-    write_flights(path, RecordingInfo(identity, goal["title"], notes, properties, stated), flights)
+    write_views(path, about, runs)
 
 
 def _plots(goal: dict[str, Any], outcome: Outcome) -> list[Plot]:
@@ -252,8 +276,8 @@ def _measure_words(goal: dict[str, Any]) -> str:
     return MEASURES[goal["measure"]].replace("$", "")
 
 
-def _notes(goal: dict[str, Any], properties: dict[str, Any]) -> str:
-    """Notes of the recording: the goal, and a table of all strategies."""
+def _notes(goal: dict[str, Any]) -> list[str]:
+    """Lines of the recording's notes: the goal, and a table of all strategies."""
     measure, (first, second) = _measure_words(goal), goal["angles"]
     columns = (
         Column("strategy", lambda run: run["name"].replace("_", " ")),
@@ -264,4 +288,4 @@ def _notes(goal: dict[str, Any], properties: dict[str, Any]) -> str:
     side = "below" if goal["keeps_below"] else "above"
     limit = f"{measure}: must stay {side} {goal['limit']:g}."
     rows = tabulate("", columns, goal["runs"]).markdown()
-    return "\n".join([f"# {goal['title']}", "", limit, "", rows, "", *constants(properties)])
+    return [limit, "", rows]

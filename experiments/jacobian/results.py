@@ -13,11 +13,11 @@ from experiments.jacobian.loop import VARIANTS, LoopRun, Tracked
 from experiments.jacobian.loop_results import loop_checks, loop_table, summarize_loop
 from experiments.jacobian.runs import Constancy
 from experiments.jacobian.variation import NORMS, ByNorm, Norm, Variation, size
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
+from experiments.recording.record import About, write_run
 from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.metrics import plant_constants
-from experiments.rig.hexapod.rig import nominal_testbed
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import version_properties, versions
 from experiments.study.results import Check, Results
@@ -129,13 +129,10 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
     factors = {f"{name}_factor": times for name, times in growth.items()}
     around = asdict(grown.bench) | plant_constants(grown.model)
     duration_s = len(tracked.run.time_s) * grown.bench.control_period_s
-    record_run(
-        folder,
-        run.name,
-        f"jacobian-{run.name}",
-        grown.model,
-        tracked.run,
-        [Mark(0, 0.0, "strut 1 locked, known to the mapping", kind="locked")],
+    about = About(
+        study="jacobian",
+        identity=f"jacobian-{run.name}",
+        title=run.name,
         said=[
             f"- {run.column}, strut 1 locked; seed {run.seed}, {duration_s:g} s.",
             f"- Spiral {run.growth} as large as the paper's.",
@@ -144,9 +141,16 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
             f"- e visited: {tracked.e_visited['frobenius']:.1e} (Frobenius), "
             f"{tracked.e_visited['two']:.1e} (2-norm).",
         ],
-        beside={},
-        properties=plain | factors | version_properties(summary) | around,
+        parameters=plain | factors | version_properties(summary) | around,
         checks=checks(summary),
+    )
+    write_run(
+        folder / f"{run.name}.rrd",
+        hexapod_rig(grown),
+        tracked.run,
+        about,
+        arrays=hexapod_arrays(tracked.run),
+        known="known to the mapping",
     )
 
 

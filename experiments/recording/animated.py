@@ -1,4 +1,4 @@
-"""A flight as an animation takes it: the rows that are drawn, and its machine on paper."""
+"""A run as an animation takes it: the rows that are drawn, and its machine on paper."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from experiments.recording import Array, drawing
-from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
+from experiments.recording.motion import Motion
+from experiments.recording.view import Change, RunView
 
 _LARGER = 2
 """The hexapod is magnified so many times as much as in a recording, which can be enlarged."""
@@ -15,30 +15,30 @@ _LARGER = 2
 
 @dataclass(frozen=True)
 class Animated:
-    """A flight that is to be animated, with a heading of a few words."""
+    """A run that is to be animated, with a heading of a few words."""
 
     heading: str
-    shown: Shown
+    run: RunView
 
     @property
     def time_s(self) -> Array:
         """(N,)."""
-        return self.shown.time_s
+        return self.run.time_s
 
     @property
     def unit(self) -> str:
         """Of the rows that are drawn: those in the unit of the first."""
-        return self.shown.row_units[0]
+        return self.run.stated.row_units[0]
 
     @property
     def desired(self) -> Array:
         """Of these rows at each tick, (N, k); of one alone, over time."""
-        return self.shown.desired[:, self.shown.drawn]
+        return self.run.arrays["desired"][:, self.run.drawn]
 
     @property
     def true(self) -> Array:
         """Likewise."""
-        return self.shown.true[:, self.shown.drawn]
+        return self.run.arrays["true"][:, self.run.drawn]
 
     @cached_property
     def error(self) -> Array:
@@ -48,28 +48,33 @@ class Animated:
     @property
     def factor(self) -> int:
         """By which the machine's motion is magnified to be seen."""
-        return self.shown.factor * (_LARGER if self.shown.colored else 1)
+        return self.run.factor * (_LARGER if self.run.stated.hexapod else 1)
 
     @cached_property
     def surface(self) -> drawing.Machine:
         """Of the machine."""
-        return (drawing.machine if self.shown.colored else drawing.robot)(self.shown.model)
+        return (drawing.machine if self.run.stated.hexapod else drawing.robot)(self.run.model)
+
+    def motion(self, tick: int, factor: float) -> Motion:
+        """Of the machine at a tick, magnified."""
+        own = self.run.arrays
+        return self.run.motion(own["task"][[tick]], own["qpos"][[tick]], factor)
 
     @property
-    def marks(self) -> list[tuple[str | None, Mark]]:
+    def failures(self) -> list[tuple[str | None, Change]]:
         """The failures, with the part of the surface that fails."""
-        bodies = self.shown.bodies
-        return [
-            (f"strut{m.actuator + 1}", m)
-            if self.shown.colored
-            else (next(iter(bodies[m.actuator]), None), m)
-            for m in self.shown.marks
-        ]
+        found = []
+        for (bodies, _), failure in zip(self.run.failing, self.run.failures, strict=True):
+            part = next(iter(bodies), None)
+            if self.run.stated.hexapod:
+                part = f"strut{bodies[0][-1]}"
+            found.append((part, failure))
+        return found
 
     @cached_property
     def curves(self) -> tuple[Array, Array]:
         """What is drawn in a plane, desired and true, (N, 2): two rows, or one over time."""
-        if len(self.shown.drawn) > 1:
+        if len(self.run.drawn) > 1:
             return self.desired[:, :2], self.true[:, :2]
         # As wide as high.
         both = np.hstack([self.desired, self.true])

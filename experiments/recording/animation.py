@@ -69,7 +69,7 @@ class Animation:
         """Evenly spaced, from shortly before the first failure, which stands for a moment."""
         time_s = self.runs[0].time_s
         begin_s, end_s = time_s[[0, -1]]
-        failed = [mark.failed_s for one in self.runs for _, mark in one.marks]
+        failed = [failure.time_s for one in self.runs for _, failure in one.failures]
         struck_s = min(failed, default=begin_s)
         begin_s = max(begin_s, struck_s - _BEFORE * (end_s - struck_s))
         moving = np.linspace(begin_s, end_s, FRAMES)
@@ -146,24 +146,24 @@ def _axes(figure: Figure, left: float, bottom: float, width: float, height: floa
 def state_at(one: Animated, tick: int) -> tuple[str, str]:
     """What is known of the actuators, and the colour in which it is written."""
     now_s = one.time_s[tick]
-    failed = [mark for _, mark in one.marks if mark.failed_s <= now_s]
+    failed = [failure for failure in one.run.failures if failure.time_s <= now_s]
     if not failed:
         return BLACK, "all actuators work"
-    last = max(failed, key=lambda mark: mark.failed_s)
-    if last.diagnosed_s > now_s:
-        return VERMILION, last.failure
-    delay_ms = round(1e3 * (last.diagnosed_s - last.failed_s))
-    return BLUE, f"{last.diagnosis}, after {delay_ms} ms"
+    diagnosis, text = one.run.diagnosis_of(failed[-1]), one.run.stated.text(failed[-1])
+    if diagnosis is None or diagnosis.time_s > now_s:
+        return VERMILION, text
+    delay_ms = round(1e3 * (diagnosis.time_s - failed[-1].time_s))
+    return BLUE, f"{text}, diagnosed as {diagnosis.kind} after {delay_ms} ms"
 
 
 def _machine(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
     """The machine at a tick, what has failed in red, seen as its MJCF says."""
-    model, surface = one.shown.model, one.surface
+    model, surface = one.run.model, one.surface
     seen = model.vis.global_
     view = drawing.View(seen.azimuth - 180.0, -seen.elevation)
-    failed = [part for part, mark in one.marks if mark.failed_s <= one.time_s[tick]]
+    failed = [part for part, failure in one.failures if failure.time_s <= one.time_s[tick]]
     colors = drawing.COLORS | {part: VERMILION for part in failed if part is not None}
-    points = surface.placed(one.shown.motion([tick], animation.factor), 0)
+    points = surface.placed(one.motion(tick, animation.factor), 0)
     drawing.draw_machine(axes, surface, points, view, colors)
     right, up = view.on_paper(model.stat.center)
     half = _HALF * float(model.stat.extent)

@@ -11,8 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from experiments.recording.hexapod import hexapod_motion
-from experiments.recording.machine import Motion
+from experiments.recording.motion import Motion, hexapod_mover
 from experiments.recording.solids import Solid, solid_of
 from experiments.rig.bodies import body_name
 from experiments.study.palette import BLACK, SKY
@@ -158,7 +157,7 @@ def draw_machine(
 
 def draw_at_rest(axes: Axes, model: mujoco.MjModel, view: View) -> None:
     """Draw the machine at its nominal pose, its struts numbered."""
-    motion, drawn = hexapod_motion(model, NOMINAL.moved(np.zeros((1, 6)))), machine(model)
+    motion, drawn = hexapod_mover(model)(NOMINAL.moved(np.zeros((1, 6)))), machine(model)
     draw_machine(axes, drawn, drawn.placed(motion, 0), view)
     number_struts(axes, motion, 0, view)
 

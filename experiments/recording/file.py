@@ -1,4 +1,4 @@
-"""What every Rerun recording shares: opening, time, lines, and a screen with nothing but views."""
+"""Parts of every Rerun recording: opening, time, lines, and a screen with nothing but views."""
 
 import hashlib
 import json
@@ -17,15 +17,16 @@ from matplotlib.colors import to_rgb
 from rerun.chunk import RrdReader
 
 from experiments.recording import Array
-from experiments.study.palette import LINES
+from experiments.study.palette import BLACK, LINES
 
 TIMELINE = "sim_time"
+_WHITE = [240, 240, 240]
 _ROUND = (1, 2, 5, 10)
 
 
 @dataclass(frozen=True)
 class RecordingInfo:
-    """What a recording states about itself."""
+    """Name, notes and properties of a recording."""
 
     recording_id: str  # experiment, run and seed
     name: str  # for people
@@ -116,13 +117,25 @@ def log_series(
     entity: str,
     names: Sequence[str],
     values: Array,
+    *,
+    color: str | None = None,
+    width: float | None = None,
 ) -> None:
-    """Log one line for each column of `values`, as float64; names carry the units."""
-    colors = [rgb(LINES[k % len(LINES)]) for k in range(len(names))]
-    style = rr.SeriesLines(names=names, colors=colors)
+    """Log one line for each column of `values`, as float64; names carry the units.
+
+    Lines of one given colour are drawn point by point, gaps and all.
+    """
+    alike = None if color is None else rr.components.AggregationPolicy.Off
+    colors = LINES if color is None else [color]
+    shown = [_WHITE if each == BLACK else rgb(each) for each in colors]  # on a dark background
+    style = rr.SeriesLines(
+        names=names,
+        colors=[shown[k % len(shown)] for k in range(len(names))],
+        widths=None if width is None else [width] * len(names),
+        aggregation_policy=alike,
+    )
     recording.log(entity, style, static=True)
-    columns = rr.Scalars.columns(scalars=values)
-    recording.send_columns(entity, indexes=[time], columns=columns)
+    recording.send_columns(entity, indexes=[time], columns=rr.Scalars.columns(scalars=values))
 
 
 def screen(views: rrb.Container) -> rrb.Blueprint:

@@ -4,6 +4,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import matplotlib
 import mujoco
 import numpy as np
 import rerun as rr
@@ -12,73 +13,44 @@ from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
 from scipy.spatial.transform import Rotation
 
 from experiments.recording import Array
-from experiments.recording.file import TIMELINE, at_most, rgb, round_down, time_column
-from experiments.recording.marks import Mark
+from experiments.recording.file import TIMELINE, at_most, rgb, time_column
+from experiments.recording.motion import Motion
 from experiments.rig.bodies import body_name
-from experiments.study.palette import FAILED
+from experiments.study.palette import FAILED, VERMILION
 
 _PICTURES_HZ = 25
 _DISTANCE = 1.6
-"""Of the eye, in extents of the machine: all of it is seen, and labels beside it."""
-_BESIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
-"""How far from the middle labels stand, and below each other, in extents of the machine."""
+"""Distance of the eye in extents of the machine: all of it is seen, and labels next to it."""
+_ASIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
+"""Places of labels, from the middle and below each other, in extents of the machine."""
+_LABEL = [240] * 3
 
+FIXTURES: Mapping[str, rr.AsComponents] = {
+    f"housing{k}/number": rr.Points3D(
+        [[0, 0, 0.21]], radii=[0.001], colors=[_LABEL], labels=[f"{k}"], show_labels=True
+    )
+    for k in range(1, 7)
+} | {
+    # The pointing axis: the payload's z axis, upwards. The laser is in the MJCF, and stands still.
+    "payload/beam": rr.LineStrips3D(
+        [[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]
+    )
+}
+"""Numbers of struts and the beam, drawn on the hexapod's bodies, by entities below them."""
 
-@dataclass(frozen=True)
-class Motion:
-    """B bodies of a machine at T times, in MuJoCo's world: (T, B, 3, 3) and (T, B, 3)."""
-
-    names: tuple[str, ...]
-    rotation: Array
-    position_m: Array
-
-
-def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
-    """All bodies at positions (T, nq)."""
-    data = mujoco.MjData(model)
-    names = tuple(body_name(model, k) for k in range(model.nbody))
-    rotation = np.empty((len(qpos), model.nbody, 3, 3))
-    position_m = np.empty((len(qpos), model.nbody, 3))
-    for k, data.qpos[:] in enumerate(qpos):
-        mujoco.mj_kinematics(model, data)
-        rotation[k], position_m[k] = data.xmat.reshape(-1, 3, 3), data.xpos
-    return Motion(names, rotation, position_m)
-
-
-def exaggerated(motion: Motion, nominal: Motion, factor: float) -> Motion:
-    """The motion with every body's displacement from its nominal pose multiplied by a factor.
-
-    Rotation vectors and translations of the bodies' origins are multiplied: to first order loops
-    stay closed.
-    """
-    vector, shift = _displacement(motion, nominal)
-    turn = Rotation.from_rotvec(factor * vector.reshape(-1, 3)).as_matrix()
-    larger = turn.reshape(motion.rotation.shape) @ nominal.rotation
-    return Motion(motion.names, larger, nominal.position_m + factor * shift)
-
-
-def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
-    """Rotation vectors and translations from the nominal poses, shape (T, B, 3) each."""
-    turn = motion.rotation @ nominal.rotation.swapaxes(-1, -2)
-    vector = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec()
-    return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m
-
-
-def exaggeration_of(motion: Motion, nominal: Motion) -> int:
-    """A round factor that makes the motion of all bodies visible."""
-    vector, shift = _displacement(motion, nominal)
-    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
-
-
-def exaggeration(angle_rad: float, distance_m: float) -> int:
-    """A round factor (1, 2, 5, 10, ...) that makes a motion visible: up to 7 degrees and 30 mm."""
-    most = min(0.12 / max(angle_rad, 1e-12), 0.03 / max(distance_m, 1e-12))
-    return int(round_down(np.clip(most, 1.0, 5e9)))
+Failing = tuple[Sequence[str], Sequence[tuple[float, str]]]
+"""Bodies of a failed actuator, and words on it from each time on, first from its failure on."""
 
 
 def stills(time_s: Array) -> slice:
     """The samples that are drawn in 3D, of evenly spaced ones."""
     return at_most(_PICTURES_HZ, time_s)
+
+
+def load_colors(load: Array, full_load: float) -> Array:
+    """Blue for negative, grey for no, red for positive load (T,), shape (T, 3), 0..255."""
+    share = 0.5 + 0.5 * load / full_load
+    return matplotlib.colormaps["coolwarm"](share, bytes=True)[:, :3]
 
 
 @dataclass(frozen=True)
@@ -89,8 +61,8 @@ class Picture:
         model: Of all geoms.
         time_s: (T,).
         motion: Of its bodies, magnified by the factor.
-        factor: See there.
-        failing: Failures, each with the bodies that the actuator moves; without any, no picture.
+        factor: By which it is magnified.
+        failing: What fails; without bodies, no picture of it.
         colors: Of bodies over time, (T, 3) in 0..255, until they fail.
         fixtures: What else moves with bodies, by entities below them.
         words: On colours and the like, for the title.
@@ -100,14 +72,14 @@ class Picture:
     time_s: Array
     motion: Motion
     factor: int
-    failing: Sequence[tuple[Sequence[str], Mark]] = ()
+    failing: Sequence[Failing] = ()
     colors: Mapping[str, Array] = field(default_factory=dict)
     fixtures: Mapping[str, rr.AsComponents] = field(default_factory=dict)
     words: str = ""
 
     @property
     def title(self) -> str:
-        """By how much motion is magnified, and what colours mean."""
+        """The title: how much motion is magnified, and what colours mean."""
         size = f"motion x{self.factor}" if self.factor > 1 else ""
         return "; ".join(filter(None, (size, self.words)))
 
@@ -129,7 +101,7 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
     for below, archetype in picture.fixtures.items():
         recording.log(body_entity(entity, below), archetype, static=True)
     failed_s = {
-        name: max(begin_s, mark.failed_s) for names, mark in picture.failing for name in names
+        name: max(begin_s, words[0][0]) for names, words in picture.failing for name in names
     }
     for name, colors in picture.colors.items():
         until = slice(int(np.searchsorted(time_s, failed_s.get(name, np.inf))))
@@ -139,9 +111,9 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
         recording.set_time(TIMELINE, duration=when_s)
         logger.set_body_color(number[name], [*np.divide(rgb(FAILED), 255), 1.0], recording)
     recording.reset_time()
-    for k, (names, mark) in enumerate(picture.failing):
+    for k, (names, _) in enumerate(picture.failing):
         if names:
-            _log_label(recording, f"{entity}/labels/failure_{k}", picture, names, mark)
+            _log_label(recording, f"{entity}/labels/failure_{k}", picture, k)
 
 
 def _drawn_once(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -174,22 +146,19 @@ def _log_colors(
             recording.send_columns(path, [time_column(time_s)], columns)
 
 
-def _log_label(
-    recording: rr.RecordingStream, path: str, picture: Picture, bodies: Sequence[str], mark: Mark
-) -> None:
-    """Log what is known of a failure beside the machine, and a line from there to the bodies."""
-    since = picture.time_s >= mark.failed_s - 1e-9
+def _log_label(recording: rr.RecordingStream, path: str, picture: Picture, row: int) -> None:
+    """Log words on a failure next to the machine, and a line from there to the bodies."""
+    (bodies, words), model = picture.failing[row], picture.model
+    since = picture.time_s >= words[0][0] - 1e-9
     if not since.any():
         return
     at = [picture.motion.names.index(name) for name in bodies]
     joint = picture.motion.position_m[since][:, at].mean(axis=1)
-    model, extent = picture.model, float(picture.model.stat.extent)
-    right = np.cross(ahead_of(model), [0, 0, 1])
+    extent, right = float(model.stat.extent), np.cross(ahead_of(model), [0, 0, 1])
     right /= np.linalg.norm(right)
     side = 1 if (joint[0] - model.stat.center) @ right >= 0 else -1
-    row = [each for _, each in picture.failing].index(mark)
     up = (_ABOVE - _BELOW * row) * np.cross(right, ahead_of(model))
-    place = model.stat.center + extent * (side * _BESIDE * right + up)
+    place = model.stat.center + extent * (side * _ASIDE * right + up)
     color, lines = rgb(FAILED), np.stack([np.broadcast_to(place, joint.shape), joint], axis=1)
     style = rr.LineStrips3D.from_fields(colors=[color], radii=[-0.5])
     recording.log(f"{path}/line", style, static=True)
@@ -199,8 +168,7 @@ def _log_label(
         positions=[place], colors=[color], radii=[-2.0], show_labels=True
     )
     recording.log(f"{path}/text", style, static=True)
-    known = [(mark.failed_s, mark.failure), (mark.diagnosed_s, mark.diagnosis)]
-    times, labels = zip(*known[: 1 + mark.is_found], strict=True)
+    times, labels = zip(*words, strict=True)
     columns = rr.Points3D.columns(labels=labels)
     recording.send_columns(f"{path}/text", [time_column(np.array(times))], columns)
 
@@ -213,7 +181,7 @@ def ahead_of(model: mujoco.MjModel) -> Array:
 
 
 def machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
-    """A mechanism, seen as its MJCF says."""
+    """A view of a mechanism, seen as its MJCF says."""
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=model.stat.center - _DISTANCE * model.stat.extent * ahead_of(model),

@@ -3,49 +3,61 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import mujoco
 import numpy as np
 import rerun as rr
 
+from experiments.recording import Array
 from experiments.recording.file import rgb, time_column
-from experiments.recording.hexapod import load_colors
-from experiments.recording.machine import Picture, log_machine, stills
-from experiments.recording.marks import SOUND
-from experiments.recording.shown import CLOSURE, ERROR, INPUT, SECONDARY, Shown
-from experiments.recording.signals import Line, Plot, Range, log_lines, log_plot
-from experiments.recording.views import Square, Task, log_plane, square_around
+from experiments.recording.machine import (
+    FIXTURES,
+    Failing,
+    Picture,
+    load_colors,
+    log_machine,
+    stills,
+)
+from experiments.recording.motion import displacement, magnification, magnified, motion_of
+from experiments.recording.plane import Plane, log_plane
+from experiments.recording.signals import Line, Plot, Range, axis_of, log_lines, log_plot
+from experiments.recording.view import RunView
+from experiments.rig.run import SOUND
 from experiments.study.palette import FAILED, GREEN, ORANGE, SKY
 
 _LINES = 1.9
 """Side of the square over the extent of the curves where the label has three lines."""
 _STATES = {SOUND: [150] * 3, "free": rgb(ORANGE), "weak": rgb(SKY), "loose": rgb(GREEN)}
 """Colours of what actuators are, or are taken for; of any other failure that of what has failed."""
+FEW = 3
+"""Runs that leave room for the robot next to the plots; of more it has a page of its own."""
+_ROOM, _NARROW = 8.0, 4.0
+"""Ticks for which an axis has room: where the plots have a column, and below the robot."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A machine in one condition or flight.
+    """A machine in one condition or run.
 
     Attributes:
         picture: In 3D.
         plots: All that is logged.
-        panels: Of them, those that are shown.
-        ranges: Of the values of the panels, by entity; the same in all scenes that are compared.
-        task: Two rows in a plane; None is nothing.
-        square: What is shown of the plane.
+        axes: Of those plots that are shown, by entity; the same in all scenes that are compared.
+        plane: Two rows in a plane; None is nothing.
         lines: Events.
         lanes: States of actuators over time, by name.
-        sentences: What is known from each time on.
     """
 
     picture: Picture
     plots: Sequence[Plot]
-    panels: Sequence[Plot]
-    ranges: Mapping[str, Range]
-    task: tuple[str, Task] | None = None
-    square: Square | None = None
+    axes: Mapping[str, Range]
+    plane: Plane | None = None
     lines: Sequence[Line] = ()
     lanes: Mapping[str, Sequence[tuple[float, str]]] = field(default_factory=dict)
-    sentences: Sequence[tuple[float, str]] = ()
+
+    @property
+    def panels(self) -> list[Plot]:
+        """The plots that are shown."""
+        return [plot for plot in self.plots if plot.entity in self.axes]
 
     @property
     def has_events(self) -> bool:
@@ -54,122 +66,121 @@ class Scene:
         return any(line.time_s > begin_s for line in self.lines)
 
 
-def scenes_of(flights: Sequence[Shown]) -> list[Scene]:
-    """Flights on scales that those of one robot and task have in common.
+def scenes_of(runs: Mapping[str, RunView]) -> dict[str, Scene]:
+    """Runs on scales that those of one robot and task have in common.
 
     One alone has its path in the plane, several have their errors there: their paths are one line.
     """
-    scenes = []
-    for one in flights:
-        alike = [other for other in flights if other.kind == one.kind]
-        ranges = _ranges([_panels(other) for other in alike])
-        shown = [plot for plot in _panels(one) if plot.entity in ranges]
-        curves = None
-        if len(one.drawn) > 1:
-            curves = _path(one) if len(flights) == 1 else _errors(one, alike)
-        scene = Scene(
-            _picture(one, alike), one.signals, shown, ranges, *(curves or (None, None)),
-            lines=one.lines, lanes=one.lanes, sentences=one.sentences,
-        )  # fmt: skip
-        scenes.append(scene)
+    scenes, room = {}, _NARROW if 1 < len(runs) <= FEW else _ROOM
+    for name, run in runs.items():
+        alike = [other for other in runs.values() if other.scales == run.scales]
+        axes = axes_of([plot for other in alike for plot in other.panels], room)
+        plane = None
+        if len(run.drawn) > 1:
+            plane = _path(run) if len(runs) == 1 else _errors(run, alike)
+        scenes[name] = Scene(_picture(run, alike), run.signals, axes, plane, run.lines, run.lanes)
     return scenes
 
 
-def _panels(one: Shown) -> list[Plot]:
-    """In the order of what they tell; a screen may have no room for the last."""
-    places = [ERROR, INPUT, *(plot.entity for plot in one.extras), SECONDARY, CLOSURE]
-    return [plot for place in places for plot in one.signals if plot.entity.startswith(place)]
-
-
-def _ranges(each: Sequence[Sequence[Plot]]) -> dict[str, Range]:
-    """Of the values of the same plot in all; of what is constant in all of them, none."""
-    found, ranges = [plot for plots in each for plot in plots], dict[str, Range]()
-    for entity in dict.fromkeys(plot.entity for plot in found):
-        alike = [plot for plot in found if plot.entity == entity]
+def axes_of(plots: Sequence[Plot], room: float = _NARROW) -> dict[str, Range]:
+    """The axes of plots, of one entity the same; of what is constant in all of them, none."""
+    axes = {}
+    for entity in dict.fromkeys(plot.entity for plot in plots):
+        alike = [plot for plot in plots if plot.entity == entity]
         if not all(plot.is_constant for plot in alike):
             lows, highs = zip(*(plot.range for plot in alike), strict=True)
-            ranges[entity] = min(lows), max(highs)
-    return ranges
+            axes[entity] = axis_of(min(lows), max(highs), room)
+    return axes
 
 
-def _picture(one: Shown, alike: Sequence[Shown]) -> Picture:
-    factor, at = min(other.factor for other in alike), stills(one.time_s)
-    colors, words = {}, ""
-    if one.colored:
-        full = float(max(1.0, np.ceil(max(np.abs(other.inputs).max() for other in alike))))
+def condition_scene(
+    model: mujoco.MjModel,
+    time_s: Array,
+    qpos: Array,
+    plots: Sequence[Plot],
+    *,
+    plane: Plane | None = None,
+    nominal: Array | None = None,
+    failing: Sequence[Failing] = (),
+) -> Scene:
+    """A mechanism in one condition, moving as it is told, at evenly spaced times (N,).
+
+    Args:
+        model: Of the mechanism.
+        time_s: (N,).
+        qpos: Positions of all its joints, (N, nq).
+        plots: Those that are not constant are shown.
+        plane: Of its task.
+        nominal: The pose (nq,) about which motion too small to be seen is magnified; None is
+            `qpos0`.
+        failing: What has failed.
+    """
+    rest = motion_of(model, (model.qpos0 if nominal is None else nominal)[None])
+    at = stills(time_s)
+    motion = motion_of(model, qpos[at])
+    factor = magnification(*displacement(motion, rest))
+    picture = Picture(model, time_s[at], magnified(motion, rest, factor), factor, failing)
+    return Scene(picture, plots, axes_of(plots), plane)
+
+
+def _picture(run: RunView, alike: Sequence[RunView]) -> Picture:
+    factor, at = min(other.factor for other in alike), stills(run.time_s)
+    inputs, colors, words = run.arrays["inputs"], {}, ""
+    if run.stated.hexapod:
+        most = max(np.abs(other.arrays["inputs"]).max() for other in alike)
+        full = float(max(1.0, np.ceil(most)))
         words = f"inputs -{full:g} % blue, +{full:g} % red"
-        for names, load in zip(one.bodies, one.inputs[at].T, strict=True):
+        for names, load in zip(run.stated.bodies, inputs[at].T, strict=True):
             colors |= dict.fromkeys(names, load_colors(load, full))
-    failing = [(one.bodies[mark.actuator], mark) for mark in one.marks if mark.kind != SOUND]
-    motion = one.motion(at, factor)
     return Picture(
-        one.model, one.time_s[at], motion, factor, failing, colors, dict(one.fixtures), words
+        run.model,
+        run.time_s[at],
+        run.motion(run.arrays["task"][at], run.arrays["qpos"][at], factor),
+        factor,
+        run.failing,
+        colors,
+        FIXTURES if run.stated.hexapod else {},
+        words,
     )
 
 
-def _path(one: Shown) -> tuple[tuple[str, Task], Square]:
-    right, up = one.drawn[:2]
-    curves = 1e6 * one.desired[:, [right, up]], 1e6 * one.true[:, [right, up]]
-    task = Task((one.rows[right], one.rows[up]), f"u{one.row_units[0]}", *curves)
-    return ("Path: {1} over {0}; desired orange, true blue", task), task.square
+def _path(run: RunView) -> Plane:
+    columns, unit = run.drawn[:2], f"u{run.stated.row_units[0]}"
+    desired, true = (1e6 * run.arrays[name][:, columns] for name in ("desired", "true"))
+    right, up = (run.rows[k] for k in columns)
+    title = f"Path: {up} over {right}; desired orange, true blue"
+    return Plane(title, (right, up), unit, desired, true, np.concatenate([desired, true]))
 
 
-def _errors(one: Shown, alike: Sequence[Shown]) -> tuple[tuple[str, Task], Square]:
-    def error(of: Shown) -> np.ndarray:
-        return 1e6 * of.error[:, of.drawn[:2]]
-
-    own = error(one)
-    (right, up), unit = one.drawn[:2], f"u{one.row_units[0]}"
-    names = one.rows[right], f"{one.rows[up]} error"
-    task = Task(names, unit, np.zeros_like(own), own, f"RMS {one.rms_said()}")
-    return ("Error", task), square_around(*map(error, alike), margin=_LINES)
+def _errors(run: RunView, alike: Sequence[RunView]) -> Plane:
+    columns, unit = run.drawn[:2], f"u{run.stated.row_units[0]}"
+    errors = [1e6 * each.error[:, columns] for each in (run, *alike)]
+    right, up = (run.rows[k] for k in columns)
+    names, zero = (right, f"{up} error"), np.zeros_like(errors[0])
+    within, note = np.concatenate(errors), f"RMS {run.rms_text()}"
+    return Plane("Error", names, unit, zero, errors[0], within, _LINES, note)
 
 
-def log_scene(
-    recording: rr.RecordingStream,
-    under: str,
-    scene: Scene,
-    axes: Mapping[str, Range],
-    name: str = "",
-) -> None:
-    """Log a scene below an entity, its events over the ranges of the axes of its panels.
-
-    Of several scenes the name is said in the list of events.
-    """
+def log_scene(recording: rr.RecordingStream, under: str, scene: Scene, name: str = "") -> None:
+    """Log a scene below an entity; of several scenes the name is in the list of events."""
     log_machine(recording, f"{under}machine", scene.picture)
     for plot in scene.plots:
         log_plot(recording, plot, under)
-    for plot in (each for each in scene.panels if each.entity in axes):
-        log_lines(recording, plot, scene.lines, axes[plot.entity], under)
-    if scene.task and scene.square:
-        time_s = scene.plots[0].time_s
-        log_plane(recording, f"{under}plane", time_s, scene.task[1], scene.square)
+    for plot in scene.panels:
+        log_lines(recording, plot, scene.lines, scene.axes[plot.entity], under)
+    if scene.plane is not None:
+        log_plane(recording, f"{under}plane", scene.plots[0].time_s, scene.plane)
     if not scene.has_events:
         return
-    listed = [(e.time_s, f"{name}: {e.name}" if name else e.name) for e in scene.lines]
-    _log_words(recording, f"{under}events", rr.TextLog, listed)
-    _log_words(recording, f"{under}status", rr.TextDocument, scene.sentences)
+    texts = [f"{name}: {line.name}" if name else line.name for line in scene.lines]
+    times = time_column(np.array([line.time_s for line in scene.lines]))
+    recording.send_columns(f"{under}events", [times], rr.TextLog.columns(text=texts))
     kinds = {kind for changes in scene.lanes.values() for _, kind in changes}
     colors = {kind: _STATES.get(kind, rgb(FAILED)) for kind in sorted(kinds)}
     style = rr.StateConfiguration(values=list(colors), colors=list(colors.values()))
-    for name, changes in scene.lanes.items():
-        entity = f"{under}state/{name.replace(' ', '_')}"
-        times, states = zip(*changes, strict=True)
+    for lane, changes in scene.lanes.items():
+        entity = f"{under}state/{lane.replace(' ', '_')}"
+        at_s, states = zip(*changes, strict=True)
         recording.log(entity, style, static=True)
         columns = rr.StateChange.columns(state=states)
-        recording.send_columns(entity, [time_column(np.array(times))], columns)
-
-
-def _log_words(
-    recording: rr.RecordingStream,
-    entity: str,
-    kind: type[rr.TextLog] | type[rr.TextDocument],
-    said: Sequence[tuple[float, str]],
-) -> None:
-    times, words = zip(*said, strict=True)
-    if kind is rr.TextLog:
-        columns = rr.TextLog.columns(text=words)
-    else:
-        types = [rr.MediaType.MARKDOWN] * len(words)
-        columns = rr.TextDocument.columns(text=words, media_type=types)
-    recording.send_columns(entity, [time_column(np.array(times))], columns)
+        recording.send_columns(entity, [time_column(np.array(at_s))], columns)

@@ -1,79 +1,256 @@
-"""Which of the studies the options of `fjh recover` ask for: the hexapod's two, any robot's."""
+"""The command: the cases that its options ask for, and what is done beside them."""
 
-from contextlib import AbstractContextManager
-from dataclasses import replace
-from types import ModuleType
-from typing import Any
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import chain, product
+from math import ceil, inf
+from pathlib import Path
+from typing import Any, get_args
 
-from experiments.recover import (
-    CONTROLLER,
-    HEXAPOD_ALONE,
-    HOURS,
-    OTHERS_ALONE,
-    event_results,
-    mechanism_event_results,
-    mechanism_results,
+from experiments.recover import CONTROLLER, HEXAPOD_ALONE, HOURS, OTHERS_ALONE, plan, simulate
+from experiments.recover import predictions as p
+from experiments.recover.plan import BENCH, Case, exact_rig
+from experiments.recover.recordings import SHOWN, Kept, fly, kept
+from experiments.recover.row import SCHEMA, other_columns, row_of
+from experiments.rig.dither import rig_dither
+from experiments.rig.events import EVENTS
+from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.options import RobotOptions, Sensing
+from experiments.rig.reach import check_reach
+from experiments.rig.rig import Rig
+from experiments.study.basis import sources_of
+from experiments.study.campaign import Again, Campaign, Row
+from experiments.study.controllers import controller_factory, controller_sha256
+from experiments.study.parallel import in_parallel
+from experiments.study.resumable import Complete, complete
+from experiments.study.study import Interrupted, OnProgress, WrongInput
+from ftc.fdi.dither_design import DitherDesign
+from sim import model_sha256
+
+SOURCES = sources_of(
+    "recover", without=("__init__", "command", "figure", "recordings", "results", "statistics")
 )
-from experiments.recover import results as hexapod_results
-from experiments.recover.event_runs import Events, run_events
-from experiments.recover.mechanism_events import MechanismEvents, run_mechanism_events
-from experiments.recover.mechanisms import Mechanisms, run_mechanisms
-from experiments.recover.runs import Recover, run_recover
-from experiments.study.results import Check, Results
-from experiments.study.study import OnProgress, WrongInput
-
-Outcome = Recover | Events | Mechanisms | MechanismEvents | dict[str, Any]
+Cases = Campaign[tuple[Case, ...]]
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What the command simulated and computed.
+
+    Attributes:
+        done: The cases; their rows are on disk.
+        rigs: The robot as each sensing has it, on its exact plant.
+        designs: The dither of each, where it was designed; None is none.
+        controller: Somebody else's, package.module:factory.
+        others: Columns of its rows.
+        kept: Runs that are kept whole.
+        predicted: What is computed beside failures of the hexapod, ready for JSON.
+    """
+
+    done: Complete[tuple[Case, ...]]
+    rigs: Mapping[Sensing, Rig]
+    designs: Mapping[Sensing, DitherDesign | None] = field(default_factory=dict)
+    controller: str | None = None
+    others: Sequence[Row] = ()
+    kept: Sequence[Kept] = ()
+    predicted: Mapping[str, Any] = field(default_factory=dict)
+
+
+@contextmanager
 def run(
-    *, seed: int, quick: bool, on_progress: OnProgress, **options: Any
-) -> AbstractContextManager[Outcome]:
-    """The hexapod on its spiral, or the robot of the option `model`; or either in all events.
+    *, seed: int, quick: bool, model: Path | None, on_progress: OnProgress, **options: Any
+) -> Iterator[Outcome | dict[str, Any]]:
+    """All cases, on the workers there are, kept as they finish; to be published in the context.
+
+    What is beside the cases takes minutes, and is done again by a command that goes on.
+
+    Args:
+        seed: Of all that is drawn, and of all noise.
+        quick: A small set.
+        model: Another robot's file; None is the hexapod.
+        on_progress: Called with finished and total number of cases and other jobs.
+        options: The others of the command; `folder`, `workers`, `scheduler` and `resume` as of
+            :func:`experiments.study.resumable.complete`.
 
     Raises:
-        WrongInput: An option is given that is for another one; or as
-            :func:`experiments.recover.runs.run_recover`,
-            :func:`experiments.recover.event_runs.run_events`,
-            :func:`experiments.recover.mechanisms.run_mechanisms` and
-            :func:`experiments.recover.mechanism_events.run_mechanism_events`.
+        WrongInput: An option is given that is for other cases; something that the robot does not
+            have or cannot do; no such controller; or as `complete`.
+        sim.ModelError: The file, or what it says.
     """
-    hexapod, events = options["model"] is None, options.pop("events")
-    for option in OTHERS_ALONE if hexapod else HEXAPOD_ALONE:
-        if options.pop(option.name) not in (option.default, None):
-            for_whom = "needs" if hexapod else "does not go with"
+    events, controller = options["events"], options["controller"]
+    _refuse_others(model, options)
+    rigs: dict[Sensing, Rig] = {}
+    designs: dict[Sensing, DitherDesign | None] = {}
+    if model is not None:
+        campaign, rigs, designs = _of_robot(model, options, seed, quick)
+    elif events:
+        names, each = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
+        campaign = events_of(names, each, 2.0 if quick else 3600.0, seed)
+    else:
+        if controller is not None:
+            controller_factory(controller)  # a wrong name is refused before anything runs
+        healthy = (1, 2.0) if quick else (healthy_for(options["hours"]), BENCH.duration_s)
+        campaign = failures_of(plan.QUICK if quick else plan.WHOLE, *healthy, seed, controller)
+    alone = model is None and not events
+    jobs = _jobs(campaign.runs, controller, seed, quick) if alone else []
+    cases, total = len(campaign.runs), len(campaign.runs) + len(jobs)
+    how = {name: options[name] for name in ("folder", "workers", "scheduler", "resume")}
+    how["on_progress"] = lambda done, _: on_progress(done, total)
+    with complete("recover", campaign, **how) as done:
+        if not isinstance(done, Complete):
+            yield done
+            return
+        rigs = rigs or {"task": exact_rig()}
+        if not alone:
+            yield Outcome(done, rigs, designs)
+            return
+        try:
+            calls = [{"job": job, "given": given} for _, job, given in jobs]
+            found = in_parallel(_call, calls, lambda k, _: on_progress(cases + k, total))
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"interrupted: all {cases} runs are kept; --resume continues"
+            ) from None
+        beside = defaultdict[str, list[Any]](list)
+        for (name, *_), result in zip(jobs, found, strict=True):
+            beside[name].append(result)
+        others, whole = beside["others"], beside["kept"]
+        yield Outcome(done, rigs, designs, controller, others, whole, _published(beside))
+
+
+def _refuse_others(model: Path | None, options: Mapping[str, Any]) -> None:
+    """Raise a `WrongInput` if an option is given that is for other cases."""
+    for option in OTHERS_ALONE if model is None else HEXAPOD_ALONE:
+        if options[option.name] not in (option.default, None):
+            for_whom = "needs" if model is None else "does not go with"
             raise WrongInput(f"--{option.name.replace('_', '-')} {for_whom} --model")
-    common: dict[str, Any] = {"seed": seed, "quick": quick, "on_progress": on_progress}
-    if hexapod:
-        del options["model"]
-        if events:
-            for option in (HOURS, CONTROLLER):
-                if options.pop(option.name) != option.default:
-                    raise WrongInput(f"--{option.name} does not go with --events")
-            return run_events(**common, **options)
-        return run_recover(**common, **options)
-    return (run_mechanism_events if events else run_mechanisms)(**common, **options)
+    for option in (HOURS, CONTROLLER) if options["events"] else ():
+        if options[option.name] != option.default:
+            raise WrongInput(f"--{option.name} does not go with --events")
 
 
-def results(outcome: Outcome) -> Results:
-    """Everything that `fjh recover` publishes."""
-    if isinstance(outcome, Mechanisms):
-        return mechanism_results.results(outcome)
-    if isinstance(outcome, MechanismEvents):
-        return mechanism_event_results.results(outcome)
-    if isinstance(outcome, Events):
-        return event_results.results(outcome)
-    if isinstance(outcome, Recover):
-        return hexapod_results.results(outcome)
-    return replace(_study(outcome).described(outcome), published=True)
+def healthy_for(hours: float) -> int:
+    """How many runs without failures last at least so many hours.
+
+    Raises:
+        WrongInput: The hours are not positive and finite.
+    """
+    if not 0 < hours < inf:
+        raise WrongInput(f"--hours must be positive and finite, got {hours:g}")
+    return ceil(round(hours * 3600 / BENCH.duration_s, 6))
 
 
-def checks(summary: dict[str, Any]) -> list[Check]:
-    """The checks of the study, from its `recover.json` alone."""
-    return _study(summary).checks(summary)
+def failures_of(
+    blocks: Sequence[plan.Block],
+    healthy: int,
+    healthy_s: float,
+    seed: int,
+    controller: str | None = None,
+) -> Cases:
+    """Failures of the hexapod, and healthy runs, of which more can be simulated later.
+
+    Another controller changes no row, but what is published: its name and module count as well.
+    """
+    flights = {"blocks": blocks, "healthy_s": healthy_s, "controller": controller}
+    drawn_from: dict[str, Any] = {"flights": flights, "seed": seed}
+    if controller is not None:
+        drawn_from["controller_sha256"] = controller_sha256(controller)
+    cases = plan.hexapod_failures(blocks, healthy, healthy_s, seed)
+    return Campaign(cases, row_of, SCHEMA, SOURCES, drawn_from)
 
 
-def _study(summary: dict[str, Any]) -> ModuleType:
-    """Whose summary it is."""
-    if "robot" in summary:
-        return mechanism_event_results if "events" in summary else mechanism_results
-    return event_results if "events" in summary else hexapod_results
+def events_of(names: Sequence[str], each: int, healthy_s: float, seed: int) -> Cases:
+    """Events of the hexapod, and a healthy run."""
+    drawn_from = {"events": {"names": names, "each": each, "healthy_s": healthy_s}, "seed": seed}
+    cases = plan.hexapod_events(names, each, healthy_s, seed)
+    return Campaign(cases, row_of, SCHEMA, SOURCES, drawn_from)
+
+
+def _of_robot(
+    model: Path, options: Mapping[str, Any], seed: int, quick: bool
+) -> tuple[Cases, dict[Sensing, Rig], dict[Sensing, DitherDesign | None]]:
+    """Failures or events of any robot, and the robot and its dither by what the diagnosis sees."""
+    own = {each.name for each in fields(RobotOptions)} & options.keys()
+    file, robot = model.resolve(), RobotOptions(**{name: options[name] for name in own})
+    drawn_from = {"seed": seed, "robot": asdict(robot), "robot_sha256": model_sha256(file)}
+    drawn_from |= {"turn_s": options["turn"], "dither": options["dither"], "quick": quick}
+    senses: tuple[Sensing, ...] = get_args(Sensing)
+    if quick or options["events"]:
+        senses = ("both",)
+    rigs, designs, cases = dict[Sensing, Rig](), dict[Sensing, DitherDesign | None](), list[Case]()
+    for sense in senses:
+        of_sense = replace(robot, sense=sense)
+        rigs[sense] = rig = exact_rig(file, of_sense)
+        designs[sense] = design = rig_dither(rig, options["dither"])
+        sort = "event" if options["events"] else "failure"
+        first = Case(sort, model=file, options=of_sense)
+        first = plan.on_circle(first, options["turn"], design)
+        if options["events"]:
+            names = plan.QUICK_ROBOT_EVENTS if quick else tuple(EVENTS)
+            drawn_from["events"] = names
+            each = 1 if quick else plan.ROBOT_EVENTS_EACH
+            cases += plan.robot_events(first, names, each, seed)
+        else:
+            cases += plan.robot_failures(first, design, seed, quick)
+    for case in {(case.options, case.course, case.duration_s): case for case in cases}.values():
+        check_reach(rig := exact_rig(file, case.options), case.path(rig))
+    return Campaign(plan.numbered(cases), row_of, SCHEMA, SOURCES, drawn_from), rigs, designs
+
+
+Job = tuple[str, Callable[..., Any], tuple[Any, ...]]
+"""What a call is for, the function, and its arguments."""
+
+
+def _jobs(cases: Sequence[Case], controller: str | None, seed: int, quick: bool) -> list[Job]:
+    """What is done beside failures of the hexapod, with --quick a little of it."""
+    struts, names = range(1 if quick else 6), [*SHOWN][: 1 if quick else None]
+    mixed = [case for case in cases if (case.sort, case.mismatch) == ("failure", "all")]
+    flies = [] if controller is None else [controller]
+    late, settings = simulate.INFORMED_LATE, [*p.SETTINGS][: 1 if quick else None]
+    design = "dither_design", p.dither_design, (struts[:3], p.FREQUENCIES_HZ)
+    cost_s = 1.0 if quick else BENCH.duration_s
+    return [
+        *(("kept", kept, (n, seed, quick, own)) for own, n in product((None, *flies), names)),
+        *(("others", other_columns, (case, own)) for own, case in product(flies, mixed)),
+        *([] if quick else [design]),
+        *(("ambiguity", p.lookalikes, (setting, struts)) for setting in settings),
+        *(("informed_late", simulate.informed_late, (f,)) for f in late[: 0 if quick else None]),
+        ("dither_cost", simulate.dither_cost, (cases[0], cost_s)),
+        ("beliefs", p.beliefs, (struts,)),
+    ]
+
+
+def _call(job: Callable[..., Any], given: tuple[Any, ...]) -> Any:
+    return job(*given)
+
+
+def _published(beside: Mapping[str, list[Any]]) -> dict[str, Any]:
+    """What was computed beside failures of the hexapod, ready for JSON."""
+    lists = {name: list(chain(*beside[name])) for name in ("dither_design", "informed_late")}
+    alike = {"alike_below": p.ALIKE, "evidence_s": p.EVIDENCE_S}
+    return lists | {
+        "ambiguity": alike | {"failures": list(chain(*beside["ambiguity"]))},
+        "dither_cost": beside["dither_cost"][0],
+        "beliefs": beside["beliefs"][0],
+        "bench": asdict(BENCH) | plant_constants(exact_rig().model),
+        "jacobian": "constant",
+    }
+
+
+def again(summary: dict[str, Any]) -> Again:
+    """The runs that a `recover.json` is of.
+
+    Another controller is not run again: its columns are not among those of the dataset.
+
+    Raises:
+        WrongInput: They are of another robot, whose file its results do not have.
+    """
+    basis = summary["basis"]
+    if "robot" in basis:
+        raise WrongInput("runs of another robot cannot be repeated without its file")
+    if "events" in basis:
+        return Again(events_of(**basis["events"], seed=basis["seed"]), fly)
+    blocks, healthy_s = (basis["flights"][name] for name in ("blocks", "healthy_s"))
+    return Again(failures_of(blocks, summary["sorts"]["healthy"], healthy_s, basis["seed"]), fly)

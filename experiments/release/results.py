@@ -8,10 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
+from experiments.recording.record import About, write_run
 from experiments.release.figure import pictures
 from experiments.release.runs import Release
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.metrics import (
     CLOSURE,
     PEAK,
@@ -22,6 +22,7 @@ from experiments.rig.hexapod.metrics import (
     plant_constants,
     recording_properties,
 )
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import versions
 from experiments.study.quantity import Quantity, checks_of, columns_of, entry_of
@@ -188,26 +189,31 @@ def _atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
 def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], folder: Any) -> None:
     name, kind, known = spiral["name"], spiral["kind"], spiral["told"]
     flown = release.spirals[name]
-    marks, what = [], "no failure"
+    what = "no failure"
     if kind is not None:
         when = spiral["failure_time_s"]
-        marks = [Mark(0, when, f"strut 1 {kind}, {known.replace('_', ' ')}", kind=kind)]
         lost = "coil" if kind == "free" else "coil and suspension spring"
         what = f"strut 1 loses its {lost}; {KNOWN[known]} (at {when:g} s)"
     orbit = " No gravity, no preload." if kind == "loose" else ""
     seed, duration_s = summary["seed"], summary["duration_s"]
-    predicted = spiral["predicted_alpha_rms_urad"], spiral["predicted_beta_rms_urad"]
-    record_run(
-        folder,
-        name,
-        f"release-{name}-seed{seed}",
-        load_model(),
-        flown.run,
-        marks,
+    expected = spiral["predicted_alpha_rms_urad"], spiral["predicted_beta_rms_urad"]
+    predicted = None if None in expected else [1e-6 * urad for urad in expected]
+    about = About(
+        study="release",
+        identity=f"release-{name}-seed{seed}",
+        title=name,
         said=[f"Seed {seed}, {duration_s:g} s, constant Jacobian, W_a; {what}.{orbit}"],
-        beside={"linear model": predicted},
-        properties=recording_properties(summary) | spiral["plant"],
-        further={"linear": flown.linear, "quasi_static": flown.quasi_static},
-        predicted_rad=None if None in predicted else [1e-6 * urad for urad in predicted],
+        parameters=recording_properties(summary) | spiral["plant"],
+        compared={"linear model": expected},
+        predicted=(predicted, predicted),
         checks=checks(summary),
+    )
+    further = {"linear": flown.linear, "quasi_static": flown.quasi_static}
+    write_run(
+        folder / f"{name}.rrd",
+        hexapod_rig(),
+        flown.run,
+        about,
+        arrays=hexapod_arrays(flown.run) | further,
+        known="" if known is None else known.replace("_", " "),
     )

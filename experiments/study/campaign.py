@@ -73,12 +73,12 @@ class Again:
 
     Attributes:
         campaign: Of these runs, as this version draws them.
-        fly: Of a run: the columns of its row that this flight gives anew, its trajectory, and marks
-            of its failures for a recording; a function that workers can import.
+        fly: Of a run of the hexapod: the columns of its row that are made anew, what happened, and
+            what else is to be said of its failures; a function that workers can import.
     """
 
     campaign: Campaign[Any]
-    fly: Callable[[Any], tuple[Row, Any, Sequence[Any]]]
+    fly: Callable[[Any], tuple[Row, Any, str]]
 
 
 def simulate(row_of: Callable[[Any], Row], run: Any) -> Row:

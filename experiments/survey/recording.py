@@ -11,8 +11,9 @@ import mujoco
 import numpy as np
 
 from experiments.recording.file import RecordingInfo
-from experiments.recording.marks import Mark
-from experiments.recording.mechanism import Driven, write_mechanism
+from experiments.recording.layout import write_scenes
+from experiments.recording.machine import Failing
+from experiments.recording.scene import Scene, condition_scene
 from experiments.recording.signals import Plot
 from experiments.rig.bodies import body_name
 from experiments.rig.conditions import KINDS, listed
@@ -121,7 +122,7 @@ def write_losses(survey: Survey, folder: Path) -> None:
     properties = {"model_sha256": subject.sha256, "command": survey.command}
     for part, begin in enumerate(range(0, len(found), MOST), start=1):
         shown = found[begin : begin + MOST]
-        driven = {title(survey, loss): _driven(survey, robot, loss) for loss in shown}
+        scenes = {title(survey, loss): _scene(survey, robot, loss) for loss in shown}
         notes = [
             f"# {literal(subject.title)}",
             "",
@@ -132,7 +133,7 @@ def write_losses(survey: Survey, folder: Path) -> None:
         number = "" if part == 1 else f"_{part}"
         identity, name = f"survey-{subject.title}{number}", f"Survey of {subject.title}{number}"
         about = RecordingInfo(identity, name, "\n".join(notes), properties, results)
-        write_mechanism(folder / f"survey{number}.rrd", about, robot.scene.own, driven)
+        write_scenes(folder / f"survey{number}.rrd", about, scenes, pages=False)
 
 
 def title(survey: Survey, loss: Loss, most: int = 3) -> str:
@@ -146,7 +147,7 @@ def title(survey: Survey, loss: Loss, most: int = 3) -> str:
     return f"{', or '.join(parts)}: {what} {'drifts' if loss.drifts else 'is lost'}"
 
 
-def _driven(survey: Survey, robot: Robot, loss: Loss) -> Driven:
+def _scene(survey: Survey, robot: Robot, loss: Loss) -> Scene:
     """A slow oscillation of all joints about the start."""
     model, nominal = robot.scene.own, np.array(robot.scene.own_start.qpos)
     joints = loss.velocities[: model.nv]  # behind them: of drives that are no joints
@@ -164,16 +165,17 @@ def _driven(survey: Survey, robot: Robot, loss: Loss) -> Driven:
     names = ("without failures", "after the failure")
     unit = "1e-6 rad, m" if unit == "mixed" else f"u{unit}"
     plot = Plot("along", f"along the direction [{unit}]", names, time_s, values)
-    return Driven(time_s, qpos, [plot], nominal=nominal, marks=_marks(survey, robot, loss))
+    failing = _failing(survey, robot, loss)
+    return condition_scene(model, time_s, qpos, [plot], nominal=nominal, failing=failing)
 
 
-def _marks(survey: Survey, robot: Robot, loss: Loss) -> list[tuple[str, Mark]]:
-    """At the bodies that failed actuators move."""
+def _failing(survey: Survey, robot: Robot, loss: Loss) -> list[Failing]:
+    """Bodies that failed actuators move, and how these fail."""
     model, found, driven = robot.scene.own, [], drives(robot.scene.own)
     codes, names = survey.start.codes[list(loss.rows)], survey.subject.actuators
     for actuator in np.flatnonzero(codes.any(axis=0)).tolist():
         if (joint := driven[actuator].joint) is not None:
             kinds = [word for kind, word in KINDS.items() if (codes[:, actuator] == kind).any()]
             body = body_name(model, int(model.jnt_bodyid[joint]))
-            found.append((body, Mark(actuator, 0.0, f"{names[actuator]} {listed(kinds, 'or')}")))
+            found.append(([body], [(0.0, f"{names[actuator]} {listed(kinds, 'or')}")]))
     return found

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-from experiments.recording.marks import Mark
-from experiments.rig.hexapod.fault_tolerance import fault_text
 from experiments.rig.run import Run
 from experiments.study.campaign import Again, Row
 from experiments.study.study import WrongInput
@@ -11,7 +9,6 @@ from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import MOST_RUNS, Design, SweepRuns
 from experiments.sweep.row import measured, simulated
 from experiments.sweep.sweep_run import Choice, Range, SweepRun
-from ftc.fdi.fault_model import Fault
 
 
 def again(summary: dict[str, Any]) -> Again:
@@ -32,11 +29,7 @@ def again(summary: dict[str, Any]) -> Again:
     return Again(sweep_of(SweepRuns(design, basis["seed"])), fly)
 
 
-def fly(run: SweepRun) -> tuple[Row, Run, list[Mark]]:
-    """What is measured of the run, the run, and marks of its failures."""
-    whole, known = simulated(run), "known" if run.known else "not known"
-    marks = [
-        Mark(each.number, each.time_s, f"{fault_text(Fault.of(each))}, {known}", kind=each.kind)
-        for each in run.failures
-    ]
-    return measured(whole), whole, marks
+def fly(run: SweepRun) -> tuple[Row, Run, str]:
+    """What is measured of the run, the run, and whether its failures were known."""
+    whole = simulated(run)
+    return measured(whole), whole, "known" if run.known else "not known"

@@ -4,12 +4,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
+
 from experiments.recording.file import RecordingInfo
-from experiments.recording.mechanism import Driven, write_mechanism
-from experiments.recording.notes import constants
-from experiments.recording.properties import checked
+from experiments.recording.layout import write_scenes
+from experiments.recording.plane import Plane
+from experiments.recording.properties import checked, constants
+from experiments.recording.scene import Scene, condition_scene
 from experiments.recording.signals import Plot
-from experiments.recording.views import Task
 from experiments.rig.conditions import FREE, LOCKED
 from experiments.study.provenance import version_properties, versions
 from experiments.study.results import Check, Results
@@ -155,17 +158,17 @@ def _record(
     found |= {"failures": "; ".join(one.in_words for one in ours)}
     found["checks"] = checked(checks(summary))
     about = RecordingInfo(identity, mechanism.title, text, properties, found)
-    driven = {one.in_words: _driven(one) for one in ours}
-    write_mechanism(folder / f"{mechanism.name}.rrd", about, load_model(mechanism.path), driven)
+    model = load_model(mechanism.path)
+    scenes = {one.in_words: _scene(model, one) for one in ours}
+    write_scenes(folder / f"{mechanism.name}.rrd", about, scenes, pages=False)
 
 
-def _driven(one: Probing) -> Driven:
+def _scene(model: mujoco.MjModel, one: Probing) -> Scene:
     desired, reached = 1e6 * one.polygon.desired, 1e6 * one.polygon.reached
     names, unit = one.mechanism.major_names, f"u{one.mechanism.major_unit}"
     title, labels = f"desired - reached [{unit}]", [f"{name} off [{unit}]" for name in names]
-    return Driven(
-        one.time_s,
-        one.polygon.qpos,
-        [Plot("off", title, labels, one.time_s, desired - reached)],
-        Task((names[0], names[1]), unit, desired[:, :2], reached[:, :2]),
-    )
+    plot = Plot("off", title, labels, one.time_s, desired - reached)
+    curves = desired[:, :2], reached[:, :2]
+    right, up = names[:2]
+    plane = Plane(f"{up} over {right}", (right, up), unit, *curves, np.concatenate(curves))
+    return condition_scene(model, one.time_s, one.polygon.qpos, [plot], plane=plane)

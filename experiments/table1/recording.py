@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
+from experiments.recording.record import About, write_run
+from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.metrics import is_cut, recording_properties
+from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.testbed import Testbed
 from experiments.study.results import Check
 from experiments.table1.comparison import controller_said
 from experiments.table1.runs import Table1
@@ -31,10 +33,8 @@ def record_column(
     name, chosen = column["name"], summary["configuration"]
     ours = column.get("compared_with", name)
     known = "uncorrected" if "uncorrected" in ours else "corrected"
-    marks = [
-        Mark(k, 0.0, f"strut {k + 1} locked, {known}", kind="locked") for k in column["locked"]
-    ]
-    locked = ", ".join(mark.failure for mark in marks) or "no failure"
+    locks = [f"strut {k + 1} locked, {known}" for k in column["locked"]]
+    locked = ", ".join(locks) or "no failure"
     joints, secondary = column["joint_weight"], column["secondary_weight_t_x_t_y_t_z_gamma"]
     minimized = f"secondary motion, weights on t_x, t_y, t_z, gamma {secondary}"
     if joints:
@@ -58,23 +58,30 @@ def record_column(
         said, sources = controller_said(summary, column, locked), {}
         properties |= {"controller": column["controller"]}
         (run,) = (each.run for each in outcome.compared if each.name == name)
-    record_run(
-        folder,
-        name,
-        "-".join([*words, f"seed{outcome.seed}"]),
-        load_model(outcome.machine_file),
-        run,
-        marks,
+    compared = {
+        source: [column[f"{key}_{angle}_rms_urad"] for angle in ("alpha", "beta")]
+        for source, key in sources.items()
+    }
+    predicted = None
+    if "linear model" in compared:
+        predicted = [1e-6 * urad for urad in compared["linear model"]]
+    about = About(
+        study="table1",
+        identity="-".join([*words, f"seed{outcome.seed}"]),
+        title=name,
         said=said,
-        beside={
-            source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
-            for source, key in sources.items()
-        },
-        properties=properties,
-        predicted_rad=_predicted_rad(column) if sources else None,
+        parameters=properties,
+        compared=compared,
+        predicted=(predicted, predicted),
         checks=checks,
     )
-
-
-def _predicted_rad(column: dict[str, Any]) -> list[float]:
-    return [1e-6 * column[f"predicted_{angle}_rms_urad"] for angle in ("alpha", "beta")]
+    testbed = Testbed(load_model(outcome.machine_file), outcome.configuration.bench, outcome.loops)
+    write_run(
+        folder / f"{name}.rrd",
+        hexapod_rig(testbed),
+        run,
+        about,
+        arrays=hexapod_arrays(run),
+        known=known,
+        machine_file=outcome.machine_file,
+    )

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.recording.flight import info_of, of_flight
-from experiments.recording.properties import results_of
-from experiments.recording.screens import write_flights
+from experiments.recording.record import About, write_views
+from experiments.recording.view import view_of
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
@@ -355,22 +354,20 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
 
 
 def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
-    """Write `track.rrd`: the robot with this controller, and beside it with another."""
+    """Write `track.rrd`: the run, and beside it that of another controller."""
     rig = tracked.rig
     properties = {"seed": summary["seed"], "control_period_s": summary["control_period_s"]}
     properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
-    flights = {rig.title: of_flight(rig, tracked.run)}
-    own = results_of(
-        flights[rig.title],
-        "track",
+    about = About(
+        study="track",
+        identity=f"track-{rig.title}-seed{tracked.seed}",
+        said=[f"- {each}" for each in (summary["verdict"], *loops_said(rig.major, rig.margins))],
+        parameters=properties,
+        predicted=(summary["predicted_rms_before"], summary["predicted_rms_after_when_named"]),
         checks=checks(summary),
-        predicted_before=summary["predicted_rms_before"],
-        predicted_after=summary["predicted_rms_after_when_named"],
         verdict=summary["verdict"],
     )
-    lines = [f"- {line}" for line in (summary["verdict"], *loops_said(rig.major, rig.margins))]
-    identity = f"track-{rig.title}-seed{tracked.seed}"
-    about = info_of(rig, tracked.run, identity, lines, properties, own)
+    runs = {rig.title: view_of(rig, tracked.run)}
     if (other := tracked.other) is not None:
-        flights[controller_label(other.name)] = of_flight(rig, other.run)
-    write_flights(folder / "track.rrd", about, flights)
+        runs[controller_label(other.name)] = view_of(rig, other.run)
+    write_views(folder / "track.rrd", about, runs)

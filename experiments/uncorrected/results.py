@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import least
-from experiments.recording.keep import record_run
-from experiments.recording.marks import Mark
+from experiments.recording.record import About, write_run
 from experiments.rig.checks import closure_check
 from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.metrics import (
@@ -19,6 +18,7 @@ from experiments.rig.hexapod.metrics import (
     recording_properties,
 )
 from experiments.rig.hexapod.paper import TABLE_I_URAD
+from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.run import Run
 from experiments.study.provenance import versions
@@ -232,20 +232,25 @@ def _record(summary: dict[str, Any], candidate: dict[str, Any], run: Run, folder
     said.append(f"Seed {seed}, {summary['duration_s']:g} s, constant Jacobian.")
     if ratio:
         said.append(f"RMS over W_a's: alpha {ratio[0]:.3f}, beta {ratio[1]:.3f}.")
-    beside = {}
+    compared = {}
     if not is_cut(summary):
         said.append(f"The paper's: {', '.join(f'{each:.2f}' for each in PAPER_RATIOS)}.")
-        beside["paper"] = TABLE_I_URAD["W_a_uncorrected"]
+        compared["paper"] = TABLE_I_URAD["W_a_uncorrected"]
     differs = {f"candidate_{key}": value for key, value in candidate["differs"].items()}
-    record_run(
-        folder,
-        name,
-        f"uncorrected-{name}-seed{seed}",
-        load_model(),
-        run,
-        [Mark(0, 0.0, "strut 1 locked, not known to the mapping", kind="locked")],
+    about = About(
+        study="uncorrected",
+        identity=f"uncorrected-{name}-seed{seed}",
+        title=name,
         said=said,
-        beside=beside,
-        properties=recording_properties(summary) | differs,
+        parameters=recording_properties(summary) | differs,
+        compared=compared,
         checks=checks(summary),
+    )
+    write_run(
+        folder / f"{name}.rrd",
+        hexapod_rig(),
+        run,
+        about,
+        arrays=hexapod_arrays(run),
+        known="not known to the mapping",
     )

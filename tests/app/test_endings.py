@@ -46,8 +46,8 @@ def test_a_quick_run_ends_with_checks_files_and_the_next_command(
     assert following == ["fjh", name]
 
 
-def test_a_review_ends_so_too(capsys, tmp_path, model):
-    keep_made(tmp_path, model)
+def test_a_review_ends_so_too(capsys, tmp_path):
+    keep_made(tmp_path)
     out = tmp_path / "review.rrd"
     assert main(["review", str(tmp_path / "made.npz"), "--out", str(out)]) == 0
     checked, written, following = ended(capsys.readouterr().out)

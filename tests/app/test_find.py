@@ -42,11 +42,11 @@ def flights(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def recordings(model, tmp_path_factory):
+def recordings(tmp_path_factory):
     """A folder with two recordings, and no dataset."""
     folder = tmp_path_factory.mktemp("recordings")
     for name in ("second", "first"):
-        keep_made(folder, model, name)
+        keep_made(folder, name)
     return folder
 
 
@@ -314,7 +314,7 @@ def test_what_differs_without_a_reason_is_unsound():
     once = again.again_of(own)
     own.summary["basis"] |= once.campaign.basis
     columns = {"rms_supervised_after_urad": 1.0}
-    one = again.Repeated(5, once, own, columns, made_run(), ())
+    one = again.Repeated(5, once, own, columns, made_run(), "")
     assert "agrees" in one.said({"rms_supervised_after_urad": 1.0 + 1e-10})
     with pytest.raises(Unsound, match="is 1 instead of 2"):
         one.said({"rms_supervised_after_urad": 2.0})

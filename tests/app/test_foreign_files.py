@@ -99,9 +99,9 @@ def test_json_is_refused_in_one_sentence(tmp_path, content):
 
 
 @pytest.fixture(scope="module")
-def kept(model, tmp_path_factory):
+def kept(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept")
-    keep_made(folder, model)
+    keep_made(folder)
     return folder
 
 

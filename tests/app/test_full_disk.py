@@ -36,10 +36,10 @@ def full_disk():
 
 
 @pytest.fixture(scope="module")
-def kept(model, tmp_path_factory):
+def kept(tmp_path_factory):
     """A folder with one run."""
     folder = tmp_path_factory.mktemp("kept")
-    keep_made(folder, model)
+    keep_made(folder)
     return folder
 
 

@@ -10,21 +10,18 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.app.review import check_stated
-from experiments.recording import keep as keep_module
-from experiments.recording.hexapod import of_hexapod
-from experiments.recording.keep import COLUMNS, whole_run
-from experiments.recording.marks import Mark, marks_from
+from experiments.recording import read as read_module
+from experiments.recording.read import read_run
 from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.study.files import write_arrays
 from experiments.study.study import WrongInput
-from sim import load_model
-from tests.made import keep_made, made_run
+from tests.made import keep_made, made_run, made_view
 
 
 @pytest.fixture(scope="module")
-def kept(model, tmp_path_factory):
+def kept(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept")
-    keep_made(folder, model)
+    keep_made(folder)
     return folder
 
 
@@ -54,30 +51,42 @@ RUN = made_run()
 ARRAYS = hexapod_arrays(RUN)
 
 
-def test_every_signal_of_a_run_is_checked():
-    assert list(COLUMNS) == list(ARRAYS)
+@pytest.mark.parametrize("signal", ARRAYS)
+def test_every_signal_of_a_run_is_checked(tmp_path, signal):
+    write_arrays(tmp_path / "run.npz", ARRAYS | {signal: ARRAYS[signal][:-1]})
+    with pytest.raises(WrongInput, match=r"run\.npz is not a complete run: "):
+        read_run(tmp_path / "run.npz")
 
 
 @pytest.mark.parametrize(
     ("signal", "values", "said"),
     [
-        ("strut_input_percent", RUN.inputs[:, :4], "shape (400, 6), got (400, 4)"),
-        ("true_rad", RUN.true.T.copy(), "shape (400, 2), got (2, 400)"),
-        ("secondary", np.full((400, 4), 1e300), "values up to 1e+300"),
-        ("measured_rad", -1e7 * np.ones((400, 2)), "values up to 1e+07"),
-        ("desired_rad", RUN.desired.astype(np.float32), "must be float64, got float32"),
-        ("desired_rad", RUN.desired.astype(complex), "must be float64, got complex128"),
-        ("closure_residual_m", np.full(400, np.inf), "not finite"),
-        ("time_s", RUN.time_s[::-1].copy(), "time_s does not increase"),
-        ("time_s", np.zeros(400), "time_s does not increase"),
-        ("time_s", RUN.time_s**2, "time_s does not increase in equal steps"),
-        ("time_s", np.array(0.0), "fewer than two ticks"),
+        ("strut_input_percent", RUN.inputs[:, :4], "shape (400, 6), got float64 of shape (400, 4)"),
+        ("true_rad", RUN.true.T.copy(), "shape (400, 2), got float64 of shape (2, 400)"),
+        ("secondary", np.full((400, 4), 1e300), "secondary must be at most 1e+06"),
+        ("measured_rad", -1e7 * np.ones((400, 2)), "measured_rad must be at most 1e+06"),
+        (
+            "desired_rad",
+            RUN.desired.astype(np.float32),
+            "of shape (400, 2), got float32",
+        ),
+        (
+            "desired_rad",
+            RUN.desired.astype(complex),
+            "of shape (400, 2), got complex128",
+        ),
+        ("closure_residual_m", np.full(400, np.inf), "must be at most 1e+06 everywhere"),
+        ("time_s", RUN.time_s[::-1].copy(), "time_s must increase"),
+        ("time_s", np.zeros(400), "time_s must increase"),
+        ("time_s", RUN.time_s**2, "time_s must increase in equal steps"),
+        ("time_s", np.array(0.0), "time_s must be float64"),
     ],
 )
-def test_arrays_that_are_no_run_are_refused(signal, values, said):
+def test_arrays_that_are_no_run_are_refused(tmp_path, signal, values, said):
+    write_arrays(path := tmp_path / "run.npz", ARRAYS | {signal: values})
     with pytest.raises(WrongInput, match=re.escape(said)) as refused:
-        whole_run("run.npz", ARRAYS | {signal: values})
-    assert str(refused.value).startswith("run.npz is not a complete run: ")
+        read_run(path)
+    assert str(refused.value).startswith(f"{path} is not a complete run: ")
 
 
 def test_review_refuses_arrays_that_are_no_run(capfd, folder):
@@ -97,53 +106,12 @@ def test_a_recording_of_another_run_is_noticed(capfd, folder):
     assert "made.rrd is not the recording of made.npz" in refused(capfd, folder)
 
 
-MARK = {"actuator": 0, "failed_s": 0.1, "failure": "locked"}
-
-
-def test_marks_come_back():
-    found = MARK | {"diagnosed_s": 0.2, "diagnosis": "found"}
-    assert marks_from(json.dumps([MARK, found]), 0.4) == [Mark(**MARK), Mark(**found)]
-    earlier = json.dumps(MARK).replace("actuator", "strut")  # as recordings had it
-    assert marks_from(f"[{earlier}]", 0.4) == [Mark(**MARK)]
-
-
-@pytest.mark.parametrize(
-    "marks",
-    [
-        "no JSON",
-        "3",
-        '{"actuator": 0}',
-        "[3]",
-        json.dumps([{"actuator": 0}]),
-        json.dumps([MARK | {"color": "red"}]),
-        *(
-            json.dumps([MARK | wrong])
-            for wrong in (
-                {"actuator": 6},
-                {"actuator": -1},
-                {"actuator": 0.0},
-                {"actuator": "1"},
-                {"failed_s": 0.5},
-                {"failed_s": -0.1},
-                {"failed_s": "0"},
-                {"failed_s": float("nan")},
-                {"diagnosed_s": 0.05},
-                {"diagnosed_s": 0.5},
-                {"failure": 3},
-                {"diagnosis": None},
-            )
-        ),
-    ],
-)
-def test_marks_that_no_run_of_this_length_has_are_refused(marks):
-    with pytest.raises(ValueError, match=r"expected a list of failures of struts 0 to 5 within"):
-        marks_from(marks, 0.4)
-
-
-def test_marks_in_a_recording_are_checked(folder, monkeypatch):
-    monkeypatch.setattr(keep_module, "groups_of", lambda path: ({"marks": "[3]"}, {}))
-    with pytest.raises(WrongInput, match=r"made\.rrd has invalid marks"):
-        keep_module.read_run(folder / "made.npz")
+@pytest.mark.parametrize("stated", ["", "[]", "3", '{"robot": "arm"}'])
+def test_a_recording_of_an_earlier_version_is_one_sentence(folder, monkeypatch, stated):
+    found = [{"flight": stated, "marks": "[]"}, {}]
+    monkeypatch.setattr(read_module, "groups_of", lambda path: found)
+    with pytest.raises(WrongInput, match=r"made\.rrd was recorded by an earlier version"):
+        read_run(folder / "made.npz")
 
 
 def index(folder: Path, **told: object) -> None:
@@ -164,7 +132,7 @@ def test_json_that_contradicts_the_data_is_noticed(alpha):
     ours = f"{1e6 * RUN.rms()[0]:.10g}"
     said = re.escape(f"made.json says alpha_rms_urad = {alpha} of made.npz, whose data give {ours}")
     with pytest.raises(WrongInput, match=said):
-        check_stated("made.npz", of_hexapod(ARRAYS, load_model()), told)
+        check_stated("made.npz", made_view(), told)
 
 
 @pytest.mark.parametrize("place", [".", "made.npz"])

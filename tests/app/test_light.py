@@ -1,15 +1,13 @@
-"""Pictures of recordings on white: greys are exchanged, colours stay; legends lie off the lines."""
+"""Pictures of recordings on white: greys are exchanged, colours stay."""
 
 import io
 
 import numpy as np
 import pytest
-import rerun.blueprint as rrb
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread, imsave
 
 from experiments.app.light import on_white
-from experiments.recording.signals import legend_off
 from experiments.study.plotting import LINES
 
 BLACK = np.zeros(3)
@@ -45,13 +43,3 @@ def test_the_first_rows_can_be_left_out():
     np.testing.assert_array_equal(
         pixels(on_white(png(picture), skip_rows=2)), pixels(on_white(png(picture)))[2:]
     )
-
-
-@pytest.mark.parametrize("free", ["LeftTop", "LeftBottom", "RightTop", "RightBottom"])
-def test_a_legend_is_put_into_the_corner_without_lines(free):
-    values = np.tile([0.95, 0.05], (100, 1))  # one line along the top, one along the bottom
-    first = 0 if "Left" in free else 50
-    values[first : first + 50, 0 if "Top" in free else 1] = 0.5
-    corner = legend_off(values, 0.0, 1.0).corner
-    assert corner is not None
-    assert corner.as_arrow_array().to_pylist() == [rrb.Corner2D[free].value]

@@ -7,14 +7,12 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.app.review import about_runs
-from experiments.recording.hexapod import of_hexapod
-from experiments.recording.keep import RecordedRun
+from experiments.recording.read import RecordedRun
 from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.columns import hexapod_arrays
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.conftest import fjh
-from tests.made import made_run
+from tests.made import made_view
 from tests.recording.test_recording import SIGNALS
 
 EVERY = 5
@@ -70,8 +68,8 @@ def test_the_papers_numbers_stand_beside_ours(review, table1):
 
 
 @pytest.mark.parametrize(("ticks", "beside"), [(16000, True), (4000, False)])
-def test_the_papers_numbers_stand_beside_whole_spirals_only(model, ticks, beside):
-    kept = RecordedRun(of_hexapod(hexapod_arrays(made_run(ticks)), model), "table1", {})
+def test_the_papers_numbers_stand_beside_whole_spirals_only(ticks, beside):
+    kept = RecordedRun(made_view(ticks=ticks), "table1", {})
     assert (f"{paper.TABLE_I_URAD['W_a'][0]:.4f}" in about_runs({"W_a": kept}).notes) == beside
 
 

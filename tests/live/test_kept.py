@@ -35,8 +35,11 @@ def test_what_happened_is_read_back_from_the_recording(tmp_path):
     assert said == f"The last 0 s are in {file}."
     assert [each.name for each in (tmp_path / "new").iterdir()] == ["live_1.rrd"]
     stated = json.loads(properties_of(file)["flight"])
-    happened = {(each["actuator"], each["kind"], each["time_s"]) for each in stated["failures"]}
-    assert happened == {("strut1", "locked", 0.02), ("strut4", "weak", 0.04)}
+    happened = {(each["actuator"], each["kind"], each["time_s"]) for each in stated["incidents"]}
+    assert happened == {
+        *(("strut1", "locked", 0.02), ("strut1", "sound", 0.04), ("strut4", "weak", 0.04)),
+        (None, "bump", 0.04),
+    }
     assert "strut1 sound at 0.04 s" in str(properties_of(file)["failures"])
     notes = rrd.notes(file)
     assert notes.startswith("# University of Wyoming hexapod")

@@ -1,9 +1,10 @@
 """Runs as an animation: what is drawn is the run's, and two runs are on the same scales."""
 
 import io
-import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,16 +17,17 @@ from experiments.app.cli import main
 from experiments.recording import animation as animations
 from experiments.recording.animated import Animated
 from experiments.recording.animation import Animation, figure_at, state_at, write_animation
-from experiments.recording.hexapod import of_hexapod
-from experiments.recording.keep import read_run
-from experiments.recording.marks import Mark
+from experiments.recording.read import read_run
+from experiments.recording.record import write_views
+from experiments.recording.view import Change, RunView, Stated
 from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.columns import hexapod_arrays
+from experiments.rig.units import ROWS
 from experiments.study.files import write_arrays
 from experiments.study.plotting import BLACK, BLUE, VERMILION
 from experiments.study.study import WrongInput
 from sim import HEXAPOD_MJCF, load_model, model_sha256
-from tests.made import made_run
+from tests.made import ABOUT, made_run, made_view
 
 FAILED, NAMED = 150, 170
 """Ticks of 10 ms of the failure and of its diagnosis, in the runs that are made here."""
@@ -40,23 +42,28 @@ def keep_arm_run(folder: Path, left: float, *, found: bool) -> Path:
     true[FAILED:, 1] += (left - 1) * (desired[FAILED:, 1] - desired[FAILED, 1])
     qpos = np.tile(arm.qpos0, (400, 1))
     qpos[:, 1:4] = 1e-3 * np.column_stack([np.sin(turn), np.cos(turn), turn])
-    named = {"actuator": "motor2", "kind": "locked", "time_s": NAMED / 100, "delay_s": 0.2}
-    summary = {
-        "model_sha256": model_sha256(ARM_MJCF),
-        "robot": "arm",
-        "major": [3, 5, 4],
-        "units": ["m"] * 3,
-        "actuators": [f"motor{k}" for k in range(1, 8)],
-        "bodies": [*(f"link{k}" for k in range(1, 7)), "camera"],
-        "failures": [{"actuator": "motor2", "kind": "locked", "time_s": FAILED / 100}],
-        "diagnoses": [named] if found else [],
-    }
+    its = Stated(
+        robot="arm",
+        hexapod=False,
+        model_file="",
+        model_sha256=model_sha256(ARM_MJCF),
+        actuators=[f"motor{k}" for k in range(1, 8)],
+        actuator_units=["rad"] * 7,
+        input_units=["rad"] * 7,
+        limits=[[None] * 7] * 2,
+        bodies=[*([f"link{k}"] for k in range(1, 7)), ["camera"]],
+        rows=list(ROWS),
+        major=[3, 5, 4],
+        row_units=["m"] * 3,
+        incidents=[Change("motor2", "locked", FAILED / 100)],
+        diagnoses=[Change("motor2", "locked", NAMED / 100)] if found else [],
+    )
     folder.mkdir(parents=True)
     arrays = {"time_s": time_s, "desired": desired, "true": true, "measured": true, "qpos": qpos}
     arrays |= {"task": np.zeros((400, 6)), "closure_residual_m": np.zeros(400)}
     arrays |= dict.fromkeys(("inputs", "displacement"), qpos)
     write_arrays(folder / "track.npz", arrays)
-    (folder / "track.json").write_text(json.dumps(summary))
+    write_views(folder / "track.rrd", ABOUT, {"arm": RunView(its, arrays, arm)})
     return folder / "track.npz"
 
 
@@ -70,11 +77,12 @@ def files(tmp_path_factory) -> list[Path]:
 
 
 def arm_run(file: Path) -> Animated:
-    return Animated(file.parent.name, read_run(file).shown)
+    return Animated(file.parent.name, read_run(file).view)
 
 
-def changed(one: Animated, **shown: object) -> Animated:
-    return replace(one, shown=replace(one.shown, **shown))
+def changed(one: Animated, stated: dict[str, Any] | None = None, **arrays: np.ndarray) -> Animated:
+    its, own = replace(one.run.stated, **stated or {}), {**one.run.arrays, **arrays}
+    return replace(one, run=replace(one.run, stated=its, arrays=own))
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +102,9 @@ def words(figure: Figure) -> list[str]:
 
 def test_two_runs_have_the_same_scales(both):
     """Also where one leaves the path far and the other hardly moves."""
-    spread = changed(both.runs[1], factor=100 * both.runs[0].factor)
+    qpos = both.runs[1].run.arrays["qpos"]
+    spread = changed(both.runs[1], qpos=qpos[0] + 0.01 * (qpos - qpos[0]))
+    assert spread.factor > both.runs[0].factor
     for animation in (both, Animation([both.runs[0], spread])):
         left, right = panels(animation, 300)
         for one, other in zip(left, right, strict=True):
@@ -127,8 +137,8 @@ def test_runs_of_different_paths_or_durations_are_refused(both):
         (changed(one, desired=1.01 * one.desired), "different paths"),
         (changed(one, time_s=2 * one.time_s), "duration"),
         (changed(one, time_s=one.time_s[:-1], desired=one.desired[:-1]), "duration"),
-        (changed(one, row_units=("rad",) * 3), "the same task"),
-        (changed(one, row_units=("m", "m", "rad")), "the same task"),
+        (changed(one, {"row_units": ["rad"] * 3}), "the same task"),
+        (changed(one, {"row_units": ["m", "m", "rad"]}), "the same task"),
     ):
         with pytest.raises(WrongInput, match=f"^unaware and unaware .*{said}[^.]*$"):
             Animation([one, other])
@@ -137,7 +147,7 @@ def test_runs_of_different_paths_or_durations_are_refused(both):
 def test_each_column_says_what_its_controller_knows(both):
     works, found = (
         (BLACK, "all actuators work"),
-        (BLUE, "motor2 locked, named locked, after 200 ms"),
+        (BLUE, "motor2 locked, diagnosed as locked after 200 ms"),
     )
     failed = VERMILION, "motor2 locked"
     for tick, left, right in (
@@ -160,15 +170,15 @@ def test_what_has_failed_is_red_from_the_failure_on(both):
 
 def test_a_robot_is_drawn_where_its_joints_have_it_and_magnified_about_its_start(both, files):
     """Points of its geoms by MuJoCo's kinematics; origins of bodies move so many times as far."""
-    one, data = both.runs[0], mujoco.MjData(both.runs[0].shown.model)
+    one, data = both.runs[0], mujoco.MjData(both.runs[0].run.model)
     with np.load(files[0]) as arrays:
         qpos = arrays["qpos"]
     origins = []
     for tick in (0, 90):
         data.qpos[:] = qpos[tick]
-        mujoco.mj_kinematics(one.shown.model, data)
+        mujoco.mj_kinematics(one.run.model, data)
         origins.append(data.xpos.copy())
-        placed = one.surface.placed(one.shown.motion([tick], 1), 0)
+        placed = one.surface.placed(one.motion(tick, 1), 0)
         for body in set(one.surface.bodies.tolist()):
             own = one.surface.bodies == body
             rotation = data.xmat[body].reshape(3, 3)
@@ -176,7 +186,7 @@ def test_a_robot_is_drawn_where_its_joints_have_it_and_magnified_about_its_start
                 (placed[own] - data.xpos[body]) @ rotation, one.surface.points_m[own], atol=1e-12
             )
     assert one.factor > 1
-    larger = one.shown.motion([90], one.factor).position_m[0]
+    larger = one.motion(90, one.factor).position_m[0]
     np.testing.assert_allclose(
         larger - origins[0], one.factor * (origins[1] - origins[0]), atol=1e-12
     )
@@ -193,7 +203,7 @@ def test_the_frames_begin_shortly_before_the_failure_and_run_forward(both):
     shown_ms = sum(frame.shown_ms for frame in both.frames if frame.tick <= FAILED)
     assert shown_ms < 2000
     assert sum(frame.shown_ms for frame in both.frames) < 8000
-    whole = Animation([changed(both.runs[0], marks=())]).frames
+    whole = Animation([changed(both.runs[0], {"incidents": []})]).frames
     assert whole[0].tick == 0
     assert np.ptp(np.diff([frame.tick for frame in whole])) <= 1
 
@@ -203,14 +213,14 @@ def run() -> dict[str, np.ndarray]:
     return hexapod_arrays(made_run())
 
 
-def test_the_hexapod_is_drawn_alone_with_its_own_factor(model, run):
+def test_the_hexapod_is_drawn_alone_with_its_own_factor(run):
     time_s, off = run["time_s"], run["desired_rad"] - run["true_rad"]
-    mark = Mark(0, time_s[200], "strut 1 locked", time_s[224], "found: strut 1 locked")
-    alone = Animation([Animated("locked", of_hexapod(run, model, [mark]))])
+    lock, diagnosis = (Change("strut1", "locked", float(time_s[k])) for k in (200, 224))
+    alone = Animation([Animated("locked", made_view(lock, diagnoses=[diagnosis]))])
     ((machine, _, error),) = panels(alone, 300)
     assert error.get_title() == f"error {1e6 * np.linalg.norm(off[300]):.1f} µrad"
     assert words(figure_at(alone, 300)) == [
-        *("locked", "found: strut 1 locked, after 24 ms"),
+        *("locked", "strut1 locked, diagnosed as locked after 24 ms"),
         f"{time_s[300]:.2f} s; motion magnified {alone.factor} times",
     ]
     assert machine.collections
@@ -257,8 +267,7 @@ def test_rows_that_make_no_plane_are_drawn_over_time(both, units):
     n = len(units)
     one = changed(
         both.runs[0],
-        row_units=tuple(units),
-        rows=both.runs[0].shown.rows[:n],
+        {"row_units": units, "major": both.runs[0].run.stated.major[:n]},
         desired=both.runs[0].desired[:, :n],
         true=both.runs[0].true[:, :n],
     )
@@ -284,24 +293,20 @@ ARM = ["--model", str(ARM_MJCF)]
         ("other_file/track.npz", ARM, "is a run of another machine"),
         ("other_file/track.npz", [], "none of models/, and the file is not there as it was"),
         ("run.npz run.npz run.npz", [], "one run or two, got 3"),
-        ("no_json/track.npz", ARM, "there is no file"),
-        ("spoilt/track.npz", ARM, "are not a run"),
+        ("no_recording/track.npz", ARM, "cannot be read without track.rrd"),
     ],
 )
-def test_what_cannot_be_animated_is_one_sentence(capsys, run, tmp_path, names, options, said):
+def test_what_cannot_be_animated_is_one_sentence(
+    capsys, files, run, tmp_path, names, options, said
+):
     write_arrays(tmp_path / "run.npz", run)
     write_arrays(tmp_path / "other.npz", {"x": np.zeros(3)})
     (tmp_path / "text.npz").write_text("text")
-    for folder in ("arm", "other_file", "no_json", "spoilt"):
-        stated = keep_arm_run(tmp_path / folder, 0.2, found=True).with_name("track.json")
-        summary = json.loads(stated.read_text())
-        match folder:
-            case "no_json":
-                stated.unlink()
-            case "other_file":
-                stated.write_text(json.dumps(summary | {"model_sha256": "0"}))
-            case "spoilt":
-                stated.write_text(json.dumps(summary | {"failures": [{"actuator": "motor9"}]}))
+    for folder in ("arm", "no_recording", "other_file"):
+        shutil.copytree(files[1].parent, tmp_path / folder)
+    (tmp_path / "no_recording" / "track.rrd").unlink()
+    its = changed(arm_run(files[1]), {"model_sha256": "0"}).run
+    write_views(tmp_path / "other_file" / "track.rrd", ABOUT, {"arm": its})
     out = ["--out", str(tmp_path / "new" / "a.gif")]
     places = [str(tmp_path / name) for name in names.split()]
     assert main(["animate", *places, *out, *options]) == 2

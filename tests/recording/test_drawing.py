@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from experiments.figures.machine import figure_machine
-from experiments.recording.drawing import COLORS, View, draw_machine, hexapod_motion, machine
+from experiments.recording.drawing import COLORS, View, draw_machine, machine
 from experiments.recording.gif import pixels
+from experiments.recording.motion import hexapod_mover
 from experiments.recording.solids import solid_of
 from experiments.study.plotting import VERMILION, save_figure
 from sim import NOMINAL, Plant, Pose
@@ -69,7 +70,7 @@ def test_the_points_drawn_are_where_the_physics_has_them(model):
     plant = Plant(model)
     plant.step(1e-4 * np.array([4, -2, 3, -6, 2, -3]), 1.0)
     pose, drawn = plant.pose(), machine(model)
-    motion = hexapod_motion(model, Pose(pose.rotation[None], pose.translation_m[None]))
+    motion = hexapod_mover(model)(Pose(pose.rotation[None], pose.translation_m[None]))
     placed = drawn.placed(motion, 0)
     data = plant.data
     for body in range(model.nbody):
@@ -102,7 +103,7 @@ def test_what_is_behind_is_hidden(model):
     for azimuth_deg in (98.0, -82.0):
         figure = Figure(figsize=(3, 3), dpi=100)
         axes = figure.add_axes((0, 0, 1, 1), aspect="equal", xlim=(-0.5, 0.5), ylim=(-0.3, 0.7))
-        drawn, motion = machine(model), hexapod_motion(model, NOMINAL.moved(np.zeros((1, 6))))
+        drawn, motion = machine(model), hexapod_mover(model)(NOMINAL.moved(np.zeros((1, 6))))
         view = View(azimuth_deg, 15.0)
         draw_machine(axes, drawn, drawn.placed(motion, 0), view, COLORS | {"strut1": VERMILION})
         shares.append(colored(figure, (190, 90, 30)))

@@ -20,7 +20,8 @@ from experiments.recording.file import (
     screen,
     time_column,
 )
-from experiments.recording.keep import read_run
+from experiments.recording.read import read_run
+from experiments.recording.view import Change
 from experiments.rig.hexapod import paper
 from experiments.study.files import published, write_arrays
 from experiments.study.study import WrongInput
@@ -135,20 +136,23 @@ def test_the_viewers_own_check_finds_all_files_whole(
     assert done.returncode == 0, done.stderr
 
 
-def test_a_run_comes_back_from_its_data_with_marks_and_parameters(
+def test_a_run_comes_back_from_its_data_with_failures_and_parameters(
     table1, table1_folder, runs, recover_folder
 ):
     kept = read_run(table1_folder / "W_e.npz")
-    np.testing.assert_array_equal(kept.shown.true, runs["W_e"]["true_rad"])
-    marks = [(mark.actuator, mark.failed_s, mark.is_found) for mark in kept.shown.marks]
-    assert marks == [(0, 0.0, False)]
-    assert kept.experiment == "table1"
-    assert kept.properties["detector_noise_m"] == table1["bench"]["detector_noise_m"]
-    assert not read_run(table1_folder / "W_a.npz").shown.marks
-    found = read_run(recover_folder / "locked.npz").shown.marks[0]
-    assert found.failed_s < found.diagnosed_s < found.failed_s + 0.3
-    assert found.diagnosis == "found: strut 1 locked"
-    rms_urad = 1e6 * np.sqrt((kept.shown.error**2).mean(axis=0))
+    np.testing.assert_array_equal(kept.view.arrays["true"], runs["W_e"]["true_rad"])
+    assert kept.view.stated.incidents == [Change("strut1", "locked", 0.0)]
+    assert (kept.view.stated.known, kept.view.stated.diagnoses) == ("corrected", [])
+    assert kept.study == "table1"
+    assert kept.parameters["detector_noise_m"] == table1["bench"]["detector_noise_m"]
+    assert not read_run(table1_folder / "W_a.npz").view.failures
+    found = read_run(recover_folder / "locked.npz").view
+    (failure,) = found.failures
+    diagnosis = found.diagnosis_of(failure)
+    assert diagnosis is not None
+    assert failure.time_s < diagnosis.time_s < failure.time_s + 0.3
+    assert (diagnosis.actuator, diagnosis.kind) == ("strut1", "locked")
+    rms_urad = 1e6 * np.sqrt((kept.view.error**2).mean(axis=0))
     assert f"| here | {rms_urad[0]:.4f}" in rrd.notes(table1_folder / "W_e.rrd")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.recording.flight import record
+from experiments.recording.record import record
 from experiments.rig import Mismatch, Rig
 from experiments.rig.events import Event
 from experiments.rig.rig import LARGEST_DISPLACEMENT

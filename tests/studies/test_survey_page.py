@@ -182,18 +182,17 @@ def test_the_motion_is_along_the_direction_that_is_lost(surveys, name, monkeypat
     """The pose of the site along the recorded joints; a locked joint moves, a held one rests."""
     found, written = surveys[name], {}
     monkeypatch.setattr(recording, "MOST", 99)
-    monkeypatch.setattr(
-        recording, "write_mechanism", lambda path, about, model, driven: written.update(driven)
-    )
+    monkeypatch.setattr(recording, "condition_scene", lambda *driven, **_: driven)
+    monkeypatch.setattr(recording, "write_scenes", lambda *of, pages: written.update(of[2]))
     write_losses(found, tmp_path)
     model, lost = found.subject.robot.scene.own, losses(found)
     assert len(written) == len(lost) > 0
     active = found.subject.system.active
-    for loss, driven in zip(lost, written.values(), strict=True):
-        way = moved(model, driven.qpos)
+    for loss, (_, _, qpos, (plot,)) in zip(lost, written.values(), strict=True):
+        way = moved(model, qpos)
         size = way @ loss.direction
         np.testing.assert_allclose(way, np.outer(size, loss.direction), atol=2e-3 * size.max())
-        shown = 1e-6 * driven.plots[0].values
+        shown = 1e-6 * plot.values
         np.testing.assert_allclose(shown[:, int(loss.drifts)], size, atol=2e-3 * size.max())
         assert not shown[:, 1 - loss.drifts].any() and size.max() > 1e-4
         rates = loss.velocities[active]

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from experiments.recording.flight import of_flight
 from experiments.recording.properties import properties_of
+from experiments.recording.view import Change, view_of
 from experiments.study.study import WrongInput
 from experiments.track import STUDY
 from experiments.track.results import (
@@ -104,7 +104,7 @@ def test_a_verdict_is_two_sentences_that_name_the_failed_actuator(pushed, locked
         assert "motor4 locked at 0." in said
 
 
-def test_the_recording_marks_actuators_and_lists_all_that_happens(pushed, locked, tmp_path):
+def test_the_recording_has_failed_actuators_and_lists_all_that_happens(pushed, locked, tmp_path):
     """An event that is a failure is marked once."""
     summary = summarize(pushed)
     record(pushed, summary, tmp_path)
@@ -116,4 +116,4 @@ def test_the_recording_marks_actuators_and_lists_all_that_happens(pushed, locked
     assert (held["study"], held["actuator"], held["kind"]) == ("track", "motor2", "hard_over")
     assert held["verdict"] == summary["verdict"]
     assert held["rms_before_rad"] == pytest.approx(np.linalg.norm(summary["rms_before_rad"]))
-    assert [mark.failure for mark in of_flight(locked.rig, locked.run).marks] == ["motor4 locked"]
+    assert view_of(locked.rig, locked.run).failures == [Change("motor4", "locked", 0.1)]

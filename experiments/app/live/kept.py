@@ -1,16 +1,14 @@
 """The last minute of both machines, as a recording."""
 
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 from experiments.app.live.flight import Flight
 from experiments.app.live.session import Session
 from experiments.app.live.stage import NAMES
-from experiments.recording.flight import info_of, stated_of
-from experiments.recording.properties import results_of
-from experiments.recording.robot import of_robot
-from experiments.recording.screens import write_flights
-from experiments.recording.shown import Shown
+from experiments.recording.record import About, write_views
+from experiments.recording.view import Change, RunView, in_order, view_of
 from experiments.rig import Rig, Run
 from experiments.rig.run import SOUND
 from experiments.study.files import published
@@ -25,24 +23,27 @@ def keep(folder: Path, session: Session) -> str:
     """
     rig, runs = session.rig, session.last_minute()
     number = next(k for k in count(1) if not (folder / f"live_{k}.rrd").exists())
-    name = f"live_{number}.rrd"
-    pairs = zip(NAMES, session.flights, runs, strict=True)
-    flights = {of: _shown(rig, flight, run) for of, flight, run in pairs}
-    said = [f"- {of}: {shown.status}" for of, shown in flights.items()]
-    properties = {"control_period_s": rig.period_s} | version_properties({"versions": versions()})
-    results = results_of(flights[NAMES[0]], "live")
-    about = info_of(rig, runs[0], f"live-{rig.title}-{number}", said, properties, results)
+    name, pairs = f"live_{number}.rrd", zip(NAMES, session.flights, runs, strict=True)
+    views = {of: _view(rig, flight, run) for of, flight, run in pairs}
+    about = About(
+        study="live",
+        identity=f"live-{rig.title}-{number}",
+        said=[f"- {of}: {view.stated.status}" for of, view in views.items()],
+        parameters={"control_period_s": rig.period_s}
+        | version_properties({"versions": versions()}),
+    )
     with published(folder, index=name) as staging:
-        write_flights(staging / name, about, flights)
+        write_views(staging / name, about, views)
     return f"The last {runs[0].time_s[-1] - runs[0].time_s[0]:.0f} s are in {folder / name}."
 
 
-def _shown(rig: Rig, flight: Flight, run: Run) -> Shown:
-    """A flight with what was repaired in it."""
-    stated = stated_of(rig, run)
-    stated["failures"] += [
-        {"actuator": rig.actuators[k], "kind": SOUND, "time_s": at_s}
+def _view(rig: Rig, flight: Flight, run: Run) -> RunView:
+    """A run with what was repaired in it."""
+    view = view_of(rig, run)
+    repairs = [
+        Change(rig.actuators[k], SOUND, at_s)
         for at_s, k, kind in flight.changes
         if kind == SOUND and at_s >= run.time_s[0]
     ]
-    return of_robot(run.arrays, stated, rig.model)
+    incidents = in_order([*view.stated.incidents, *repairs])
+    return replace(view, stated=replace(view.stated, incidents=incidents))

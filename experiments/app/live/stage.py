@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from experiments.app.live.flight import Flight
 from experiments.recording.file import rgb, round_down
-from experiments.recording.hexapod import BODIES
-from experiments.recording.machine import Motion, ahead_of
-from experiments.recording.robot import mover
+from experiments.recording.machine import ahead_of
+from experiments.recording.motion import BODIES, Motion, mover
 from experiments.rig import Rig
 from experiments.rig.bodies import body_name
 from experiments.rig.run import SOUND

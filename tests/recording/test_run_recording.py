@@ -1,10 +1,10 @@
-"""A flight kept by one call: what is read back equals the run, and MuJoCo's kinematics."""
+"""A run recorded by one call: what is read back equals the run, and MuJoCo's kinematics."""
 
 import json
 import shutil
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,11 +12,11 @@ import pytest
 
 import fjh
 from experiments.app.cli import main
-from experiments.recording import keep
-from experiments.recording.flight import of_flight, record
-from experiments.recording.keep import read_run
+from experiments.recording import read as reading
 from experiments.recording.properties import properties_of
-from experiments.recording.shown import Shown
+from experiments.recording.read import read_run
+from experiments.recording.record import record
+from experiments.recording.view import Change, view_of
 from experiments.rig import Diagnosed
 from experiments.rig.events import Event
 from experiments.study.files import OutputError, write_arrays
@@ -50,13 +50,13 @@ ARM = """
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     """A planar arm of three joints whose elbow locks on the way, its flight, and its recording."""
-    folder = tmp_path_factory.mktemp("flight")
+    folder = tmp_path_factory.mktemp("run")
     (folder / "arm.xml").write_text(ARM)
     rig = fjh.Rig.of_mjcf(folder / "arm.xml", site="tool", major=[3, 4], size=0.02)
     path, lock = rig.path("circle", duration_s=0.3, turn_s=0.3), fjh.Failure("b", "locked", 0.1)
     run = rig.fly(rig.controller(), path, failures=[lock])
-    record(folder / "new" / "flight.rrd", rig, run)
-    return folder / "new" / "flight.rrd", rig, run
+    record(folder / "new" / "run.rrd", rig, run)
+    return folder / "new" / "run.rrd", rig, run
 
 
 def test_the_arrays_are_those_of_the_run(kept):
@@ -85,8 +85,8 @@ def test_missing_samples_of_a_sensor_are_missing_in_the_recording_and_read_back_
     record(tmp_path / "lost.rrd", rig, replace(run, measured=measured))
     _, shown = rrd.scalars(tmp_path / "lost.rrd", "/task/measured")
     np.testing.assert_array_equal(shown, 1e6 * measured[::EVERY])
-    read = read_run(tmp_path / "lost.npz", rig.file).shown
-    np.testing.assert_array_equal(read.measured, measured)
+    read = read_run(tmp_path / "lost.npz", rig.file).view
+    np.testing.assert_array_equal(read.arrays["measured"], measured)
     assert main(["review", str(tmp_path / "lost.npz"), "--out", str(tmp_path / "both.rrd")]) == 0
 
 
@@ -116,16 +116,17 @@ def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
         assert failed == ([(100_000_000, magenta)] if body == "fore" else [])
 
 
-def test_a_mark_has_the_first_diagnosis_since_the_failure_and_no_false_alarm_before_it(kept):
+def test_a_failure_has_the_first_diagnosis_since_and_no_false_alarm_before_it(kept):
     _, rig, run = kept
     diagnoses = Diagnosed("b", "weak", 0.05, None), Diagnosed("b", "locked", 0.2, None)
-    shown = of_flight(rig, replace(run, diagnoses=diagnoses))
-    (mark,) = shown.marks
-    assert (shown.bodies[mark.actuator], mark.failed_s, mark.diagnosed_s) == (("fore",), 0.1, 0.2)
-    assert (mark.diagnosis, mark.named) == ("b locked, named locked", "locked")
-    assert [(one.time_s, one.kind) for one in shown.beliefs] == [(0.05, "weak"), (0.2, "locked")]
-    (unfound,) = of_flight(rig, replace(run, diagnoses=diagnoses[:1])).marks
-    assert not unfound.is_found
+    view = view_of(rig, replace(run, diagnoses=diagnoses))
+    ((bodies, words),) = view.failing
+    assert list(bodies) == ["fore"]
+    assert words == [(0.1, "b locked"), (0.2, "b locked, diagnosed as locked after 100 ms")]
+    assert view.diagnosis_of(view.failures[0]) == Change("b", "locked", 0.2)
+    assert view.stated.diagnoses == [Change("b", "weak", 0.05), Change("b", "locked", 0.2)]
+    unfound = view_of(rig, replace(run, diagnoses=diagnoses[:1]))
+    assert unfound.diagnosis_of(unfound.failures[0]) is None
 
 
 def test_its_properties_have_the_rms_error_of_each_row(kept):
@@ -139,8 +140,8 @@ def test_its_properties_have_the_rms_error_of_each_row(kept):
 
 def test_another_ending_is_refused_and_nothing_written(kept, tmp_path):
     _, rig, run = kept
-    with pytest.raises(OutputError, match=r"path .*flight\.npz must end in \.rrd"):
-        record(tmp_path / "flight.npz", rig, run)
+    with pytest.raises(OutputError, match=r"path .*run\.npz must end in \.rrd"):
+        record(tmp_path / "run.npz", rig, run)
     assert not list(tmp_path.iterdir())
 
 
@@ -152,7 +153,7 @@ import matplotlib
 matplotlib.use("svg")
 before = dict(matplotlib.rcParams)
 import fjh
-from experiments.recording.flight import record
+from experiments.recording.record import record
 fjh.record
 print([name for name, value in matplotlib.rcParams.items() if value != before[name]])
 """
@@ -160,26 +161,21 @@ print([name for name, value in matplotlib.rcParams.items() if value != before[na
     assert done.stdout == "[]\n"
 
 
-def test_a_flight_read_back_is_shown_as_it_was_flown(kept):
+def test_a_run_read_back_is_shown_as_it_was(kept):
     file, rig, run = kept
-    read, shown = read_run(file.with_suffix(".npz")).shown, of_flight(rig, run)
-    for field in fields(Shown):
-        own, flown = getattr(read, field.name), getattr(shown, field.name)
-        if field.name == "model":
-            assert own.nbody == flown.nbody
-        elif field.name == "motion":
-            own, flown = own([0, 299], 3.0), flown([0, 299], 3.0)
-            np.testing.assert_array_equal(own.position_m, flown.position_m)
-        elif field.name in ("limits", "secondary"):
-            for one, other in zip(own, flown, strict=True):
-                np.testing.assert_array_equal(one, other)
-        else:
-            np.testing.assert_array_equal(own, flown)
+    read, view = read_run(file.with_suffix(".npz")).view, view_of(rig, run)
+    assert read.stated == view.stated
+    assert read.factor == view.factor
+    for name, values in view.arrays.items():
+        np.testing.assert_array_equal(read.arrays[name], values)
+    at = [run.arrays[name][[0, 299]] for name in ("task", "qpos")]
+    own, other = (each.motion(*at, 3.0) for each in (read, view))
+    np.testing.assert_array_equal(own.position_m, other.position_m)
 
 
 @pytest.fixture
 def moved(kept, tmp_path):
-    """The flight in a folder of its own, and no machine file where it was flown."""
+    """The run in a folder of its own, and no machine file where it was run."""
     file, *_ = kept
     for suffix in (".npz", ".rrd"):
         shutil.copy(file.with_suffix(suffix), tmp_path)
@@ -190,7 +186,7 @@ def moved(kept, tmp_path):
 
 
 def test_a_robot_is_drawn_with_its_own_file_wherever_that_is_now(moved, capsys):
-    data, out = moved / "flight.npz", moved / "new" / "review.rrd"
+    data, out = moved / "run.npz", moved / "new" / "review.rrd"
     for option, code in (([], 2), (["--model", str(HEXAPOD_MJCF)], 2)):
         assert main(["review", str(data), "--out", str(out), *option]) == code
         said = capsys.readouterr().err
@@ -205,7 +201,7 @@ def test_a_robot_is_drawn_with_its_own_file_wherever_that_is_now(moved, capsys):
 def test_runs_of_different_robots_are_reviewed_side_by_side(kept, model, tmp_path):
     """Each on scales of its own."""
     file, *_ = kept
-    keep_made(tmp_path, model)
+    keep_made(tmp_path)
     out, runs = tmp_path / "review.rrd", [str(file.with_suffix(".npz")), str(tmp_path)]
     assert main(["review", *runs, "--out", str(out)]) == 0
     assert {"/run_0/machine/bodies/hand", "/run_1/machine/bodies/payload"} <= rrd.entities(out)
@@ -215,10 +211,9 @@ def test_runs_of_different_robots_are_reviewed_side_by_side(kept, model, tmp_pat
 def test_every_event_is_a_line_over_the_axis_of_every_plot_and_in_the_list(kept, tmp_path):
     _, rig, run = kept
     named = Diagnosed("b", "free", 0.15, 0.18), Diagnosed("b", "locked", 0.2, None)
-    flight = replace(run, diagnoses=named, events=(Event("stuck", 0.05),))
-    record(tmp_path / "a.rrd", rig, flight)
-    when = {"stuck": 50, "b locked": 100, "b named free": 150, "b cleared": 180}
-    when |= {"b named locked": 200}
+    record(tmp_path / "a.rrd", rig, replace(run, diagnoses=named, events=(Event("stuck", 0.05),)))
+    when = {"stuck": 50, "b locked": 100, "diagnosis: b free": 150, "b cleared": 180}
+    when |= {"diagnosis: b locked": 200}
     times, texts = rrd.rows(tmp_path / "a.rrd", "/events", "TextLog:text")
     assert {text: at // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == when
     times, states = rrd.rows(tmp_path / "a.rrd", "/state/b_taken_for", "StateChange:state")
@@ -237,39 +232,53 @@ def test_every_event_is_a_line_over_the_axis_of_every_plot_and_in_the_list(kept,
 @pytest.mark.parametrize(
     "spoilt",
     [
-        "no JSON",
-        "3",
         {"actuators": None},
         {"actuators": ["a", "b"]},
-        {"bodies": ["upper", "fore", "elsewhere"]},
+        {"robot": 3},
+        {"hexapod": True},
+        {"bodies": [["upper"], ["fore"], ["elsewhere"]]},
+        {"rows": ["x"]},
         {"major": [3, 9]},
-        {"units": ["m"]},
+        {"major": [3]},
+        {"major": []},
+        {"row_units": ["m"]},
         {"limits": [[None], [None]]},
+        {"limits": [["a"] * 3] * 2},
         {"input_units": []},
-        {"failures": [{"actuator": "z", "kind": "locked", "time_s": 0.1}]},
-        {"failures": [{"actuator": "a", "kind": "locked", "time_s": -1.0}]},
-        {"failures": [{"actuator": "a", "kind": "locked", "time_s": "soon"}]},
+        {"incidents": [{"actuator": "z", "kind": "locked", "time_s": 0.1}]},
+        {"incidents": [{"actuator": "a", "kind": 3, "time_s": 0.1}]},
+        {"incidents": [{"actuator": "a", "kind": "locked", "time_s": -1.0}]},
+        {"incidents": [{"actuator": "a", "kind": "locked", "time_s": "soon"}]},
+        {"incidents": [{"actuator": "a", "kind": "locked"}]},
         {"diagnoses": [3]},
+        {"diagnoses": [{"actuator": "a", "kind": "locked", "time_s": float("nan")}]},
     ],
 )
-def test_what_a_recording_states_of_its_flight_is_checked(kept, monkeypatch, spoilt):
+def test_what_a_recording_states_of_its_run_is_checked(kept, monkeypatch, spoilt):
     file, *_ = kept
-    properties, results = keep.groups_of(file)
-    if isinstance(spoilt, dict):
-        spoilt = json.dumps(json.loads(properties["flight"]) | spoilt)
-    monkeypatch.setattr(keep, "groups_of", lambda _: (properties | {"flight": spoilt}, results))
-    with pytest.raises(WrongInput, match=r"flight\.npz and flight\.rrd are not a run") as refused:
+    properties, results = reading.groups_of(file)
+    stated = json.dumps(json.loads(properties["flight"]) | spoilt)
+    monkeypatch.setattr(reading, "groups_of", lambda _: [{"flight": stated}, results])
+    with pytest.raises(WrongInput, match=r"run\.npz and run\.rrd are not a run: ") as refused:
         read_run(file.with_suffix(".npz"))
     assert "\n" not in str(refused.value)
 
 
-def test_a_recording_of_another_flight_is_noticed(kept, tmp_path):
+def test_a_robots_run_without_its_recording_is_one_sentence(kept, tmp_path):
+    file, *_ = kept
+    shutil.copy(file.with_suffix(".npz"), tmp_path)
+    with pytest.raises(WrongInput, match=r"run\.npz .* run\.rrd") as refused:
+        read_run(tmp_path / "run.npz")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_recording_of_another_run_is_noticed(kept, tmp_path):
     file, *_ = kept
     with np.load(file.with_suffix(".npz")) as arrays:
-        write_arrays(tmp_path / "flight.npz", dict(arrays) | {"true": arrays["true"] + 1e-12})
+        write_arrays(tmp_path / "run.npz", dict(arrays) | {"true": arrays["true"] + 1e-12})
     shutil.copy(file, tmp_path)
-    with pytest.raises(WrongInput, match=r"flight\.rrd is not the recording of flight\.npz"):
-        read_run(tmp_path / "flight.npz")
+    with pytest.raises(WrongInput, match=r"run\.rrd is not the recording of run\.npz"):
+        read_run(tmp_path / "run.npz")
 
 
 def test_the_list_of_events_of_several_runs_says_whose_they_are(kept, tmp_path):
@@ -278,6 +287,6 @@ def test_the_list_of_events_of_several_runs_says_whose_they_are(kept, tmp_path):
     for suffix in (".npz", ".rrd"):
         shutil.copy(file.with_suffix(suffix), tmp_path / f"again{suffix}")
     assert main(["review", *runs, str(tmp_path / "again.npz"), "--out", str(out)]) == 0
-    for number, name in enumerate(("flight", "again")):
+    for number, name in enumerate(("run", "again")):
         _, texts = rrd.rows(out, f"/run_{number}/events", "TextLog:text")
         assert texts == [[f"arm, {name}: b locked"]]
