@@ -1,10 +1,9 @@
 """The command: the cases that its options ask for, and what is done beside them."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
-from itertools import chain, product
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import product
 from math import ceil, inf
 from pathlib import Path
 from typing import Any, get_args
@@ -12,16 +11,15 @@ from typing import Any, get_args
 from experiments.recover import CONTROLLER, HEXAPOD_ALONE, HOURS, OTHERS_ALONE, plan, simulate
 from experiments.recover import predictions as p
 from experiments.recover.plan import BENCH, Case, exact_rig
-from experiments.recover.recordings import SHOWN, Kept, fly, kept
+from experiments.recover.recordings import SHOWN, fly, kept
 from experiments.recover.row import SCHEMA, other_columns, row_of
 from experiments.rig.dither import rig_dither
 from experiments.rig.events import EVENTS
-from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.options import RobotOptions, Sensing
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.study.basis import sources_of
-from experiments.study.campaign import Again, Campaign, Row
+from experiments.study.campaign import Again, Campaign
 from experiments.study.controllers import controller_factory, controller_sha256
 from experiments.study.parallel import in_parallel
 from experiments.study.resumable import Complete, complete
@@ -35,27 +33,26 @@ SOURCES = sources_of(
 Cases = Campaign[tuple[Case, ...]]
 
 
+Sensed = tuple[dict[Sensing, Rig], dict[Sensing, DitherDesign | None]]
+"""A robot on its exact plant as each sensing has it, and its dithers, where they are designed."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What the command simulated and computed.
 
     Attributes:
         done: The cases; their rows are on disk.
-        rigs: The robot as each sensing has it, on its exact plant.
-        designs: The dither of each, where it was designed; None is none.
+        sensed: The robot and its dithers.
         controller: Somebody else's, package.module:factory.
-        others: Columns of its rows.
-        kept: Runs that are kept whole.
-        predicted: What is computed beside failures of the hexapod, ready for JSON.
+        beside: What is done beside failures of the hexapod, lists by what it is for; elsewhere
+            empty.
     """
 
     done: Complete[tuple[Case, ...]]
-    rigs: Mapping[Sensing, Rig]
-    designs: Mapping[Sensing, DitherDesign | None] = field(default_factory=dict)
-    controller: str | None = None
-    others: Sequence[Row] = ()
-    kept: Sequence[Kept] = ()
-    predicted: Mapping[str, Any] = field(default_factory=dict)
+    sensed: Sensed
+    controller: str | None
+    beside: Mapping[str, list[Any]]
 
 
 @contextmanager
@@ -79,22 +76,14 @@ def run(
             have or cannot do; no such controller; or as `complete`.
         sim.ModelError: The file, or what it says.
     """
-    events, controller = options["events"], options["controller"]
     _refuse_others(model, options)
-    rigs: dict[Sensing, Rig] = {}
-    designs: dict[Sensing, DitherDesign | None] = {}
-    if model is not None:
-        campaign, rigs, designs = _of_robot(model, options, seed, quick)
-    elif events:
-        names, each = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
-        campaign = events_of(names, each, 2.0 if quick else 3600.0, seed)
+    controller, jobs = options["controller"], list[Job]()
+    if model is None:
+        campaign, sensed = _of_hexapod(options, seed, quick)
     else:
-        if controller is not None:
-            controller_factory(controller)  # a wrong name is refused before anything runs
-        healthy = (1, 2.0) if quick else (healthy_for(options["hours"]), BENCH.duration_s)
-        campaign = failures_of(plan.QUICK if quick else plan.WHOLE, *healthy, seed, controller)
-    alone = model is None and not events
-    jobs = _jobs(campaign.runs, controller, seed, quick) if alone else []
+        campaign, sensed = _of_robot(model, options, seed, quick)
+    if "flights" in campaign.drawn_from:
+        jobs = _jobs(campaign.runs, controller, seed, quick)
     cases, total = len(campaign.runs), len(campaign.runs) + len(jobs)
     how = {name: options[name] for name in ("folder", "workers", "scheduler", "resume")}
     how["on_progress"] = lambda done, _: on_progress(done, total)
@@ -102,33 +91,36 @@ def run(
         if not isinstance(done, Complete):
             yield done
             return
-        rigs = rigs or {"task": exact_rig()}
-        if not alone:
-            yield Outcome(done, rigs, designs)
-            return
         try:
-            calls = [{"job": job, "given": given} for _, job, given in jobs]
-            found = in_parallel(_call, calls, lambda k, _: on_progress(cases + k, total))
+            beside = _done(jobs, lambda k, _: on_progress(cases + k, total))
         except KeyboardInterrupt:
-            raise Interrupted(
-                f"interrupted: all {cases} runs are kept; --resume continues"
-            ) from None
-        beside = defaultdict[str, list[Any]](list)
-        for (name, *_), result in zip(jobs, found, strict=True):
-            beside[name].append(result)
-        others, whole = beside["others"], beside["kept"]
-        yield Outcome(done, rigs, designs, controller, others, whole, _published(beside))
+            said = f"interrupted: all {cases} runs are kept; --resume continues"
+            raise Interrupted(said) from None
+        yield Outcome(done, sensed, controller, beside)
 
 
 def _refuse_others(model: Path | None, options: Mapping[str, Any]) -> None:
     """Raise a `WrongInput` if an option is given that is for other cases."""
     for option in OTHERS_ALONE if model is None else HEXAPOD_ALONE:
-        if options[option.name] not in (option.default, None):
+        if options[option.name] not in (option.usual, None):
             for_whom = "needs" if model is None else "does not go with"
             raise WrongInput(f"--{option.name.replace('_', '-')} {for_whom} --model")
     for option in (HOURS, CONTROLLER) if options["events"] else ():
         if options[option.name] != option.default:
             raise WrongInput(f"--{option.name} does not go with --events")
+
+
+def _of_hexapod(options: Mapping[str, Any], seed: int, quick: bool) -> tuple[Cases, Sensed]:
+    """Failures or events of the hexapod."""
+    sensed: Sensed = {"task": exact_rig()}, {}
+    if options["events"]:
+        names, each = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
+        return events_of(names, each, 2.0 if quick else 3600.0, seed), sensed
+    if (controller := options["controller"]) is not None:
+        controller_factory(controller)  # a wrong name is refused before anything runs
+    healthy = (1, 2.0) if quick else (healthy_for(options["hours"]), BENCH.duration_s)
+    blocks = plan.QUICK if quick else plan.WHOLE
+    return failures_of(blocks, *healthy, seed, controller), sensed
 
 
 def healthy_for(hours: float) -> int:
@@ -170,8 +162,8 @@ def events_of(names: Sequence[str], each: int, healthy_s: float, seed: int) -> C
 
 def _of_robot(
     model: Path, options: Mapping[str, Any], seed: int, quick: bool
-) -> tuple[Cases, dict[Sensing, Rig], dict[Sensing, DitherDesign | None]]:
-    """Failures or events of any robot, and the robot and its dither by what the diagnosis sees."""
+) -> tuple[Cases, Sensed]:
+    """Failures or events of any robot."""
     own = {each.name for each in fields(RobotOptions)} & options.keys()
     file, robot = model.resolve(), RobotOptions(**{name: options[name] for name in own})
     drawn_from = {"seed": seed, "robot": asdict(robot), "robot_sha256": model_sha256(file)}
@@ -196,7 +188,7 @@ def _of_robot(
             cases += plan.robot_failures(first, design, seed, quick)
     for case in {(case.options, case.course, case.duration_s): case for case in cases}.values():
         check_reach(rig := exact_rig(file, case.options), case.path(rig))
-    return Campaign(plan.numbered(cases), row_of, SCHEMA, SOURCES, drawn_from), rigs, designs
+    return Campaign(plan.numbered(cases), row_of, SCHEMA, SOURCES, drawn_from), (rigs, designs)
 
 
 Job = tuple[str, Callable[..., Any], tuple[Any, ...]]
@@ -222,21 +214,17 @@ def _jobs(cases: Sequence[Case], controller: str | None, seed: int, quick: bool)
     ]
 
 
+def _done(jobs: Sequence[Job], on_progress: OnProgress) -> dict[str, list[Any]]:
+    """Results of all calls, in parallel, by what they are for."""
+    calls = [{"job": job, "given": given} for _, job, given in jobs]
+    found, beside = in_parallel(_call, calls, on_progress) if calls else [], dict[str, list[Any]]()
+    for (name, *_), result in zip(jobs, found, strict=True):
+        beside.setdefault(name, []).append(result)
+    return beside
+
+
 def _call(job: Callable[..., Any], given: tuple[Any, ...]) -> Any:
     return job(*given)
-
-
-def _published(beside: Mapping[str, list[Any]]) -> dict[str, Any]:
-    """What was computed beside failures of the hexapod, ready for JSON."""
-    lists = {name: list(chain(*beside[name])) for name in ("dither_design", "informed_late")}
-    alike = {"alike_below": p.ALIKE, "evidence_s": p.EVIDENCE_S}
-    return lists | {
-        "ambiguity": alike | {"failures": list(chain(*beside["ambiguity"]))},
-        "dither_cost": beside["dither_cost"][0],
-        "beliefs": beside["beliefs"][0],
-        "bench": asdict(BENCH) | plant_constants(exact_rig().model),
-        "jacobian": "constant",
-    }
 
 
 def again(summary: dict[str, Any]) -> Again:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import chain
 from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +12,15 @@ import numpy as np
 import pandas as pd
 
 from experiments.recover.figure import headline, pictures
-from experiments.recover.plan import sizes_of
-from experiments.recover.predictions import ISOLABLE
+from experiments.recover.plan import BENCH, exact_rig, sizes_of
+from experiments.recover.predictions import ALIKE, EVIDENCE_S, ISOLABLE
 from experiments.recover.recordings import record
 from experiments.recover.statistics import WORST, frame_of, noise_of, statistics
 from experiments.rig.checks import CLOSURE_LIMIT_M, closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
 from experiments.rig.hexapod.fault_tolerance import DITHER
+from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.mismatch import EXACT
 from experiments.rig.units import by_unit, sizes_said
 from experiments.study.results import Check, Results
@@ -46,9 +48,9 @@ def results(outcome: "Outcome | dict[str, Any]") -> Results:
     """Everything that `fjh recover` publishes."""
     if isinstance(outcome, dict):
         return replace(described(outcome), published=True)
-    frame = frame_of(outcome.done.dataset.rows(), outcome.others)
-    summary = summarize(outcome, frame)
-    whole = [partial(record, summary, each, checks(summary)) for each in outcome.kept]
+    frame = frame_of(outcome.done.dataset.rows(), outcome.beside.get("others", []))
+    summary, kept = summarize(outcome, frame), outcome.beside.get("kept", [])
+    whole = [partial(record, summary, each, checks(summary)) for each in kept]
     return replace(
         described(summary),
         pictures=pictures(summary, frame),
@@ -63,7 +65,8 @@ def described(summary: dict[str, Any]) -> Results:
 
 def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
     """All numbers, ready for JSON: errors in sizes of the path, other units in the names."""
-    rig = next(iter(outcome.rigs.values()))
+    rigs, designs = outcome.sensed
+    rig, kept = next(iter(rigs.values())), outcome.beside.get("kept", [])
     summary, noise = origin("recover", outcome.done), noise_of(rig)
     if rig.file is not None:
         summary["model_sha256"] = summary["basis"]["robot_sha256"]
@@ -73,7 +76,7 @@ def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
     places = {"near": ~thrown & frame["sort"].ne("size"), "thrown": thrown}
     gaps_m = frame["closure_residual_max_m"].fillna(0.0)
     closure_m = {name: float(gaps_m.where(at, 0.0).max()) for name, at in places.items()}
-    for each in outcome.kept:
+    for each in kept:
         closure_m["near"] = max(closure_m["near"], each.run.closure_max_m)
     differing = {name: asdict(sizes_of(rig, name)) for name in frame["mismatch"].unique()}
     return summary | {
@@ -90,10 +93,7 @@ def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
             for name, sizes in differing.items()
         },
         "rules": asdict(DEFAULT_CONFIG),
-        "dither": {
-            sense: dither_entry(design, outcome.rigs[sense])
-            for sense, design in outcome.designs.items()
-        }
+        "dither": {name: dither_entry(own, rigs[name]) for name, own in designs.items()}
         or {"task": asdict(DITHER)},
         "recovered_from_s": max(each.recovered_s for each in outcome.done.campaign.runs),
         "noise": noise,
@@ -105,15 +105,30 @@ def summarize(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
         "closure_m": closure_m,
         "closure_limit_m": CLOSURE_LIMIT_M if rig.file is None else CLOSURE_TOLERANCE,
         **statistics(frame, noise),
-        **outcome.predicted,
-        "shown": {each.name: each.row for each in outcome.kept},
+        "shown": {each.name: each.row for each in kept},
+        **(_beside(outcome.beside) if outcome.beside else {}),
         **({} if outcome.controller is None else {"controller": _compared(outcome, frame)}),
+    }
+
+
+def _beside(beside: Mapping[str, list[Any]]) -> dict[str, Any]:
+    """What is computed beside failures of the hexapod, and the constants of both."""
+    lists = ("dither_design", "informed_late")
+    alike = {"alike_below": ALIKE, "evidence_s": EVIDENCE_S}
+    return {
+        **{name: list(chain(*beside.get(name, []))) for name in lists},
+        "ambiguity": alike | {"failures": list(chain(*beside["ambiguity"]))},
+        "dither_cost": beside["dither_cost"][0],
+        "beliefs": beside["beliefs"][0],
+        "bench": asdict(BENCH) | plant_constants(exact_rig().model),
+        "jacobian": "constant",
     }
 
 
 def _compared(outcome: "Outcome", frame: pd.DataFrame) -> dict[str, Any]:
     """Somebody else's controller in the cases with all mismatches, and in the shown runs."""
-    rows = [*outcome.others, *(each.row for each in outcome.kept if each.controller)]
+    kept = (each.row for each in outcome.beside["kept"] if each.controller)
+    rows = [*outcome.beside.get("others", []), *kept]
     failures = [row["controller_failure"] for row in rows]
     compared = frame[frame["rms_other_after"].notna()]
     square = [(compared[f"rms_{name}_after"] ** 2).mean() for name in ("other", "informed")]

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from scipy.stats import binomtest, chi2
 
 from experiments.recover.plan import MISMATCHES
@@ -14,7 +13,7 @@ from experiments.recover.predictions import ISOLABLE
 from experiments.recover.row import CONTROLLERS, SCHEMA
 from experiments.recover.simulate import SPANS
 from experiments.rig.rig import Rig
-from experiments.study.campaign import Row
+from experiments.study.campaign import Row, table_of
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 
 WORST = 1.1
@@ -25,9 +24,7 @@ COUNTED = ("since", "after")
 
 def frame_of(rows: Sequence[Row], others: Sequence[Row] = ()) -> pd.DataFrame:
     """All rows, numbers that are missing as NaN, with another controller's columns where it ran."""
-    frame = pd.DataFrame(rows, columns=SCHEMA.names)
-    numbers = [each.name for each in SCHEMA if pa.types.is_floating(each.type)]
-    frame = frame.astype(dict.fromkeys([*numbers, "alarms", "withdrawn"], float))
+    frame = table_of(rows, SCHEMA).to_pandas()
     return frame.merge(pd.DataFrame(others), how="left", on="case") if others else frame
 
 

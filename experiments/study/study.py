@@ -40,6 +40,11 @@ class Option:
         """What stands before its value on the command line."""
         return f"--{self.name.replace('_', '-')}"
 
+    @property
+    def usual(self) -> Any:
+        """What the runs take by default."""
+        return self.checked(self.default, self.flag)
+
     def checked(self, value: Any, name: str) -> Any:
         """The value as the runs take it: within its bounds, and parsed; None as it is by default.
 
@@ -132,7 +137,7 @@ class Study:
         """The command that gives the same numbers, without its folder; defaults are left out."""
         found, options = ["fjh", self.name], ["--quick"] * (quick and self.quick is not None)
         for option in self.options:
-            if (value := given.get(option.name, option.default)) == option.default:
+            if (value := given.get(option.name, option.usual)) == option.usual:
                 continue
             if option.positional:
                 found.append(str(value))
