@@ -92,7 +92,7 @@ def stated_of(
         robot=rig.title,
         hexapod=is_hexapod,
         model_file="" if file is None else str(file),
-        model_sha256=model_sha256(file),
+        model_sha256=rig.model_sha256 if machine_file is None else model_sha256(machine_file),
         actuators=list(rig.actuators),
         actuator_units=list(rig.units),
         input_units=["%"] * n if is_hexapod else list(rig.units),

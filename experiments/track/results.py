@@ -261,7 +261,7 @@ def verdict(summary: Mapping[str, Any]) -> str:
 
 
 def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
-    """Errors by major row, what happened, and what was diagnosed."""
+    """Errors by major row, and what happened and was diagnosed."""
     named = {"before": "rms_before", "pred.": "predicted_rms_before", "after": "rms_after"}
     named |= {"pred. ": "predicted_rms_after_when_named"}
     if tracked.told:
@@ -288,42 +288,33 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     errors = tabulate(
         title, [Column(each.strip(), each) for each in ("row", *values)], rows, legend
     )
-    missing = "Without a delay: a false alarm; without a change: the commands went on as they were."
-    diagnosed = (
-        Column("actuator", "actuator"),
-        Column("diagnosed", "kind"),
-        Column("at, s", "time_s", ".3f"),
-        Column("after, s", "delay_s", ".3f"),
-        Column("commands\nchange, s", "acted_s", ".3f"),
-    )
-    found = summary["diagnoses"]
-    return [
-        errors,
-        *_happenings(tracked, summary),
-        tabulate("Diagnoses", diagnosed, found, missing if found else ""),
-    ]
+    columns = Column("at, s", "time_s", ".3f"), Column("what", "what"), Column("", "meaning")
+    log = tabulate("What happened", columns, _log(tracked, summary))
+    return [errors, log] if log.rows else [errors]
 
 
-def _happenings(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
-    """Failures with what their classification says, and events with what they are."""
+def _log(tracked: Tracked, summary: dict[str, Any]) -> list[dict[str, Any]]:
+    """Failures, as classified, events and diagnoses, in the order of time."""
     entries = [
-        one | {"possible": "yes" if possible else "no", "sentence": deciding_sentence(report)}
-        for one, possible, report in zip(
-            summary["failures"], summary["possible_after"], tracked.reports[1:], strict=True
-        )
-    ]
-    entries += [
-        one | {"kind": one["name"], "possible": None, "sentence": EVENTS[one["name"]].sentence}
+        one
+        | {"what": one["name"] if one["actuator"] is None else f"{one['actuator']} {one['name']}"}
+        | {"meaning": EVENTS[one["name"]].sentence}
         for one in summary["events"]
     ]
-    columns = (
-        Column("failure or event", "kind"),
-        Column("actuator", "actuator"),
-        Column("at, s", "time_s", ".3f"),
-        Column("major task\npossible", "possible"),
-        Column("why, or what happens", "sentence"),
-    )
-    return [tabulate("Failures and events", columns, entries)] if entries else []
+    for one, report in zip(summary["failures"], tracked.reports[1:], strict=True):
+        can = "possible" if is_possible(report) else "not possible"
+        meaning = f"major task {can}: {deciding_sentence(report)}"
+        entries.append(one | {"what": f"{one['actuator']} {one['kind']}", "meaning": meaning})
+    for one in summary["diagnoses"]:
+        meaning = "a false alarm" if one["delay_s"] is None else f"after {one['delay_s']:.3f} s"
+        if one["acted_s"] is not None:
+            meaning += f"; commands follow from {one['acted_s']:.3f} s on"
+        if one["withdrawn_s"] is not None:
+            meaning += f"; cleared at {one['withdrawn_s']:.3f} s"
+        what = f"{one['actuator']} diagnosed {one['kind']}"
+        entries.append(one | {"what": what, "meaning": meaning})
+    entries.sort(key=lambda one: one["time_s"])
+    return entries
 
 
 def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:

@@ -1,6 +1,6 @@
 """A run of a robot on its path, what its controller made of it, and what was predicted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -112,19 +112,11 @@ def run_track(
         raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
     for flag, given in (("--fail", fail), ("--event", event)):
         if late := [each.time_s for each in given if not each.time_s < duration]:
-            raise WrongInput(
-                f"{flag} must be before the run ends at {duration:g} s, got {late[0]:g} s"
-            )
+            end = f"before the run ends at {duration:g} s"
+            raise WrongInput(f"{flag} must be {end}, got {late[0]:g} s")
     rig = rig_of(model, options)
     desired = rig.path(path, duration_s=scale * duration, turn_s=turn)
-    # A name of digits is looked up before it is taken for a number.
-    announced = [
-        replace(each, actuator=rig.number(str(each.actuator)), time_s=scale * each.time_s)
-        for each in fail
-    ]
-    in_order = sorted(event, key=lambda one: one.time_s)
-    events = [replace(each, time_s=scale * each.time_s) for each in in_order]
-    failures = _all_failures(rig, announced, events, seed)
+    announced, events, failures = _happening(rig, fail, event, scale, seed)
     check_reach(rig, desired)
     for warning in rig.warnings:
         notice(warning)
@@ -135,26 +127,20 @@ def run_track(
     for each in not_isolable(rig, design, desired, failures) if told else ():
         notice(f"{_called(rig, each)} may not be found: {advised(each)}")
 
-    compares = told and bool(failures or events)
-    ticks, runs = len(desired), 1 + compares + (controller is not None)
-
-    def conditions(before: int) -> dict[str, Any]:
-        def on_tick(done: int) -> None:
-            if done % _SHOWN_EVERY == 0 or done == ticks:
-                on_progress(before * ticks + done, runs * ticks)
-
-        return {"failures": announced, "seed": seed, "on_tick": on_tick}
-
-    own: Any = rig.supervisor(design and design.dither) if told else rig.controller()
+    same = {"failures": announced, "seed": seed}
     met = Met(rig.model, rig.part)
-    run = rig.fly(own, desired, events=[*events, met], **conditions(0))
+    own: Any = rig.supervisor(design and design.dither) if told else rig.controller()
+    compares = told and bool(failures or events)
+    counted = _counting(on_progress, len(desired), 1 + compares + (controller is not None))
+    run = rig.fly(own, desired, events=[*events, met], on_tick=next(counted), **same)
     undiagnosed = other = None
     if compares:
         with suppress(SimulationDiverged):
-            undiagnosed = rig.fly(rig.controller(), desired, events=events, **conditions(1))
+            how = {"events": events, "on_tick": next(counted)}
+            undiagnosed = rig.fly(rig.controller(), desired, **how, **same)
     if controller is not None:
-        theirs = fly_with(rig, controller, desired, events=events, **conditions(runs - 1))
-        other = Other(controller, *theirs)
+        how = {"events": events, "on_tick": next(counted)}
+        other = Other(controller, *fly_with(rig, controller, desired, **how, **same))
     learnt = learnt_s(rig, run, failures)
     predict = _predictor(rig, run, design)
     faults = [Fault.of(failure) for failure in failures]
@@ -179,19 +165,39 @@ def run_track(
     )
 
 
-def _all_failures(
-    rig: Rig, given: Sequence[Failure], events: Sequence[Event], seed: int
-) -> list[Failure]:
-    """All failures in the order of time, those that belong to events included.
+def _counting(on_progress: OnProgress, ticks: int, runs: int) -> Iterator[Callable[[int], None]]:
+    """For each of some runs: what is told of its ticks, and shows the progress of all runs."""
+
+    def on_tick(done: int, before: int) -> None:
+        if done % _SHOWN_EVERY == 0 or done == ticks:
+            on_progress(before * ticks + done, runs * ticks)
+
+    return (partial(on_tick, before=k) for k in range(runs))
+
+
+def _happening(
+    rig: Rig, fail: Sequence[Failure], event: Sequence[Event], scale: float, seed: int
+) -> tuple[list[Failure], list[Event], list[Failure]]:
+    """Failures by number and events, at so much of their times; and all failures, in their order.
+
+    To all failures belong those that events bring.
 
     Raises:
-        WrongInput: An actuator fails twice, or cannot have an event.
+        WrongInput: An actuator that the robot does not have, that fails twice, or that cannot have
+            an event.
     """
+    # A name of digits is looked up before it is taken for a number.
+    announced = [
+        replace(each, actuator=rig.number(str(each.actuator)), time_s=scale * each.time_s)
+        for each in fail
+    ]
+    in_order = sorted(event, key=lambda one: one.time_s)
+    events = [replace(each, time_s=scale * each.time_s) for each in in_order]
     _, caused = events_of(rig, events, seed=seed)
-    every = sorted((*given, *caused), key=lambda one: one.time_s)
+    every = sorted((*announced, *caused), key=lambda one: one.time_s)
     if len({failure.actuator for failure in every}) < len(every):
         raise WrongInput(f"--fail{' and --event' * bool(events)} must name each actuator once")
-    return every
+    return announced, events, every
 
 
 def _predictor(rig: Rig, run: Run, design: DitherDesign | None) -> Callable[..., Prediction]:

@@ -181,7 +181,7 @@ def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
         ("quadruped", {"site": "trunk", "major": (3, 4, 5)}, "no actuator moves trunk"),
         ("hand", {"major": (2, 3, 4)}, "leaves no motion"),
         ("humanoid", {"site": "left_hand"}, "is a torque motor"),
-        ("mobile", {"site": "nothing"}, 'no body named "nothing"'),
+        ("mobile", {"site": "nothing"}, 'no site or body "nothing"'),
     ],
 )
 def test_where_nothing_can_be_said_a_sentence_says_why(name, task, said):

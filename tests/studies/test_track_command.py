@@ -166,7 +166,7 @@ def test_a_dither_for_which_the_task_leaves_no_motion_is_refused():
 @pytest.mark.long
 def test_both_sensors_and_a_dither_are_published_with_what_they_cost():
     """The error before is that of the linear model and of the dither, which nothing else moves."""
-    one = tracked(ARM, sense="both", dither="10", noise=2e-6, turn=1e9, path="steps", duration=0.6)
+    one = tracked(ARM, sense="both", dither="10", noise=2e-6, turn=1e6, path="steps", duration=0.6)
     summary = summarize(one)
     dither = summary["dither"]
     assert dither["frequency_hz"] == 10.0

@@ -45,10 +45,12 @@ def test_events_are_published_in_the_order_of_time_with_names_of_actuators(pushe
     assert happened(summary) == said
     assert f"after {said} the RMS error is" in summary["verdict"]
     assert "not compared after it, as it does not have bump" in " ".join(notes(pushed, summary))
-    _, what, _ = tables(pushed, summary)
-    assert [row[:2] for row in what.rows] == [
-        *(("locked", "motor4"), ("bump", ""), ("hard_over", "motor2"), ("late", ""))
+    _, log = tables(pushed, summary)
+    assert [row[:2] for row in log.rows] == [
+        *(("0.200", "bump"), ("0.300", "motor2 hard_over"), ("0.320", "motor4 locked")),
+        ("0.350", "late"),
     ]
+    assert log.rows[2][2].startswith("major task possible: The actuators reach")
 
 
 def test_the_linear_model_is_held_to_what_was_before_the_first_event(pushed):
