@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from experiments.study.interrupts import ignore_interrupts, interrupted, notice
 
 PACKAGES = (
-    *("distributed", "jinja2", "matplotlib", "mujoco", "psutil", "pyarrow", "rerun"),
-    *("rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
+    *("distributed", "jinja2", "matplotlib", "mujoco", "pandas", "psutil", "pyarrow"),
+    *("rerun", "rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
 )
 """What the extra `testbed` installs, as it is imported."""
 

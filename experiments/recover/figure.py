@@ -1,36 +1,25 @@
-"""The figure of `fjh recover`: how fast, what recovery is worth, and how wrong the model may be."""
+"""The figures of `fjh recover`: how fast and how robust the diagnosis is; what events cost."""
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from experiments.study.campaign import Row
-from experiments.study.plotting import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PAGE_IN,
-    PURPLE,
-    SKY,
-    VERMILION,
-    new_figure,
-)
+from argument_checks.ties import ascending
+from experiments.recover.statistics import WORST, counted
+from experiments.rig.events import EVENTS
+from experiments.study import plotting as p
 from experiments.study.results import Picture
 from ftc.fdi.fault_model import KINDS
-from sim import Array
 
-_KINDS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
-_AFTER = {
-    "supervised": ("supervised", BLUE),
-    "unaware": ("fault-unaware", ORANGE),
-    "other": ("the other controller", PURPLE),
-}
+_AFTER = {"supervised": p.BLUE, "unaware": p.ORANGE, "other": p.PURPLE}
 """Controllers whose error after recovery is compared with that of an informed one."""
+_OF = {"actuator": p.BLUE, "supply": p.ORANGE, "machine": p.GREEN, "sensor": p.VERMILION}
 GROUPS = {
     "coils: gain, hysteresis": ("gain", "hysteresis"),
     "springs, dampers, masses": ("stiffness", "damping", "inertia"),
@@ -40,133 +29,136 @@ GROUPS = {
     "all at once": ("all",),
 }
 """Mismatches of plant and model, by where they are."""
-_ALL, _NOT_ALL = SKY, ORANGE
 
 
-def pictures(summary: dict[str, Any], rows: Sequence[Row]) -> list[Picture]:
-    """The study's figure and its caption."""
-    picture = Picture(
-        "recover",
-        f"{headline(summary)} Above, with all mismatches of plant and model: time until the first "
-        "diagnosis names the failed strut, and RMS pointing error after recovery over that of a "
-        "controller informed at once, a step for each flight. Below: how often the first strut "
-        "named was the failed one, by the size of the mismatch; 1 is that of the other panels.",
-        "Above left: three rising steps, the share of failures whose strut is named, against the "
-        "time since the failure. Above right: the supervised controller's error is that of an "
-        "informed one, the unaware controller's is larger. Below: a table of groups of "
-        "mismatches against their size, with the count of failures whose strut was rightly named.",
-        partial(figure_recover, summary, rows),
+def pictures(summary: dict[str, Any], frame: pd.DataFrame) -> list[Picture]:
+    """The figure of failures of the hexapod, or that of events, with its caption."""
+    title = headline(summary)
+    if summary["by_event"]:
+        caption = (
+            f"{title} RMS error from each event on, divided by that of the same controller without "
+            "diagnosis, or from recovery on, where that is more: all runs, and the worst as large "
+            "dots. Where the errors differ by less than the sensors' noise, it is at most 1."
+        )
+        alt = f"A row of dots for each event, by what fails; a line at {WORST:g}; ratios of errors."
+        draw = partial(figure_events, title, frame, summary["noise"])
+        return [Picture("recover_events", caption, alt, draw)]
+    if "beliefs" not in summary:
+        return []
+    caption = (
+        f"{title} Above, with all mismatches of plant and model: time until the first diagnosis "
+        "names the failed strut, and RMS pointing error after recovery over that of a controller "
+        "informed at once. Below: how often the first strut named was the failed one, by the size "
+        "of the mismatch; 1 is that of the other panels."
     )
-    return [picture]
+    alt = (
+        "Above left: three rising steps, the share of failures whose strut is named, against time. "
+        "Above right: shares of runs against the ratio of errors, 1 if supervised, unaware more. "
+        "Below: groups of mismatches against their size, with counts of struts rightly named."
+    )
+    return [Picture("recover", caption, alt, partial(figure_failures, title, frame))]
 
 
 def headline(summary: dict[str, Any]) -> str:
-    """How many struts were identified, and how fast, in one sentence."""
-    entry = next(one for one in summary["failures"] if one["mismatch"] == "all")
-    strut, named = entry["strut"], entry["named_ms"]
-    found = f"The failed strut was identified in {strut['right']} of {strut['cases']} failures"
-    return f"{found}, {named['median']:.0f} ms after onset (median)." if named else f"{found}."
+    """How many failed actuators were named, and how fast; or in how many events harm is done."""
+    if events := summary["by_event"]:
+        harmless = sum(not each["harmed"] and not each["ended"] for each in events)
+        said = f"At most {WORST:g} times the error of doing nothing in {harmless} of {len(events)}"
+        return f"{said} kinds of event."
+    failures = {each["mismatch"]: each for each in summary["by_mismatch"] if each["factor"] == 1.0}
+    right, named_s = failures["all"]["right"], failures["all"]["named_s"]
+    found = f"The failed actuator was identified in {right['count']} of {right['cases']} failures"
+    return f"{found}, {1e3 * named_s['median']:.0f} ms after onset (median)." if named_s else found
 
 
-def figure_recover(summary: dict[str, Any], rows: Sequence[Row]) -> Figure:
+def figure_failures(title: str, frame: pd.DataFrame) -> Figure:
     """How fast, what recovery is worth, and what a wrong model costs."""
-    cases = [row for row in rows if (row["sort"], row["mismatch"]) == ("failure", "all")]
-    cases = [row for row in cases if row["status"] == "flown"]
-    figure = new_figure(PAGE_IN, 5.4)
-    figure.suptitle(headline(summary))
+    flown = frame[frame["status"].eq("flown") & frame["sort"].isin(["failure", "size"])]
+    mixed = flown[flown["sort"].eq("failure") & flown["mismatch"].eq("all")]
+    figure = p.new_figure(p.PAGE_IN, 5.4)
+    figure.suptitle(title)
     panels = figure.subplot_mosaic("da;ss", height_ratios=[1.25, 1])
-    draw_delays(panels["d"], cases)
-    draw_after(panels["a"], cases)
-    draw_sizes(panels["s"], summary["sizes"])
-    cells = {"rightly named in all failures": _ALL, "wrong or not named in some": _NOT_ALL}
+    draw_delays(panels["d"], mixed)
+    draw_after(panels["a"], mixed)
+    draw_sizes(panels["s"], flown)
+    for name in "da":  # legends above shares of up to 100 %, where no curve is, whatever the runs
+        panels[name].set(ylim=(-0.04, 1.5), yticks=np.linspace(0, 1, 6))
+        panels[name].legend(loc="upper center")
+    cells = {"rightly named in all failures": p.SKY, "wrong or not named in some": p.ORANGE}
     handles = [Patch(color=color, label=label) for label, color in cells.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
 
-def draw_delays(axes: Axes, cases: Sequence[Row]) -> None:
-    """Share of failures whose strut is named, over the time since then."""
-    named = {
-        kind: sorted(c["named_ms"] for c in cases if c["kind"] == kind and c["strut_right"])
-        for kind in KINDS
-    }
-    latest_ms = max((ms for delays in named.values() for ms in delays), default=10)
-    for kind, delays in named.items():
-        if count := sum(case["kind"] == kind for case in cases):
-            label = f"{kind}: {len(delays)} of {count}"
-            _steps(axes, [*delays, latest_ms], len(delays), count, label, _KINDS[kind])
+def draw_delays(axes: Axes, mixed: pd.DataFrame) -> None:
+    """Share of failures whose actuator is rightly named, over the time since the failure."""
+    named_ms = (1e3 * mixed["named_s"]).where(mixed["right"].eq(True), np.inf)
+    latest_ms = named_ms[named_ms < np.inf].max() if named_ms.min() < np.inf else 10.0
+    for kind, color in zip(KINDS, (p.BLUE, p.VERMILION, p.GREEN), strict=True):
+        if len(own := named_ms[mixed["kind"] == kind]):
+            label = f"{kind}: {int((own < np.inf).sum())} of {len(own)}"
+            axes.ecdf(own, label=label, color=color)
     axes.set_title(f"Naming the strut takes at most {latest_ms:.0f} ms")
-    axes.set(xlabel="time since the failure, ms", ylabel="share of failures named, %")
+    axes.set(xlabel="time since the failure, ms", ylabel="share of failures named")
     axes.set(xlim=(0, 1.08 * latest_ms))
-    _legend_above(axes)
 
 
-def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
-    """Share of flights whose error after recovery is at most so many times the informed one's."""
-    for name, (label, color) in _AFTER.items():
-        if compared := [case for case in cases if f"rms_{name}_after_urad" in case]:
-            over = sorted(_over_informed(compared, name))
-            _steps(axes, over, len(over), len(over), f"{label}: up to {over[-1]:.2f}", color)
-    worst = _over_informed(cases, "supervised").max()
-    axes.set_title(
-        f"After recovery the error is at most {worst:.2f} times\n"
-        "that of a controller informed at once"
-    )
-    axes.set(xlabel="RMS error / RMS error if informed", ylabel="share of flights, %")
-    axes.set(ylim=(-4, 104))
-    _legend_above(axes)
+def draw_after(axes: Axes, mixed: pd.DataFrame) -> None:
+    """Share of runs whose error after recovery is at most so many times the informed one's."""
+    for name, color in _AFTER.items():
+        if f"rms_{name}_after" in mixed:
+            over = (mixed[f"rms_{name}_after"] / mixed["rms_informed_after"]).dropna()
+            axes.ecdf(over, label=f"{name}: up to {over.max():.2f}", color=color)
+    axes.set_title("Error after recovery, over that of\na controller informed at once")
+    axes.set(xlabel="RMS error / RMS error if informed", ylabel="share of runs")
 
 
-def _legend_above(axes: Axes) -> None:
-    """Over shares of up to 100 %, where no curve is, whatever the flights."""
-    axes.set(ylim=(-4, 150), yticks=range(0, 101, 20))
-    axes.legend(loc="upper center")
-
-
-def _over_informed(cases: Sequence[Row], name: str) -> Array:
-    ours, theirs = (
-        np.array([case[f"rms_{controller}_after_urad"] for case in cases])
-        for controller in (name, "informed")
-    )
-    return ours / theirs
-
-
-def _steps(
-    axes: Axes, at: Sequence[float], reached: int, count: int, label: str, color: str
-) -> None:
-    """A step of 1 / count at each of the first values `at`, in ascending order."""
-    shares = 100 * np.minimum(np.arange(len(at) + 1), reached) / count
-    axes.step([at[0], *at], shares, where="post", color=color, label=label)
-
-
-def draw_sizes(axes: Axes, sizes: Sequence[dict[str, Any]]) -> None:
-    """A cell for each group and size: in how many failures the strut is rightly named.
-
-    An exact plant, size zero, has no mismatch of any group.
-    """
-    factors = sorted({entry["factor"] for entry in sizes} - {0.0})
-    flown = {entry["mismatch"] for entry in sizes}
-    groups = {group: names for group, names in GROUPS.items() if flown.intersection(names)}
-    for row, names in enumerate(groups.values()):
-        for column, factor in enumerate(factors):
-            own = [e["strut"] for e in sizes if e["mismatch"] in names and e["factor"] == factor]
-            if own:
-                right, count = (sum(strut[key] for strut in own) for key in ("right", "cases"))
-                color = _ALL if right == count else _NOT_ALL
-                corner = column - 0.5, row - 0.5
-                axes.add_patch(Rectangle(corner, 1, 1, fc=color, ec="white"))
-                axes.text(column, row, f"{right} of {count}", ha="center", va="center")
-    axes.set_title(
-        f"The strut is always rightly named up to {tolerated(sizes):g} times the mismatch"
-    )
+def draw_sizes(axes: Axes, flown: pd.DataFrame) -> None:
+    """A cell for each group of mismatches and size: how often the actuator is rightly named."""
+    of = {name: group for group, names in GROUPS.items() for name in names}
+    cells = flown["right"].eq(True).groupby([flown["mismatch"].map(of), flown["factor"]])
+    counts = cells.agg(["sum", "count"])
+    groups = [group for group in GROUPS if group in counts.index.get_level_values(0)]
+    factors = sorted(counts.index.unique(level=1))
+    for (group, factor), (right, count) in counts.iterrows():
+        row, column = groups.index(group), factors.index(factor)
+        color = p.SKY if right == count else p.ORANGE
+        axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fc=color, ec="white"))
+        axes.text(column, row, f"{right} of {count}", ha="center", va="center")
+    wrong = counts.index.get_level_values(1)[counts["sum"] < counts["count"]].min()
+    largest = max((factor for factor in factors if not factor >= wrong), default=0)
+    axes.set_title(f"The strut is always rightly named up to {largest:g} times the mismatch")
     axes.set_xticks(range(len(factors)), [f"{factor:g}" for factor in factors])
-    axes.set_yticks(range(len(groups)), list(groups))
+    axes.set_yticks(range(len(groups)), groups)
     axes.set(xlabel="size of the mismatch", xlim=(-0.5, len(factors) - 0.5))
     axes.set_ylim(len(groups) - 0.5, -0.5)
     axes.grid(visible=False)
 
 
-def tolerated(sizes: Sequence[dict[str, Any]]) -> float:
-    """The largest size up to which the first strut named was the failed one in every flight."""
-    wrong = [e["factor"] for e in sizes if e["strut"]["right"] < e["strut"]["cases"]]
-    return max((e["factor"] for e in sizes if e["factor"] < min(wrong, default=np.inf)), default=0)
+def figure_events(title: str, frame: pd.DataFrame, noise: float) -> Figure:
+    """Ratio of errors of each run, a row for each event; a large dot for the worst."""
+    runs = frame[frame["sort"].eq("event") & frame["status"].eq("flown")]
+    ratio = counted(runs, noise)
+    worst = ratio.groupby(runs["event"].loc[ratio.index]).max()
+    groups = [list(_OF).index(EVENTS[name].of) for name in worst.index]
+    names = [worst.index[k] for k in ascending(groups, worst)]
+    rows = pd.Series(range(len(names)), index=names)
+    figure = p.new_figure(p.PAGE_IN, 1.6 + 0.19 * len(names))
+    figure.suptitle(title)
+    axes = figure.add_subplot()
+    for of, color in _OF.items():
+        if own := [name for name in names if EVENTS[name].of == of]:
+            every = ratio[runs["event"].isin(own)]
+            axes.plot(every, rows[runs["event"].loc[every.index]], "o", color=color, markersize=2)
+            axes.plot(worst[own], rows[own], "o", color=color, markersize=5, label=of)
+    axes.axvline(WORST, color="black", linewidth=0.8, linestyle="--", label=f"{WORST:g} times")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_xlim()
+    axes.set_xlim(min(low, 0.5), max(high, 2.0))
+    axes.set(xlabel="RMS error from the event on / RMS error of doing nothing")
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(-0.7, len(names) - 0.3)
+    figure.legend(loc="outside lower center", ncols=5)
+    return figure

@@ -14,7 +14,6 @@ import pytest
 from experiments.app import again, find
 from experiments.app.cli import main
 from experiments.recording.properties import properties_of
-from experiments.recover import mechanism_row
 from experiments.recover import row as recover_row
 from experiments.studies import STUDIES
 from experiments.study.listing import Source, sources_of
@@ -57,22 +56,24 @@ def found(capsys, *words: object) -> dict:
 
 def test_the_issues_question_finds_what_numpy_finds(capsys, flights):
     rows = pq.read_table(flights / "recover.parquet").to_pylist()
-    late = [r for r in rows if (r["named_ms"] or 0) > 100 and r["kind"] == "locked"]
+    late = [r for r in rows if (r["named_s"] or 0) > 0.1 and r["kind"] == "locked"]
     content = found(capsys, ISSUE, flights)
     assert content["runs"] == len(rows) == 6174 and content["found"] == len(late) == 13
     assert {row["case"] for row in content["rows"]} == {row["case"] for row in late}
-    worst = [row["rms_supervised_after_urad"] for row in content["rows"]]
+    worst = [row["rms_supervised_after"] for row in content["rows"]]
     assert worst == sorted(worst, reverse=True)
-    for row in content["rows"]:
-        assert row["named_s"] == row["named_ms"] / 1000 and "__row" not in row
+    in_ms = found(capsys, ISSUE.replace("named_s > 0.1", "named_ms > 100"), flights)
+    assert [row["case"] for row in in_ms["rows"]] == [row["case"] for row in content["rows"]]
+    for row in in_ms["rows"]:
+        assert row["named_ms"] == pytest.approx(1000 * row["named_s"]) and "__row" not in row
     assert not list(Path().iterdir())
 
 
 def test_a_person_sees_how_many_and_the_worst_first(capsys, flights):
     assert main(["find", ISSUE, str(flights), "--list"]) == 0
     said = capsys.readouterr().out
-    assert "13 of 6174 runs." in said and "largest rms_supervised_after_urad" in said
-    for word in ("case", "strut", "mismatch", "named_s", "1105.2", "3726"):
+    assert "13 of 6174 runs." in said and "largest rms_supervised_after;" in said
+    for word in ("case", "actuator", "mismatch", "named_s", "11.052", "3726"):
         assert word in said
     assert main(["find", "kind == 'free'", str(flights), "--by", "-named_s", "--list"]) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -109,11 +110,11 @@ def test_no_match_is_an_answer(capsys, flights):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["nmed_s > 1", "."], 'did you mean "named_ms"'),
+        (["nmed_s > 1", "."], 'did you mean "named_s"'),
         (["kind > 0.1", "."], "kind is text and 0.1 a number"),
         (["kind ==", "."], "invalid syntax"),
         (["True", ".", "--by", "kind"], "kind is text, expected a number"),
-        (["True", ".", "--by", "nmed_s"], "named_ms"),
+        (["True", ".", "--by", "nmed_s"], "named_s"),
         (["True", "nowhere"], "nowhere is no folder"),
         (["True", "empty"], "neither a dataset nor a recording"),
         (["True", ".", "--out", "found.png"], "must end in .rrd"),
@@ -205,7 +206,7 @@ def test_each_study_with_rows_names_what_it_has():
     """Its worst column and those shown are in a schema; its entry point exists."""
     verdict = "verdict"  # of the atlas alone
     schemas = {
-        "recover": {*recover_row.SCHEMA.names, *mechanism_row.SCHEMA.names},
+        "recover": {*recover_row.SCHEMA.names},
         **{each: {*sweep_row.SCHEMA.names, verdict} for each in ("sweep", "atlas")},
     }
     listings = {study.name: study.listing for study in STUDIES if study.listing}
@@ -231,7 +232,7 @@ def test_a_flown_row_is_repeated_to_the_bit(name, request):
         assert columns and {key: row[key] for key in columns} == columns
         assert len(run.time_s) == round(1e3 * row["duration_s"])
     sorts = {row.get("sort") for row in chosen}
-    assert name != "recover" or sorts == {"failure", "size", "pair", "sound"}
+    assert name != "recover" or sorts == {"failure", "size", "pair", "healthy"}
 
 
 def test_the_worst_are_recorded_from_their_numbers(capsys, recover_folder):
@@ -246,12 +247,10 @@ def spoilt(folder: Path, **basis: str) -> Path:
     """A copy whose first row has another error, and whose basis says so or not."""
     own = Path(shutil.copytree(folder, "spoilt"))
     table = pq.read_table(own / "recover.parquet")
-    at = table.column_names.index("rms_supervised_after_urad")
+    at = table.column_names.index("rms_supervised_after")
     wrong = [value and 1.001 * value for value in table.column(at).to_pylist()]
     column = pa.array(wrong, pa.float64())
-    pq.write_table(
-        table.set_column(at, "rms_supervised_after_urad", column), own / "recover.parquet"
-    )
+    pq.write_table(table.set_column(at, "rms_supervised_after", column), own / "recover.parquet")
     summary = json.loads((own / "recover.json").read_text())
     summary["basis"] |= basis
     (own / "recover.json").write_text(json.dumps(summary))
@@ -262,7 +261,7 @@ def test_a_row_of_another_version_is_said_to_differ(capsys, recover_folder):
     own = spoilt(recover_folder, code_sha256="0" * 64)
     assert main(["find", "case == 0", str(own)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "differs from its row (rms_supervised_after_urad is" in said
+    assert "differs from its row (rms_supervised_after is" in said
     assert "the dataset was written with another code_sha256." in said
 
 
@@ -286,7 +285,7 @@ def source(**changed) -> Source:
         ({"basis": {}}, "this version draws them otherwise"),
         ({"basis": {"flights": [], "seed": 0}}, "this version draws them otherwise"),
         ({"basis": {"events": {"names": 3}, "seed": 0}}, "this version draws them otherwise"),
-        ({"robot": {}}, "another robot cannot be repeated"),
+        ({"basis": {"robot": {}}}, "another robot cannot be repeated"),
     ],
 )
 def test_what_cannot_be_flown_again_is_one_sentence(changed, why):
@@ -313,8 +312,8 @@ def test_what_differs_without_a_reason_is_unsound():
     own = source()
     once = again.again_of(own)
     own.summary["basis"] |= once.campaign.basis
-    columns = {"rms_supervised_after_urad": 1.0}
+    columns = {"rms_supervised_after": 1.0}
     one = again.Repeated(5, once, own, columns, made_run(), "")
-    assert "agrees" in one.said({"rms_supervised_after_urad": 1.0 + 1e-10})
+    assert "agrees" in one.said({"rms_supervised_after": 1.0 + 1e-10})
     with pytest.raises(Unsound, match="is 1 instead of 2"):
-        one.said({"rms_supervised_after_urad": 2.0})
+        one.said({"rms_supervised_after": 2.0})

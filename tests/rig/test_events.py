@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.recover.event_row import Holding
+from experiments.recover.simulate import Holding
 from experiments.rig import Rig, Run
 from experiments.rig.events import EVENTS, Event, effects
 from experiments.rig.events.hooks import events_of

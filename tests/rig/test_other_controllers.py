@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import control
 import numpy as np
@@ -17,11 +18,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.recover import runs as recover_runs
-from experiments.recover.campaign import flights_of
-from experiments.recover.checks import checks
-from experiments.recover.comparison import controller_checks
-from experiments.recover.plan import Counts, FlightPlan
+from experiments.recover import plan
+from experiments.recover.command import failures_of
+from experiments.recover.results import checks
 from experiments.recover.row import other_columns, row_of
 from experiments.rig import Rig
 from experiments.rig.hexapod.columns import COLUMNS
@@ -38,8 +37,11 @@ from ftc.goal import Goal
 from ftc.loop import run_loop
 from tests.rrd import scalars
 
-LEAST = Counts(exact=1, all=1, alone=0, mismatches=(), size=0, sound=1, sound_s=0.1, pairs=1)
-"""Of the flights of `fjh recover`."""
+LEAST: list[plan.Block] = [
+    *(("failure", mismatch, 1.0, 1) for mismatch in ("exact", "all")),
+    ("pair", "all", 1.0, 1),
+]
+"""Of the cases of `fjh recover`."""
 
 PAGE = (Path(__file__).parents[2] / "docs" / "other-controllers.md").read_text()
 (EXAMPLES,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
@@ -249,20 +251,19 @@ def test_our_columns_are_those_without_another_controller(compared, rig):
 
 
 @pytest.mark.long
-def test_another_controller_recovers_or_not_in_the_same_flight():
+def test_another_controller_recovers_or_not_in_the_same_case():
     """Told of no failure, the integrator of the page is about a fault-unaware one."""
-    [flight] = FlightPlan(LEAST, 0).compared()
-    row = row_of(flight) | other_columns(flight, "page_examples:PseudoInverse")
+    case = plan.hexapod_failures(LEAST, 0, 1.0, 0)[1]
+    row = row_of(case) | other_columns(case, "page_examples:PseudoInverse")
     assert row["status"] == "flown" and row["controller_failure"] is None
-    for when in ("before", "during", "after"):
-        ratio = row[f"rms_other_{when}_urad"] / row[f"rms_unaware_{when}_urad"]
-        assert 0.3 < ratio < 3
+    for span in ("before", "during", "after"):
+        assert 0.3 < row[f"rms_other_{span}"] / row[f"rms_unaware_{span}"] < 3
 
 
 @pytest.mark.long
 def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
     """With the least of everything: table, notes, JSON, figure and recording."""
-    monkeypatch.setattr(recover_runs, "QUICK", LEAST)
+    monkeypatch.setattr(plan, "QUICK", LEAST)
     words = ["--quick", "--quiet", "--out", str(tmp_path)]
     main(["recover", *words, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
@@ -270,27 +271,29 @@ def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
     assert entry["name"] == "page_examples:LQG" and entry["failures"] == []
     assert {"LQG_locked.npz", "LQG_locked.rrd"} <= set(summary["files"])
     page = (tmp_path / "recover.md").read_text()
-    assert "| after: page_examples:LQG |" in page
+    assert "| errors other after rms |" in page and "With page_examples:LQG" in page
     rows = pq.read_table(tmp_path / "recover.parquet").to_pylist()
     [row] = [row for row in rows if (row["sort"], row["mismatch"]) == ("failure", "all")]
-    other = summary["errors_urad"]["locked"]["other"]["after"]["rms"]
-    ratio = other / row["rms_informed_after_urad"]
-    assert entry["after_over_oracle"] == pytest.approx(ratio, rel=1e-9)
-    sound = Results(summary, checks=controller_checks(summary))
-    assert sound.failed_check is None
+    [locked] = summary["by_kind"]
+    ratio = locked["errors"]["other"]["after"]["rms"] / row["rms_informed_after"]
+    assert entry["after_over_informed"] == pytest.approx(ratio, rel=1e-9)
+    assert checks(summary)[-1].passed
     spoilt = copy.deepcopy(summary)
     spoilt["controller"]["failures"] = ["it raised"]
-    assert "it raised" in str(Results(spoilt, checks=checks(spoilt)[-2:]).failed_check)
+    assert "it raised" in str(Results(spoilt, checks=checks(spoilt)[-1:]).failed_check)
 
 
 def test_a_controller_whose_module_has_changed_is_another(folder):
-    """Flights of both must not be mixed by --resume."""
-    plan = FlightPlan(LEAST, 0, "page_examples:LQG")
-    before = flights_of(plan).basis
+    """Runs of both must not be mixed by --resume."""
+
+    def basis() -> dict[str, Any]:
+        return failures_of(LEAST, 1, 0.1, 0, "page_examples:LQG").basis
+
+    before = basis()
     page = folder / "page_examples.py"
     text = page.read_text()
     page.write_text(text + "\n# edited\n")
-    after = flights_of(plan).basis
+    after = basis()
     page.write_text(text)
     assert [name for name in after if after[name] != before[name]] == ["controller_sha256"]
-    assert flights_of(plan).basis == before
+    assert basis() == before

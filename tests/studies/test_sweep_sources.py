@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.recover.campaign import SOURCES as FLIGHTS
-from experiments.recover.mechanisms import SOURCES as ROBOTS
+from experiments.recover.command import SOURCES as CASES
 from experiments.study import basis as bases
 from experiments.study import provenance
 from experiments.study.basis import check_same
@@ -77,7 +76,7 @@ def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pat
         "sim/*.py",
         "sim/mjcf/*.py",
         "experiments/rig/*.py",
-        "experiments/rig/hexapod/*.py",
+        "experiments/rig/hexapod/machine.py",
         *(f"experiments/study/{name}.py" for name in ("basis", "campaign", "dataset", "parquet")),
         *(f"experiments/sweep/{name}.py" for name in ("design", "row", "sweep_run")),
     ],
@@ -93,8 +92,7 @@ def test_an_edit_of_what_makes_rows_makes_another_sweep(project, pattern):
     ("row", "sources"),
     [
         ("sweep/row.py", SOURCES),
-        ("recover/row.py", FLIGHTS),
-        ("recover/mechanism_row.py", ROBOTS),
+        ("recover/row.py", CASES),
     ],
 )
 def test_all_that_a_row_is_made_with_counts(row, sources):

@@ -1,33 +1,34 @@
-"""Every mechanism loses an actuator in flight and goes on, on a plant that is not the model."""
+"""Every mechanism loses an actuator in a run and goes on, on a plant that is not the model."""
 
 import json
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.recover.mechanism_flight import MechanismFlight, MechanismFlown, fly
-from experiments.recover.mechanism_results import described, summarize
-from experiments.recover.mechanism_row import SCHEMA, flown_row
-from experiments.recover.mechanisms import Mechanisms, run_mechanisms
+from experiments.app.cli import main
+from experiments.recover import STUDY, plan
+from experiments.recover.command import Outcome, run
+from experiments.recover.plan import Case, exact_rig
+from experiments.recover.results import checks, described
+from experiments.recover.row import SCHEMA, row_of
 from experiments.rig import Rig
-from experiments.rig.choices import Sensing
 from experiments.rig.dither import rig_dither
+from experiments.rig.events import EVENTS, Event
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import DITHER_SIZE, RobotOptions
-from experiments.study.campaign import Row, table_of
-from experiments.study.files import json_text
+from experiments.rig.options import DITHER_SIZE, RobotOptions, Sensing
+from experiments.study.campaign import Row
 from experiments.study.study import Interrupted, WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
 
-MAJOR = {"arm": "0,1", "hand": "3,4", "platform": "3,4", "arms": "3,4,5"}
-STRUCK_S = 1.2
+MAJOR = {"arm": (0, 1), "hand": (3, 4), "platform": (3, 4), "arms": (3, 4, 5)}
+FAILS_S = 1.2
 
 
 def file(name: str):
@@ -40,42 +41,38 @@ def options(name: str, sense: Sensing) -> RobotOptions:
 
 @cache
 def designed(name: str, sense: Sensing) -> tuple[Rig, DitherDesign]:
-    rig = robot_rig(file(name), options(name, sense)).drawn("all", 5)
+    rig = exact_rig(file(name), options(name, sense))
     design = rig_dither(rig, "designed")
     assert design is not None
     return rig, design
 
 
+def case_of(name: str, sense: Sensing, **happens: Any) -> Case:
+    """A case on a circle in the first two major rows."""
+    first = Case("failure", seed=5, plant_seed=5, model=file(name), options=options(name, sense))
+    return replace(plan.on_circle(first, 4.0, designed(name, sense)[1]), **happens)
+
+
 @cache
-def flown(
-    name: str, sense: Sensing, actuator: int, kind: FailureKind | None, left_s: float = 2.4
-) -> MechanismFlown:
-    failure = None if kind is None else Failure(actuator, kind, STRUCK_S)
-    dither = designed(name, sense)[1].dither
-    how = options(name, sense)
-    seen = how, dither, failure, kind is not None, 4.0, STRUCK_S + left_s
-    return fly(MechanismFlight(0, file(name), *seen, seed=5))
+def row(name: str, sense: Sensing, actuator: int, kind: FailureKind, left_s: float = 2.4) -> Row:
+    happens = {"failures": (Failure(actuator, kind, FAILS_S),), "compared": ("informed",)}
+    return row_of(case_of(name, sense, duration_s=FAILS_S + left_s, recovered_s=0.5, **happens))
 
 
-def check_goes_on(one: MechanismFlown) -> None:
+def check_goes_on(own: Row) -> None:
     """The first actuator named is the one that failed, and what follows is as an informed one."""
-    found = one.found
-    assert found.strut_right, [each.fault for each in found.diagnoses]
-    assert not found.alarm_before
-    assert not found.sound_named
-    assert found.task_lost == found.lost_rightly
-    after = one.rms[1]
-    if one.rms_informed is not None:
-        assert after is not None
-        assert after < 1.5 * one.rms_informed
+    assert own["right"] and not own["alarm_before"] and not own["healthy_named"], own["report"]
+    assert own["task_lost"] == own["lost_rightly"]
+    if not own["lost_rightly"]:
+        assert own["rms_supervised_after"] < 1.5 * own["rms_informed_after"]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sense", "actuator"), [("arm", "task", 3), ("platform", "both", 0)]
 )
-def test_a_lock_in_flight_is_named_and_the_flight_goes_on(name, sense, actuator):
-    check_goes_on(flown(name, sense, actuator, "locked", left_s=0.7))
+def test_a_lock_in_a_run_is_named_and_the_run_goes_on(name, sense, actuator):
+    check_goes_on(row(name, sense, actuator, "locked", left_s=0.7))
 
 
 FOUND: dict[str, dict[str, Any]] = {
@@ -95,24 +92,23 @@ AT_NIGHT = (pytest.mark.long, pytest.mark.night)
 )
 @pytest.mark.parametrize("name", MAJOR)
 def test_every_mechanism_goes_on_whatever_the_diagnosis_sees(name, sense):
-    check_goes_on(flown(name, sense, **FOUND[name]))
+    check_goes_on(row(name, sense, **FOUND[name]))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", MAJOR)
-def test_no_sound_actuator_is_named_while_nothing_fails(name):
-    one = flown(name, "both", 0, None)
-    assert not one.found.diagnoses
-    assert one.rms[1] is None and one.rms_informed is None
+def test_no_healthy_actuator_is_named_while_nothing_fails(name):
+    own = row_of(case_of(name, "both", sort="healthy", duration_s=FAILS_S + 2.4))
+    assert not own["healthy_named"] and "rms_supervised_after" not in own
+    assert own["rms_supervised_before"] > 0 and own["commands_changed"] is False
 
 
 @pytest.mark.parametrize(("name", "sense"), [("arm", "task"), ("hand", "joints")])
 def test_a_dither_keeps_to_its_size_and_moves_the_task_as_designed(name, sense):
     """The actuators follow it, in MuJoCo, no further than it says; the task by dynamics alone."""
     rig, design = designed(name, sense)
-    exact = robot_rig(file(name), options(name, sense))
     time_s = np.arange(1500) * rig.period_s
-    bench = exact.bench(time_s, [], 0)
+    bench = rig.bench(time_s, [], 0)
     for now_s in time_s:
         bench.measure()
         bench.apply(design.dither.at(now_s))
@@ -148,9 +144,12 @@ def test_a_dither_that_is_none_is_refused_in_a_sentence(words):
 def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
     design = rig_dither(designed("platform", "both")[0], "7")
     assert design is not None and design.dither.frequency_hz == 7.0
-    whole = robot_rig(file("platform"), RobotOptions(major="2,3,4", crossover=0.7))
+    whole = robot_rig(file("platform"), RobotOptions(major=(2, 3, 4), crossover=0.7))
     assert rig_dither(whole, "designed") is None
     assert rig_dither(whole, "none") is None
+
+
+# The command.
 
 
 def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
@@ -160,15 +159,13 @@ def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
         if done == stop_at:
             raise KeyboardInterrupt
 
-    usual = {"seed": 0, "quick": True, "turn": 4.0, "dither": "designed", "crossover": 0.7}
-    usual |= {"folder": folder, "workers": None, "resume": False, "on_progress": interrupt}
-    with run_mechanisms(**usual | words) as outcome:
-        assert isinstance(outcome, Mechanisms)
-        return [row for part in outcome.done.dataset.files() for row in rows_of(part)]
-
-
-def rows_of(part: Path) -> list[Row]:
-    return pq.read_table(part).to_pylist()
+    usual: dict[str, Any] = {option.name: option.default for option in STUDY.options}
+    usual |= {"seed": 0, "quick": True, "crossover": 0.7, "workers": None}
+    usual |= {"folder": folder, "resume": False, "on_progress": interrupt}
+    with run(**usual | words) as outcome:
+        assert isinstance(outcome, Outcome)
+        files = outcome.done.dataset.files()
+        return [row for part in files for row in pq.read_table(part).to_pylist()]
 
 
 @pytest.mark.parametrize(
@@ -179,54 +176,15 @@ def rows_of(part: Path) -> list[Row]:
         ({"noise": -1.0}, "--noise must be from 1e-15 to 1000, got -1"),
         ({"dither": "often"}, "--dither must be none, default, designed, or a frequency"),
         ({"joint_weight": "1,2"}, "--joint-weight must be one number or 7, got 2"),
+        ({"scheduler": "tcp://there:1"}, "--scheduler does not go with --model"),
+        ({"model": None}, "--crossover needs --model"),
     ],
 )
 def test_wrong_input_of_the_study_is_a_sentence(wrong, said, tmp_path):
-    words: dict[str, Any] = {"turn": 4.0, "dither": "designed", "crossover": 0.7} | wrong
     with pytest.raises(WrongInput, match=said) as refused:
-        study(tmp_path, model=file("arm"), **words)
+        study(tmp_path, **{"model": file("arm"), **wrong})
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "recover.json").exists()
-
-
-@pytest.mark.long
-def test_the_tables_count_what_the_flights_say():
-    """A flight that was found, one taken for another and one without failure, each in its row."""
-    right = flown("platform", "both", 0, "locked", left_s=1.6)  # 1.4 s are recovery
-    rig, design = designed("platform", "both")
-    other = replace(right.found.diagnoses[0].fault, actuator=1)
-    mistaken = replace(right.found.diagnoses[0], fault=other)
-    wrong = replace(right, found=replace(right.found, diagnoses=(mistaken,), standing=(mistaken,)))
-    none = replace(
-        right,
-        flight=replace(right.flight, failure=None),
-        found=replace(right.found, failures=(), struck=(), diagnoses=(), standing=()),
-        rms=(0.02, None),
-        rms_informed=None,
-    )
-    outcome = Mechanisms(cast(Any, None), "sha", {"both": rig}, {"both": design})
-    counted = [flown_row(each) for each in (right, wrong, none)]
-    lost = counted[0] | {"status": "diverged"}
-    found = described(summarize(outcome, read_back(counted)))
-    rows = {each["kind"]: each for each in found.summary["sensed"]}
-    locked = rows["locked"]
-    assert (locked["flights"], locked["right"], locked["sound_named"]) == (2, 1, 1)
-    assert (locked["isolable"], locked["isolable_right"], locked["named"]) == (2, 1, 2)
-    assert rows["none"]["flights"] == 1 and rows["free"]["flights"] == 0
-    assert locked["rms_over_informed"]["flights"] == 2
-    assert any("was taken for motor2" in note for note in found.notes)
-    assert json.loads(json_text(found.summary))["robot"] == "planar platform on four legs"
-    assert found.failed_check is None
-    assert "task sensor" not in found.markdown()
-    more = described(summarize(outcome, read_back([*counted, lost])))
-    assert more.summary["sensed"] == found.summary["sensed"]
-    assert more.failed_check is not None
-    assert more.failed_check.endswith("number of flights that diverged is 1, expected below 1")
-
-
-def read_back(rows: list[Row]) -> list[Row]:
-    """As from the dataset: what a row lacks is null."""
-    return table_of(rows, SCHEMA).to_pylist()
 
 
 def test_a_robot_s_study_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
@@ -236,27 +194,71 @@ def test_a_robot_s_study_goes_on_where_it_was_interrupted(tmp_path, monkeypatch)
     def in_this_process(campaign, numbers, _where):
         for number in numbers:
             done.append(number)
-            flight = campaign.runs[number]
-            yield {"case": number, "seed": flight.seed, "isolable": flight.isolable}
+            yield campaign.runs[number].parameters()
 
-    monkeypatch.setattr("experiments.recover.mechanisms.SENSINGS", ("task", "both"))
-    monkeypatch.setattr("experiments.recover.mechanisms.check_reach", lambda *_: None)
+    monkeypatch.setattr("experiments.recover.command.check_reach", lambda *_: None)
     monkeypatch.setattr(
         "experiments.study.resumable.rows_of", lambda *of: nullcontext(in_this_process(*of))
     )
     platform: dict[str, Any] = {"model": file("platform"), "major": "3,4"}
     [locked] = study(tmp_path / "quick", **platform)
-    assert locked["isolable"]
+    assert locked["isolable"] and (locked["sense"], locked["sort"]) == ("both", "failure")
     platform |= {"quick": False, "dither": "none"}
     whole = study(tmp_path / "whole", **platform)
-    assert len(whole) == 2 * (4 * 3 + 3)
+    assert len(whole) == 3 * (4 * 3 + 3)
     assert len({row["seed"] for row in whole}) == 15  # those of every sensing are the same
     assert not any(row["isolable"] for row in whole)
     folder = tmp_path / "resumed"
-    with pytest.raises(Interrupted, match="7 of 30 runs are kept; --resume continues"):
+    with pytest.raises(Interrupted, match="7 of 45 runs are kept; --resume continues"):
         study(folder, stop_at=7, **platform)
     with pytest.raises(WrongInput, match=r"another robot, robot_sha256$"):
         study(folder, resume=True, **platform | {"model": file("hand"), "size": 1e-3})
     done.clear()
     assert study(folder, resume=True, **platform) == whole
-    assert done == list(range(7, 30))
+    assert done == list(range(7, 45))
+
+
+# Events.
+
+
+def test_cases_of_one_draw_differ_in_what_happens_and_to_which_actuator():
+    first = case_of("hand", "both", sort="event")
+    cases = list(plan.robot_events(first, EVENTS, plan.ROBOT_EVENTS_EACH, 3))
+    assert len(cases) == plan.ROBOT_EVENTS_EACH * len(EVENTS)
+    assert len({(case.seed, case.duration_s, case.course) for case in cases}) == 2
+    happens = [case.events[0] for case in cases]
+    assert {event.name for event in happens} == set(EVENTS)
+    assert {event.actuator for event in happens} == {None, 0, 1, 2, 3}
+    for case, event in zip(cases, happens, strict=True):
+        assert case.sort == "event" and case.duration_s == pytest.approx(event.time_s + 1.5)
+
+
+@pytest.mark.long
+def test_a_row_says_who_was_named_and_what_it_cost_and_what_cannot_happen():
+    lock, spring = Event("locked", 1.1, 1), Event("spring_lost", 1.1, 1)
+    happens: dict[str, Any] = {"sort": "event", "compared": ("unaware",), "duration_s": 2.0}
+    flown = row_of(case_of("hand", "both", events=(lock,), **happens))
+    assert flown.keys() <= set(SCHEMA.names)
+    assert (flown["status"], flown["first_actuator"], flown["right"]) == ("flown", "motor2", True)
+    assert flown["rms_supervised_after"] < flown["rms_unaware_after"]
+    refused = row_of(case_of("hand", "both", events=(spring,), **happens))
+    assert refused["status"] == "refused" and "no spring" in refused["message"]
+
+
+@pytest.mark.long
+def test_the_command_runs_a_robot_and_checks_each_event(tmp_path, faults_of_figures):
+    words = ["--model", str(file("hand")), "--major", "3,4", "--events", "--quick"]
+    assert main(["recover", *words, "--workers", "1", "--out", str(tmp_path)]) in (0, 1)
+    summary = json.loads((tmp_path / "recover.json").read_text())
+    assert tuple(each["event"] for each in summary["by_event"]) == plan.QUICK_ROBOT_EVENTS
+    assert (tmp_path / "recover.md").read_text() == described(summary).markdown()
+    assert (
+        summary["path_size_m"] == summary["path_size"] and "in um" in described(summary).markdown()
+    )
+    assert faults_of_figures("recover_events") == []
+    spoilt = json.loads(json.dumps(summary))
+    spoilt["by_event"][1]["counted_worst"], spoilt["by_event"][2]["ended"] = 1.2, 1
+    spoilt |= {"refused": ["motor1 has no spring"]}
+    failed = [each.where for each in checks(spoilt) if not each.passed]
+    assert failed[-2:] == ["sag", "bias"]
+    assert "Not simulated: motor1 has no spring." in described(spoilt).markdown()
