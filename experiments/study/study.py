@@ -42,7 +42,9 @@ class Option:
 
     @property
     def usual(self) -> Any:
-        """What the runs take by default."""
+        """What the runs take by default; of an option that may be repeated there is none."""
+        if isinstance(self.default, tuple):
+            return self.default
         return self.checked(self.default, self.flag)
 
     def checked(self, value: Any, name: str) -> Any:

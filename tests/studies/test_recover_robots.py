@@ -159,10 +159,14 @@ def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
         if done == stop_at:
             raise KeyboardInterrupt
 
-    usual: dict[str, Any] = {option.name: option.default for option in STUDY.options}
-    usual |= {"seed": 0, "quick": True, "crossover": 0.7, "workers": None}
-    usual |= {"folder": folder, "resume": False, "on_progress": interrupt}
-    with run(**usual | words) as outcome:
+    words = {"crossover": 0.7, "resume": False} | words
+    given: dict[str, Any] = {
+        option.name: option.checked(words.pop(option.name, option.default), option.flag)
+        for option in STUDY.options
+    }
+    given |= {"seed": 0, "quick": True, "workers": None, **words}
+    given |= {"folder": folder, "on_progress": interrupt}
+    with run(**given) as outcome:
         assert isinstance(outcome, Outcome)
         files = outcome.done.dataset.files()
         return [row for part in files for row in pq.read_table(part).to_pylist()]
@@ -174,8 +178,8 @@ def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
         ({"turn": 0.0}, "--turn must be from 0.001 to"),
         ({"major": "0,9"}, "--major must be different rows from 0 to 5"),
         ({"noise": -1.0}, "--noise must be from 1e-15 to 1000, got -1"),
-        ({"dither": "often"}, "--dither must be none, default, designed, or a frequency"),
-        ({"joint_weight": "1,2"}, "--joint-weight must be one number or 7, got 2"),
+        ({"dither": "often"}, "dither must be none, default, designed, or a frequency"),
+        ({"joint_weight": "1,2"}, "joint_weight must be one number or 7, got 2"),
         ({"scheduler": "tcp://there:1"}, "--scheduler does not go with --model"),
         ({"model": None}, "--crossover needs --model"),
     ],
