@@ -130,6 +130,8 @@ class Case:
         row = {name: getattr(self, name) for name in _PARAMETERS}
         row |= {"case": self.number, "sense": self.options.sense if self.options else "task"}
         row |= {"course": course.shape, "turn_s": course.turn_s, "radius": course.radius}
+        if self.isolable is not None:
+            row["isolable"] = self.isolable
         for place, failure in zip(("", "second_"), self.failures, strict=False):
             fault = Fault.of(failure)
             row |= {f"{place}actuator": rig.actuators[fault.actuator], f"{place}kind": fault.kind}
@@ -142,7 +144,7 @@ class Case:
 
 _PARAMETERS = (
     *("sort", "draw", "mismatch", "factor", "plant_seed", "seed"),
-    *("begin_s", "duration_s", "isolable"),
+    *("begin_s", "duration_s"),
 )
 
 
