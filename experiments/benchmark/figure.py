@@ -7,19 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.benchmark.ratios import RATIOS
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PAGE_IN,
-    PURPLE,
-    SKY,
-    VERMILION,
-    logarithmic,
-    name_rows,
-    new_figure,
-)
+from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from experiments.study.plotting import PAGE_IN, logarithmic, name_rows, new_figure
 from experiments.study.results import Picture
 
 _STYLES: dict[str, dict[str, Any]] = {

@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from experiments.figures.runs import OpenLoop, Portrait
-from experiments.study.plotting import BLACK, ORANGE, PAGE_IN, SKY, new_figure
+from experiments.study.palette import BLACK, ORANGE, SKY
+from experiments.study.plotting import PAGE_IN, new_figure
 from sim import Array
 
 _HEIGHT_IN = 3.85

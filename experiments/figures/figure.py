@@ -16,7 +16,8 @@ from experiments.figures.runs import OpenLoop, Portrait
 from experiments.rig.conditions import LETTERS
 from experiments.rig.hexapod.fault_tolerance import pointing_verdicts
 from experiments.rig.verdicts import Verdict
-from experiments.study.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
+from experiments.study.palette import BLACK, BLUE, ORANGE, VERMILION
+from experiments.study.plotting import PAGE_IN, new_figure
 from experiments.study.results import Picture
 from prioritized import FailureAtlas
 

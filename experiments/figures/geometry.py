@@ -14,7 +14,8 @@ from scipy.spatial import ConvexHull
 from argument_checks.ties import ascending
 from experiments.recording.drawing import View, draw_at_rest
 from experiments.recording.solids import solid_of
-from experiments.study.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
+from experiments.study.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from experiments.study.plotting import PAGE_IN, new_figure
 from sim import Array, Hexapod, element_id, hexapod
 
 _NAMED = {

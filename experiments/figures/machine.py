@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from experiments.recording.drawing import View, draw_at_rest
-from experiments.study.plotting import BLACK, BLUE, PAGE_IN, TITLE_PT, VERMILION, new_figure
+from experiments.study.palette import BLACK, BLUE, VERMILION
+from experiments.study.plotting import PAGE_IN, TITLE_PT, new_figure
 from sim import Array
 
 MAJOR, SECONDARY = BLUE, VERMILION

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from experiments.force.answers import MAJOR_WEIGHTS, Tradeoff
 from experiments.force.runs import Force
-from experiments.study.plotting import BLACK, BLUE, PAGE_IN, PURPLE, VERMILION, new_figure
+from experiments.study.palette import BLACK, BLUE, PURPLE, VERMILION
+from experiments.study.plotting import PAGE_IN, new_figure
 from experiments.study.results import Picture
 
 

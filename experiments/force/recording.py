@@ -18,7 +18,7 @@ from experiments.recording.motion import BODIES, hexapod_mover, magnification
 from experiments.recording.properties import checked, constants
 from experiments.recording.scene import Scene, axes_of
 from experiments.recording.signals import Plot
-from experiments.study.plotting import GREEN, ORANGE
+from experiments.study.palette import GREEN, ORANGE
 from experiments.study.provenance import version_properties
 from sim import NOMINAL, Array, load_model
 

@@ -9,16 +9,8 @@ from matplotlib.figure import Figure
 from argument_checks.ties import greatest
 from experiments.goals.demonstration import Demonstration, Outcome
 from experiments.goals.runs import DEMONSTRATIONS
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    PAGE_IN,
-    PURPLE,
-    VERMILION,
-    logarithmic,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, PURPLE, VERMILION
+from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from experiments.study.results import Picture
 
 MEASURES = {

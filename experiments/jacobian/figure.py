@@ -10,18 +10,8 @@ from matplotlib.patches import Rectangle
 
 from experiments.jacobian.variation import NORMS, VERTICES, relative_change
 from experiments.rig.hexapod import paper
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    COLUMN_IN,
-    GREEN,
-    ORANGE,
-    PAGE_IN,
-    VERMILION,
-    logarithmic,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from experiments.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
 from experiments.study.results import Picture
 from sim import Hexapod, hexapod, load_model
 

@@ -10,16 +10,8 @@ from matplotlib.figure import Figure
 
 from experiments.limits.allocation import STRICT, WINDING_UP, Strategy
 from experiments.limits.runs import LimitsRuns, attainable
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    GREEN,
-    PAGE_IN,
-    VERMILION,
-    logarithmic,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, GREEN, VERMILION
+from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from experiments.study.results import Picture
 
 _CLIPPING = Strategy("clipping")

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from experiments.recording import Array, drawing
 from experiments.recording.animated import Animated
 from experiments.recording.gif import pixels, write_gif
-from experiments.study.plotting import BLACK, BLUE, DESIRED, MEASURED, TEXT_PT, TITLE_PT, VERMILION
+from experiments.study.palette import BLACK, BLUE, VERMILION
+from experiments.study.plotting import DESIRED, MEASURED, TEXT_PT, TITLE_PT
 from experiments.study.study import WrongInput
 
 SIZE_IN, DPI = (16 / 7, 3.9), 140

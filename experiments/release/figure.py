@@ -7,15 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.release.runs import Release
-from experiments.study.plotting import (
-    BLACK,
-    DESIRED,
-    GREEN,
-    MEASURED,
-    PAGE_IN,
-    START,
-    new_figure,
-)
+from experiments.study.palette import BLACK, GREEN
+from experiments.study.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
 from experiments.study.results import Picture
 from sim import Array
 

@@ -11,15 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from experiments.study.palette import BLACK as BLACK
-from experiments.study.palette import BLUE as BLUE
-from experiments.study.palette import GREEN as GREEN
-from experiments.study.palette import LINES as LINES
-from experiments.study.palette import ORANGE as ORANGE
-from experiments.study.palette import PURPLE as PURPLE
-from experiments.study.palette import SKY as SKY
-from experiments.study.palette import VERMILION as VERMILION
-from experiments.study.palette import YELLOW as YELLOW
+from experiments.study.palette import BLACK, BLUE, VERMILION
 
 PAGE_IN = 7.16
 """Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""

@@ -53,7 +53,7 @@ class Picture:
 
     def files(self) -> Mapping[str, bytes]:
         """Their contents by name, the same every time."""
-        from experiments.study.plotting import printed  # late: matplotlib takes a second
+        from experiments.study.plotting import printed
 
         return self.printed or printed(self.draw(), self.name, self.formats)
 

@@ -9,16 +9,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from experiments.rig.conditions import FREE, KINDS, LOCKED
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    COLOR_MAP,
-    ORANGE,
-    PAGE_IN,
-    VERMILION,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, ORANGE, VERMILION
+from experiments.study.plotting import COLOR_MAP, PAGE_IN, new_figure, one_legend
 from experiments.study.results import Picture
 from experiments.survey.survey import Survey
 from sim import Array

@@ -10,18 +10,8 @@ from matplotlib.figure import Figure
 from argument_checks.ties import ascending
 from experiments.rig.verdicts import KEPT
 from experiments.study.dataset import Columns
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    COLUMN_IN,
-    GREEN,
-    PAGE_IN,
-    PURPLE,
-    VERMILION,
-    logarithmic,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from experiments.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
 from experiments.study.results import Picture
 from experiments.sweep.row import ANGLES
 from experiments.sweep.words import WORDS

@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.study.plotting import BLACK, LINES, PAGE_IN, new_figure
+from experiments.study.palette import BLACK, LINES
+from experiments.study.plotting import PAGE_IN, new_figure
 from experiments.study.results import Picture
 from experiments.systems.probe import CORNERS
 from experiments.systems.runs import Mechanism, Probing, Systems

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 
 from experiments.rig.hexapod.metrics import each_angle
 from experiments.rig.run import Run
-from experiments.study.plotting import BLACK, PAGE_IN, VERMILION, new_figure
+from experiments.study.palette import BLACK, VERMILION
+from experiments.study.plotting import PAGE_IN, new_figure
 from experiments.study.quantity import columns_of
 from experiments.study.results import Check, Picture
 from experiments.study.tables import Column, Table

@@ -9,19 +9,8 @@ from matplotlib.figure import Figure
 from experiments.recording.plots import spiral
 from experiments.rig.hexapod.columns import secondary
 from experiments.rig.run import Run
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    COLUMN_IN,
-    GREEN,
-    ORANGE,
-    PAGE_IN,
-    PURPLE,
-    SKY,
-    VERMILION,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from experiments.study.plotting import COLUMN_IN, PAGE_IN, new_figure, one_legend
 from experiments.study.results import Picture
 from sim import Array
 

@@ -10,16 +10,8 @@ from matplotlib.figure import Figure
 from experiments.rig.run import Run
 from experiments.rig.units import ROWS, prefixed
 from experiments.study.controllers import controller_label
-from experiments.study.plotting import (
-    BLACK,
-    BLUE,
-    GREEN,
-    PAGE_IN,
-    PURPLE,
-    VERMILION,
-    new_figure,
-    one_legend,
-)
+from experiments.study.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from experiments.study.plotting import PAGE_IN, new_figure, one_legend
 from experiments.track.runs import Tracked
 from sim import Array
 

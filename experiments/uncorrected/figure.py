@@ -10,14 +10,8 @@ from matplotlib.patches import Patch
 
 from experiments.recording.plots import spiral
 from experiments.rig.run import Run
-from experiments.study.plotting import (
-    BLUE,
-    GREEN,
-    PAGE_IN,
-    VERMILION,
-    name_rows,
-    new_figure,
-)
+from experiments.study.palette import BLUE, GREEN, VERMILION
+from experiments.study.plotting import PAGE_IN, name_rows, new_figure
 from experiments.study.results import Picture
 from experiments.uncorrected.candidates import CLOCKWISE, RETUNED
 from experiments.uncorrected.runs import Uncorrected

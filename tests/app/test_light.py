@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread, imsave
 
 from experiments.app.light import on_white
-from experiments.study.plotting import LINES
+from experiments.study.palette import LINES
 
 BLACK = np.zeros(3)
 

@@ -24,7 +24,7 @@ from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.units import ROWS
 from experiments.study.files import write_arrays
-from experiments.study.plotting import BLACK, BLUE, VERMILION
+from experiments.study.palette import BLACK, BLUE, VERMILION
 from experiments.study.study import WrongInput
 from sim import HEXAPOD_MJCF, load_model, model_sha256
 from tests.made import ABOUT, made_run, made_view

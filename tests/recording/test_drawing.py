@@ -13,7 +13,8 @@ from experiments.recording.drawing import COLORS, View, draw_machine, machine
 from experiments.recording.gif import pixels
 from experiments.recording.motion import hexapod_mover
 from experiments.recording.solids import solid_of
-from experiments.study.plotting import VERMILION, save_figure
+from experiments.study.palette import VERMILION
+from experiments.study.plotting import save_figure
 from sim import NOMINAL, Plant, Pose
 
 SHAPES = """<mujoco><asset><mesh name="m" vertex="0 0 0  .1 0 0  0 .2 0  0 0 .3"/></asset>

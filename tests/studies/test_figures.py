@@ -22,7 +22,8 @@ from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
 from experiments.rig.hexapod.controller import nominal_plant
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
+from experiments.study.palette import BLACK, BLUE, SKY, YELLOW
+from experiments.study.plotting import COLUMN_IN, new_figure, save_figure
 from experiments.study.results import Results
 from experiments.table1.figure import figure_4, figure_5, figure_6, figure_result
 from sim import hexapod, load_model

@@ -18,7 +18,7 @@ from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.prediction import open_loop, pole_radius
 from experiments.rig.run import Run, rms
-from experiments.study.plotting import GREEN
+from experiments.study.palette import GREEN
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
     BENCH,
