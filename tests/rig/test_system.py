@@ -236,7 +236,7 @@ def hexapod_system(model) -> ConstrainedSystem:
 
 def test_the_jacobian_of_the_model_is_eq_39_signs_included(model):
     kin = hexapod_system(model).kinematics()
-    np.testing.assert_allclose(kin.J, paper.JACOBIAN, atol=paper.JACOBIAN_TOLERANCE)
+    np.testing.assert_allclose(kin.J, paper.JACOBIAN, atol=6e-4)
     assert kin.J[1, 0] == pytest.approx(1.00455, abs=5e-6)  # printed as 1.004
     assert np.linalg.cond(kin.J) == pytest.approx(paper.CONDITION_NUMBER, abs=0.005)
 

@@ -1,7 +1,6 @@
 """Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
 
 from dataclasses import replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -118,9 +117,3 @@ def fault_text(fault: Fault | None) -> str:
         return "sound"
     left = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
     return f"strut {fault.actuator + 1} {fault.kind}{left}"
-
-
-def fault_entry(fault: Fault) -> dict[str, Any]:
-    """A fault ready for JSON, its strut 1 to 6."""
-    left = {"strength": fault.effectiveness} if fault.kind == "weak" else {}
-    return {"strut": fault.actuator + 1, "kind": fault.kind} | left

@@ -1,7 +1,7 @@
 """Measures of a run (errors, inputs, margins), their checks, and the plant's constants."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -9,7 +9,6 @@ import numpy as np
 from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod.controller import ANGLES, Loop
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.run import Run
 from experiments.study.provenance import version_properties
 from experiments.study.quantity import Quantity, of_each
 from sim import Array, element_id
@@ -59,16 +58,11 @@ def prediction_tolerance(duration_s: float) -> float:
     return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
 
 
-class Flown(NamedTuple):
-    """What the quantities below are of, or anything else with these attributes."""
-
-    run: Run
-    predicted_rad: Array | None = None  # RMS (2,) by the linear model, if it predicts the run
-
-
+# Quantities of what has the attributes `run`, a Run, and `predicted_rad`, RMS (2,) by the linear
+# model or None.
 RMS = Quantity(
     "*_rms_urad",
-    lambda flown: 1e6 * flown.run.rms(),
+    lambda of: 1e6 * of.run.rms(),
     "the RMS error of *, {:.3f} urad,",
     agrees_with="predicted_*_rms_urad",
     within=lambda entry: prediction_tolerance(entry["duration_s"]),
@@ -77,20 +71,20 @@ RMS = Quantity(
 
 PREDICTED = Quantity(
     "predicted_*_rms_urad",
-    lambda flown: None if flown.predicted_rad is None else 1e6 * flown.predicted_rad,
+    lambda of: None if of.predicted_rad is None else 1e6 * of.predicted_rad,
     "the linear model's, {:.3f} urad,",
 )
 """By the linear model, of both angles."""
 
 PEAK = Quantity(
     "*_peak_urad",
-    lambda flown: 1e6 * np.abs(flown.run.error).max(axis=0),
+    lambda of: 1e6 * np.abs(of.run.error).max(axis=0),
 )
 """Largest error, of both angles."""
 
 CLOSURE = Quantity(
     "closure_residual_max_m",
-    lambda flown: flown.run.closure_max_m,
+    lambda of: of.run.closure_max_m,
     "closure residual [m]",
     below=CLOSURE_LIMIT_M,
 )

@@ -14,9 +14,6 @@ JACOBIAN = np.array(
 )
 """Eq. (39), section 4.1: rates of [alpha, beta, gamma, t_x, t_y, t_z] per strut rate."""
 
-JACOBIAN_TOLERANCE = 6e-4
-"""Half a unit of the last digit, and 0.00055 for 1.004: the geometry gives 1.00455."""
-
 CONDITION_NUMBER = 4.92
 """Section 4.1, of eq. (39)."""
 
@@ -29,9 +26,6 @@ TABLE_I_URAD = {
     "W_a_uncorrected": (9.8167, 4.7903),
 }
 """Table I, section 4.2: RMS of desired minus measured (alpha, beta), [urad]."""
-
-TRANSLATION_REDUCTION = 20.0
-"""Section 4.2.2: t_x and t_y peaks fall by more than this factor from W_d to W_e."""
 
 JACOBIAN_VARIATION = {"frobenius": 0.0012, "two": 0.0018}
 """Section 4.1: e of eq. (40) in the Frobenius and the 2-norm."""
