@@ -330,6 +330,14 @@ def on_circle(case: Case, turn_s: float, design: DitherDesign | None) -> Case:
     return replace(case, dither=dither, course=course, transient_s=_LEARNED_S)
 
 
+def recovered_s(rig: Rig) -> float:
+    """One period of the slowest loop's crossover, in which errors after a failure decay.
+
+    Not less than on the hexapod, whose loops are faster.
+    """
+    return max(0.5, 1 / min(each.crossover_hz for each in rig.margins))
+
+
 def robot_failures(
     first: Case, design: DitherDesign | None, seed: int, quick: bool
 ) -> Iterator[Case]:
@@ -337,9 +345,6 @@ def robot_failures(
     rig = exact_rig(first.model, first.options)
     found = () if design is None else design.separations.isolable()
     separated = {(fault.actuator, fault.kind) for fault in found}
-    # One period of the slowest loop's crossover, in which errors decay; not less than on the
-    # hexapod, whose loops are faster.
-    recovered_s = max(0.5, 1 / min(margins.crossover_hz for margins in rig.margins))
     each = list(product(range(len(rig.actuators)), KINDS))
     for place, (actuator, kind) in enumerate(each[:1] if quick else each):
         rng = np.random.default_rng([seed, place])
@@ -347,10 +352,10 @@ def robot_failures(
         left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
         yield replace(
             _of_robot(first, place, int(rng.integers(2**32))),
-            duration_s=round(when_s + recovered_s + _LEFT_S, 3),
+            duration_s=round(when_s + recovered_s(rig) + _LEFT_S, 3),
             failures=(Failure(actuator, kind, when_s, left),),
             compared=("informed",),
-            recovered_s=recovered_s,
+            recovered_s=recovered_s(rig),
             isolable=(actuator, kind) in separated,
         )
     for place in range(len(each), len(each) + (0 if quick else _HEALTHY)):
