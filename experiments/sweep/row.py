@@ -12,7 +12,7 @@ from experiments.rig.hexapod import fault_tolerance
 from experiments.rig.hexapod.columns import MAJOR, secondary
 from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
 from experiments.rig.hexapod.machine import detector_noise_rad
-from experiments.rig.hexapod.rig import hexapod_rig
+from experiments.rig.hexapod.rig import hexapod_rig, pursuing
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.prediction import MARGINAL, open_loop, pole_radius
 from experiments.rig.rig import Rig
@@ -117,9 +117,14 @@ def simulated(run: SweepRun) -> Run:
 
 def _rig(run: SweepRun) -> Rig:
     """The hexapod with what the mapping knows from the start as goal."""
-    testbed = Testbed(machine(), run.bench, loops(run.bench), stiffness())
     goal = run.reconfigured if run.failure_time_s == 0 else run.goal
-    return hexapod_rig(testbed, goal, jacobian=run.jacobian)
+    return pursuing(_rig_of(run.bench), goal, jacobian=run.jacobian)
+
+
+@lru_cache(maxsize=8)
+def _rig_of(bench: TestbedConfig) -> Rig:
+    """The hexapod with these constants, linearized and settled once for all its runs."""
+    return hexapod_rig(Testbed(machine(), bench, loops(bench), stiffness()))
 
 
 def _predicted(run: SweepRun) -> Row:
