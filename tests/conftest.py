@@ -36,14 +36,14 @@ AT_LENGTH = {
 
 
 LONGEST = {
-    *("app/test_cli", "app/test_compare", "app/test_figure_checks", "app/test_find"),
+    *("app/test_cli", "app/test_compare", "app/test_find"),
     *("app/test_habits", "app/test_interruptions", "app/test_render", "app/test_report"),
     *("app/test_review", "ftc/test_excitation", "ftc/test_outside_hypotheses", "ik/test_limits"),
     *("live/test_other_robots", "live/test_page", "live/test_tour", "rig/test_copies"),
     *("prioritized/test_limited_mappings", "rig/test_other_controllers", "sim/test_plant"),
     *("studies/test_benchmark", "studies/test_figures", "studies/test_mechanism_events"),
     *("studies/test_mechanism_flights", "studies/test_sweep", "studies/test_sweep_threads"),
-    *("studies/test_track", "studies/test_track_command"),
+    *("studies/test_study_contract", "studies/test_track", "studies/test_track_command"),
 }
 """Files whose long tests take a minute or more, three quarters of the time of all of them: they
 wait for the night."""
@@ -218,6 +218,12 @@ def jacobian_folder(made_once):
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def uncorrected_folder(made_once):
+    """The first seconds of three explanations, made by the command."""
+    return made_once("uncorrected", fjh("uncorrected", "--quick"))
 
 
 @pytest.fixture(scope="session")

@@ -21,6 +21,7 @@ from experiments.study.terminal import (
     progress,
 )
 
+_OUT = "Folder for results; created if missing."
 _QUIET = "Print no tables and no progress; only write the files."
 _JSON = "Print the contents of the JSON file instead of tables; with --quiet, print no progress."
 
@@ -29,7 +30,6 @@ def command(study: Study) -> Callable[..., None]:
     """The study as a command for Typer, which raises `Unsound` where a check failed."""
 
     def run(*, out: Path, quiet: bool, json: bool, **options: Any) -> None:
-        study.check_options(**options)
         results = conduct(study, out, partial(progress, shown=not quiet), **options)
         show(results, quiet=quiet, json=json)
         if not (quiet or json):
@@ -99,8 +99,8 @@ def with_options(
     to every study, is not in the help text.
     """
     options = (
-        Option("out", Path, Path("results", name), "Folder for results; created if missing."),
-        Option("seed", int, 0, seed and f"Seed of {seed}.", metavar="N"),
+        Option("out", Path, Path("results", name), _OUT, "FOLDER"),
+        Option("seed", int, 0, seed and f"Seed of {seed}.", "N", bounds=(0, 2**32 - 1)),
         Option("quick", bool, False, quick),
         *further,
         Option("quiet", bool, False, _QUIET),
@@ -121,13 +121,18 @@ def as_command(
 
 
 def _parameter(option: Option) -> inspect.Parameter:
-    bounds: dict[str, Any] = {"min": 0, "max": 2**32 - 1} if option.name == "seed" else {}
-    metavar = "FOLDER" if option.name == "out" else option.metavar
-    names = () if option.kind is not bool else (f"--{option.name.replace('_', '-')}",)
-    bounds["hidden"] = option.help is None
-    info: Any = typer.Option(*names, help=option.help, metavar=metavar, **bounds)
-    if option.positional:
-        info = typer.Argument(help=option.help, metavar=metavar)
+    name = option.metavar or option.name.upper() if option.positional else option.flag
+
+    def checked(value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [option.checked(each, name) for each in value]
+        return option.checked(value, name)
+
+    given: dict[str, Any] = {"help": option.help, "hidden": option.help is None}
+    given |= {"metavar": option.metavar, "callback": checked}
+    info: Any = typer.Argument(**given)
+    if not option.positional:
+        info = typer.Option(*([option.flag] if option.kind is bool else []), **given)
     return inspect.Parameter(
         option.name,
         inspect.Parameter.KEYWORD_ONLY,

@@ -1,6 +1,6 @@
 """Figures 2 and 3 of the paper from the simulated machine and loops; Bode plot; failure atlas."""
 
-from experiments.rig.hexapod.choices import MACHINE_FILE
+from experiments.rig.options import MACHINE_FILE
 from experiments.study.study import Study
 
 STUDY = Study(

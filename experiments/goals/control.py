@@ -8,9 +8,9 @@ import numpy as np
 from experiments.goals.demonstration import Strategy
 from experiments.goals.secondary_goals import REWEIGH_TICKS, joint_weights
 from experiments.rig.compromise import CompromisingMapping
-from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.options import JacobianChoice
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.oracle import NestedState

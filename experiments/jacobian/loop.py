@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.jacobian.variation import NORMS, Norm, relative_change
-from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR, secondary
 from experiments.rig.hexapod.controller import NO_COMMAND, StrutMapping
 from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.options import JacobianChoice
 from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
 from ftc.control.local_mapping import PreviousCommand

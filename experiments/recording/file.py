@@ -1,4 +1,4 @@
-"""What every Rerun recording shares: opening, time, lines, and a screen with nothing but views."""
+"""Parts of every Rerun recording: opening, time, lines, and a screen with nothing but views."""
 
 import hashlib
 import json
@@ -26,7 +26,7 @@ _ROUND = (1, 2, 5, 10)
 
 @dataclass(frozen=True)
 class RecordingInfo:
-    """What a recording states about itself."""
+    """Name, notes and properties of a recording."""
 
     recording_id: str  # experiment, run and seed
     name: str  # for people

@@ -51,7 +51,7 @@ def scenes_file(
 
 
 def entity_of(number: int) -> str:
-    """Where the scene of a number is logged, of several."""
+    """The entity below which the scene of a number is logged, of several."""
     return f"run_{number}/"
 
 

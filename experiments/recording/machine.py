@@ -20,9 +20,9 @@ from experiments.study.palette import FAILED, VERMILION
 
 _PICTURES_HZ = 25
 _DISTANCE = 1.6
-"""Of the eye, in extents of the machine: all of it is seen, and labels next to it."""
+"""Distance of the eye in extents of the machine: all of it is seen, and labels next to it."""
 _ASIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
-"""How far from the middle labels stand, and below each other, in extents of the machine."""
+"""Places of labels, from the middle and below each other, in extents of the machine."""
 _LABEL = [240] * 3
 
 FIXTURES: Mapping[str, rr.AsComponents] = {
@@ -36,7 +36,7 @@ FIXTURES: Mapping[str, rr.AsComponents] = {
         [[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]
     )
 }
-"""What is drawn on the hexapod's bodies besides their geoms, by entities below them."""
+"""Numbers of struts and the beam, drawn on the hexapod's bodies, by entities below them."""
 
 Failing = tuple[Sequence[str], Sequence[tuple[float, str]]]
 """Bodies of a failed actuator, and words on it from each time on, first from its failure on."""
@@ -61,7 +61,7 @@ class Picture:
         model: Of all geoms.
         time_s: (T,).
         motion: Of its bodies, magnified by the factor.
-        factor: See there.
+        factor: By which it is magnified.
         failing: What fails; without bodies, no picture of it.
         colors: Of bodies over time, (T, 3) in 0..255, until they fail.
         fixtures: What else moves with bodies, by entities below them.
@@ -79,7 +79,7 @@ class Picture:
 
     @property
     def title(self) -> str:
-        """By how much motion is magnified, and what colours mean."""
+        """The title: how much motion is magnified, and what colours mean."""
         size = f"motion x{self.factor}" if self.factor > 1 else ""
         return "; ".join(filter(None, (size, self.words)))
 

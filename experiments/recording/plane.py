@@ -11,13 +11,13 @@ from experiments.recording.file import TIMELINE, at_most, rgb, round_down, time_
 from experiments.study.palette import ORANGE, SKY
 
 _RATE_HZ = 50
-"""Of the curves in a plane."""
+"""Rate of the curves in a plane."""
 _UP = np.array([1, -1])
 """Image axes run down: the second axis is drawn upwards."""
 MARGIN = 1.3
 """Side of the square over the extent of the curves: its label stands beyond them."""
 _LABEL, _ARM = 0.93, 1.1
-"""Where the label stands, in halves of the square; and these over the longest arm of the cross."""
+"""Place of the label, in halves of the square; and these over the longest arm of the cross."""
 _WHITE, _GREY = [240, 240, 240], [120, 120, 120]
 
 

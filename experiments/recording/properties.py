@@ -1,4 +1,4 @@
-"""What a recording states about itself and its run, for whoever looks for one among many."""
+"""Properties of a recording and of its run, for whoever looks for one among many."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from experiments.study.results import Check
 from experiments.study.study import WrongInput
 
 GROUPS = ("run", "results")
-"""Of properties: how the run was made, and what came out."""
+"""Groups of properties: how the run was made, and what came out."""
 
 
 def properties_of(path: Path) -> dict[str, Any]:

@@ -26,12 +26,12 @@ from experiments.study.study import WrongInput
 from sim import MODELS, hexapod, load_model, model_sha256
 
 LARGEST = 1e6
-"""In [s], [rad], [m] or [%]: what a machine does stays far below."""
+"""Largest value in [s], [rad], [m] or [%]: what a machine does stays far below."""
 _UNEVEN = 1e-6
 _OF_ANY = ("time_s", "desired", "true", "qpos")
 """Arrays by which a run is known that is none of the hexapod's studies."""
 _TRUE = ("/task/true", f"/{entity_of(0)}task/true")
-"""Where a recording has the true displacements of its only or first run."""
+"""Entities of the true displacements of the only or first run of a recording."""
 
 
 class NoRunError(WrongInput):
@@ -92,7 +92,7 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
 
 
 def _json(recording: Path, text: str) -> dict[str, Any]:
-    """What a recording states of its run."""
+    """The fields of :class:`.view.Stated` that a recording has, not yet checked."""
     with suppress(ValueError):
         found = json.loads(text)
         if isinstance(found, dict) and found.keys() == {each.name for each in fields(Stated)}:

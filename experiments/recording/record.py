@@ -26,7 +26,7 @@ FLIGHT = "flight"
 
 @dataclass(frozen=True)
 class About:
-    """What a study says of a run, besides what happened in it.
+    """A study's words and numbers on a run, besides what happened in it.
 
     Attributes:
         study: By whom it was run.
@@ -114,7 +114,7 @@ def write_views(path: Path, about: About, runs: Mapping[str, RunView]) -> None:
 
 
 def info_of(about: About, run: RunView) -> RecordingInfo:
-    """What a recording of a run says of itself: notes, and properties for reading it back."""
+    """Notes and properties of the recording of a run; with these it is read back."""
     parameters = {"model_sha256": run.stated.model_sha256} | dict(about.parameters)
     stated = json.dumps(asdict(run.stated), allow_nan=False)
     title = about.title or run.stated.robot

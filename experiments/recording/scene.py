@@ -21,7 +21,7 @@ from experiments.recording.motion import displacement, magnification, magnified,
 from experiments.recording.plane import Plane, log_plane
 from experiments.recording.signals import Line, Plot, Range, axis_of, log_lines, log_plot
 from experiments.recording.view import RunView
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.study.palette import FAILED, GREEN, ORANGE, SKY
 
 _LINES = 1.9

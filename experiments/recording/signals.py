@@ -12,7 +12,7 @@ from experiments.recording.file import at_most, log_series, time_column
 from experiments.study.palette import FAILED
 
 SIGNALS_HZ = 200
-"""Of signals over time; every value is a copy of one of the run's."""
+"""Rate of signals over time; every value is a copy of one of the run's."""
 _LIMIT = "#787878"
 _FLAT = 1e-9
 
@@ -63,7 +63,7 @@ class Plot:
 
     @property
     def range(self) -> Range:
-        """Of the values, and of the limits that are not far from them."""
+        """Least and largest of the values, and of the limits that are not far from them."""
         low, high = float(self.values.min()), float(self.values.max())
         near = [level for level in self.levels if 2 * low - high <= level <= 2 * high - low]
         return min([low, *near]), max([high, *near])

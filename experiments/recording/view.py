@@ -22,7 +22,7 @@ from experiments.recording.motion import (
 )
 from experiments.recording.signals import Line, Plot
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.rig.units import ROWS, said
 from experiments.study.palette import BLACK, FAILED, GREEN, ORANGE
 from sim import model_sha256
@@ -40,7 +40,7 @@ _SOON_S = 1e-9
 
 @dataclass(frozen=True)
 class Change:
-    """An actuator fails, is repaired (`SOUND`), or is taken for so; or what else happens."""
+    """A change of what an actuator is, or is taken for (`SOUND` is healthy); or another event."""
 
     actuator: str | None  # None is of no single one
     kind: str  # of failure, or the event's name
@@ -49,7 +49,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Stated:
-    """What a recording states of its run; with the run's arrays it is all that is shown.
+    """The statement of a run in its recording; with the run's arrays it is all that is shown.
 
     n actuators, m1 major rows; lists, as JSON has them.
     """
@@ -72,7 +72,7 @@ class Stated:
     status: str = ""  # what the controller made of the run, one sentence
 
     def text(self, incident: Change) -> str:
-        """What happens, in words: "motor4 locked"."""
+        """An incident in words: "motor4 locked"."""
         words = [incident.actuator or "", incident.kind]
         return " ".join(words).strip() + (f", {self.known}" if self.known else "")
 
@@ -80,7 +80,7 @@ class Stated:
 def stated_of(
     rig: Rig, run: Run | None = None, *, known: str = "", machine_file: Path | None = None
 ) -> Stated:
-    """What a recording states of a run; None is one in which nothing happens.
+    """The statement of a run of a robot; None is one in which nothing happens.
 
     The machine file is given where the rig names none; None is that of the hexapod.
     """
@@ -92,7 +92,7 @@ def stated_of(
         robot=rig.title,
         hexapod=is_hexapod,
         model_file="" if file is None else str(file),
-        model_sha256=model_sha256(file),
+        model_sha256=rig.model_sha256 if machine_file is None else model_sha256(machine_file),
         actuators=list(rig.actuators),
         actuator_units=list(rig.units),
         input_units=["%"] * n if is_hexapod else list(rig.units),
@@ -148,7 +148,7 @@ class RunView:
 
     @property
     def time_s(self) -> Array:
-        """(N,)."""
+        """Times of the ticks, (N,)."""
         return self.arrays["time_s"]
 
     @property
@@ -158,7 +158,7 @@ class RunView:
 
     @property
     def scales(self) -> tuple[object, ...]:
-        """What runs have in common that can be drawn on the same scales."""
+        """A key that is the same for runs that can be drawn on the same scales."""
         its = self.stated
         return its.robot, *its.actuators, *self.rows, *its.row_units, self.model.nbody
 
@@ -175,7 +175,7 @@ class RunView:
 
     @cached_property
     def factor(self) -> int:
-        """By which its motion is to be magnified to be seen."""
+        """A factor by which its motion is magnified to be seen."""
         if self.stated.hexapod:
             return magnification(self.arrays["task"][:, :3], self.arrays["task"][:, 3:])
         nominal, seen = (self.arrays["qpos"][at] for at in (slice(1), stills(self.time_s)))
@@ -256,7 +256,7 @@ class RunView:
 
     @property
     def lanes(self) -> dict[str, list[tuple[float, str]]]:
-        """Of each actuator that fails or is diagnosed: its state over time, and the diagnosis.
+        """States over time of each actuator that fails or is diagnosed, and its diagnoses.
 
         Without any diagnosis there are no lanes of what actuators are taken for.
         """

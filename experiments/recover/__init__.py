@@ -15,7 +15,7 @@ MODEL = Option(
     None,
     "Another robot: an MJCF file whose actuators move single joints; the options of fjh track.",
     "MODEL.xml",
-    check=check_file,
+    parse=check_file,
 )
 HOURS = Option(
     "hours", float, 2.0, "Simulated without failures, in runs of 16 s, unless --quick.", "H"
@@ -63,7 +63,6 @@ STUDY = Study(
     """,
     runs="experiments.recover.command:run",
     results="experiments.recover.results:results",
-    check="experiments.rig.spelling:check_robot",
     quick="A few runs of each sort.",
     seed="the random failures and plants, and the detector noise",
     options=(MODEL, HOURS, EVENTS, CONTROLLER, *WHERE, *OTHERS_ALONE),

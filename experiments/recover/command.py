@@ -13,11 +13,9 @@ from experiments.recover import predictions as p
 from experiments.recover.plan import BENCH, Case, exact_rig
 from experiments.recover.recordings import SHOWN, fly, kept
 from experiments.recover.row import SCHEMA, other_columns, row_of
-from experiments.rig.bounds import check_number
-from experiments.rig.choices import Sensing
-from experiments.rig.dither import option_dither
+from experiments.rig.dither import rig_dither
 from experiments.rig.events import EVENTS
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import RobotOptions, Sensing
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.study.basis import sources_of
@@ -104,7 +102,7 @@ def run(
 def _refuse_others(model: Path | None, options: Mapping[str, Any]) -> None:
     """Raise a `WrongInput` if an option is given that is for other cases."""
     for option in OTHERS_ALONE if model is None else HEXAPOD_ALONE:
-        if options[option.name] not in (option.default, None):
+        if options[option.name] not in (option.usual, None):
             for_whom = "needs" if model is None else "does not go with"
             raise WrongInput(f"--{option.name.replace('_', '-')} {for_whom} --model")
     for option in (HOURS, CONTROLLER) if options["events"] else ():
@@ -166,7 +164,6 @@ def _of_robot(
     model: Path, options: Mapping[str, Any], seed: int, quick: bool
 ) -> tuple[Cases, Sensed]:
     """Failures or events of any robot."""
-    check_number("turn", options["turn"])
     own = {each.name for each in fields(RobotOptions)} & options.keys()
     file, robot = model.resolve(), RobotOptions(**{name: options[name] for name in own})
     drawn_from = {"seed": seed, "robot": asdict(robot), "robot_sha256": model_sha256(file)}
@@ -178,7 +175,7 @@ def _of_robot(
     for sense in senses:
         of_sense = replace(robot, sense=sense)
         rigs[sense] = rig = exact_rig(file, of_sense)
-        designs[sense] = design = option_dither(rig, options["dither"])
+        designs[sense] = design = rig_dither(rig, options["dither"])
         sort = "event" if options["events"] else "failure"
         first = Case(sort, model=file, options=of_sense)
         first = plan.on_circle(first, options["turn"], design)

@@ -10,7 +10,6 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from experiments.rig.choices import Failing
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.hexapod.fault_tolerance import DITHER
 from experiments.rig.hexapod.mismatch import ALONE, OTHER
@@ -320,7 +319,7 @@ def _eventful(name: str, seed: int, draw: int) -> Case:
         duration_s=round(after_s + _AFTER_EVENT_S, 3),
         events=(Event(name, round(begin_s + after_s, 3), strut),),
         course=courses[draw % COURSES],
-        compared=("unaware", *(["informed"] if name in get_args(Failing) else [])),
+        compared=("unaware", *(["informed"] if name in get_args(FailureKind) else [])),
         transient_s=min(0.5, after_s / 2),
     )
 

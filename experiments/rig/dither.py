@@ -1,18 +1,23 @@
 """A dither for a rig, by which its diagnosis tells failures apart, and what it costs."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import argument_checks as check
+from argument_checks.ties import greatest
 from experiments.rig.options import COST_PART, DITHER_SIZE
 from experiments.rig.units import by_unit
+from experiments.study.spelling import nearest
 from experiments.study.study import WrongInput
+from ftc.fdi.design.signatures import fault_responses
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import Cost, DitherDesign, designed_dither
-from ftc.fdi.separation import Conditions
+from ftc.fdi.separation import Conditions, Separations, separations_at
+from sim import Array, Failure
 
 if TYPE_CHECKING:
     from experiments.rig.rig import Rig
@@ -23,6 +28,8 @@ actuator is named before a period has passed; by default it is a tenth of a seco
 
 CONDITIONS = Conditions(0.5, DEFAULT_CONFIG.uncertainty)
 """Under which it is designed: failures are to be told apart in half a second."""
+
+_WORDS = ("none", "default", "designed")
 
 _SAMPLES = 4
 """Of the diagnosis in a period of the dither, at the least."""
@@ -66,18 +73,6 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
     return designed_dither(rig.watched, freedom, frequencies, CONDITIONS, cost)
 
 
-def option_dither(rig: "Rig", asked: str) -> DitherDesign | None:
-    """The same of the option `--dither` of a command, by whose name it is refused.
-
-    Raises:
-        WrongInput: As :func:`rig_dither`.
-    """
-    try:
-        return rig_dither(rig, asked)
-    except WrongInput as error:
-        raise WrongInput(f"--{error}") from None
-
-
 def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
     """The dither of :meth:`experiments.rig.Rig.supervisor`; `default` is that of the robot.
 
@@ -106,7 +101,7 @@ def _frequencies(rig: "Rig", asked: str) -> list[float]:
     if not seen and asked != "default":
         raise WrongInput(
             "dither must be none, default, designed, or a frequency from "
-            f"{slowest:g} to {fastest:g} Hz, got {asked}"
+            f"{slowest:g} to {fastest:g} Hz, got {asked}{nearest(str(asked), _WORDS)}"
         )
     return seen
 
@@ -129,3 +124,35 @@ def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | No
             for fault in design.separations.isolable()
         ],
     }
+
+
+def not_isolable(
+    rig: "Rig", design: DitherDesign | None, path: Array, failures: Sequence[Failure]
+) -> list[Failure]:
+    """Failures that neither the dither nor the path tells from others, by the linear model.
+
+    From no failure and from those of other actuators, with the uncertainty that the diagnosis
+    assumes; by the dither in half a second, by the path in a period of its strongest sinusoid.
+    """
+    left = [
+        each
+        for each in failures
+        if design is None or not design.separations.isolates(each.number, each.kind)
+    ]
+    if not left:
+        return []
+    by_path = _path_separations(rig, path)
+    return [each for each in left if not by_path.isolates(each.number, each.kind)]
+
+
+def _path_separations(rig: "Rig", path: Array) -> Separations:
+    """Separations by the path's strongest sinusoid in a period of it; the actuators follow it."""
+    phasors = np.fft.rfft(path, axis=0)[1:] * 2 / len(path)
+    strongest = greatest((np.abs(phasors) ** 2).sum(axis=1))
+    frequency_hz = np.array([(1 + strongest) / (len(path) * rig.period_s)])
+    measured_s = max(CONDITIONS.time_s, 1 / float(frequency_hz[0]))
+    conditions = Conditions(measured_s, CONDITIONS.uncertainty)
+    noise = conditions.noise(rig.watched, "path", frequency_hz)
+    commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
+    responses = fault_responses(rig.watched, frequency_hz, CONDITIONS.uncertainty)
+    return separations_at(responses, 0, commanded, noise[0])

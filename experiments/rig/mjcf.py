@@ -1,12 +1,13 @@
 """The rig of any robot from its MJCF file."""
 
+from dataclasses import fields
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from experiments.rig.bodies import body_name, model_name
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import OF_ROBOT, RobotOptions
 from experiments.rig.rig import Rig
 from experiments.rig.robot import Robot, robot_of, warnings_of
 from experiments.rig.robot_machine import RobotMachine
@@ -19,6 +20,27 @@ from sim.mjcf.drive import names_of
 from sim.mjcf.frame import located
 
 
+def rig_of(model: Path | None, options: RobotOptions) -> Rig:
+    """The rig that a command's options ask for.
+
+    Args:
+        model: MJCF; None is the hexapod, which has its own frame, loops and sensors.
+        options: Of the robot.
+
+    Raises:
+        WrongInput: Something that the robot does not have or cannot do.
+        sim.ModelError: The file, or what it says.
+    """
+    if model is not None:
+        return robot_rig(model, options)
+    for option in fields(options):
+        its_own = option.name not in ("size", "feedforward")
+        if its_own and getattr(options, option.name) != option.default:
+            flag = OF_ROBOT[option.name].flag
+            raise WrongInput(f"{flag} needs a MODEL.xml: the hexapod of the testbed has its own")
+    return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
+
+
 def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig:
     """Any robot from its MJCF file, on its exact plant; `at` are joint positions (nq,) to start at.
 
@@ -26,7 +48,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig
         WrongInput: A weight or keyframe that the robot does not have; or it cannot do the task.
         sim.ModelError: The file, or what it says.
     """
-    robot, rows = robot_of(file, options, at), options.rows
+    robot, rows = robot_of(file, options, at), options.major
     plant = robot.alone
     names, limits = names_of(plant.drives), plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
@@ -71,7 +93,7 @@ def _tracking(
         return tracking(
             robot.mechanism,
             robot.linear,
-            options.rows,
+            options.major,
             noise=robot.deviations,
             period_s=robot.period_s,
             step_s=float(robot.model.opt.timestep),
@@ -86,7 +108,7 @@ def _tracking(
             names=[own for own, *_ in names_of(plant.drives)],
         )
     except TaskLost as error:
-        advice = "; try other rows (--major) or another start (--keyframe)" * error.elsewhere
+        advice = "; try other rows (major) or another start (keyframe)" * error.elsewhere
         raise WrongInput(f"{file}: {error}{advice}") from None
 
 

@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 
 import argument_checks as check
-from experiments.rig.options import check_path
 from experiments.study.foreign import read_arrays
+from experiments.study.spelling import nearest
 from experiments.study.study import WrongInput
 from sim import Array, spiral
+
+PATHS = ("spiral", "circle", "steps")
+"""Paths that have a name."""
 
 _SOFT_START_S = 0.5
 
@@ -47,13 +50,15 @@ def path_of(
 
 def _from_file(file: Path, rows: int, time_s: Array) -> Array:
     """A path from `time_s` (K,) and `desired` (K, rows) in an .npz file, between them linear."""
-    check_path(str(file))
+    if file.suffix != ".npz":
+        near = nearest(str(file), PATHS)
+        raise WrongInput(f"path must be {', '.join(PATHS)} or FILE.npz, got {file!s:.80}{near}")
     arrays = read_arrays(file)
     try:
         times = check.finite("time_s", arrays["time_s"])
         desired = check.finite("desired", arrays["desired"])
     except (KeyError, ValueError, TypeError) as error:
-        raise WrongInput(f"--path {file} holds no path: {error}") from None
+        raise WrongInput(f"path {file} holds no path: {error}") from None
     if (
         times.ndim != 1
         or not len(times)
@@ -61,7 +66,7 @@ def _from_file(file: Path, rows: int, time_s: Array) -> Array:
         or (np.diff(times) <= 0).any()
     ):
         raise WrongInput(
-            f"--path {file} must have ascending time_s (N,) and desired (N, {rows}), got shapes "
+            f"path {file} must have ascending time_s (N,) and desired (N, {rows}), got shapes "
             f"{times.shape} and {desired.shape}"
         )
     return np.column_stack([np.interp(time_s, times, column) for column in desired.T])

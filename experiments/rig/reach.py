@@ -1,5 +1,6 @@
-"""Whether a path is within reach, and the linear model's range, by the controller's kinematics."""
+"""Whether a path is within reach, and whether the linear model holds for a run of it."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,9 @@ import numpy as np
 from argument_checks.ties import greatest
 from experiments.rig.prediction import predicted
 from experiments.rig.rig import Rig
+from experiments.rig.run import Run, diagnosed_since
 from experiments.study.study import WrongInput
-from sim import Array
+from sim import Array, Failure
 
 _POINTS = 100
 """Of the path that are tried, in its order."""
@@ -38,7 +40,7 @@ def check_reach(rig: Rig, path: Array) -> None:
             raise WrongInput(
                 f"the path is out of reach at {tick * rig.period_s:.3g} s: row {rig.major[row]} "
                 f"stays {np.abs(lacking[row]):.3g} {rig.row_units[row]} short"
-                f"{_at_limits(rig, commanded)}; choose a smaller --size, or another start"
+                f"{_at_limits(rig, commanded)}; choose a smaller size, or another start"
             )
 
 
@@ -70,7 +72,36 @@ def beyond_linear_range(rig: Rig, path: Array, noise: Array, ratio: float) -> st
     if ratio < 1 + AGREES:
         return said
     holds = rig.size * np.sqrt(((1 + AGREES) ** 2 - 1) / (ratio**2 - 1))  # an error of second order
-    return f"{said}; it holds up to a --size of about {1e3 * holds:.1g} m{unit}"
+    return f"{said}; it holds up to a size of about {1e3 * holds:.1g} m{unit}"
+
+
+def learnt_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
+    """When the controller first diagnosed each failed actuator; None is never."""
+    return [
+        next((each.time_s for each in diagnosed_since(rig, run, one)), None) for one in failures
+    ]
+
+
+def uncompared(rig: Rig, run: Run, failures: Sequence[Failure]) -> str | None:
+    """Why no linear model with these failures is held to what the controller did; None: one is."""
+    if run.events:
+        return f"it does not have {', '.join(dict.fromkeys(each.name for each in run.events))}"
+    if run.task_lost:
+        return "the controller gave the task up"
+    if run.lost is not None:
+        return "the task is lost"
+    for each in failures:
+        if each.kind == "locked" and each.number in rig.soft_locks:
+            return f"the lock of {rig.actuators[each.number]} gives way"
+    right = {each for failure in failures for each in diagnosed_since(rig, run, failure)}
+    for each in run.diagnoses:
+        if each not in right or each.withdrawn_s is not None:
+            return f"{each.actuator} was diagnosed {each.kind} wrongly, or was cleared again"
+    for failure in failures:
+        for last in diagnosed_since(rig, run, failure)[-1:]:
+            if last.kind != failure.kind:
+                return f"{last.actuator} was taken for {last.kind}"
+    return None
 
 
 def _nearer(mapping: Any, target: Array, pose: Any, commanded: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args
 
@@ -10,18 +11,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from experiments.rig.bounds import BOUNDS
-from experiments.rig.choices import Limited, Sensing
 from experiments.rig.dither import dither_of
 from experiments.rig.events import Event
 from experiments.rig.events.hooks import events_of
 from experiments.rig.mismatch import Known, Mismatch, sizes_of
-from experiments.rig.options import RobotOptions, by_argument, written
+from experiments.rig.options import (
+    DURATION_S,
+    OF_ROBOT,
+    SIZE,
+    TURN_S,
+    Limited,
+    RobotOptions,
+    Sensing,
+)
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
 from experiments.rig.run import Run, simulate, tick_of
 from experiments.rig.units import ROWS
-from experiments.study.spelling import hint
+from experiments.study.spelling import nearest
 from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
 from ftc.control.mapping import PrioritizedMapping
@@ -36,7 +43,7 @@ from ftc.oracle import OracleController
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
 from prioritized import Manipulability
-from sim import Array, Bench, Body, Failure, Pose
+from sim import Array, Bench, Body, Failure, Pose, model_sha256
 from sim.mjcf.drive import number_of
 from sim.mjcf.part import Part
 
@@ -133,8 +140,7 @@ class Rig:
 
         check.flag("feedforward", feedforward)
         check.index("seed", seed)
-        if size is not None:
-            check.within("size", size, *BOUNDS["size"])
+        size = SIZE.checked(size, "size")
         return hexapod_rig(size=size, feedforward=feedforward).drawn(mismatch, seed)
 
     def __repr__(self) -> str:
@@ -197,30 +203,23 @@ class Rig:
         check.choice("limits", loops.get("limits", "stated"), get_args(Limited))
         if not isinstance(pinned, str):
             check.members("pinned", pinned, str)
-        for name, value in loops.items():
+        for name in loops:
             if name not in _LOOPS:
-                raise TypeError(f"there is no argument {name}{hint(name, _LOOPS)}")
-            if name.endswith("weight") and not isinstance(value, str | None):
-                loops[name] = np.atleast_1d(check.finite(name, value)).tolist()
-        with by_argument():
-            if not (isinstance(major, Sequence) and any(isinstance(row, str) for row in major)):
-                major = check.indices("major", major, 6).tolist()
-            options = RobotOptions(
-                site=str(site.name if isinstance(site, Body) else site),
-                axes=axes,
-                major=written(major),
-                sense=sense,
-                noise=noise,
-                servo=servo_hz,
-                keyframe=str(start) if isinstance(start, str | int) else None,
-                feedforward="on" if feedforward else "off",
-                pinned=written(pinned) or None,
-                **{name: written(value) for name, value in loops.items()},
-            )
-            at = None
-            if start is not None and not isinstance(start, str | int):
-                at = check.finite("start", start)
-            return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+                near = nearest(name, _LOOPS, listed=True)
+                raise TypeError(f"there is no argument {name}{near}")
+        given = {"major": major, "sense": sense, "noise": noise, "pinned": pinned, **loops}
+        options = RobotOptions(
+            site=str(site.name if isinstance(site, Body) else site),
+            axes=axes,
+            servo=OF_ROBOT["servo"].checked(servo_hz, "servo_hz"),
+            keyframe=str(start) if isinstance(start, str | int) else None,
+            feedforward="on" if feedforward else "off",
+            **{name: OF_ROBOT[name].checked(value, name) for name, value in given.items()},
+        )
+        at = None
+        if start is not None and not isinstance(start, str | int):
+            at = check.finite("start", start)
+        return robot_rig(Path(file), options, at).drawn(mismatch, seed)
 
     @property
     def row_units(self) -> tuple[str, ...]:
@@ -236,6 +235,11 @@ class Rig:
     def period_s(self) -> float:
         """Of control."""
         return self.nominal.period_s
+
+    @cached_property
+    def model_sha256(self) -> str:
+        """SHA-256 of the MJCF file, which identifies the robot of a result."""
+        return model_sha256(self.file)
 
     def number(self, actuator: int | str) -> int:
         """The number of an actuator, by it, by its name, or by that of its joint.
@@ -355,14 +359,13 @@ class Rig:
             turn_s: Time of one turn.
         """
         check.instance("name", name, str, Path)
-        ticks = self._ticks("duration_s", duration_s, BOUNDS["duration"][0])
-        check.within("turn_s", turn_s, BOUNDS["turn"][0], 1e9, " s")
+        ticks = self._ticks("duration_s", duration_s, DURATION_S[0])
+        check.within("turn_s", turn_s, TURN_S[0], 1e9, " s")
         time_s = np.arange(max(2, ticks)) * self.period_s
-        with by_argument():
-            return path_of(str(name), len(self.major), self.size, time_s, turn_s, self.period_s)
+        return path_of(str(name), len(self.major), self.size, time_s, turn_s, self.period_s)
 
     def _ticks(self, name: str, seconds: float, least: float) -> int:
-        most = min(BOUNDS["duration"][1], MOST_TICKS * self.period_s)
+        most = min(DURATION_S[1], MOST_TICKS * self.period_s)
         return round(check.within(name, seconds, least, most, " s") / self.period_s)
 
     def _checked_path(self, path: ArrayLike) -> Array:

@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from experiments.rig.bounds import weights_of
 from experiments.rig.options import RobotOptions
-from experiments.study.spelling import index_in
+from experiments.study.spelling import nearest
 from experiments.study.study import WrongInput
 from ftc.goal import Goal
 from ftc.reconfiguration import Unused
@@ -57,20 +56,20 @@ class Robot:
         """Of a sample of each major row."""
         if self.options.noise is not None:
             return self.options.noise
-        return _NOISE * _usual_size(self.model, self.options.rows)
+        return _NOISE * _usual_size(self.model, self.options.major)
 
     @cached_property
     def encoder_noise(self) -> float:
         """Of a sample of each actuator."""
         if self.options.noise is not None:
             return self.options.noise
-        gain = mapping_for(self.mechanism, self.goal, self.options.rows).major_gain()
+        gain = mapping_for(self.mechanism, self.goal, self.options.major).major_gain()
         return self.noise * float(np.abs(gain).max())
 
     @property
     def deviations(self) -> Array:
         """Of what the diagnosis looks at: major rows, then actuators."""
-        of_task = [self.noise] * len(self.options.rows) * (self.options.sense != "joints")
+        of_task = [self.noise] * len(self.options.major) * (self.options.sense != "joints")
         actuators = len(self.mechanism.nominal.displacements)
         of_encoders = [self.encoder_noise] * actuators * (self.options.sense != "task")
         return np.array(of_task + of_encoders)
@@ -122,7 +121,7 @@ class Robot:
     @cached_property
     def springs_hold(self) -> bool:
         """Whether springs, and neither actuators nor loops, decide how the major rows move."""
-        jac, major = self.rigid.nominal.jacobians, list(self.options.rows)
+        jac, major = self.rigid.nominal.jacobians, list(self.options.major)
         rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
         if not rigid.unstable_major or jac.stiffness is None:
             return False
@@ -150,14 +149,15 @@ def robot_of(
         sim.ModelError: The file, or what it says.
     """
     begin = partial(_start, keyframe=options.keyframe, at=at)
-    pins, servo_hz = [Pin(name, weld) for name, weld in options.pins], options.servo
+    names = [(name, name.removesuffix(":point")) for name in options.pinned or ()]
+    pins, servo_hz = [Pin(frame, weld=name == frame) for name, frame in names], options.servo
     try:
         scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz, settle)
     except ClosureError as error:
         raise ModelError(f"{file}: {error}") from None
     model = scene.whole
     steps = max(1, math.ceil(options.period / model.opt.timestep - 1e-9))
-    size = _usual_size(model, options.rows) if options.size is None else options.size
+    size = _usual_size(model, options.major) if options.size is None else options.size
     goal = _goal(len(drives(scene.own)), options)
     return Robot(scene, options, steps * model.opt.timestep, goal, size)
 
@@ -195,11 +195,11 @@ def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> 
         data.qpos[:] = check.exactly("start", at, model.nq)
     if at is not None or keyframe is None:
         return data
-    names = [model.key(k).name for k in range(model.nkey)]
-    number = names.index(keyframe) if keyframe in names else index_in(model.nkey, keyframe)
-    if number is None:
-        known = ", ".join(name or str(k) for k, name in enumerate(names)) or "none"
-        raise WrongInput(f"--keyframe {keyframe:.80}: the model has {known}")
+    numbers = {str(k): k for k in range(model.nkey)}
+    numbers |= {model.key(k).name: k for k in range(model.nkey)}
+    if (number := numbers.get(keyframe)) is None:
+        near = nearest(keyframe, numbers, listed=True)
+        raise WrongInput(f'the model has no keyframe "{keyframe:.80}"{near}')
     mujoco.mj_resetDataKeyframe(model, data, number)
     return data
 
@@ -208,18 +208,18 @@ def _goal(actuators: int, options: RobotOptions) -> Goal:
     """W1 and W2; with neither of them all joints weigh alike."""
     joint, others = options.joint_weight, options.secondary_weight
     if joint is None and others is None:
-        joint = "1"
-    secondary = 6 - len(options.rows)
+        joint = (1.0,)
+    secondary = 6 - len(options.major)
     return Goal(
-        joint_weight=None if joint is None else _weights("--joint-weight", joint, actuators),
-        secondary_weight=None
-        if others is None
-        else _weights("--secondary-weight", others, secondary),
+        joint_weight=_weights("joint_weight", joint, actuators),
+        secondary_weight=_weights("secondary_weight", others, secondary),
     )
 
 
-def _weights(option: str, text: str, count: int) -> tuple[float, ...]:
-    values = weights_of(option, text)
-    if len(values) not in (1, count):
-        raise WrongInput(f"{option} must be one number or {count}, got {len(values)}")
-    return values * count if len(values) == 1 else values
+def _weights(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...] | None:
+    """One weight each, as many as are wanted; one alone is that of all."""
+    if values is None or len(values) == count:
+        return values
+    if len(values) != 1:
+        raise WrongInput(f"{name} must be one number or {count}, got {len(values)}")
+    return values * count

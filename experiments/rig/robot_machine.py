@@ -68,7 +68,7 @@ class RobotMachine:
 
     def _sensors(self, seed: int) -> Sensors:
         """Of the task, or encoders alone; zeros drift up to so many standard deviations."""
-        robot, rows, draw = self.robot, self.robot.options.rows, Draw(self.seed)
+        robot, rows, draw = self.robot, self.robot.options.major, Draw(self.seed)
         per_tick = self.sizes.drift_per_s * robot.period_s
         noise, encoder_noise = robot.noise, robot.encoder_noise
         of_task = per_tick * noise * draw.uniform("task drift", len(rows))

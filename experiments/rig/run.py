@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from experiments.rig.rig import Rig
 
 
+SOUND = "sound"
+"""What an actuator is, or is taken for, that works."""
+
+
 @dataclass(frozen=True)
 class Diagnosed:
     """An actuator that a controller took for failed.
@@ -298,6 +302,14 @@ def diagnosed_since(rig: "Rig", run: Run, failure: Failure) -> list[Diagnosed]:
     """Diagnoses of an actuator since its failure."""
     name, since = rig.actuators[failure.number], failure.time_s - 1e-9
     return [each for each in run.diagnoses if each.actuator == name and each.time_s >= since]
+
+
+def entry_of(rig: "Rig", happened: Failure | Event) -> dict[str, Any]:
+    """A failure or an event as JSON has it, its actuator by name."""
+    actuator = happened.actuator
+    name = None if actuator is None else rig.actuators[rig.number(actuator)]
+    kind = {"kind": happened.kind} if isinstance(happened, Failure) else {"name": happened.name}
+    return {"actuator": name, **kind, "time_s": happened.time_s}
 
 
 _UNEXPLAINED = "there was an alarm that no single failure explains"

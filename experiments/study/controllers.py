@@ -45,6 +45,12 @@ def controller_factory(name: str) -> Callable[..., Any]:
     return found
 
 
+def controller_named(name: str) -> str:
+    """The same name, if there is a factory of it; raises as :func:`controller_factory`."""
+    controller_factory(name)
+    return name
+
+
 CONTROLLER = Option(
     "controller",
     str | None,
@@ -52,7 +58,7 @@ CONTROLLER = Option(
     "A controller to compare with, package.module:factory; it runs under the same failures and "
     "noise (docs/other-controllers.md). Modules in this folder are found.",
     metavar="NAME",
-    check=controller_factory,
+    parse=controller_named,
 )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from experiments.study.spelling import hint
+from experiments.study.spelling import nearest
 from experiments.study.study import WrongInput
 from experiments.study.units import named_otherwise
 
@@ -202,7 +202,7 @@ class Question:
         own, factor = name, 1.0
         if name not in known:
             if (found := named_otherwise(name, known)) is None:
-                raise WrongInput(f"no run has {name!r}{hint(name, known)}")
+                raise WrongInput(f"no run has {name!r}{nearest(name, known, listed=True)}")
             own, factor = found
         term = _column(own, self.schema.field(own).type)
         if term is None or (own != name and term.kind != "a number"):

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from numbers import Real
 from pkgutil import resolve_name
 from typing import Any
 
@@ -31,7 +32,47 @@ class Option:
     help: str | None  # None: it is not in the help text
     metavar: str | None = None  # stands for the value in the help text; None: its type
     positional: bool = False  # an argument without a name
-    check: Callable[[Any], object] | None = None  # raises at once; None is not checked
+    bounds: tuple[float, float] | None = None  # least and largest value of a number
+    parse: Callable[[Any], Any] | None = None  # makes what the runs take of it, or of one in a list
+
+    @property
+    def flag(self) -> str:
+        """What stands before its value on the command line."""
+        return f"--{self.name.replace('_', '-')}"
+
+    @property
+    def usual(self) -> Any:
+        """What the runs take by default; of an option that may be repeated there is none."""
+        if isinstance(self.default, tuple):
+            return self.default
+        return self.checked(self.default, self.flag)
+
+    def checked(self, value: Any, name: str) -> Any:
+        """The value as the runs take it: within its bounds, and parsed; None as it is by default.
+
+        Args:
+            value: As it is given.
+            name: How who gives it calls the option, for the message.
+
+        Raises:
+            WrongInput: It is out of bounds, or the parser refuses it, whose `ValueError` says what
+                `text` must be.
+        """
+        if value is None and self.default is None:
+            return None
+        if self.bounds is not None:
+            (least, most), is_number = self.bounds, isinstance(value, Real)
+            if isinstance(value, bool) or not is_number or not least <= value <= most:  # type: ignore[operator]
+                raise WrongInput(
+                    f"{name} must be from {least:.10g} to {most:.10g}, got {value!r:.80}"
+                )
+        if self.parse is None:
+            return value
+        try:
+            return self.parse(value)
+        except ValueError as error:
+            what = "" if str(error).startswith("text ") else f" {value!s:.80}: "
+            raise WrongInput(f"{name}{what}{str(error).removeprefix('text')}") from None
 
 
 @dataclass(frozen=True)
@@ -50,9 +91,6 @@ class Listing:
 @dataclass(frozen=True)
 class Study:
     """One experiment.
-
-    `check(**options)` is an entry point, too, if there is one: it raises `WrongInput` for names
-    that cannot be, without importing or compiling what the runs need.
 
     Beside `results` there is a function `checks(summary)`, if anything is checked: it makes the
     checks anew from the study's JSON alone.
@@ -76,23 +114,10 @@ class Study:
     quick: str | None  # what --quick leaves out; None: there is no shorter run
     seed: str | None = "the detector noise"  # what the seed is of; None: nothing is random
     options: tuple[Option, ...] = ()
-    check: str = ""
     streams: bool = False
     in_report: dict[str, bool] | None = field(default_factory=dict)
     listing: Listing | None = None  # where it has a dataset
     times: bool = False  # whether its numbers are times of a machine
-
-    def check_options(self, **options: Any) -> None:
-        """Refuse wrong names within a second.
-
-        Raises:
-            WrongInput: There is one.
-        """
-        for option in self.options:
-            if option.check is not None and (given := options[option.name]) is not None:
-                option.check(given)
-        if self.check:
-            resolve_name(self.check)(**options)
 
     def checks(self, summary: dict[str, Any]) -> Sequence[Check]:
         """The checks of a result, from its JSON alone.
@@ -114,13 +139,14 @@ class Study:
         """The command that gives the same numbers, without its folder; defaults are left out."""
         found, options = ["fjh", self.name], ["--quick"] * (quick and self.quick is not None)
         for option in self.options:
-            if (value := given.get(option.name, option.default)) == option.default:
+            if (value := given.get(option.name, option.usual)) == option.usual:
                 continue
             if option.positional:
                 found.append(str(value))
                 continue
-            options.append(f"--{option.name.replace('_', '-')}")
-            options += [] if option.kind is bool else [str(value)]
+            options.append(option.flag)
+            written = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            options += [] if option.kind is bool else [written]
         return [*found, *options, *([] if self.seed is None else ["--seed", str(seed)])]
 
     @contextmanager

@@ -3,11 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from experiments.rig.choices import Diagnosing
-from experiments.rig.options import LOOPS, ROBOT, START, TASK
+from experiments.rig.options import ROBOT, SERVO, START, TASK, Switch
 from experiments.study.study import Option, Study
 
-_MAJOR = {"kind": str | None, "default": None}
+_MAJOR = {"kind": str | None, "default": None, "parse": None}
 _TASK = tuple(replace(each, **_MAJOR) if each.name == "major" else each for each in TASK)
 _SERVO = "For the sensors: natural frequency of the position servos that other actuators get."
 
@@ -32,7 +31,6 @@ STUDY = Study(
     """,
     runs="experiments.survey.runs:run_survey",
     results="experiments.survey.results:results",
-    check="experiments.survey.asked:check",
     quick="At most 8 postures.",
     seed="the postures",
     options=(
@@ -62,14 +60,15 @@ STUDY = Study(
             32,
             "Of the workspace, by a Sobol sequence over the joint ranges; 0: the start alone.",
             "N",
+            bounds=(0, 4096),
         ),
         Option(
             "sensors",
-            Diagnosing,
+            Switch,
             "on",
             "Whether to say which failures a robot's sensors tell apart: 1 s for the hexapod, 10 s "
             "for 12 actuators, not for more.",
         ),
-        *(replace(each, help=_SERVO) for each in LOOPS if each.name == "servo"),
+        replace(SERVO, help=_SERVO),
     ),
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.study.interrupts import printable
-from experiments.study.spelling import check_file, hint, index_in
+from experiments.study.spelling import check_file, nearest
 from experiments.study.study import WrongInput
 from experiments.survey.survey import Limited, Subject
 from prioritized import ConstrainedSystem
@@ -186,13 +186,12 @@ def _numbers(option: str, text: str, count: int) -> Array:
 def _rows(major: str | None, names: tuple[str, ...], count: int) -> tuple[int, ...]:
     if major is None:
         return tuple(range(count))
+    numbers = {str(k): k for k in range(count)} | {name: k for k, name in enumerate(names)}
     found = []
     for text in map(str.strip, major.split(",")):
-        row = names.index(text) if text in names else index_in(count, text)
+        row = numbers.get(text)
         if row is None or row in found:
-            known = names or [str(k) for k in range(count)]
-            raise WrongInput(
-                f"--major must be different rows of the matrix, got {text:.80}{hint(text, known)}"
-            )
+            near = nearest(text, names or numbers, listed=True)
+            raise WrongInput(f"--major must be different rows of the matrix, got {text:.80}{near}")
         found.append(row)
     return tuple(found)

@@ -52,7 +52,7 @@ def robot_subject(
         units=tuple(drive.unit for drive in driven),
         rows=ROWS,
         row_units=_UNITS,
-        major=options.rows,
+        major=options.major,
         system=ConstrainedSystem.of(jac, _springs_count(robot)),
         rates=rates,
         torques=_torques(driven),

@@ -7,12 +7,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from experiments.rig.choices import Diagnosing
 from experiments.rig.conditions import Codes, counted, few_failures
 from experiments.rig.examined import Examined, examine
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import MAJOR, OF_ROBOT, RobotOptions, Switch
 from experiments.study.interrupts import notice
-from experiments.study.study import OnProgress
+from experiments.study.study import OnProgress, WrongInput
 from experiments.survey import STUDY
 from experiments.survey.alike import Columns, alike_columns
 from experiments.survey.extent import Extent, extent_of
@@ -46,7 +45,7 @@ def run_survey(
     upper: str | None,
     hold: str | None,
     postures: int,
-    sensors: Diagnosing,
+    sensors: Switch,
     servo: float | None,
     **robot: Any,
 ) -> Survey:
@@ -56,6 +55,7 @@ def run_survey(
         WrongInput: Something that the file does not have.
         sim.ModelError: The file, or what it says.
     """
+    _refuse_mixed(model, matrix, hold, servo=servo, **robot)
     given = {"lower": lower, "upper": upper, "hold": hold, "postures": postures} | robot
     given |= {"sensors": sensors, "servo": servo}
     command = STUDY.words(seed=seed, quick=quick, model=model, matrix=matrix, **given)
@@ -79,8 +79,23 @@ def run_survey(
     return Survey(said, seed, subject, start, counts, workspace, checked, isolation, left_out)
 
 
+def _refuse_mixed(
+    model: Path | None, matrix: Path | None, hold: str | None, **options: Any
+) -> None:
+    """Refuse a robot and a matrix at once, and options of the one for the other."""
+    if matrix is None:
+        if hold is not None:
+            raise WrongInput("--hold is for a matrix: give one with --matrix")
+        return
+    if model is not None:
+        raise WrongInput(f"{model} and --matrix {matrix}: one of them is surveyed at a time")
+    for name, value in options.items():
+        if name != "major" and value not in (OF_ROBOT[name].default, None):
+            raise WrongInput(f"{OF_ROBOT[name].flag} is for a robot: a matrix has none")
+
+
 def _isolation(
-    model: Path | None, subject: Subject, sensors: Diagnosing, servo: float | None
+    model: Path | None, subject: Subject, sensors: Switch, servo: float | None
 ) -> Sensors | Columns | str:
     """Of a robot by its sensors, of a matrix by its columns."""
     robot = subject.robot
@@ -95,13 +110,15 @@ def _isolation(
     return sensors_of(model or HEXAPOD_MJCF, replace(robot.options, servo=servo), at)
 
 
-def robot_options(model: Path | None, **given: Any) -> RobotOptions:
+def robot_options(model: Path | None, *, major: str | None, **given: Any) -> RobotOptions:
     """Options of a robot, defaults for None; of the hexapod its own axes.
 
     Raises:
-        WrongInput: See :class:`RobotOptions`.
+        WrongInput: The major rows are none.
     """
     usual: dict[str, Any] = {"axes": "base"} if model is None else {}
+    if major is not None:
+        usual["major"] = MAJOR.checked(major, MAJOR.flag)
     return RobotOptions(
         **usual | {name: value for name, value in given.items() if value is not None}
     )

@@ -11,10 +11,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from experiments.rig.choices import Sensing
 from experiments.rig.dither import CONDITIONS, rig_dither
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import RobotOptions, Sensing
 from experiments.rig.rig import Rig
 from experiments.rig.units import ROWS
 from experiments.study.study import WrongInput

@@ -40,7 +40,7 @@ STUDY = Study(
             None,
             "TOML file that says what is varied.  [default: experiments/sweep/default.toml]",
             "FILE",
-            check=check_file,
+            parse=check_file,
         ),
         *WHERE,
     ),

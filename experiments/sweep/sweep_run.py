@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 from experiments.rig.conditions import failures_of
-from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
 from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.options import JacobianChoice
 from ftc.goal import Goal
 from sim import Failure
 

@@ -1,8 +1,13 @@
 """Table I and Figures 4 to 6: the six tracking experiments of section 4.2."""
 
-from experiments.rig.hexapod.choices import MACHINE_FILE, ConfigurationName, JacobianChoice
+from typing import Literal
+
+from experiments.rig.options import MACHINE_FILE, JacobianChoice
 from experiments.study.controllers import CONTROLLER
 from experiments.study.study import Option, Study
+
+ConfigurationName = Literal["calibrated", "demand-limit"]
+"""Configurations of the bench in Table I, see :mod:`experiments.table1.runs`."""
 
 STUDY = Study(
     name="table1",

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from experiments.rig.hexapod.choices import ConfigurationName, JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS, Column
 from experiments.rig.hexapod.controller import Loop, nominal_loops
 from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.hexapod.rig import hexapod_rig, pursuing
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.options import JacobianChoice
 from experiments.rig.other_controller import fly_with
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
@@ -19,6 +19,7 @@ from experiments.study.controllers import controller_factory, controller_label
 from experiments.study.parallel import in_parallel
 from experiments.study.results import Picture
 from experiments.study.study import OnProgress
+from experiments.table1 import ConfigurationName
 from experiments.table1.robustness import MismatchedRun, measured, mismatched_rigs
 from sim import Array, Failure, ModelError, load_model, model_sha256
 

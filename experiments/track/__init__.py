@@ -1,7 +1,8 @@
 """Any robot in the loop: a path, failures in flight, diagnosis, and what the failures cost."""
 
-from experiments.rig.choices import Diagnosing
-from experiments.rig.options import DITHER, LOOPS, PATH, ROBOT, SENSE, TASK, check_path
+from pkgutil import resolve_name
+
+from experiments.rig.options import DITHER, DURATION, LOOPS, PATH, ROBOT, SENSE, TASK, Switch
 from experiments.study.controllers import CONTROLLER
 from experiments.study.study import Option, Study
 
@@ -23,7 +24,6 @@ STUDY = Study(
     """,
     runs="experiments.track.runs:run_track",
     results="experiments.track.results:results",
-    check="experiments.track.announced:check",
     quick="The first half of the run only; failures and events come at half of their times.",
     seed="the sensors' noise, and what is drawn of events",
     options=(
@@ -36,6 +36,7 @@ STUDY = Study(
             "A failure: actuator (or its joint), kind (locked, free, weak, loose) and time in "
             "seconds. May be repeated.",
             "NAME:KIND@S",
+            parse=lambda text: resolve_name("sim:Failure.parse")(text),
         ),
         Option(
             "event",
@@ -44,6 +45,7 @@ STUDY = Study(
             "Something else that happens: an event of docs/track.md, its actuator where it is of "
             "one, and time in seconds. May be repeated.",
             "NAME[:ACTUATOR]@S",
+            parse=lambda text: resolve_name("experiments.rig.events:Event.parse")(text),
         ),
         Option(
             "path",
@@ -52,15 +54,14 @@ STUDY = Study(
             "spiral, circle, steps, or FILE.npz with time_s (N,) and desired (N, rows): major "
             "displacements from the start, [rad] or [m].",
             "PATH",
-            check=check_path,
         ),
         *PATH,
-        Option("duration", float, 8.0, "Of the run, in seconds.", "S"),
+        DURATION,
         SENSE,
         *LOOPS,
         Option(
             "diagnosis",
-            Diagnosing,
+            Switch,
             "on",
             "on: failures are diagnosed, and the mapping is reconfigured; off: it goes on.",
         ),

@@ -1,6 +1,5 @@
 """The figure of `fjh track`: the path, the error over time, and the actuators."""
 
-from functools import partial
 from textwrap import fill
 from typing import Any
 
@@ -9,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.rig.run import Run
-from experiments.rig.units import ROWS, norms_said, prefixed
+from experiments.rig.units import ROWS, prefixed
 from experiments.study.controllers import controller_label
 from experiments.study.plotting import (
     BLACK,
@@ -21,46 +20,19 @@ from experiments.study.plotting import (
     new_figure,
     one_legend,
 )
-from experiments.study.results import Picture
-from experiments.track.happened import happened
 from experiments.track.runs import Tracked
 from sim import Array
+
+ALT = (
+    "Left: the desired path and the true one, with the places of failure and diagnosis. Right: the "
+    "size of the error over time; below, a row for each actuator with its displacement, failing "
+    "ones red."
+)
+"""What there is to see."""
 
 _FAILED, _NAMED = VERMILION, GREEN
 _ROW_IN = 0.2
 """Height of an actuator's row."""
-
-
-def pictures(tracked: Tracked, summary: dict[str, Any]) -> list[Picture]:
-    """The study's figure and its caption."""
-    alt = (
-        "Left: the desired path and the true one, with the places of failure and diagnosis. Right: "
-        "the size of the error over time; below, a row for each actuator with its displacement, "
-        "failing ones red."
-    )
-    draw = partial(figure_track, tracked, summary)
-    return [Picture("track", summary["verdict"], alt, draw)]
-
-
-def headline(summary: dict[str, Any]) -> str:
-    """What failed, when it was named, and the errors before and after, in one sentence."""
-    before, after = (
-        norms_said(rms, summary["units"]) if rms else ""
-        for rms in (summary["rms_before"], summary["rms_after"])
-    )
-    if not (summary["failures"] or summary["events"]):
-        return f"{summary['robot']}: without a failure the RMS error is {before}."
-    broken = (*summary["failures"], *summary["events"])
-    struck = {one["actuator"] for one in broken if one["actuator"] is not None}
-    named = dict.fromkeys(struck, "not named") | {
-        one["actuator"]: f"named after {1e3 * one['delay_s']:.0f} ms"
-        for one in reversed(summary["diagnoses"])
-        if one["actuator"] in struck and one["delay_s"] is not None
-    }
-    earlier = "" if summary["rms_before"] is None else f", {before} before"
-    return (
-        f"{summary['robot']}: after {happened(summary, named)} the RMS error is {after}{earlier}."
-    )
 
 
 def figure_track(tracked: Tracked, summary: dict[str, Any]) -> Figure:
@@ -68,7 +40,7 @@ def figure_track(tracked: Tracked, summary: dict[str, Any]) -> Figure:
     units = list(dict.fromkeys(summary["units"]))
     heights = [1.5] * len(units) + [0.4 + _ROW_IN * len(tracked.rig.actuators)]
     figure = new_figure(PAGE_IN, max(3.4, 0.9 + sum(heights)))
-    figure.suptitle(fill(headline(summary), 110))
+    figure.suptitle(fill(summary["verdict"], 110))
     grid = figure.add_gridspec(len(heights), 2, width_ratios=[0.8, 1], height_ratios=heights)
     _path(figure.add_subplot(grid[:, 0]), tracked, summary)
     over_time = [figure.add_subplot(grid[k, 1]) for k in range(len(heights))]

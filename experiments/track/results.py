@@ -1,17 +1,22 @@
-"""A tracked run as numbers, a verdict in words, tables and files."""
+"""A tracked run as numbers, tables, two sentences and files."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from argument_checks.ties import greatest
+from experiments.recording.record import About, write_views
+from experiments.recording.view import view_of
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
-from experiments.rig.limiting import limiting
 from experiments.rig.reach import AGREES, beyond_linear_range
-from experiments.rig.run import Diagnosed
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run, entry_of
 from experiments.rig.units import (
     ROWS,
     by_unit,
@@ -22,23 +27,17 @@ from experiments.rig.units import (
     sizes_said,
 )
 from experiments.study.controllers import controller_label
-from experiments.study.provenance import versions
-from experiments.study.results import Check, Results
+from experiments.study.provenance import version_properties, versions
+from experiments.study.results import Check, Picture, Results
 from experiments.study.tables import Column, Table, tabulate
-from experiments.track.figure import pictures
-from experiments.track.happened import event_tables, happened
-from experiments.track.recording import record
+from experiments.track.figure import ALT, figure_track
 from experiments.track.runs import Tracked
-from ftc.fdi.dither_design import DitherDesign
+from ftc.tracking import deciding_sentence, is_possible
 from sim import CLOSURE_TOLERANCE, Array
 from sim.plant.friction import dry_friction
 
-_OF_ROWS = (
-    *("path_size", "sensor_noise", "rms_before", "rms_after"),
-    *("predicted_rms_before", "predicted_rms_after", "predicted_rms_after_when_named"),
-    "rms_after_without_diagnosis",
-)
-"""Numbers in the units of the major rows; each has an entry of its own in each of these units."""
+_OFTEN = 0.01
+"""Part of the time in which an actuator that gives its largest force is said to saturate."""
 
 
 def results(tracked: Tracked) -> Results:
@@ -47,20 +46,21 @@ def results(tracked: Tracked) -> Results:
     arrays = tracked.run.arrays
     if tracked.other is not None:
         arrays |= {f"other_{key}": value for key, value in tracked.other.run.arrays.items()}
+    draw = partial(figure_track, tracked, summary)
     return Results(
         summary,
         tables=tables(tracked, summary),
         notes=notes(tracked, summary),
         checks=checks(summary),
-        pictures=pictures(tracked, summary),
+        pictures=[Picture("track", summary["verdict"], ALT, draw)],
         arrays={"track.npz": arrays},
-        records=[partial(record, tracked, summary, checks(summary))],
+        records=[partial(record, tracked, summary)],
         caveat=tracked.run.lost,
     )
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Loops stay closed, errors are as predicted, another controller does nothing wrong."""
+    """Checks that loops stay closed, errors are as predicted, another controller does no wrong."""
     gap_m = summary["closure_residual_max_m"]
     found = [closure_check(summary["robot"], gap_m, CLOSURE_TOLERANCE)]
     for when in ("before", "after"):
@@ -75,22 +75,19 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 
 def summarize(tracked: Tracked) -> dict[str, Any]:
     """All numbers, ready for JSON."""
-    rig, run, failures = tracked.rig, tracked.run, tracked.run.failures
-    error = run.desired - run.true
-    cut, without = first_tick(tracked), tracked.undiagnosed
-    before, after = tracked.predicted.rms_before, tracked.predicted.rms_after
-    when_named = tracked.comparable.rms_after
-    is_predicted = bool(failures) and not tracked.events
-    after_too = None if tracked.uncompared else _ratio(error[cut:], when_named)
-    ratios, beyond = (_ratio(error[:cut], before), after_too), None
-    if off := [each for each in ratios if each is not None and abs(each - 1.0) >= AGREES]:
+    rig, run = tracked.rig, tracked.run
+    cut, predicted, told = first_tick(run), tracked.predicted, tracked.comparable
+    after_too = None if tracked.uncompared else _ratio(run.error[cut:], told.rms_after)
+    ratios = {"before": _ratio(run.error[:cut], predicted.rms_before), "after": after_too}
+    beyond = None
+    if beside := [each for each in ratios.values() if each and abs(each - 1.0) >= AGREES]:
         noise = np.nan_to_num(run.measured - run.true)
-        beyond = beyond_linear_range(rig, run.desired, noise, max(off))
+        beyond = beyond_linear_range(rig, run.desired, noise, max(beside))
     summary: dict[str, Any] = {
         "experiment": "track",
         "seed": tracked.seed,
         "versions": versions(),
-        "model_sha256": tracked.model_sha256,
+        "model_sha256": rig.model_sha256,
         "robot": rig.title,
         "actuators": list(rig.actuators),
         "bodies": list(rig.bodies),
@@ -98,9 +95,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "units": list(rig.row_units),
         "duration_s": float(run.time_s[-1] + rig.period_s),
         "control_period_s": rig.period_s,
-        "path_size": rig.size,
         "feedforward": rig.feedforward,
-        "sensor_noise": rig.noise,
         "encoder_noise": rig.encoder_noise,
         "loops": [
             {
@@ -111,296 +106,268 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
             }
             for row, each in zip(rig.major, rig.margins, strict=True)
         ],
-        "failures": [
-            {
-                "actuator": rig.actuators[each.number],
-                "kind": each.kind,
-                "time_s": each.time_s,
-            }
-            for each in failures
-        ],
-        "events": [
-            {
-                "name": each.name,
-                "actuator": None if each.actuator is None else rig.actuators[int(each.actuator)],
-                "time_s": each.time_s,
-            }
-            for each in tracked.events
-        ],
-        "rms_before": _rms(error[:cut]),
-        "rms_after": _rms(error[cut:]),
-        "rms_after_without_diagnosis": without and _rms((without.desired - without.true)[cut:]),
-        "predicted_rms_before": _listed(before),
-        "predicted_rms_after": _listed(after) if is_predicted else None,
-        "predicted_rms_after_when_named": _listed(when_named) if is_predicted else None,
-        **_agreement("before", ratios[0], beyond),
-        **_agreement("after", ratios[1], beyond),
+        "failures": [entry_of(rig, each) for each in run.failures],
+        "events": [entry_of(rig, each) for each in run.events],
         "status": run.status,
         "warnings": list(rig.warnings),
         "left_out": list(rig.left_out),
         "dry_friction": list(dry_friction(rig.model)),
-        "met": [*tracked.met, *([beyond] if beyond is not None else ())],
-        "possible_after": list(tracked.possible[1:]),
+        "met": [*tracked.met, *([] if beyond is None else [beyond])],
+        "possible_after": [is_possible(report) for report in tracked.reports[1:]],
         "dither": dither_entry(tracked.dither, rig),
-        "diagnoses": diagnoses(tracked),
+        "diagnoses": diagnoses(rig, run),
         "advice": list(tracked.advice),
-        "task_lost": tracked.run.task_lost,
-        "closure_residual_max_m": float(run.closure_m.max()),
+        "task_lost": run.task_lost,
+        "closure_residual_max_m": run.closure_max_m,
         "lost": run.lost,
-        "limited_by": None if tracked.events or run.lost else limiting(rig, run, failures),
+        "limited_by": None if run.events or run.lost else limited_by(tracked),
     }
+    for when, ratio in ratios.items():
+        summary[f"measured_over_predicted_{when}"] = ratio
+        off = None if ratio is None or beyond is not None else abs(ratio - 1.0)
+        summary[f"prediction_off_{when}"] = off
+    rows = _of_rows(tracked, cut)
+    summary |= rows | by_unit("encoder_noise", rig.encoder_noise, rig.units)
+    for key, value in rows.items():
+        summary |= by_unit(key, value, rig.row_units)
     if (other := tracked.other) is not None:
-        theirs = other.run.desired - other.run.true
-        summary["controllers"] = [
-            {
-                "name": other.name,
-                "rms_before": _rms(theirs[:cut]),
-                "rms_after": _rms(theirs[cut:]),
-                **by_unit("rms_before", _rms(theirs[:cut]), rig.row_units),
-                **by_unit("rms_after", _rms(theirs[cut:]), rig.row_units),
-                "failure": other.failure,
-            }
-        ]
-    for key in _OF_ROWS:
-        summary |= by_unit(key, summary[key], rig.row_units)
-    summary |= by_unit("encoder_noise", rig.encoder_noise, rig.units)
-    first = "" if run.lost is None else f"{run.lost} "
-    return summary | {"verdict": first + verdict(tracked, summary) + _unlike(tracked, summary)}
+        rms = {"rms_before": _rms(other.run.error[:cut]), "rms_after": _rms(other.run.error[cut:])}
+        summary["controllers"] = [{"name": other.name, "failure": other.failure, **rms}]
+        for key, value in rms.items():
+            summary["controllers"][0] |= by_unit(key, value, rig.row_units)
+    return summary | {"verdict": verdict(summary)}
 
 
-def first_tick(tracked: Tracked) -> int:
+def _of_rows(tracked: Tracked, cut: int) -> dict[str, Any]:
+    """Numbers in the units of the major rows, which have an entry in each of these units besides.
+
+    `cut` is the tick of the first failure or event.
+    """
+    rig, run, without = tracked.rig, tracked.run, tracked.undiagnosed
+    is_predicted = bool(run.failures) and not run.events
+    after = [tracked.predicted.rms_after, tracked.comparable.rms_after]
+    at_once, when_told = (_finite(each) if is_predicted else None for each in after)
+    return {
+        "path_size": rig.size,
+        "sensor_noise": rig.noise,
+        "rms_before": _rms(run.error[:cut]),
+        "rms_after": _rms(run.error[cut:]),
+        "rms_after_without_diagnosis": without and _rms(without.error[cut:]),
+        "predicted_rms_before": _finite(tracked.predicted.rms_before),
+        "predicted_rms_after": at_once,
+        "predicted_rms_after_when_named": when_told,
+    }
+
+
+def first_tick(run: Run) -> int:
     """Tick of the first failure or event; of the end where there is none."""
-    times = [each.time_s for each in (*tracked.run.failures, *tracked.events)]
-    return int(np.searchsorted(tracked.run.time_s, min(times, default=np.inf) - 1e-9))
+    times = [each.time_s for each in (*run.failures, *run.events)]
+    return int(np.searchsorted(run.time_s, min(times, default=np.inf) - 1e-9))
 
 
 def _rms(error: Array) -> list[float] | None:
     """RMS of each row; None of no ticks."""
-    return _listed(np.sqrt((error**2).mean(axis=0))) if len(error) else None
+    return _finite(np.sqrt((error**2).mean(axis=0))) if len(error) else None
 
 
 def _ratio(error: Array, predicted: Array) -> float | None:
-    """RMS error over the predicted; None of no ticks."""
+    """RMS error over the predicted, all rows together; None of no ticks."""
     if not len(error) or not np.isfinite(predicted).all():
         return None
     return float(np.sqrt((error**2).sum(axis=1).mean() / (predicted**2).sum()))
 
 
-def _agreement(when: str, ratio: float | None, beyond: str | None) -> dict[str, float | None]:
-    """Measured over predicted error, and by how much it is not one, in the model's range."""
-    off = None if ratio is None or beyond is not None else abs(ratio - 1.0)
-    return {f"measured_over_predicted_{when}": ratio, f"prediction_off_{when}": off}
-
-
-def _listed(values: Array) -> list[float] | None:
+def _finite(values: Array) -> list[float] | None:
     return values.tolist() if np.isfinite(values).all() else None
 
 
-def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
-    """Each actuator and kind as it was first named; of a false alarm the delay is None."""
-    named: dict[tuple[str, str], Diagnosed] = {}
-    for found in tracked.run.diagnoses:
-        named.setdefault((found.actuator, found.kind), found)
-    rig = tracked.rig
-    struck = {
-        rig.actuators[int(one.actuator)]: one.time_s
-        for one in (*tracked.events, *tracked.run.failures)
-        if one.actuator is not None
+def diagnoses(rig: Rig, run: Run) -> list[dict[str, Any]]:
+    """All diagnoses of a run, ready for JSON; of a false alarm the delay is None."""
+    since_s = {
+        rig.actuators[int(each.actuator)]: each.time_s
+        for each in (*run.events, *run.failures)
+        if each.actuator is not None
     }
-    entries = []
-    for found in named.values():
-        delay_s = found.time_s - struck.get(found.actuator, np.inf)
-        entry = {"actuator": found.actuator, "kind": found.kind, "time_s": found.time_s}
-        delay_s = delay_s if delay_s >= 0 else None
-        entries.append(entry | {"delay_s": delay_s, "acted_s": found.acted_s})
-    return entries
-
-
-def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
-    """What the failures cost, beside what was predicted, in one sentence."""
-    before = _with_units(summary["rms_before"], summary["units"])
-    if not (tracked.run.failures or tracked.events):
-        predicted = _with_units(summary["predicted_rms_before"], summary["units"])
-        return (
-            f"Without a failure the RMS error of row{_plural(tracked.rig.major)} "
-            f"{_rows(tracked.rig.major)} is {before}, and {predicted} by the linear model."
-        )
-    after = _with_units(summary["rms_after"], summary["units"])
-    says = _says(tracked, summary)
-    can = "can" if tracked.possible[-1] else "cannot"
-    return (
-        f"After {happened(summary)} the RMS error of row{_plural(tracked.rig.major)} "
-        f"{_rows(tracked.rig.major)} is {after} ({before} before it); {says}, and the "
-        f"classification says that the remaining actuators {can} do the major task; "
-        f"{_found(tracked, summary)}."
-    )
-
-
-def _says(tracked: Tracked, summary: dict[str, Any]) -> str:
-    """What the linear model predicts after the failures."""
-    if tracked.events:
-        return f"the linear model predicts nothing, as {tracked.uncompared}"
-    if (leaves := tracked.predicted.leaves) is not None:
-        return f"there is no prediction, because in the linear model {leaves} leaves its range"
-    at_once, then = (
-        _with_units(summary[key], summary["units"])
-        for key in ("predicted_rms_after", "predicted_rms_after_when_named")
-    )
-    if not tracked.told:
-        return f"the linear model with a controller that is never told predicts {at_once}"
-    informed = f"{at_once} with a controller that is informed at once"
-    if tracked.uncompared is not None:
-        return f"the linear model predicts {informed}; it is not compared, as {tracked.uncompared}"
-    learns = "learns of it when this one did" if summary["diagnoses"] else "learns of nothing, too"
-    return f"the linear model predicts {then} with a controller that {learns}, {informed}"
-
-
-def _unlike(tracked: Tracked, summary: dict[str, Any]) -> str:
-    """By what factor errors are not as predicted, and what the linear model leaves out."""
-    factors = [
-        f"{ratio:.3g} times the predicted one {when} the first failure"
-        for when in ("before", "after")
-        if (ratio := summary[f"measured_over_predicted_{when}"]) is not None
-        and abs(ratio - 1.0) >= AGREES
+    delays_s = [each.time_s - since_s.get(each.actuator, np.inf) for each in run.diagnoses]
+    return [
+        asdict(each) | {"delay_s": delay_s if delay_s >= 0 else None}
+        for each, delay_s in zip(run.diagnoses, delays_s, strict=True)
     ]
-    if not factors:
-        return ""
-    causes = "; ".join((*tracked.rig.warnings, *summary["met"])) or "nothing that file or run names"
-    return f" The RMS error is {' and '.join(factors)}. Not in the linear model: {causes}."
 
 
-def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
-    right = {(each["actuator"], each["kind"]) for each in summary["failures"]}
-    for each in summary["events"]:
-        right |= {(each["actuator"], kind) for kind in EVENTS[each["name"]].named_as}
-    named = summary["diagnoses"]
-    parts = [
-        f"{each['actuator']} was named {each['kind']} after {1e3 * each['delay_s']:.0f} ms"
-        for each in named
-        if (each["actuator"], each["kind"]) in right and each["delay_s"] is not None
+def limited_by(tracked: Tracked) -> str | None:
+    """Name what most of the squared error comes from; None: nothing that is known here.
+
+    Saturation is seen in the run, all else by comparison with the linear model without it.
+    """
+    rig, run, predicted, cut = tracked.rig, tracked.run, tracked.predicted, first_tick(tracked.run)
+    often = run.saturated.mean(axis=0)
+    often[[failure.number for failure in run.failures]] = 0.0
+    if often.max() > _OFTEN:
+        servo, percent = rig.actuators[greatest(often)], f"{100 * often.max():.0f} % of the time"
+        return f"The servo of {servo} saturates: it gives its largest force for {percent}."
+
+    def squared(error: Array) -> float:
+        return float(((error / rig.nominal.noise) ** 2).sum(axis=-1).mean()) if len(error) else 0.0
+
+    if run.failures and squared(predicted.rms_after) < squared(run.error[cut:]) / 2:
+        return "After the failure most of the error is from the time until it was diagnosed."
+    without = {"noise of the sensors, which the loops pass on": (rig, 0.0)}
+    if rig.nominal.friction is not None:
+        smooth = replace(rig.control, nominal=replace(rig.nominal, friction=None))
+        without["dry friction in the joints"] = replace(rig, control=smooth), 1.0
+    most = "Before the failure most" if run.failures else "Most"
+    half, noise = squared(run.error[:cut]) / 2, run.measured - run.true
+    for cause, (other, scale) in without.items():
+        left = other.predict(run.desired, failures=run.failures, noise=scale * noise).rms_before
+        if squared(left) < half < squared(predicted.rms_before):
+            return f"{most} of the error is from {cause}."
+    return None
+
+
+def happened(summary: Mapping[str, Any]) -> str:
+    """Failures and events in words, in the order of time; one that is both is there once."""
+    entries = [(one["time_s"], f"{one['actuator']} {one['kind']}") for one in summary["failures"]]
+    for one in summary["events"]:
+        if EVENTS[one["name"]].failures != (one["name"],):
+            of = "" if one["actuator"] is None else f" of {one['actuator']}"
+            entries.append((one["time_s"], f"{one['name']}{of}"))
+    entries.sort(key=lambda entry: entry[0])
+    return ", ".join(f"{what} at {time_s:g} s" for time_s, what in entries)
+
+
+def verdict(summary: Mapping[str, Any]) -> str:
+    """What happened and what it cost; and what is left, as classified, with the diagnoses."""
+    rms = {
+        key: norms_said(summary[key], summary["units"]) if summary[key] else "unknown"
+        for key in ("rms_before", "rms_after", "predicted_rms_before")
+    }
+    robot, what = summary["robot"], happened(summary)
+    if not what:
+        model = f"by the linear model {rms['predicted_rms_before']}"
+        return f"{robot}: without a failure the RMS error is {rms['rms_before']}; {model}."
+    earlier = f", {rms['rms_before']} before" if summary["rms_before"] else ""
+    first = f"{robot}: after {what} the RMS error is {rms['rms_after']}{earlier}."
+    if summary["lost"] is not None:
+        return f"{first} {summary['lost']}"
+    can = "cannot" if summary["possible_after"][-1:] == [False] else "can"
+    found = [
+        f"{each['actuator']} was diagnosed {each['kind']} "
+        + ("wrongly" if each["delay_s"] is None else f"after {1e3 * each['delay_s']:.0f} ms")
+        for each in summary["diagnoses"]
     ]
-    wrong = sum((each["actuator"], each["kind"]) not in right for each in named)
-    if wrong:
-        parts.append(f"{wrong} wrong diagnos{'is' if wrong == 1 else 'es'} came besides")
-    if tracked.run.task_lost:
-        parts.append("the controller gave the task up")
-    parts += tracked.advice
-    if not parts and tracked.run.undiagnosed is not None:
-        return f"nothing was diagnosed, as {tracked.run.undiagnosed}"
-    return "; ".join(parts) or "nothing was diagnosed"
-
-
-def _with_units(values: Sequence[float] | None, unit: Sequence[str]) -> str:
-    if values is None:
-        return "unknown"
-    return ", ".join(said(value, each) for value, each in zip(values, unit, strict=True))
-
-
-def _rows(major: Sequence[int]) -> str:
-    return ", ".join(ROWS[row] for row in major)
-
-
-def _plural(major: Sequence[int]) -> str:
-    return "s" if len(major) > 1 else ""
+    diagnosed = ", ".join(found) or "nothing was diagnosed"
+    return f"{first} The remaining actuators {can} do the major task; {diagnosed}."
 
 
 def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
-    """Errors by major row, and what was diagnosed."""
-    columns: tuple[Column, ...] = (
-        Column("row", "row"),
-        Column("before", "rms_before"),
-        Column("pred.", "predicted_rms_before"),
-        Column("after", "rms_after"),
-        Column("pred.", "predicted_rms_after_when_named"),
-    )
+    """Errors by major row, and what happened and was diagnosed."""
+    named = {"before": "rms_before", "pred.": "predicted_rms_before", "after": "rms_after"}
+    named |= {"pred. ": "predicted_rms_after_when_named"}
     if tracked.told:
-        columns += (Column("pred.,\nat once", "predicted_rms_after"),)
+        named |= {"pred.,\nat once": "predicted_rms_after"}
     if tracked.undiagnosed is not None:
-        columns += (Column("without\ndiagnosis", "rms_after_without_diagnosis"),)
-    values = {name: summary[name] for name in _OF_ROWS if name.count("rms")}
+        named |= {"without\ndiagnosis": "rms_after_without_diagnosis"}
+    values = {heading: summary[key] for heading, key in named.items()}
     for one in summary.get("controllers", ()):
-        values |= {f"{key}_other": one[f"rms_{key}"] for key in ("before", "after")}
-    entries = [
+        label = controller_label(one["name"])
+        values |= {f"{label},\n{when}": one[f"rms_{when}"] for when in ("before", "after")}
+    rows = [
         {"row": ROWS[row]}
-        | {key: each and said(each[k], summary["units"][k]) for key, each in values.items()}
+        | {heading: each and said(each[k], summary["units"][k]) for heading, each in values.items()}
         for k, row in enumerate(tracked.rig.major)
     ]
-    if (other := tracked.other) is not None:
-        label = controller_label(other.name)
-        columns += (
-            Column(f"{label},\nbefore", "before_other"),
-            Column(f"{label},\nafter", "after_other"),
-        )
-    title = f"{tracked.rig.title}: RMS of desired minus true"
-    learns = "is never told"
+    learns = "is never informed"
     if tracked.told:
         learns = "learns of each failure when this one did; at once: that is informed at once"
     legend = (
         "Before and after the first failure or event. pred.: by the linear model with the noise "
         f"that the sensors had, with a controller that {learns}."
     )
-    named = summary["diagnoses"]
-    missing = "Without a delay: a false alarm; without a change: the commands went on as they were."
-    found = (
-        Column("actuator", "actuator"),
-        Column("named", "kind"),
-        Column("at, s", "time_s", ".3f"),
-        Column("after, s", "delay_s", ".3f"),
-        Column("commands\nchange, s", "acted_s", ".3f"),
+    title = f"{tracked.rig.title}: RMS of desired minus true"
+    errors = tabulate(
+        title, [Column(each.strip(), each) for each in ("row", *values)], rows, legend
     )
-    return [
-        tabulate(title, columns, entries, legend),
-        *event_tables(summary),
-        tabulate("Diagnoses", found, named, missing if named else ""),
+    columns = Column("at, s", "time_s", ".3f"), Column("what", "what"), Column("", "meaning")
+    log = tabulate("What happened", columns, _log(tracked, summary))
+    return [errors, log] if log.rows else [errors]
+
+
+def _log(tracked: Tracked, summary: dict[str, Any]) -> list[dict[str, Any]]:
+    """Failures, as classified, events and diagnoses, in the order of time."""
+    entries = [
+        one
+        | {"what": one["name"] if one["actuator"] is None else f"{one['actuator']} {one['name']}"}
+        | {"meaning": EVENTS[one["name"]].sentence}
+        for one in summary["events"]
     ]
+    for one, report in zip(summary["failures"], tracked.reports[1:], strict=True):
+        can = "possible" if is_possible(report) else "not possible"
+        meaning = f"major task {can}: {deciding_sentence(report)}"
+        entries.append(one | {"what": f"{one['actuator']} {one['kind']}", "meaning": meaning})
+    for one in summary["diagnoses"]:
+        meaning = "a false alarm" if one["delay_s"] is None else f"after {one['delay_s']:.3f} s"
+        if one["acted_s"] is not None:
+            meaning += f"; commands follow from {one['acted_s']:.3f} s on"
+        if one["withdrawn_s"] is not None:
+            meaning += f"; cleared at {one['withdrawn_s']:.3f} s"
+        what = f"{one['actuator']} diagnosed {one['kind']}"
+        entries.append(one | {"what": what, "meaning": meaning})
+    entries.sort(key=lambda one: one["time_s"])
+    return entries
 
 
 def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
-    """The verdict first, then what is assumed."""
+    """Sentences below the tables: the verdict first, then what is assumed."""
     rig = tracked.rig
-    found = [summary["verdict"], *_without_diagnosis(tracked, summary)]
+    found = [summary["verdict"], *tracked.advice]
+    if (leaves := tracked.predicted.leaves) is not None:
+        found.append(f"Nothing is predicted: in the linear model {leaves} leaves its range.")
+    elif tracked.uncompared is not None:
+        found.append(f"The linear model is not compared after it, as {tracked.uncompared}.")
+    for when in ("before", "after"):
+        ratio = summary[f"measured_over_predicted_{when}"]
+        if ratio is not None and abs(ratio - 1.0) >= AGREES:
+            what = f"{ratio:.3g} times the predicted one {when} the first failure"
+            found.append(f"The RMS error is {what}, by what is not in the linear model.")
     if summary["limited_by"] is not None:
         found.append(summary["limited_by"])
     if tracked.other is not None and tracked.other.failure is not None:
         found.append(f"{tracked.other.failure}; its last inputs were held from then on.")
-    if tracked.dither is not None:
-        found.append(_dither_said(tracked.dither, summary, rig.units))
+    if (dither := summary["dither"]) is not None:
+        moved = norms_said(dither["task_motion"], summary["units"])
+        found.append(
+            f"Dither of {dither['frequency_hz']:g} Hz, no actuator further than "
+            f"{largest_by_unit(dither['displacement'], rig.units)}: by the linear model "
+            f"{len(dither['isolable'])} failures can be told from those of other actuators in half "
+            f"a second; it moves the major rows by {moved} while nothing has failed."
+        )
     found += loops_said(rig.major, rig.margins)
-    demanded = "is" if rig.feedforward else "is not"
     assumed = (*rig.warnings, *summary["met"])
     found += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in assumed]
-    exact = "" if assumed else "exact "
+    demanded, exact = "is" if rig.feedforward else "is not", "" if assumed else "exact "
     found.append(
         f"The path {demanded} demanded through the inverse of the linear model. "
         f"{sizes_said(summary)} Diagnosis and controller have the {exact}model of the robot."
     )
-    for failure, text in zip(tracked.run.failures, tracked.verdicts[1:], strict=True):
-        found.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
     return found
 
 
-def _without_diagnosis(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
-    """What the same run costs without diagnosis, where something happens in it."""
-    if not tracked.told or not (tracked.run.failures or tracked.events):
-        return []
-    if (without := summary["rms_after_without_diagnosis"]) is None:
-        return ["The same run without diagnosis leaves the finite numbers."]
-    theirs, own = (norms_said(each, summary["units"]) for each in (without, summary["rms_after"]))
-    return [
-        f"The same run without diagnosis has an RMS error of {theirs} after {happened(summary)}, "
-        f"the major rows together; with it {own}."
-    ]
-
-
-def _dither_said(design: DitherDesign, summary: dict[str, Any], units: Sequence[str]) -> str:
-    """What it is for, and what it costs."""
-    entry = summary["dither"]
-    cost = _with_units(entry["task_motion"], summary["units"])
-    return (
-        f"Dither of {entry['frequency_hz']:g} Hz, no actuator further than "
-        f"{largest_by_unit(entry['displacement'], units)}: by the linear model "
-        f"{len(entry['isolable'])} of {len(design.separations.faults)} failures can be told from "
-        "those of other actuators "
-        f"in half a second; it moves the major rows with amplitudes of {cost} while nothing has "
-        "failed."
+def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
+    """Write `track.rrd`: the run, and beside it that of another controller."""
+    rig = tracked.rig
+    properties = {"seed": summary["seed"], "control_period_s": summary["control_period_s"]}
+    properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
+    about = About(
+        study="track",
+        identity=f"track-{rig.title}-seed{tracked.seed}",
+        said=[f"- {each}" for each in (summary["verdict"], *loops_said(rig.major, rig.margins))],
+        parameters=properties,
+        predicted=(summary["predicted_rms_before"], summary["predicted_rms_after_when_named"]),
+        checks=checks(summary),
+        verdict=summary["verdict"],
     )
+    runs = {rig.title: view_of(rig, tracked.run)}
+    if (other := tracked.other) is not None:
+        runs[controller_label(other.name)] = view_of(rig, other.run)
+    write_views(folder / "track.rrd", about, runs)

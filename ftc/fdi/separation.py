@@ -133,6 +133,11 @@ class Separations:
         apart = np.minimum(others, self.from_none) >= check.positive("threshold", threshold)
         return tuple(self.faults[k] for k in np.flatnonzero(apart))
 
+    def isolates(self, actuator: int, kind: str) -> bool:
+        """Whether a failure is among those that are isolable; a loose actuator counts as free."""
+        kind = "free" if kind == "loose" else kind
+        return any((each.actuator, each.kind) == (actuator, kind) for each in self.isolable())
+
     def alike_actuators(self, threshold: float = ALIKE) -> tuple[tuple[int, ...], ...]:
         """Groups of two or more actuators, in one chain of pairs nearer than the threshold."""
         return _groups(self.between_actuators < check.positive("threshold", threshold))

@@ -20,11 +20,12 @@ _AT_SITE = int(mujoco.mjtTrn.mjTRN_SITE)
 
 
 def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
-    """The first that has this name, own names before others'.
+    """The first actuator that has this name, own names before others'.
 
     Args:
-        name: Of a joint, tendon or actuator.
-        names: Of each, its own name first.
+        name: Of a joint, tendon or actuator; or digits, which are its number where none has them
+            for a name.
+        names: Of each actuator, its own name first.
 
     Raises:
         ValueError: None has; the nearest is named.
@@ -35,10 +36,12 @@ def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
     for number, own in enumerate(names):
         if name in own:
             return number
+    if name in (numbers := [str(number) for number in range(len(names))]):
+        return numbers.index(name)
     near = get_close_matches(name, chain(*names), 1)
     known = ", ".join(own[0] for own in names)
     hint = f'did you mean "{near[0]}"?' if near else f"it has {known}"
-    raise ValueError(f'the robot has no actuator or joint "{name}"; {hint}')
+    raise ValueError(f'the robot has no actuator or joint "{name:.80}"; {hint}')
 
 
 def names_of(some: Sequence["Drive"]) -> tuple[tuple[str, ...], ...]:

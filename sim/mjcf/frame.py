@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import NamedTuple
 
 import mujoco
@@ -12,7 +13,7 @@ import argument_checks as check
 from argument_checks.ties import ACCURACY
 from sim.array import Array
 from sim.errors import ModelError
-from sim.mjcf.model import element_id
+from sim.mjcf.model import element_id, listed
 
 _HALF_TURN = np.pi * (1 - ACCURACY)
 _CLEARLY_LESS = 9.8
@@ -108,15 +109,28 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     return Located(site, int(model.site_bodyid[site]), is_site=True)
 
 
-def frame_named(model: mujoco.MjModel, frame: str | Body) -> str | Body:
+def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str | Body:
     """A frame by a name of which it is not said what it names: a site, or else a body.
 
     A body without a name goes by its number.
+
+    Raises:
+        ModelError: There is neither; the message names the argument and the nearest names.
     """
-    if isinstance(frame, Body) or any(model.site(k).name == frame for k in range(model.nsite)):
+    if isinstance(frame, Body):
         return frame
-    is_name = any(model.body(k).name == frame for k in range(model.nbody))
-    return Body(int(frame) if frame.isdecimal() and len(frame) < 10 and not is_name else frame)
+    sites = [model.site(k).name for k in range(model.nsite)]
+    bodies = [model.body(k).name for k in range(model.nbody)]
+    if frame in sites:
+        return frame
+    if frame in bodies:
+        return Body(frame)
+    if frame.isdecimal() and len(frame) < 10:
+        return Body(int(frame))
+    names = [name for name in (*sites, *bodies) if name]
+    near = " or ".join(f'"{each}"' for each in get_close_matches(frame, names))
+    hint = f"did you mean {near}?" if near else f"it has {listed(names)}"
+    raise ModelError(f'{argument}: the model has no site or body "{frame:.80}"; {hint}')
 
 
 def _body(model: mujoco.MjModel, name: str | int) -> int:

@@ -144,8 +144,8 @@ def _refuse_without_stiffness(
     if any(law.per_speed for law in laws):
         raise ModelError(
             f"{called} is a velocity servo, whose control is a speed: a plant is commanded by "
-            "displacements: sim.servoed(model, natural_frequency_hz=...), or --servo HZ, makes it "
-            "a position servo"
+            "displacements: sim.servoed(model, natural_frequency_hz=...), --servo HZ or servo_hz= "
+            "makes it a position servo"
         )
     if not drive.has_length:
         raise ModelError(
@@ -155,7 +155,8 @@ def _refuse_without_stiffness(
         )
     raise ModelError(
         f"{called} is a torque motor, and no displacement follows from a torque: "
-        "sim.servoed(model, natural_frequency_hz=...), or --servo HZ, makes it a position servo"
+        "sim.servoed(model, natural_frequency_hz=...), --servo HZ or servo_hz= makes it a position "
+        "servo"
     )
 
 

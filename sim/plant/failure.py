@@ -1,8 +1,10 @@
 """Failures of an actuator during a run."""
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal, get_args
+from difflib import get_close_matches
+from typing import Literal, cast, get_args
 
 import mujoco
 
@@ -12,10 +14,15 @@ from sim.plant.plant import Plant
 FailureKind = Literal["locked", "free", "loose", "weak"]
 """Stuck where it is; without force; without force and spring; with a part of its force."""
 
+_LONGEST_NUMBER = 9
+"""Digits of an actuator's number in a text; more are a name."""
+
 
 @dataclass(frozen=True)
 class Failure:
     """One actuator fails at one time.
+
+    As text it is NAME:KIND@SECONDS, such as "strut1:locked@1.3", which :meth:`parse` reads.
 
     Attributes:
         actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`; or the
@@ -39,6 +46,35 @@ class Failure:
             check.index("actuator", self.actuator)
         check.number("time_s", self.time_s)
         check.at_most_one("effectiveness", self.effectiveness)
+
+    def __str__(self) -> str:
+        return f"{self.actuator}:{self.kind}@{str(float(self.time_s)).removesuffix('.0')}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Failure":
+        """Parse NAME:KIND@SECONDS, as `str` writes a failure; a weak one has the default part.
+
+        Args:
+            text: NAME of a joint, tendon or actuator, or the number of the actuator in digits.
+
+        Raises:
+            ValueError: Another form, no such kind, or no such time.
+            TypeError: `text` is of another type.
+        """
+        name, _, rest = check.instance("text", text, str).rpartition(":")
+        kind, _, time_s = rest.partition("@")
+        is_number = name.isascii() and name.isdecimal() and len(name) <= _LONGEST_NUMBER
+        actuator = int(name) if is_number else name
+        with suppress(ValueError):  # what is said below is of the whole text
+            if name:
+                return cls(actuator, cast(FailureKind, kind), float(time_s))
+        kinds = get_args(FailureKind)
+        near = [] if kind in kinds else get_close_matches(kind, kinds, 1)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        raise ValueError(
+            f"text must be NAME:KIND@SECONDS, with KIND one of {', '.join(kinds)} and SECONDS from "
+            f"0 on, got {check.shown(text)}{hint}"
+        )
 
     @property
     def number(self) -> int:

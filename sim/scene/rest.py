@@ -81,8 +81,8 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
         joint = int(model.dof_jntid[mine[greatest(speed)]])
         raise ModelError(
             f"the robot does not come to rest in {LONGEST_S:g} s: {joint_name(model, joint)} still "
-            f"moves at {speed.max():.2g} rad/s or m/s; start elsewhere (--keyframe) or pin it "
-            "(--pinned)"
+            f"moves at {speed.max():.2g} rad/s or m/s; start elsewhere (keyframe) or pin it "
+            "(pinned)"
         )
     data.time, data.qvel[:] = 0.0, 0.0
     mujoco.mj_forward(model, data)

@@ -33,7 +33,7 @@ _INSIDE = 0.05
 """Part of its range by which a joint begins inside: at its limit it could move one way only."""
 _OVERLAPS = 1e-3
 """Part of the model's extent by which bodies must overlap to be in collision."""
-_ELSEWHERE = "start elsewhere, at a keyframe for one (--keyframe, start=)"
+_ELSEWHERE = "start elsewhere, at a keyframe for one"
 _MOVED = 1e-3
 """Displacement of a joint, [rad] or [m], that is worth a sentence."""
 
@@ -129,14 +129,16 @@ def _compiled(
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, str | Body, Array]:
     """The file with locks and pins, the task frame, and the joint positions in the file."""
     spec, model = load_spec(file)
+    frame = frame_named(model, "site", frame)
+    pins = [replace(pin, frame=frame_named(model, "pinned", pin.frame)) for pin in pinned]
     data = begin(model)
     stated = data.qpos.copy()
     _clamp(model, data)
     mujoco.mj_fwdPosition(model, data)
-    stand(spec, model, data, [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned])
+    stand(spec, model, data, pins)
     if add_locks(spec, model) or pinned:
         model = spec.compile()
-    return spec, model, frame_named(model, frame), stated
+    return spec, model, frame, stated
 
 
 def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
@@ -147,7 +149,7 @@ def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
         left = "; ".join(_moved(part, start.qpos, rested))
         raise ModelError(
             f"the servos balance the start and do not keep it: {left}; make them stiffer (--servo "
-            "for torque motors) or pin more (--pinned)"
+            "or servo_hz= for torque motors) or pin more (pinned)"
         )
     _refuse_what_moves(part, rested)
     return rested
@@ -227,7 +229,7 @@ def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
     if found.joint is not None and of in found.moves:
         body = name_of(model.body(model.jnt_bodyid[found.joint]))
         feet = standing(part, start) or [body]
-        raise ModelError(f"{found.moves}: pin what stands, --pinned {','.join(feet)}")
+        raise ModelError(f"{found.moves}: pin what stands, pinned {','.join(feet)}")
 
 
 def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The checks of figures see what they are for, and the studies' figures pass them."""
+"""The checks of figures see what they are for."""
 
 import pytest
 from matplotlib.axes import Axes
@@ -58,10 +58,3 @@ def test_tick_labels_that_are_not_printed_overlap_nothing():
     figure.axes[1].set_axis_off()
     figure.axes[1].text(0, 0, "0 and no axis", transform=figure.axes[1].transAxes, va="top")
     assert faults(figure) == []
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("study", ["goals", "systems", "release", "recover", "survey"])
-def test_a_referee_finds_no_fault_with_the_figure_of_a_study(request, faults_of_figures, study):
-    request.getfixturevalue(f"{study}_folder")
-    assert faults_of_figures(study) == []

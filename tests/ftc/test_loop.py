@@ -287,12 +287,6 @@ def test_an_unsound_loop_fails_a_check(loop, change, word):
     assert word in sentence
 
 
-def test_a_referee_finds_no_fault_with_the_figures(jacobian_folder, faults_of_figures):
-    assert (jacobian_folder / "jacobian.json").is_file()
-    assert faults_of_figures("jacobian") == []
-    assert faults_of_figures("jacobian_loop") == []
-
-
 def test_the_command_leaves_figures_data_and_recordings(jacobian_folder, loop):
     names = {file.name for file in jacobian_folder.iterdir()}
     assert {"jacobian.json", "jacobian.png", "jacobian_loop.png"} <= names

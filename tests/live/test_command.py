@@ -31,8 +31,8 @@ def no_model(tmp_path) -> str:
         ((ARM, "--site", "tools", "--major", "3,4,5"), '"tools"'),
         ((ARM, "--site", "payload", "--major", "3,9"), "--major"),
         (("--site", "tool"), "--site needs a MODEL.xml"),
-        (("--port", "0"), "--port must be a number from 1 to 65535, got 0"),
-        (("--port", "70000"), "--port must be a number from 1 to 65535, got 70000"),
+        (("--port", "0"), "--port must be from 1 to 65535, got 0"),
+        (("--port", "70000"), "--port must be from 1 to 65535, got 70000"),
         (("--port", "many"), "--port"),
     ],
 )

@@ -10,10 +10,10 @@ import pytest
 
 from experiments.app.live.flight import Flight
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
 from experiments.rig.events import Event
 from experiments.rig.events.effects import Effect
 from experiments.rig.events.hooks import Hooks
+from experiments.rig.run import SOUND
 from sim import HEXAPOD_MJCF, Failure, Pose
 
 SEED, ON_THE_WAY = 3, 0.61

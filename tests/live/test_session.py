@@ -7,11 +7,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from experiments.app.live import session as sessions
 from experiments.app.live.course import COURSES, REST
 from experiments.app.live.session import LASTING, Kind, Session
 from experiments.rig import Rig
-from experiments.rig import session as sessions
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from ftc.supervisor import SupervisorState
 from tests.ftc.test_handover import LSB_PERCENT
 

@@ -12,8 +12,8 @@ from playwright.sync_api import Page
 
 from experiments.app.live.course import course
 from experiments.app.live.tour import TOUR, write_tour
-from experiments.rig.asked import asked_rig
 from experiments.rig.events import Event
+from experiments.rig.mjcf import rig_of
 from sim import Failure, FailureKind
 from tests.live.browser import browsed
 
@@ -128,7 +128,7 @@ def sizes(said: str) -> np.ndarray:
 
 def flown(stop: Any, of: str | None, supervised: bool) -> Any:
     """The same by a plan: the errors (N, m1) of a flight, and its run."""
-    rig = asked_rig(stop.model, stop.options)
+    rig = rig_of(stop.model, stop.options)
     path, _ = course(rig, "circle").at(np.arange(round((ENDS_S + 1.0) / rig.period_s)))
     pilot = rig.supervisor() if supervised else rig.controller()
     failures = [Failure(rig.number(of), KINDS[stop.happening], BREAKS_S)] if of else []

@@ -23,10 +23,10 @@ import numpy as np
 
 from experiments.rig import Rig, Run
 from experiments.rig.dither import dither_of
+from experiments.rig.reach import learnt_s, uncompared
 from experiments.rig.run import rms
 from experiments.study.provenance import commit
 from experiments.study.study import WrongInput
-from experiments.track.failures import learnt_s, uncompared
 from ftc.tracking import is_possible
 from prioritized import ConstrainedSystem
 from sim import (

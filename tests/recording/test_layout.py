@@ -32,8 +32,8 @@ def entities(scene):
 
 
 def test_what_is_constant_has_no_panel_unless_it_varies_in_a_run_beside():
-    still = {"secondary": np.zeros((400, 4)), "strut_input_percent": np.zeros((400, 6))}
-    alone, beside = made_view(**still), made_view()
+    none = np.zeros((400, 6))
+    alone, beside = made_view(secondary=none[:, :4], strut_input_percent=none), made_view()
     scene = scenes_of({"still": alone})["still"]
     assert entities(scene) == ["task/error", "closure/residual"]
     one, other = scenes_of({"still": alone, "moving": beside}).values()

@@ -168,8 +168,8 @@ def test_a_run_read_back_is_shown_as_it_was(kept):
     assert read.factor == view.factor
     for name, values in view.arrays.items():
         np.testing.assert_array_equal(read.arrays[name], values)
-    at = [run.arrays[name][[0, 299]] for name in ("task", "qpos")]
-    own, other = (each.motion(*at, 3.0) for each in (read, view))
+    displacements, qpos = (run.arrays[name][[0, 299]] for name in ("task", "qpos"))
+    own, other = (each.motion(displacements, qpos, 3.0) for each in (read, view))
     np.testing.assert_array_equal(own.position_m, other.position_m)
 
 

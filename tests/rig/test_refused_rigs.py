@@ -149,9 +149,7 @@ HAPPENS, STRUCK = [Target(Event, {"name": "bump", "time_s": 0.1})], [Failure(0, 
 LOCKS = [Target(Event, {"name": "locked", "time_s": 0.1, "actuator": 0})]
 SHORT, MISSING = np.zeros(1), np.full(2, NAN)
 VALUES = [
-    (MADE, "size", [*(each for each in NUMBERS if each is not None), 0.0, -1.0], "^size must"),
     (MADE + LOADED, "seed", [*NUMBERS, -1, 2.5], "^seed must"),
-    (LOADED, "joint_weight", [object(), [None]], "^joint_weight must"),
     (LOADED, "limits", ["some"], "^limits must be one of stated, none"),
     (PATH, "duration_s", [*NUMBERS, 0.0, -1, 1e9], "^duration_s must"),
     (PATH, "turn_s", [*NUMBERS, 0.0, -1], "^turn_s must"),
@@ -222,11 +220,20 @@ KINDS = [
     ([Target(record, {"path": "x.rrd", "run": None})], "rig", [None, 5], "^rig must"),
 ]
 BY_COMMANDS = [
-    (LOADED, "size", [*NUMBERS[:4], 0.0, -1.0, True], "^size must"),
+    (
+        MADE + LOADED,
+        "size",
+        [*(each for each in NUMBERS if each is not None), 0.0, -1],
+        "^size must",
+    ),
     (LOADED, "noise", [NAN, "x", [1, 2], True], "^noise must"),
-    (LOADED, "joint_weight", ["x", [-1.0]], "^joint_weight must"),
+    (LOADED, "joint_weight", ["x", [-1.0], object(), [None], NAN, True], "^joint_weight must"),
+    (LOADED, "major", ["x,w", [], [0, 6], ["x", 3], 0.5, None, [[0]]], "^major must be different"),
+    (LOADED, "servo_hz", ["x", NAN, -1.0], "^servo_hz must"),
+    (LOADED, "pinned", ["", ["a", " "], ":point"], "^pinned must"),
+    (LOADED, "start", ["home", "9", -1], r'^the model has no keyframe ".*; it has none'),
     (LOADED, "period", [None, NAN, "x"], "^period must"),
-    (PATH, "name", ["cirle"], "^name must be spiral, circle, steps .* did you mean .circle"),
+    (PATH, "name", ["cirle"], "^path must be spiral, circle, steps .* did you mean .circle"),
     (FLOWN, "failures", [[Failure("strut9", "locked")]], "strut9"),
 ]
 """What the words of a command refuse, too."""

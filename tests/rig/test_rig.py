@@ -234,7 +234,7 @@ def test_a_robot_starts_where_it_is_told_to():
     np.testing.assert_allclose(one.fly(one.controller(), np.zeros((2, 3))).qpos[0], start)
     with pytest.raises(ValueError, match="start"):
         Rig.of_mjcf(file, major=[3, 4, 5], start=start[:3])
-    with pytest.raises(ValueError, match='no body named "foot"'):
+    with pytest.raises(ValueError, match='pinned: the model has no site or body "foot"'):
         Rig.of_mjcf(file, major=[3, 4, 5], pinned=["foot"])
 
 
@@ -295,7 +295,7 @@ def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_o
     [
         ({"joint_weight": "1,2,3"}, "joint_weight must be one number or 2"),
         ({"size": -1.0}, "size must be from"),
-        ({"start": "home"}, "start home: the model has none"),
+        ({"start": "home"}, 'the model has no keyframe "home"; it has none'),
         ({"pinned": ["tool", ""]}, "pinned must be NAME or NAME:point"),
     ],
 )

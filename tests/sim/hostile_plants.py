@@ -92,6 +92,7 @@ FAILED = {"actuator": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5}
 
 TARGETS = {
     "Failure": Target(struck, FAILED),
+    "Failure.parse": Target(lambda **a: str(Failure.parse(**a)), {"text": "strut1:locked@1.3"}),
     "Failure.strike": Target(Failure(0, "weak").strike, {"plant": Plant(MODEL)}),
     "failed_plant": Target(
         lambda **a: state(failed_plant(**a)), {"model": MODEL, "failures": [Failure(0, "locked")]}

@@ -290,7 +290,7 @@ def test_a_base_that_falls_is_refused_with_pins_that_work(tmp_path):
     file = biped(tmp_path)
     with pytest.raises(ModelError, match="gravity moves the free joint") as refused:
         robot_scene(file, "hand", None, mujoco.MjData)
-    names = str(refused.value).split("--pinned ")[1].split(",")
+    names = str(refused.value).split("pinned ")[1].split(",")
     assert names == ["left_foot", "right_foot"]
     pins = [Pin(name, weld=True) for name in names]
     scene = robot_scene(file, "hand", None, mujoco.MjData, pins)
@@ -383,7 +383,7 @@ ACROBAT = """
 def test_a_root_that_slides_is_refused_with_what_stands_when_it_has_fallen(tmp_path):
     file = tmp_path / "acrobat.xml"
     file.write_text(ACROBAT)
-    with pytest.raises(ModelError, match=r'joint "rootz": no actuator .*--pinned leg:point$'):
+    with pytest.raises(ModelError, match=r'joint "rootz": no actuator .*, pinned leg:point$'):
         robot_scene(file, "toe", None, mujoco.MjData)
 
 

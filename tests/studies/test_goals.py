@@ -410,15 +410,6 @@ def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_the_controller
     assert believed.max() < hotter.max() < LIMIT_C
 
 
-def test_everything_named_is_there(goals, goals_folder):
-    named = {goal[kind] for goal in goals["goals"] for kind in ("recording", "data")}
-    named |= {"goals.json", "goals.md", "goals.png", "goals.pdf"}
-    assert {file.name for file in goals_folder.iterdir()} == named
-    assert goals["experiment"] == "goals"
-    assert set(goals["model_sha256"]) == {"fjh", "arm"}
-    assert {"seed", "versions", "bench"} <= set(goals)
-
-
 def goals_in(folder: Path, goals: dict) -> Goals:
     """What the study returned, read back from its data."""
     outcomes: dict[str, dict[str, Outcome]] = {}
@@ -494,19 +485,7 @@ def test_an_unsound_experiment_is_called_so(goals):
         assert "closure residual [m] is 2e-08, expected below 1e-08" in sentence
 
 
-ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "goals.md").read_text()
-
-
-def test_every_test_file_and_picture_that_the_goals_page_speaks_of_exists():
-    own = Path(__file__).read_text()
-    named = set(re.findall(r"`(test_\w+)`", PAGE))
-    assert len(named) > 8
-    assert {name for name in named if f"def {name}(" not in own} == set()
-    for path in re.findall(r"`((?:experiments|sim|models)/[\w/]+\.\w+)`", PAGE):
-        assert (ROOT / path).is_file(), path
-    for picture in re.findall(r"\((pictures/\w+\.png)\)", PAGE):
-        assert (ROOT / "docs" / picture).is_file(), picture
+PAGE = (Path(__file__).parents[2] / "docs" / "goals.md").read_text()
 
 
 def test_the_goals_page_has_a_row_for_every_run_and_its_limits(goals):

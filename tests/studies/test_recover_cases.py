@@ -23,7 +23,6 @@ from experiments.recover.command import events_of, failures_of, healthy_for
 from experiments.recover.plan import BENCH, MISMATCHES, Block, Case, Course, exact_rig, sizes_of
 from experiments.recover.row import SCHEMA, row_of, supervised_columns
 from experiments.recover.simulate import Holding, supervised, tick_at, unaware
-from experiments.rig.choices import Failing
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.hexapod.mismatch import ALL, DRAWN, OTHER, differing
 from experiments.rig.mismatch import Mismatch
@@ -39,7 +38,7 @@ from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.causes import Cause
 from ftc.oracle import NEVER
-from sim import Failure, SimulationDiverged
+from sim import Failure, FailureKind, SimulationDiverged
 from tests.profiles import examples
 
 WHOLE = plan.hexapod_failures(plan.WHOLE, healthy_for(2.0), BENCH.duration_s, 7)
@@ -148,7 +147,7 @@ def test_every_event_has_its_cases_and_those_of_one_draw_differ_in_it_alone():
     same = {replace(case, number=0, events=(), compared=()) for case in cases}
     assert len(times) == len(same) == 12
     told = {case.events[0].name for case in cases if "informed" in case.compared}
-    assert told == {name for name in EVENTS if name in get_args(Failing)}
+    assert told == {name for name in EVENTS if name in get_args(FailureKind)}
 
 
 def test_all_courses_and_struts_are_run_with_either_family_some_before_all_is_learned():

@@ -18,17 +18,16 @@ from experiments.recover.plan import Case, exact_rig
 from experiments.recover.results import checks, described
 from experiments.recover.row import SCHEMA, row_of
 from experiments.rig import Rig
-from experiments.rig.choices import Sensing
 from experiments.rig.dither import rig_dither
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import DITHER_SIZE, RobotOptions
+from experiments.rig.options import DITHER_SIZE, RobotOptions, Sensing
 from experiments.study.campaign import Row
 from experiments.study.study import Interrupted, WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
 
-MAJOR = {"arm": "0,1", "hand": "3,4", "platform": "3,4", "arms": "3,4,5"}
+MAJOR = {"arm": (0, 1), "hand": (3, 4), "platform": (3, 4), "arms": (3, 4, 5)}
 FAILS_S = 1.2
 
 
@@ -146,7 +145,7 @@ def test_a_dither_that_is_none_is_refused_in_a_sentence(words):
 def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
     design = rig_dither(designed("platform", "both")[0], "7")
     assert design is not None and design.dither.frequency_hz == 7.0
-    whole = robot_rig(file("platform"), RobotOptions(major="2,3,4", crossover=0.7))
+    whole = robot_rig(file("platform"), RobotOptions(major=(2, 3, 4), crossover=0.7))
     assert rig_dither(whole, "designed") is None
     assert rig_dither(whole, "none") is None
 
@@ -161,10 +160,14 @@ def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
         if done == stop_at:
             raise KeyboardInterrupt
 
-    usual: dict[str, Any] = {option.name: option.default for option in STUDY.options}
-    usual |= {"seed": 0, "quick": True, "crossover": 0.7, "workers": None}
-    usual |= {"folder": folder, "resume": False, "on_progress": interrupt}
-    with run(**usual | words) as outcome:
+    words = {"crossover": 0.7, "resume": False} | words
+    given: dict[str, Any] = {
+        option.name: option.checked(words.pop(option.name, option.default), option.flag)
+        for option in STUDY.options
+    }
+    given |= {"seed": 0, "quick": True, "workers": None, **words}
+    given |= {"folder": folder, "on_progress": interrupt}
+    with run(**given) as outcome:
         assert isinstance(outcome, Outcome)
         files = outcome.done.dataset.files()
         return [row for part in files for row in pq.read_table(part).to_pylist()]
@@ -176,8 +179,8 @@ def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
         ({"turn": 0.0}, "--turn must be from 0.001 to"),
         ({"major": "0,9"}, "--major must be different rows from 0 to 5"),
         ({"noise": -1.0}, "--noise must be from 1e-15 to 1000, got -1"),
-        ({"dither": "often"}, "--dither must be none, default, designed, or a frequency"),
-        ({"joint_weight": "1,2"}, "--joint-weight must be one number or 7, got 2"),
+        ({"dither": "often"}, "dither must be none, default, designed, or a frequency"),
+        ({"joint_weight": "1,2"}, "joint_weight must be one number or 7, got 2"),
         ({"scheduler": "tcp://there:1"}, "--scheduler does not go with --model"),
         ({"model": None}, "--crossover needs --model"),
     ],

@@ -25,7 +25,7 @@ from tests.random_systems import SEEDS
 
 TOLERANCE = 1e-9
 HAND = HEXAPOD_MJCF.with_name("hand.xml")
-PLACING = RobotOptions(major="3,4")
+PLACING = RobotOptions(major=(3, 4))
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 7))
@@ -178,10 +178,10 @@ def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
 @pytest.mark.parametrize(
     ("name", "task", "said"),
     [
-        ("quadruped", {"site": "trunk", "major": "3,4,5"}, "no actuator moves trunk"),
-        ("hand", {"major": "2,3,4"}, "leaves no motion"),
+        ("quadruped", {"site": "trunk", "major": (3, 4, 5)}, "no actuator moves trunk"),
+        ("hand", {"major": (2, 3, 4)}, "leaves no motion"),
         ("humanoid", {"site": "left_hand"}, "is a torque motor"),
-        ("mobile", {"site": "nothing"}, 'no body named "nothing"'),
+        ("mobile", {"site": "nothing"}, 'no site or body "nothing"'),
     ],
 )
 def test_where_nothing_can_be_said_a_sentence_says_why(name, task, said):

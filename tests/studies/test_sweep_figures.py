@@ -80,10 +80,3 @@ def test_the_atlas_claims_only_as_many_failures_as_every_condition_survives():
     shown = {str(line.get_label()): np.asarray(line.get_ydata()).tolist() for line in axes.lines}
     assert sorted(shown["both pointing directions left"]) == [0.4, 0.4, 0.6]
     assert (shown["one left"], shown["one left, singular pose"]) == ([3.0], [90.0])
-
-
-def test_a_referee_finds_no_fault_with_the_figures(sweep_folder, atlas_folder, faults_of_figures):
-    assert (sweep_folder / "sweep.png").is_file()
-    assert (atlas_folder / "atlas_flown.png").is_file()
-    assert faults_of_figures("sweep") == []
-    assert faults_of_figures("atlas_flown") == []

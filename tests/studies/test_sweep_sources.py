@@ -75,6 +75,7 @@ def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pat
         "prioritized/_solver/*.py",
         "sim/*.py",
         "sim/mjcf/*.py",
+        "experiments/rig/*.py",
         "experiments/rig/hexapod/machine.py",
         *(f"experiments/study/{name}.py" for name in ("basis", "campaign", "dataset", "parquet")),
         *(f"experiments/sweep/{name}.py" for name in ("design", "row", "sweep_run")),

@@ -111,13 +111,13 @@ FALLING = """
     ("further", "said"),
     [
         (["--fail", "joint44:locked@0.1"], 'did you mean "joint4"'),
-        (["--fail", "joint4:melted@1"], "NAME:KIND@SECONDS"),
-        (["--fail", "joint4:locked@99"], "the run ends at"),
+        (["--fail", "joint4:melted@1"], "--fail must be NAME:KIND@SECONDS"),
+        (["--fail", "joint4:locked@99"], "--fail must be before the run ends at 1 s"),
         (["--major", "0,7"], "different rows from 0 to 5"),
         (["--path", "zigzag"], "spiral, circle, steps or FILE.npz"),
-        (["--path", "none.npz"], "cannot be read"),
-        (["--joint-weight", "1,2"], "--joint-weight must be one number or 7"),
-        (["--keyframe", "home"], "the model has none"),
+        (["--path", "none.npz"], "there is no file"),
+        (["--joint-weight", "1,2"], "joint_weight must be one number or 7"),
+        (["--keyframe", "home"], 'no keyframe "home"; it has none'),
         (["--size", "-1"], "--size must be from"),
         (["--site", "tip"], "tip"),
     ],
@@ -144,7 +144,7 @@ def test_a_path_out_of_reach_is_refused_with_what_is_at_a_limit(tmp_path, capsys
     options = ["--site", "hand", "--major", "3,4,5", "--size", "0.6", "--duration", "4"]
     assert main(["track", str(file), *options, "--out", str(tmp_path / "out")]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "out of reach" in said and "--size" in said
+    assert "out of reach" in said and "smaller size" in said
 
 
 def test_paths_begin_at_the_start_and_keep_their_size():

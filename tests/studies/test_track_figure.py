@@ -7,7 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.track.figure import figure_track, headline, prefixed
+from experiments.rig.units import prefixed
+from experiments.track.figure import figure_track
+from experiments.track.results import verdict
 from tests.figure_checks import overlapping_texts, text_faults
 
 MJCF = """<mujoco><worldbody>
@@ -31,29 +33,43 @@ SUMMARY: dict[str, Any] = {
     "robot": "crane",
     "units": ["rad", "m"],
     "rms_before": [3e-6, 4e-5],
+    "predicted_rms_before": [2e-6, 3e-5],
     "rms_after": [6e-6, 8e-5],
     "failures": [{"actuator": "motor", "kind": "locked", "time_s": 1.0}],
+    "possible_after": [True],
+    "lost": None,
     "events": [],
     "diagnoses": [{"actuator": "motor", "kind": "locked", "time_s": 1.1, "delay_s": 0.1}],
 }
+SUMMARY["verdict"] = verdict(SUMMARY)
+LOCK = (
+    "crane: after motor locked at 1 s the RMS error is 6 µrad and 80 µm, 3 µrad and 40 µm before."
+)
 
 
-def test_the_title_says_what_failed_when_it_was_named_and_what_it_cost():
-    assert headline(SUMMARY) == (
-        "crane: after motor locked at 1 s (named after 100 ms) the RMS error is 6 µrad and 80 µm, "
-        "3 µrad and 40 µm before."
+def test_the_verdict_says_what_failed_what_it_cost_what_is_left_and_what_was_diagnosed():
+    assert verdict(SUMMARY) == (
+        f"{LOCK} The remaining actuators can do the major task; motor was diagnosed locked after "
+        "100 ms."
     )
-    unnamed = headline(SUMMARY | {"diagnoses": []})
-    assert "(not named)" in unnamed
+    wrong = {"diagnoses": [SUMMARY["diagnoses"][0] | {"delay_s": None}], "possible_after": [False]}
+    assert verdict(SUMMARY | wrong) == (
+        f"{LOCK} The remaining actuators cannot do the major task; motor was diagnosed locked "
+        "wrongly."
+    )
+    assert verdict(SUMMARY | {"lost": "It is lost."}) == f"{LOCK} It is lost."
     bump = {"name": "bump", "actuator": None, "time_s": 0.5}
-    assert "after bump at 0.5 s, motor locked at 1 s (" in headline(SUMMARY | {"events": [bump]})
-    sound = SUMMARY | {"failures": [], "rms_after": None}
-    assert headline(sound) == "crane: without a failure the RMS error is 3 µrad and 40 µm."
+    assert "after bump at 0.5 s, motor locked at 1 s the" in verdict(SUMMARY | {"events": [bump]})
+    healthy = SUMMARY | {"failures": [], "rms_after": None}
+    assert verdict(healthy) == (
+        "crane: without a failure the RMS error is 3 µrad and 40 µm; by the linear model 2 µrad "
+        "and 30 µm."
+    )
 
 
 def test_rows_of_one_unit_are_one_error_their_norm():
     together = SUMMARY | {"units": ["m", "m"], "rms_after": [3e-6, 4e-6]}
-    assert "is 5 µm," in headline(together)
+    assert "is 5 µm," in verdict(together)
 
 
 def test_actuators_are_named_and_scaled_by_their_own_unit():

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.app.command import as_command
-from experiments.rig.options import LOOPS, PATH, ROBOT, SENSE, TASK, RobotOptions
-from experiments.rig.spelling import check_robot
+from experiments.rig.options import LOOPS, ROBOT, SENSE, SIZE, TASK, RobotOptions
 from experiments.study.files import usable_file, usable_folder
 from experiments.study.study import Option, WrongInput
 from experiments.study.terminal import Ending, print_ending, progress
@@ -31,14 +30,16 @@ _HELP = """Break a machine in the browser, and see what its controller does abou
 _OPTIONS = (
     ROBOT,
     *TASK,
-    PATH[0],
+    SIZE,
     SENSE,
     *LOOPS,
     Option("port", int | None, None, "To listen at.  [default: 8080, or the next that is free]",
-           "PORT"),
-    Option("seed", int, 0, "Seed of all noise, and of what is drawn of disturbances.", "N"),
+           "PORT", bounds=(1, 65535)),
+    Option("seed", int, 0, "Seed of all noise, and of what is drawn of disturbances.", "N",
+           bounds=(0, 2**32 - 1)),
     Option("tour", Path | None, None, "Write a page of all that can happen, and end.", "FILE.html"),
-    Option("out", Path, Path("results", "live"), "Folder for recordings that are asked for."),
+    Option("out", Path, Path("results", "live"), "Folder for recordings that are asked for.",
+           "FOLDER"),
 )  # fmt: skip
 _PACKAGES = ("viser", "mjviser")
 
@@ -51,18 +52,15 @@ def _live(
             f"fjh live needs packages that are not installed, {' and '.join(absent)}: "
             'pip install "fault-tolerant-hexapod[live]"'
         )
-    if port is not None and port not in range(1, 1 << 16):
-        raise WrongInput(f"--port must be a number from 1 to 65535, got {port}")
-    check_robot(model=model, **robot)
     if tour is not None:
         _tour(tour, model, RobotOptions(**robot), seed)
         return
     usable_folder(out)
     with progress("live"):
         from experiments.app.live.page import HOST, Page, local_server, stop
-        from experiments.rig.asked import asked_rig
+        from experiments.rig.mjcf import rig_of
 
-        rig = asked_rig(model, RobotOptions(**robot))
+        rig = rig_of(model, RobotOptions(**robot))
         server = local_server(port)
         try:
             page = Page(server, rig, out, seed)

@@ -16,10 +16,10 @@ from experiments.app.live.session import LASTING, Kind, Session
 from experiments.app.live.stage import FRAME_S, NAMES, Stage
 from experiments.recording.file import round_down
 from experiments.rig import Rig
-from experiments.rig.asked import asked_rig
-from experiments.rig.choices import SOUND
 from experiments.rig.events import EVENTS
+from experiments.rig.mjcf import rig_of
 from experiments.rig.options import RobotOptions
+from experiments.rig.run import SOUND
 from experiments.rig.units import norms_said
 
 BREAKS_S, ENDS_S = 1.5, 4.5
@@ -75,7 +75,7 @@ class Filmed:
 
 @cache
 def _rig(model: Path | None, options: RobotOptions) -> Rig:
-    return asked_rig(model, options)
+    return rig_of(model, options)
 
 
 def filmed(model: Path | None, options: RobotOptions, happening: str, seed: int) -> Filmed:

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
 from experiments.rig.events import Event
 from experiments.rig.events.effects import Effect
 from experiments.rig.events.hooks import Hooks, effect_of
-from experiments.rig.run import run_of
+from experiments.rig.run import SOUND, run_of
 from ftc.loop import LoopRun, one_tick
 from ftc.status import status
 from ftc.supervisor import SupervisorState

@@ -10,7 +10,7 @@ from experiments.app.live.stage import NAMES
 from experiments.recording.record import About, write_views
 from experiments.recording.view import Change, RunView, in_order, view_of
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.study.files import published
 from experiments.study.provenance import version_properties, versions
 

@@ -12,8 +12,8 @@ from experiments.app.live.course import COURSES
 from experiments.app.live.gate import NOW
 from experiments.app.live.session import LASTING, Kind, Session
 from experiments.app.live.stage import COLORS, NAMES
-from experiments.rig.choices import SOUND
 from experiments.rig.events import EVENTS
+from experiments.rig.run import SOUND
 from experiments.rig.units import norms_said
 from sim import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.app.live.course import COURSES, course
 from experiments.app.live.flight import Flight
 from experiments.rig import Rig, Run
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from ftc.supervisor import Supervisor, SupervisorState
 
 Kind = Literal["sound", "locked", "free", "weak", "loose"]

@@ -16,7 +16,7 @@ from experiments.recording.machine import ahead_of
 from experiments.recording.motion import BODIES, Motion, mover
 from experiments.rig import Rig
 from experiments.rig.bodies import body_name
-from experiments.rig.choices import SOUND
+from experiments.rig.run import SOUND
 from experiments.study.palette import BLUE, FAILED, VERMILION
 from sim import Array
 

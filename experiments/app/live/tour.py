@@ -16,7 +16,7 @@ from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress
 from sim import MODELS
 
-_ARM = (MODELS / "arm.xml", RobotOptions(major="3,4,5"))
+_ARM = (MODELS / "arm.xml", RobotOptions(major=(3, 4, 5)))
 _HEXAPOD = (None, RobotOptions())
 _WIDTH, _LEFT, _TOP, _DECADE = 360.0, 50.0, 16.0, 28.0
 """Of a plot, in its own units."""

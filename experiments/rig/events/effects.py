@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import mujoco
 import numpy as np
 
-from experiments.rig.choices import Failing
-from experiments.study.spelling import hint
+from experiments.study.spelling import nearest
 
 if TYPE_CHECKING:
     from experiments.rig.events.hooks import Target
-    from sim import Array
+    from sim import Array, FailureKind
 
 Of = Literal["actuator", "supply", "machine", "sensor"]
 Cause = Literal["offset", "supply", "scale"]
@@ -30,8 +29,8 @@ GRAVITY = 9.81
 """Acceleration that gives weights [m/s^2], also in a model without gravity."""
 FULL = 20.0
 """Full displacement of an actuator without limits, as a multiple of the path's reach."""
-_LOCKED: tuple[Failing, ...] = ("locked",)
-_UNMOVED: tuple[Failing, ...] = ("free", "locked")
+_LOCKED: "tuple[FailureKind, ...]" = ("locked",)
+_UNMOVED: "tuple[FailureKind, ...]" = ("free", "locked")
 """What obeys no input: free where a spring takes the load, locked where a servo does."""
 
 
@@ -66,8 +65,8 @@ class Kind:
 
     sentence: str
     of: Of
-    named_as: tuple[Failing, ...]
-    failures: tuple[Failing, ...]
+    named_as: "tuple[FailureKind, ...]"
+    failures: "tuple[FailureKind, ...]"
     after_s: float
     cause: Cause | None
     effect: "Callable[[Target], Effect]"
@@ -99,7 +98,9 @@ class Event:
         if not isinstance(self.name, str):
             raise TypeError(f"name must be the name of an event, got {self.name!r:.80}")
         if self.name not in EVENTS:
-            raise ValueError(f'there is no event "{self.name:.80}"{hint(self.name, EVENTS)}')
+            raise ValueError(
+                f'there is no event "{self.name:.80}"{nearest(self.name, EVENTS, listed=True)}'
+            )
         is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
         if not (is_time and 0.0 <= self.time_s <= LATEST_S):
             said = f"a time from zero on, got {self.time_s!r:.80}, and at most {LATEST_S:g} s"
@@ -113,6 +114,24 @@ class Event:
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(f"{self.name} is of no single actuator, got {self.actuator}")
 
+    @classmethod
+    def parse(cls, text: str) -> "Event":
+        """Parse NAME@SECONDS or, of what happens to an actuator, NAME:ACTUATOR@SECONDS.
+
+        Raises:
+            ValueError, TypeError: Another form; or as of an event that is made.
+        """
+        if not isinstance(text, str):
+            raise TypeError(f"text must be that of an event, got {text!r:.80}")
+        what, _, time_s = text.rpartition("@")
+        name, _, actuator = what.partition(":")
+        try:
+            seconds = float(time_s)
+        except ValueError:
+            expected = "NAME@SECONDS or NAME:ACTUATOR@SECONDS"
+            raise ValueError(f"text must be {expected}, got {text!r:.80}") from None
+        return cls(name, seconds, actuator or None)
+
     @property
     def kind(self) -> Kind:
         """What `EVENTS` says of it."""
@@ -123,8 +142,8 @@ def event(
     of: Of,
     name: str,
     sentence: str,
-    named_as: tuple[Failing, ...] = (),
-    failures: tuple[Failing, ...] = (),
+    named_as: "tuple[FailureKind, ...]" = (),
+    failures: "tuple[FailureKind, ...]" = (),
     *,
     after_s: float = 0.0,
     cause: Cause | None = None,

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.closed_form import CLEARLY_REGULAR, StrutKinematics
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.options import JacobianChoice
 from ftc.control.compensator import (
     Compensator,
     LoopShape,

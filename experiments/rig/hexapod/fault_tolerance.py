@@ -6,7 +6,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.rig.hexapod.choices import STRUTS
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.verdicts import Verdict, verdicts
@@ -16,6 +15,9 @@ from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.reconfiguration import Unused
 from prioritized import ConstrainedSystem, FailureAtlas
 from sim import Array, Plant, element_id, jacobians, joint_stiffness
+
+STRUTS = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
+"""Names of the hexapod's actuators, as people know them, and in its file."""
 
 
 def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from experiments.rig.hexapod.mismatch import ALL, SIZES, Differences, differing
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Mismatch, without
@@ -73,9 +74,7 @@ class HexapodMachine:
         bench, ticks, plant = self.testbed.bench, len(time_s), Plant(self.model)
         period_s = bench.control_period_s
         mujoco.mj_copyData(plant.data, plant.model, self.rest)
-        floors = [self.floor(ticks)]
-        if self.floor_m_per_s2 is not None:
-            floors.append(after_rest(ticks - len(self.floor_m_per_s2), self.floor_m_per_s2))
+        floors = [self.floor(ticks), self._given_floor(time_s)]
         moves = [each for each in floors if each is not None]
         return Bench(
             plant,
@@ -99,6 +98,18 @@ class HexapodMachine:
         return floor_acceleration(
             ticks, period_s, self.differs.floor_m_per_s, self.differs.floor_seed
         )
+
+    def _given_floor(self, time_s: Array) -> Array | None:
+        """Acceleration of the floor that is given, at times (N,), the first repeated in a lead-in.
+
+        Raises:
+            ValueError: It is not of the ticks of the path.
+        """
+        if self.floor_m_per_s2 is None:
+            return None
+        rest = int((time_s == time_s[0]).sum()) - 1
+        ticks = len(time_s) - rest
+        return after_rest(rest, check.exactly("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
 
     def zero_rad(self, ticks: int) -> Array:
         """Where the detector's zero has drifted to in (alpha, beta), tick by tick, shape (N, 2)."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.rig.hexapod.choices import STRUTS, JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.compiled_loop import begun
 from experiments.rig.hexapod.controller import (
@@ -18,6 +17,7 @@ from experiments.rig.hexapod.controller import (
 )
 from experiments.rig.hexapod.fault_tolerance import (
     DITHER,
+    STRUTS,
     UNUSED,
     elastic_system,
     nominal_model,
@@ -25,6 +25,7 @@ from experiments.rig.hexapod.fault_tolerance import (
 )
 from experiments.rig.hexapod.machine import HexapodMachine
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.options import JacobianChoice
 from experiments.rig.rig import Rig
 from ftc.control.compensator import Compensator, Margins
 from ftc.control.mapping import DisplacementForm
