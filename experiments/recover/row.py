@@ -76,9 +76,8 @@ def row_of(case: Case) -> Row:
             beside["informed"] = lambda: _informed(rig, case, failures, run)
         if case.sort == "healthy":
             # Whether alarms changed a command is found by a run without a diagnosis.
-            row["commands_changed"] = bool(row["alarms"]) and not np.array_equal(
-                run.inputs, unaware(rig, case).inputs
-            )
+            without = unaware(rig, case) if row["alarms"] else run
+            row["commands_changed"] = not np.array_equal(run.inputs, without.inputs)
     for controller, simulate in beside.items():
         theirs, row[f"{controller}_ended"] = attempted(simulate)
         row |= {} if theirs is None else errors(rig, case, theirs, controller)
