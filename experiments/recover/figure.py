@@ -13,13 +13,14 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from argument_checks.ties import ascending
 from experiments.recover.statistics import WORST, counted
 from experiments.rig.events import EVENTS
-from experiments.study import plotting as p
+from experiments.study.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from experiments.study.plotting import PAGE_IN, new_figure
 from experiments.study.results import Picture
 from ftc.fdi.fault_model import KINDS
 
-_AFTER = {"supervised": p.BLUE, "unaware": p.ORANGE, "other": p.PURPLE}
+_AFTER = {"supervised": BLUE, "unaware": ORANGE, "other": PURPLE}
 """Controllers whose error after recovery is compared with that of an informed one."""
-_OF = {"actuator": p.BLUE, "supply": p.ORANGE, "machine": p.GREEN, "sensor": p.VERMILION}
+_OF = {"actuator": BLUE, "supply": ORANGE, "machine": GREEN, "sensor": VERMILION}
 GROUPS = {
     "coils: gain, hysteresis": ("gain", "hysteresis"),
     "springs, dampers, masses": ("stiffness", "damping", "inertia"),
@@ -75,7 +76,7 @@ def figure_failures(title: str, frame: pd.DataFrame) -> Figure:
     """How fast, what recovery is worth, and what a wrong model costs."""
     flown = frame[frame["status"].eq("flown") & frame["sort"].isin(["failure", "size"])]
     mixed = flown[flown["sort"].eq("failure") & flown["mismatch"].eq("all")]
-    figure = p.new_figure(p.PAGE_IN, 5.4)
+    figure = new_figure(PAGE_IN, 5.4)
     figure.suptitle(title)
     panels = figure.subplot_mosaic("da;ss", height_ratios=[1.25, 1])
     draw_delays(panels["d"], mixed)
@@ -84,7 +85,7 @@ def figure_failures(title: str, frame: pd.DataFrame) -> Figure:
     for name in "da":  # legends above shares of up to 100 %, where no curve is, whatever the runs
         panels[name].set(ylim=(-0.04, 1.5), yticks=np.linspace(0, 1, 6))
         panels[name].legend(loc="upper center")
-    cells = {"rightly named in all failures": p.SKY, "wrong or not named in some": p.ORANGE}
+    cells = {"rightly named in all failures": SKY, "wrong or not named in some": ORANGE}
     handles = [Patch(color=color, label=label) for label, color in cells.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
@@ -94,7 +95,7 @@ def draw_delays(axes: Axes, mixed: pd.DataFrame) -> None:
     """Share of failures whose actuator is rightly named, over the time since the failure."""
     named_ms = (1e3 * mixed["named_s"]).where(mixed["right"].eq(True), np.inf)
     latest_ms = named_ms[named_ms < np.inf].max() if named_ms.min() < np.inf else 10.0
-    for kind, color in zip(KINDS, (p.BLUE, p.VERMILION, p.GREEN), strict=True):
+    for kind, color in zip(KINDS, (BLUE, VERMILION, GREEN), strict=True):
         if len(own := named_ms[mixed["kind"] == kind]):
             label = f"{kind}: {int((own < np.inf).sum())} of {len(own)}"
             axes.ecdf(own, label=label, color=color)
@@ -122,7 +123,7 @@ def draw_sizes(axes: Axes, flown: pd.DataFrame) -> None:
     factors = sorted(counts.index.unique(level=1))
     for (group, factor), (right, count) in counts.iterrows():
         row, column = groups.index(group), factors.index(factor)
-        color = p.SKY if right == count else p.ORANGE
+        color = SKY if right == count else ORANGE
         axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fc=color, ec="white"))
         axes.text(column, row, f"{right} of {count}", ha="center", va="center")
     wrong = counts.index.get_level_values(1)[counts["sum"] < counts["count"]].min()
@@ -143,7 +144,7 @@ def figure_events(title: str, frame: pd.DataFrame, noise: float) -> Figure:
     groups = [list(_OF).index(EVENTS[name].of) for name in worst.index]
     names = [worst.index[k] for k in ascending(groups, worst)]
     rows = pd.Series(range(len(names)), index=names)
-    figure = p.new_figure(p.PAGE_IN, 1.6 + 0.19 * len(names))
+    figure = new_figure(PAGE_IN, 1.6 + 0.19 * len(names))
     figure.suptitle(title)
     axes = figure.add_subplot()
     for of, color in _OF.items():

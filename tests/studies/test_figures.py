@@ -353,7 +353,7 @@ def test_the_panels_of_figures_4_to_6_show_their_runs(runs):
         assert [line.get_label() for line in lines] == labels
         for line, column in zip(lines, (1, 2, 3, 0), strict=True):
             shown = 1e6 * runs[name]["secondary"][:, column]
-            np.testing.assert_allclose(line.get_ydata(), shown, rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(np.asarray(line.get_ydata()), shown, rtol=1e-9, atol=1e-12)
     sound, locked = (runs[name] for name in ("W_a", "W_a_uncorrected"))
     spiral, *both = figure_5(made).axes
     np.testing.assert_array_equal(spiral.lines[0].get_xydata(), 1e6 * locked["measured_rad"])
