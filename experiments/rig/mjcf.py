@@ -15,7 +15,7 @@ from experiments.study.study import WrongInput
 from ftc.control_task import ControlTask
 from ftc.controller import DirectDrive
 from ftc.tracking import TaskLost, Tracking, tracking
-from sim import Array, Plant
+from sim import Array, Plant, Pose
 from sim.mjcf.drive import names_of
 from sim.mjcf.frame import located
 
@@ -78,6 +78,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig
         payload_body=located(robot.model, "payload", robot.scene.frame).body,
         control=track,
         machine=RobotMachine(robot),
+        coordinates=Pose.displacement,
         part=robot.scene.part,
         file=file,
         soft_locks=frozenset(robot.known.soft_locks),

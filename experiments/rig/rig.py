@@ -82,13 +82,13 @@ class Rig:
         payload_body: The body that carries the task frame.
         control: Its loops, and what the diagnosis knows of the robot: a
             :class:`ftc.tracking.Tracking`, or what has the same members for the hexapod,
-            :class:`experiments.rig.hexapod.rig.HexapodControl`.
+            `HexapodControl` of `experiments.rig.hexapod.rig`.
         machine: Its plant with sensors and drives: `bench` makes one for a run, `drawn` is the same
             machine on a plant that differs from the model; of a file
-            :class:`experiments.rig.robot_machine.RobotMachine`, of the hexapod
-            :class:`experiments.rig.hexapod.machine.HexapodMachine`.
-        coordinates: Task coordinates (N, 6) of poses of the task frame; by default rotation vector
-            and translation.
+            `RobotMachine` of `experiments.rig.robot_machine`, of the hexapod `HexapodMachine` of
+            `experiments.rig.hexapod.machine`.
+        coordinates: Task coordinates (N, 6) of poses of the task frame: rotation vector and
+            translation, or the hexapod's angles and translation.
         dither: What "default" stands for in :meth:`supervisor`.
         fast_start: Does the first ticks of a run by a faster way, as far as it goes; None is none.
         part: What of the model the task involves; None is everything.
@@ -112,7 +112,7 @@ class Rig:
     payload_body: int
     control: Any
     machine: Any
-    coordinates: Callable[[Pose], Array] = Pose.displacement
+    coordinates: Callable[[Pose], Array]
     dither: str | Dither = "default"
     fast_start: Callable[..., LoopRun[Any] | None] | None = None
     part: Part | None = None
