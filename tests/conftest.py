@@ -239,6 +239,30 @@ def limits(limits_folder):
 
 
 @pytest.fixture(scope="session")
+def force_run(tmp_path_factory, faults_of_figures):
+    """Forces with strut 1 failing, short, made by the command: its folder, and what it computed."""
+    from experiments.app.cli import main
+    from experiments.force import runs
+
+    folder, computed, run = tmp_path_factory.mktemp("force"), [], runs.run_force
+
+    def keep(**options):
+        computed.append(run(**options))
+        return computed[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runs, "run_force", keep)
+        assert main(["force", "--quick", "--out", str(folder)]) == 0
+    return folder, computed[0]
+
+
+@pytest.fixture(scope="session")
+def force_folder(force_run):
+    """Its folder."""
+    return force_run[0]
+
+
+@pytest.fixture(scope="session")
 def goals_folder(made_once):
     """The four secondary goals, short: made by the command."""
     return made_once("goals", fjh("goals", "--quick"))

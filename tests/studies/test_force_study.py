@@ -26,22 +26,6 @@ from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
 from tests.force_theorems import theorem_7, theorem_8
 from tests.pages import assert_says
-from tests.printed import assert_printable
-
-
-@pytest.fixture(scope="module")
-def force_run(tmp_path_factory, faults_of_figures):
-    """The experiment with strut 1 failing, by the command: its folder, and what it computed."""
-    folder, computed, run = tmp_path_factory.mktemp("force"), [], runs.run_force
-
-    def keep(**options):
-        computed.append(run(**options))
-        return computed[0]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "run_force", keep)
-        assert main(["force", "--quick", "--out", str(folder)]) == 0
-    return folder, computed[0]
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +34,8 @@ def force(force_run):
 
 
 @pytest.fixture(scope="module")
-def summary(force_run):
-    return json.loads((force_run[0] / "force.json").read_text())
+def summary(force_folder):
+    return json.loads((force_folder / "force.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -338,24 +322,9 @@ def test_the_figure_says_what_its_bars_and_points_show(force, summary):
     assert f"to {off_percent:.1g} %" in left.get_title()
 
 
-def test_a_referee_finds_no_fault_with_the_figure(force_run, faults_of_figures):
-    assert faults_of_figures("force") == []
-
-
-def test_everything_named_is_there(force_run, summary, force):
-    folder = force_run[0]
-    assert {file.name for file in folder.iterdir()} == {
-        "force.json",
-        "force.md",
-        "force.png",
-        "force.pdf",
-        summary["recording"],
-        summary["data"],
-    }
-    assert_printable(folder)
-    assert {"experiment", "seed", "versions", "model_sha256", "bench"} <= set(summary)
+def test_the_data_are_what_was_computed(force_folder, summary, force):
     assert set(summary["model_sha256"]) == {"fjh", "platform"}
-    with np.load(folder / summary["data"]) as data:
+    with np.load(force_folder / summary["data"]) as data:
         np.testing.assert_array_equal(data["asked_wrench"], force.aims.wrench)
         for part in ("torques_n", "pressed_fixture", "held_strut_n", "held_lock_n"):
             assert np.isfinite(data[f"strut_1_locked_theorem_9_{part}"]).all()
