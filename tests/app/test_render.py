@@ -137,7 +137,7 @@ def test_each_recording_opens_with_its_own_layout(viewer, systems_folder, table1
 
 def test_failures_in_flight_are_told_without_a_click(viewer, recover_folder):
     seen = assert_useful(viewer, recover_folder / "locked.rrd")
-    assert {"/events", "/state", "/status"} <= seen
+    assert {"/events", "/state"} <= seen
 
 
 def test_the_other_studies_recordings_open_to_something(viewer, systems_folder, goals_folder):
