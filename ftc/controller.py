@@ -157,16 +157,6 @@ class PrioritizedController(Generic[Pose]):
         self._still = np.zeros(mapping.actuators)
         self._unused = mapping.unused.astype(float)
 
-    @property
-    def linear(self) -> Array | None:
-        """M in [next states; demands] = M [states; errors] of all compensators together.
-
-        None where more than that makes a demand, or inputs, of an error: limits, or a weakened
-        actuator.
-        """
-        limited = self.demand_limit < inf or self.mapping.limits is not None
-        return None if limited or self._is_weakened else self._M
-
     def start(self) -> ControllerState[Pose]:
         """State at rest at the nominal pose."""
         mapping = self.mapping
@@ -247,17 +237,11 @@ class PrioritizedController(Generic[Pose]):
             secondary_reference = (
                 faded if secondary_reference is None else faded + secondary_reference
             )
-        if self.mapping.limits is None:
-            required = self.mapping.displacements(
-                demand, pose, commanded, state.asked, secondary_reference
-            )
-        else:
-            limited = self.mapping.within_limits(
-                demand, pose, secondary_reference, commanded=commanded
-            )
-            required = limited.displacements
-            if self._tracking is not None:
-                compensator = compensator - self._tracking.dot(limited.residual)
+        required, residual = self.mapping.tick(
+            demand, pose, commanded, state.asked, secondary_reference
+        )
+        if self._tracking is not None and residual is not None:
+            compensator = compensator - self._tracking.dot(residual)
         asked = PreviousCommand(
             demand, required, self._still if secondary_reference is None else secondary_reference
         )

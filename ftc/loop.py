@@ -55,14 +55,14 @@ class LoopRun(Generic[State]):
     Attributes:
         measured: Of the major task, shape (N, m1); NaN where nothing of that shape was.
         inputs: Inputs of the drives, shape (N, n).
-        poses: What the controller estimates as pose at each tick; None where it estimates none.
         state: Of the controller after the last tick.
+        kept: What was to be kept of its states, one of each tick.
     """
 
     measured: Array
     inputs: Array
-    poses: Sequence[Any]
     state: State
+    kept: Sequence[Any] = ()
 
 
 def run_loop(
@@ -71,7 +71,7 @@ def run_loop(
     reference: Array,
     feedforward: Array | None = None,
     *,
-    begun: LoopRun[State] | None = None,
+    keeps: Callable[[State], Any] | None = None,
 ) -> LoopRun[State]:
     """Close the loop for as many ticks as there are references.
 
@@ -85,14 +85,17 @@ def run_loop(
         reference: Of the major task, tick by tick, shape (N, m1).
         feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
             takes `feedforward`, as those of `ftc`; None is none.
-        begun: The first ticks, where machine and controller have done them already.
+        keeps: What to keep of each state, such as its estimate of the pose: states themselves are
+            some kilobytes each. None is nothing.
 
     Raises:
         ValueError, TypeError: No machine, no controller; the reference is no matrix, the
-            feedforward of another shape, or not finite; more ticks have passed than there are.
+            feedforward of another shape, or not finite.
     """
     check.methods("machine", machine, "measure", "apply")
     check.methods("controller", controller, "start", "step")
+    if keeps is not None:
+        check.function("keeps", keeps)
     reference = check.finite("reference", reference)
     if reference.ndim != 2:
         raise ValueError(f"reference must have shape (N, m1), got {reference.shape}")
@@ -102,21 +105,16 @@ def run_loop(
         if "feedforward" in signature(controller.step).parameters:
             known = [{"feedforward": each} for each in demands]
     step: Any = controller.step
-    if begun is not None:
-        check.instance("begun", begun, LoopRun)
-    state: State = controller.start() if begun is None else begun.state
-    ticks, done = len(reference), 0
+    state: State = controller.start()
     measured = np.empty(reference.shape)
-    inputs = np.empty((ticks, len(state.inputs)))
-    poses: list[Any] = []
-    if begun is not None:
-        done = check.index("begun", len(begun.inputs), ticks + 1)
-        measured[:done], inputs[:done], poses = begun.measured, begun.inputs, [*begun.poses]
-    for tick in range(done, ticks):
+    inputs = np.empty((len(reference), len(state.inputs)))
+    kept: list[Any] = []
+    for tick in range(len(reference)):
         state, measured[tick] = one_tick(machine, step, state, reference[tick], **known[tick])
         inputs[tick] = state.inputs
-        poses.append(getattr(state, "pose", None))
-    return LoopRun(measured, inputs, poses, state)
+        if keeps is not None:
+            kept.append(keeps(state))
+    return LoopRun(measured, inputs, state, kept)
 
 
 def one_tick(

@@ -242,24 +242,27 @@ class Tracking:
         where the encoders say that the actuators are is taken off, so that larger motions are not
         mistaken for failures; the commanded posture is ahead of the one that servos have reached.
         """
-        model, rows, displacement = self.model, list(self.major), measurement.displacement
+        model, rows, displacement = self.model, self.major, measurement.displacement
         if self.sense == "joints" and not len(self._kinematics.active_constraint):
             return displacement
         posture = model.moved(commanded, displacement, self._every)
         curved = model.displacements(posture)
         # Faults change a few times in a run, and this is called at every tick.
-        if (allowed := self._projectors.get(faults)) is None:
-            allowed = self._projectors[faults] = self._allowed(faults)
-        linear, seen = allowed @ curved, []
+        if (linear := self._linear.get(faults)) is None:
+            allowed = self._allowed(faults)
+            linear = self._linear[faults] = self._kinematics.J[list(rows)] @ allowed, allowed
+        J_m, allowed = linear
+        of_task = measurement.output
         if self.sense != "joints":
-            J_m = self._kinematics.J[rows]
-            seen.append(measurement.output - (model.task(posture)[rows] - J_m @ linear))
-        if self.sense != "task":
-            seen.append(displacement - (curved - linear))
-        return np.concatenate(seen)
+            of_task = measurement.output - (model.task(posture).take(rows) - J_m.dot(curved))
+        if self.sense == "task":
+            return of_task
+        of_encoders = displacement - (curved - allowed.dot(curved))
+        return of_encoders if self.sense == "joints" else np.concatenate([of_task, of_encoders])
 
     @cached_property
-    def _projectors(self) -> dict[tuple[Fault, ...], Array]:
+    def _linear(self) -> dict[tuple[Fault, ...], tuple[Array, Array]]:
+        """Of faults the major rows per displacement, as the loops allow it, and what they allow."""
         return {}
 
     def _allowed(self, faults: tuple[Fault, ...]) -> Array:

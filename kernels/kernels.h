@@ -50,9 +50,10 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
 /* segments.c */
 
 /* Write the Mahalanobis distance (H, E) of each point (H, d) from each segment, starts + t ways
- * (E, d), t in 0..1; room for d (d + 2) numbers. The covariance is own + other, of (H, d, d) and
+ * (E, d), t in 0..1. The covariance is own + other, of (H, d, d) and
  * (E, d, d), or of `one` for all. By Cholesky factors: half the work of a general solution, and a
  * forward substitution is enough. */
+int segments_room(int d);
 void to_segments(int H, int E, int d, const double *points, const double *starts,
                  const double *ways, const double *own, const double *other, bool one,
                  double *room, double *distance);
@@ -147,6 +148,8 @@ typedef struct {
 /* Poses R (3, 3), t after displacements [rotation vector; translation], as many as `poses`. */
 void move(int poses, const double *R, const double *t, const double *twists, double *R_new,
           double *t_new);
+/* Write displacements [rotation vector; translation] of as many poses; returns the largest angle. */
+double displacements(int poses, const double *R, const double *t, double *twists);
 /* Write [rotation vector; translation] from one pose to another; returns the angle. */
 double way(const double *R, const double *p, const double *R_to, const double *p_to, double *twist);
 /* Write the motion R, t of a frame at xmat, xpos since its nominal pose, in present base axes:
@@ -170,6 +173,31 @@ void spot(const double *R, double focal, double half_width, double deviation, co
           double *seen);
 /* Convert n numbers x to y; NaN stays NaN. */
 void convert(const conversion *by, int n, const double *x, double *y);
+
+/* least_squares.c */
+
+/* Write x (n) of least norm among those that minimize |A x - b|, of M = [A, b] (m, n + 1), which
+ * is overwritten. Columns of less than 1e-10 of the largest pivot are dependent. */
+int least_squares_room(int n);
+void least_squares(int m, int n, double *M, double *room, double *x);
+
+/* A mechanism of N velocities, of which n are active; energies of its springs (N, N) count after
+ * these, if there are any, and closures before them by a factor. */
+typedef struct {
+    int N, n;
+    const int64_t *active;
+    double loops_first;
+    const double *springs;
+} drives_model;
+
+/* Write the motion (N) that takes the active velocities `held` (h) from displacements (n) to those
+ * wanted, and closes the loops: J_C (c, N) motion = -gaps, of which those beyond g are zero. What
+ * contradicts itself is met with least error, what nothing determines stays. */
+enum { MOTION_FOUND, MOTION_NONE, MOTION_REFUSED }; /* nothing is to move; no such velocities */
+int nearest_room(int c, int h, int s, int N);
+int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
+                   int h, const int64_t *held, const double *wanted, const double *displacements,
+                   double *room, double *motion);
 
 /* boxes.c */
 
@@ -239,11 +267,13 @@ enum { TICK_SOLVED, TICK_IN_DOUBT, TICK_REFUSED };
 
 /* Write all velocities x (N), zero where stuck or idle, from J_T (m, N), J_C (c, N), targets (t),
  * limits of all velocities (N), which do not matter where stuck, and a bound of the errors of the
- * entries of J_T and J_C in natural units. */
+ * entries of J_T and J_C in natural units. All levels but the first are asked for the motion of the
+ * task with rates `along` (n) besides; NULL is none. */
 enum { TICK_OWN_ROOM = 4096 }; /* NULL will do for so many numbers */
 int tick_room(const tick_plan *plan);
 int tick_solve(const tick_plan *plan, const double *J_T, const double *J_C, const double *targets,
-               const double *lower, const double *upper, double bound, double *x, double *room);
+               const double *along, const double *lower, const double *upper, double bound,
+               double *x, double *room);
 
 /* lexicographic.c */
 
@@ -313,35 +343,6 @@ typedef struct {
     const double *bottom_m, *top_m, *nominal_length_m;
 } strut_nodes;
 
-/* Numbers that a mapping, or compensators, may work on in a tick. */
-enum { STRUT_ROOM = 1024 };
-
-/* How demands (2) become displacements (6): optimal of the survivors, which are not locked, and zero
- * of the others. For one target and J; problem1_room(problem) is at most STRUT_ROOM. */
-typedef struct {
-    const problem1 *problem;
-    const int64_t *survivors;
-    const double *w1, *w2;
-} strut_mapping;
-
-/* A flight of N ticks. */
-typedef struct {
-    const observation *observed;
-    double focal_length_m, half_width_m, noise_m;
-    const double *noise, *zeros; /* of the detector, (N, 2) each */
-    conversion to_displacement, to_input;
-    const strut_nodes *nodes;
-    bool constant; /* whether the first Jacobian is that of all ticks */
-    const strut_mapping *mapping;
-    const double *M; /* of `compensate`, for states (order) and two errors; order + 2 <= STRUT_ROOM */
-    int order;
-    const double *reference, *feedforward; /* (N, 2) each */
-    double *measured;                      /* (N, 2) */
-    /* What the controller knows before the first tick and after each, N + 1 rows of everything. */
-    double *compensator, *rotation, *translation_m, *inverse_jacobian, *displacement_m;
-    double *demand, *displacements, *inputs;
-} strut_task;
-
 /* What follow finds. */
 enum { FOLLOWED, SINGULAR, NO_LENGTH };
 
@@ -351,22 +352,10 @@ bool strut_lengths(const strut_nodes *nodes, int poses, const double *R, const d
                    double *lengths, double *A);
 /* Overwrite b (6) by the solution of A x = b, if A (6, 6) is not singular; returns that. */
 bool strut_twist(const double *A, double *b);
-/* Write the inverse of A; false unless |A| |inverse|, which is no less than the condition number, is
- * below 1e6: ranks must then be decided. */
-bool strut_inverse(const double *A, double *inverse);
 /* One Newton step on the strut lengths, from displacements `moved` (6) to those asked, where
  * displacements are lengths less the nominal ones; the last four arguments are overwritten. */
 int follow(const strut_nodes *nodes, const double *R, const double *t, const double *A,
            const double *moved, const double *asked, double *R_new, double *t_new, double *A_new,
            double *moved_new);
-
-/* Write displacements for a demand where l_dot = A x_dot; false where ranks are in doubt, or numbers
- * not finite. */
-bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
-                         double *displacements);
-/* Tick k, from what the sensors see to the inputs of the drives; false where the pose is singular,
- * ranks are in doubt, or numbers not finite. The last three arguments are as of `observe`. A locked
- * strut, which is at zero, is commanded zero from the first tick on. */
-bool strut_tick(const strut_task *task, int k, const double *gaps, const int32_t *owners, int rows);
 
 #endif

@@ -74,6 +74,18 @@ double way(const double *R, const double *p, const double *R_to, const double *p
     return turn(E, twist);
 }
 
+double displacements(int poses, const double *R, const double *t, double *twists)
+{
+    double most = 0.0;
+    for (int k = 0; k < poses; k++, R += 9, t += 3, twists += 6) {
+        double angle = turn(R, twists);
+        most = angle > most ? angle : most;
+        for (int i = 0; i < 3; i++)
+            twists[3 + i] = t[i];
+    }
+    return most;
+}
+
 void seen_from(const double *xmat, const double *xpos, const double *base_xmat, const double *R_0,
                const double *p_0, double *R, double *t)
 {

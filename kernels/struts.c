@@ -3,14 +3,12 @@
 
 #include "kernels.h"
 
-enum { N = 6, ANGLES = 2 };
+enum { N = 6 };
 
 /* Part of a column below which a pivot is round-off. */
 static const double DEPENDENT = 1e-12;
 /* Square of the largest number that the argument checks let pass. */
 static const double MOST = 1e240;
-/* Product of the norms of a Jacobian and its inverse beyond which ranks must be decided. */
-static const double REGULAR = 1e6;
 
 /* Sum of the squares of some numbers. */
 static double square(const double *x, int count)
@@ -101,13 +99,6 @@ bool strut_twist(const double *A, double *b)
     return solve(A, 1, b);
 }
 
-bool strut_inverse(const double *A, double *inverse)
-{
-    for (int i = 0; i < N * N; i++)
-        inverse[i] = i % (N + 1) == 0 ? 1.0 : 0.0;
-    return solve(A, N, inverse) && square(A, N * N) * square(inverse, N * N) < REGULAR * REGULAR;
-}
-
 int follow(const strut_nodes *nodes, const double *R, const double *t, const double *A,
            const double *moved, const double *asked, double *R_new, double *t_new, double *A_new,
            double *moved_new)
@@ -122,67 +113,4 @@ int follow(const strut_nodes *nodes, const double *R, const double *t, const dou
     for (int k = 0; k < N; k++)
         moved_new[k] -= nodes->nominal_length_m[k];
     return found ? FOLLOWED : NO_LENGTH;
-}
-
-bool strut_displacements(const strut_mapping *mapping, const double *A, const double *demand,
-                         double *displacements)
-{
-    double inverse[N * N], J[N * N], room[STRUT_ROOM], rates[N], square_J = 0.0;
-    int left = mapping->problem->n;
-    if (!strut_inverse(A, inverse))
-        return false;
-    for (int i = 0; i < N; i++)
-        for (int j = 0; j < left; j++) {
-            double part = inverse[i * N + mapping->survivors[j]];
-            J[i * left + j] = part;
-            square_J += part * part;
-        }
-    double scale = sqrt((double)N) + sqrt(square_J); /* J_T = [0, 1] has the first size */
-    if (problem1_solve(mapping->problem, J, &scale, mapping->w1, mapping->w2, demand, 0, 0, 0, room,
-                       rates) != PROBLEM1_SOLVED)
-        return false;
-    memset(displacements, 0, N * sizeof *displacements);
-    for (int j = 0; j < left; j++)
-        displacements[mapping->survivors[j]] = rates[j];
-    return true;
-}
-
-bool strut_tick(const strut_task *task, int k, const double *gaps, const int32_t *owners, int rows)
-{
-    const double *turned = task->observed->rotation + 9 * k;
-    observe(task->observed, k, gaps, owners, rows);
-    if (!(fabs(turned[8]) > 0.0))
-        return false;
-    double *measured = task->measured + ANGLES * k, errors[ANGLES];
-    spot(turned, task->focal_length_m, task->half_width_m, task->noise_m, task->noise + ANGLES * k,
-         measured);
-    for (int i = 0; i < ANGLES; i++) {
-        measured[i] += task->zeros[ANGLES * k + i];
-        errors[i] = task->reference[ANGLES * k + i] - measured[i];
-    }
-
-    double commanded[N], *R = task->rotation + 9 * k, *t = task->translation_m + 3 * k;
-    double *A = task->inverse_jacobian + N * N * k, *moved = task->displacement_m + N * k;
-    convert(&task->to_displacement, N, task->inputs + N * k, commanded);
-    if (task->constant) {
-        memcpy(A + N * N, A, N * N * sizeof *A);
-        memcpy(moved + N, moved, N * sizeof *moved);
-        if (!strut_twist(A, commanded))
-            return false;
-        move(1, task->rotation, task->translation_m, commanded, R + 9, t + 3);
-    } else if (follow(task->nodes, R, t, A, moved, commanded, R + 9, t + 3, A + N * N,
-                      moved + N) != FOLLOWED)
-        return false;
-
-    double *states = task->compensator + task->order * k, after[STRUT_ROOM];
-    double *demand = task->demand + ANGLES * (k + 1);
-    compensate(task->M, task->order + ANGLES, task->order, ANGLES, states, errors, after);
-    memcpy(states + task->order, after, (size_t)task->order * sizeof *after);
-    for (int i = 0; i < ANGLES; i++)
-        demand[i] = task->feedforward[ANGLES * k + i] + after[task->order + i];
-    double *required = task->displacements + N * (k + 1);
-    if (!strut_displacements(task->mapping, A + N * N, demand, required))
-        return false;
-    convert(&task->to_input, N, required, task->inputs + N * (k + 1));
-    return true;
 }

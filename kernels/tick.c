@@ -257,14 +257,27 @@ int tick_room(const tick_plan *g)
     return loops + rows * (w + 1) + 6 * w + 4 * levels + solver;
 }
 
+/* Ask the rows of all levels but the first for the motion of the task with rates `along` (n), too. */
+static void move_along(const tick_plan *g, const mechanism *of, const double *along, double *right)
+{
+    for (int t = 0; t < g->m; t++) {
+        double moved = 0.0;
+        for (int j = 0; j < g->n; j++)
+            moved += row(of->J, t)[j] * along[j] / g->velocity_units[g->order[g->p + j]];
+        for (int i = g->ends[0]; i < g->k; i++)
+            right[i] += g->S[i * g->m + t] * moved;
+    }
+}
+
 int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const double *targets,
-               const double *lower, const double *upper, double bound, double *x, double *room)
+               const double *along, const double *lower, const double *upper, double bound,
+               double *x, double *room)
 {
     int p = g->p, n = g->n, s = 0;
     double own[TICK_OWN_ROOM];
     room = room ? room : own;
     double squares_T = dot(J_T, J_T, g->m * g->N), squares_C = dot(J_C, J_C, g->c * g->N);
-    double asked = dot(targets, targets, g->t);
+    double asked = dot(targets, targets, g->t) + (along ? dot(along, along, g->n) : 0.0);
     if (!(squares_T < INFINITY && squares_C < INFINITY && asked < INFINITY && bound >= 0.0))
         return TICK_REFUSED;
     for (int i = 0; i < p + n; i++)
@@ -286,6 +299,8 @@ int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const d
     double *right = loops + g->c * g->N;
     for (int i = 0; i < g->k + n; i++)
         right[i] = i < g->k || g->weight ? dot(g->T + i * g->t, targets, g->t) : 0.0;
+    if (along)
+        move_along(g, &of, along, right);
     levels_t at = {.A = right + g->k + n};
     if (g->d && !are_clear(g, &of, at.A))
         return TICK_IN_DOUBT;

@@ -20,7 +20,6 @@ from sim.errors import SimulationDiverged as SimulationDiverged
 from sim.hexapod.closed_form import Hexapod as Hexapod
 from sim.hexapod.closed_form import Posture as Posture
 from sim.hexapod.closed_form import hexapod as hexapod
-from sim.hexapod.closed_form import regular_jacobian as regular_jacobian
 from sim.hexapod.detector import Detector as Detector
 from sim.hexapod.detector import pointing_angles as pointing_angles
 from sim.hexapod.detector import secondary_motion as secondary_motion

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import control
 import mujoco
@@ -22,6 +23,7 @@ from sim import (
     Bench,
     Failure,
     JacobianReader,
+    Jacobians,
     Plant,
     Pose,
     Reading,
@@ -47,7 +49,7 @@ class ArmPosture:
     """The arm as its controller knows it halfway through a control period."""
 
     command_rad: Array  # joint angles at the start of the period, (7,)
-    J_T: Array  # twist of the camera per joint rate in its own axes, (6, 7)
+    jacobians: Jacobians  # twist of the camera per joint rate in its own axes
     camera: Array  # its axes in the base's, (3, 3)
 
 
@@ -66,17 +68,13 @@ class ArmGeometry:
         """The pose itself."""
         return pose
 
-    def jacobian(self, posture: ArmPosture) -> Array:
-        """The camera's Jacobian, shape (6, 7)."""
-        return posture.J_T
-
-    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The arm where its Jacobian is this."""
-        return system.at(J_T=jacobian)
+    def jacobians(self, posture: ArmPosture) -> Jacobians:
+        """Of the camera."""
+        return posture.jacobians
 
     def twist(self, posture: ArmPosture, displacements: Array) -> Array:
         """Twist of the camera (6,) at joint rates (7,)."""
-        return posture.J_T @ displacements
+        return posture.jacobians.J_T @ displacements
 
     def moved(self, pose: ArmPosture, displacements: Array) -> ArmPosture:
         """The arm one period later, its joints having moved at these rates (7,)."""
@@ -85,8 +83,8 @@ class ArmGeometry:
     def _posture(self, command_rad: Array, rates: Array) -> ArmPosture:
         # Halfway through the period: rates held from its start would drift off the curved path.
         self._data.qpos[:] = command_rad + 0.5 * PERIOD_S * rates
-        J_T = self._reader.at(self._data).J_T
-        return ArmPosture(command_rad, J_T, camera_axes(self._data))
+        there = self._reader.at(self._data)
+        return ArmPosture(command_rad, there, camera_axes(self._data))
 
 
 class PseudoInverseArm(CompromisingMapping[ArmPosture]):
@@ -141,7 +139,7 @@ class Follower:
         arm, tick = self.controller.estimate(state.controller), state.ticks
         rates_d = np.zeros(self.controller.mapping.actuators)
         if self.rates is not None:
-            rates_d[self.working] = self.rates(arm.J_T[:3, self.working], tick * PERIOD_S)
+            rates_d[self.working] = self.rates(arm.jacobians.J_T[:3, self.working], tick * PERIOD_S)
         ahead = arm.camera.T @ self.turns_rad[tick] / PERIOD_S
         controller = self.controller.step(
             state.controller, reference, measurement, rates_d, feedforward=ahead[:2], pose=arm
@@ -229,11 +227,12 @@ def sweep(
     pilot = arm_controller(model, locked, major_weight)
     follower = Follower(pilot, np.cross(now, then - now), rates, working)
     # The tracker measures the error itself: its reference is zero.
-    run = run_loop(bench, follower, np.zeros((len(time_s), len(POINTING))))
+    still = np.zeros((len(time_s), len(POINTING)))
+    run = run_loop(bench, follower, still, keeps=attrgetter("pose"))
     off = np.cross(bench.rotation[:, :, 2], now)
-    J_m = np.array([arm.J_T for arm in run.poses])[:, POINTING][:, :, working]
+    J_m = np.array([arm.jacobians.J_T for arm in run.kept])[:, POINTING][:, :, working]
     singular_values = np.linalg.svd(J_m, compute_uv=False)
-    started_rad = np.array([arm.command_rad for arm in run.poses])
+    started_rad = np.array([arm.command_rad for arm in run.kept])
     return Outcome(
         time_s=time_s,
         error_rad=np.stack([np.vecdot(off, axis), np.vecdot(off, np.cross(axis, now))], axis=1),

@@ -17,7 +17,7 @@ from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.run import Run
 from experiments.study.parallel import in_parallel
 from ftc.goal import Goal
-from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
+from sim import Array, Failure, Pose, forward_kinematics, hexapod, load_model
 
 SLEW_S = 3.0
 """From the axis to the target."""
@@ -85,7 +85,7 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     geometry, clearance = hexapod(model), goal.Clearance(obstructed)
     testbed = Testbed(model, bench, loops)
     controller = controllers(testbed, strategy)(goal.OBSTRUCTED)
-    now = controller.mapping.at(geometry.inverse_jacobian(NOMINAL))
+    now = controller.mapping.at(controller.mapping.nominal)
     # Strut rates that give the payload v_sd if pointing is left aside: J_s of them is v_sd.
     struts = now.expand @ np.linalg.pinv(now.J[SECONDARY])
 

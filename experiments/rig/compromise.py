@@ -95,8 +95,8 @@ class CompromisingMapping(PrioritizedMapping[Pose]):
         W1 = self.goal.joint_weight
         return weighted_pseudo_inverse(
             kinematics.J,
-            self._major,
-            self._secondary,
+            self._major.tolist(),
+            self._secondary.tolist(),
             self.major_weight,
             joint_weight=None if W1 is None else np.array(W1)[kinematics.actuators],
             secondary_weight=self.goal.secondary_weight,

@@ -38,7 +38,6 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.feedforward import inverse_feedforward
 from ftc.goal import Goal
-from ftc.loop import LoopRun
 from ftc.oracle import OracleController
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
@@ -90,7 +89,6 @@ class Rig:
         coordinates: Task coordinates (N, 6) of poses of the task frame: rotation vector and
             translation, or the hexapod's angles and translation.
         dither: What "default" stands for in :meth:`supervisor`.
-        fast_start: Does the first ticks of a run by a faster way, as far as it goes; None is none.
         part: What of the model the task involves; None is everything.
         file: The MJCF as the user named it; None is the hexapod's own.
         soft_locks: Actuators by number whose lock gives way, which a warning says.
@@ -114,7 +112,6 @@ class Rig:
     machine: Any
     coordinates: Callable[[Pose], Array]
     dither: str | Dither = "default"
-    fast_start: Callable[..., LoopRun[Any] | None] | None = None
     part: Part | None = None
     file: Path | None = None
     soft_locks: frozenset[int] = frozenset()

@@ -121,7 +121,7 @@ class Robot:
     @cached_property
     def springs_hold(self) -> bool:
         """Whether springs, and neither actuators nor loops, decide how the major rows move."""
-        jac, major = self.rigid.nominal.jacobians, list(self.options.major)
+        jac, major = self.rigid.nominal, list(self.options.major)
         rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
         if not rigid.unstable_major or jac.stiffness is None:
             return False
@@ -174,7 +174,7 @@ def warnings_of(robot: Robot) -> tuple[str, ...]:
         *left_out_of(robot),
         *([f"nothing holds, and no task feels, a motion of {listed(idle)}"] if idle else ()),
         *scene.moved,
-        *robot.mechanism.nominal.jacobians.warnings,
+        *robot.mechanism.nominal.warnings,
         *beyond_linear(scene.own, scene.own_start),
         *robot.known.soft_locks.values(),
     )

@@ -78,6 +78,8 @@ class RobotMachine:
             # The task is computed from the encoders, and drifts with them.
             sensors = JointSensors(robot.mechanism, rows, encoder_noise, seed)
             of_task = 0 * of_task
+        if not (of_task.any() or of_encoders.any()):
+            return sensors
         return DriftingSensors(sensors, of_task, of_encoders)
 
 

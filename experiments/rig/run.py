@@ -160,11 +160,9 @@ def simulate(
     if demands is not None:
         demands = after_rest(lead_in, demands)
     reference = after_rest(lead_in, desired)
-    begun = rig.fast_start and rig.fast_start(bench, controller, reference, demands, on_tick)
-    done = 0 if begun is None else len(begun.inputs)
-    machine = bench if on_tick is None else _Counted(bench, on_tick, done)
+    machine = bench if on_tick is None else _Counted(bench, on_tick)
     try:
-        looped = run_loop(machine, controller, reference, demands, begun=begun)
+        looped = run_loop(machine, controller, reference, demands, keeps=_estimate)
     except (ValueError, TypeError, AttributeError):
         if bench.gap is None:
             raise
@@ -207,7 +205,7 @@ def run_of(
         true=true,
         measured=looped.measured[kept],
         pose=pose,
-        estimated=_estimated(rig, looped.poses[kept]),
+        estimated=_estimated(rig, looped.kept[kept]),
         inputs=looped.inputs[kept],
         displacement=bench.displacement[kept],
         qpos=bench.qpos[kept],
@@ -243,15 +241,19 @@ def _lost(
     return "The major task cannot be done whole any more." if believed else None
 
 
-def _estimated(rig: "Rig", poses: Sequence[Any]) -> Array | None:
-    """Task coordinates (N, 6) of estimated poses of the task frame; None where they are none."""
-    if not all(isinstance(each, Pose) for each in poses):
+def _estimate(state: Any) -> tuple[Array, Array] | None:
+    """Rotation and translation of the task frame as a state has them; None where it has none."""
+    pose = getattr(state, "pose", None)
+    return (pose.rotation, pose.translation_m) if isinstance(pose, Pose) else None
+
+
+def _estimated(rig: "Rig", poses: Sequence[tuple[Array, Array] | None]) -> Array | None:
+    """Task coordinates (N, 6) of estimated poses of the task frame; None where one is missing."""
+    known = [each for each in poses if each is not None]
+    if not known or len(known) < len(poses):
         return None
-    rotation, translation_m = (np.array([getattr(each, of) for each in poses]) for of in _POSE)
+    rotation, translation_m = map(np.array, zip(*known, strict=True))
     return rig.coordinates(Pose(rotation, translation_m))
-
-
-_POSE = "rotation", "translation_m"
 
 
 def after_rest(ticks: int, signal: Array) -> Array:
@@ -349,8 +351,8 @@ def status_of(rig: "Rig", state: Any, named: Sequence[Diagnosed]) -> str:
 class _Counted:
     """A machine in the loop that tells how many ticks it has done."""
 
-    def __init__(self, bench: Bench, on_tick: Callable[[int], None], done: int) -> None:
-        self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, done
+    def __init__(self, bench: Bench, on_tick: Callable[[int], None]) -> None:
+        self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, 0
 
     def apply(self, inputs: Array) -> None:
         """As the machine."""

@@ -42,7 +42,7 @@ def robot_subject(
     robot = robot_of(path, options, settle=False)
     driven = drives(robot.scene.own)
     names = tuple(own for own, *_ in names_of(driven))
-    jac, rates = robot.rigid.nominal.jacobians, _rates(driven)
+    jac, rates = robot.rigid.nominal, _rates(driven)
     if rates is None or lower is not None or upper is not None:
         rates = input_limits(lower, upper, names, _UNSTATED)
     return Subject(

@@ -108,7 +108,7 @@ def at_best_posture(subject: Subject, robot: Robot, workspace: Workspace, lost: 
     return replace(
         subject,
         robot=moved,
-        system=subject.system.at_pose(moved.rigid.nominal.jacobians),
+        system=subject.system.at_pose(moved.rigid.nominal),
         instead=f"{said}.",
     )
 

@@ -93,7 +93,7 @@ def row_of(run: SweepRun) -> Row:
         # As it is after the failures, at J_0.
         mapping = StrutMapping(hexapod(machine()), run.reconfigured, "constant", stiffness())
         predicted = _predicted(run)
-        status = mapping.at(mapping.geometry.inverse_jacobian(NOMINAL)).mapping.status
+        status = mapping.at(mapping.nominal).mapping.status
         row |= predicted | {"status": status.name.lower()}
         row["dac_step_urad"] = _dac_step_urad(run, mapping)
         if predicted and PREDICTED[0] not in predicted:

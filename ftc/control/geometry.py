@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -33,12 +33,11 @@ class Geometry(Protocol[Pose]):
         """The pose at which the mapping is evaluated; the nominal one for a constant Jacobian."""
         ...
 
-    def jacobian(self, posture: Pose) -> Array:
-        """The Jacobian at a posture, for :meth:`placed`."""
-        ...
+    def jacobians(self, posture: Pose) -> Any:
+        """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a posture.
 
-    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system with its failures, for this Jacobian."""
+        And with their `accuracy`, where that is known; see :class:`sim.Jacobians`.
+        """
         ...
 
     def twist(self, posture: Pose, displacements: Array) -> Array:
@@ -67,13 +66,9 @@ class LocalGeometry:
         """The nominal pose, for every present pose."""
         return self.nominal
 
-    def jacobian(self, posture: Array) -> Array:
-        """The task Jacobian, shape (m, N)."""
-        return self.system.J_T
-
-    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system for this task Jacobian."""
-        return system.at(J_T=jacobian)
+    def jacobians(self, posture: Array) -> ConstrainedSystem:
+        """The mechanism itself."""
+        return self.system
 
     def twist(self, posture: Array, displacements: Array) -> Array:
         """Task displacement (m,) of displacements (n,)."""
@@ -91,6 +86,14 @@ def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> Cons
     K, joints = system.stiffness.copy(), system.active[list(actuators)]
     K[joints, joints] = 0.0
     return replace(system, stiffness=K)
+
+
+def without_idle_springs(system: ConstrainedSystem) -> ConstrainedSystem:
+    """The mechanism without springs where its loops leave these nothing to decide."""
+    if system.stiffness is None:
+        return system
+    rigid = replace(system, stiffness=None)
+    return system if rigid.kinematics().self_motion.shape[1] else rigid
 
 
 def free_actuators_follow(released: ConstrainedSystem) -> Array:

@@ -5,23 +5,60 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Generic, Literal, cast, get_args
+from functools import cached_property
+from typing import Generic, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import dnrm2 as _norm
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.control.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
+from ftc.control.geometry import (
+    Geometry,
+    Pose,
+    free_actuators_follow,
+    without_idle_springs,
+    without_springs,
+    yielded,
+)
 from ftc.control.limits import LimitedDisplacements, LimitedMapping, MovableLimits
 from ftc.control.local_mapping import LocalMapping, Mapping, PreviousCommand
 from ftc.goal import Goal
-from prioritized import Kinematics, WhenLimited
+from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
 before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
 problem."""
+
+
+_MET = 1e-9
+"""Part of a task up to which what limits leave of it is round-off."""
+
+
+class _Step(NamedTuple):
+    """What is left to do from some displacements of the survivors.
+
+    Attributes:
+        here: These displacements, (n',).
+        major: Of the major task, (m1,).
+        joint: Desired of the survivors, (n',).
+        along: What the secondary task is to move by, as displacements of the survivors, (n',); None
+            is nothing.
+        secondary: And beside that, (m2,).
+    """
+
+    here: Array
+    major: Array
+    joint: Array
+    along: Array | None
+    secondary: Array
+
+    def targets(self, J_s: Array) -> tuple[Array, Array, Array]:
+        """Arguments of a velocity mapping, for the secondary rows (m2, n') of the Jacobian."""
+        beside = self.secondary if self.along is None else J_s.dot(self.along) + self.secondary
+        return self.major, self.joint, beside
 
 
 class PrioritizedMapping(Generic[Pose]):
@@ -61,7 +98,7 @@ class PrioritizedMapping(Generic[Pose]):
                 displacement is in no increment. The Gauss-Newton form without task coordinates.
                 Limits in incremental form. Anything of another number or kind than that.
         """
-        parts = "posture", "jacobian", "placed", "twist", "moved"
+        parts = "posture", "jacobians", "twist", "moved"
         check.methods("geometry", geometry, *parts)
         check.choice("form", form, get_args(DisplacementForm))
         check.choice("when_limited", when_limited, get_args(WhenLimited))
@@ -81,7 +118,7 @@ class PrioritizedMapping(Generic[Pose]):
             )
         self._model, self._task = geometry, task
         self._major, self._secondary = (
-            check.indices(name, value, rows).tolist()
+            check.indices(name, value, rows)
             for name, value in (("major", major), ("secondary", secondary))
         )
         self.goal = goal
@@ -90,10 +127,12 @@ class PrioritizedMapping(Generic[Pose]):
         released = without_springs(geometry.system, goal.spring_lost).with_failures(
             free=[*goal.free, *goal.spring_lost]
         )
-        self._failed = released.with_failures(locked=list(goal.locked_at))
+        failed = released.with_failures(locked=list(goal.locked_at))
+        self._failed = without_idle_springs(failed)
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
-        self._expand = np.eye(len(self._failed.active))[:, self._surviving]
+        self._all_survive = len(self._surviving) == self.actuators
+        self._expand = np.eye(self.actuators)[:, self._surviving]
         self._prepared = kinematics.velocity_mapping(
             self._major, self._secondary, goal.joint_weight, goal.secondary_weight
         )
@@ -111,7 +150,7 @@ class PrioritizedMapping(Generic[Pose]):
         self._are_all_held = is_identity and not self._is_off_centre
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         others = yielded(released, self._locked_at, kinematics.actuators)
-        self._yielded = self._expand.T @ others
+        self._yielded = self._of_survivors(others)
         self._standing = self._locked_at + others
         self.limits, self._limited = None, None
         if limits is not None:
@@ -125,7 +164,10 @@ class PrioritizedMapping(Generic[Pose]):
                 rate_limits=(lower - others, upper - others),
                 when_limited=when_limited,
             )
-        self._at_nominal = self.at(geometry.jacobian(self._nominal))
+        self._at_nominal = self._local(kinematics)
+        self._still = np.zeros(len(self._secondary))
+        self._weighs_secondary = goal.secondary_weight is not None
+        self._velocities = self._failed.active[self._surviving]
 
     @property
     def actuators(self) -> int:
@@ -184,25 +226,40 @@ class PrioritizedMapping(Generic[Pose]):
         Raises:
             ValueError: What the form goes on from is missing.
         """
-        if self.form == "absolute" and secondary_reference is None and not self._is_off_centre:
-            return self._expand.dot(self._rates(pose)(demand))
-        posture, now = self._present(pose)
-        joint, secondary = self._references(now, secondary_reference)
-        if self.form == "incremental":
-            if last is None:
-                raise ValueError("last must be given in incremental form, got None")
-            before = now.expand.T @ last.secondary_reference
-            change = now.mapping(
-                demand - last.demand,
-                joint - before,
-                secondary - now.J[self._secondary] @ before,
-            )
-            return now.expand @ (now.expand.T @ last.displacements + change)
-        if self.form == "gauss_newton":
-            here, remaining = self._step(now, demand, pose, commanded, joint, secondary)
-            return now.expand.dot(here + now.mapping(*remaining))
-        change = now.mapping(*self._remaining(posture, demand, joint, secondary))
-        return now.expand.dot(self._yielded + change)
+        step = self._step(demand, pose, commanded, last, secondary_reference)
+        posture = self._model.posture(pose)
+        velocities = self._moved(self._tick, posture, step, None)
+        if velocities is not None:
+            return self._on_all(step.here + velocities[self._velocities])
+        now = self.at(posture)
+        return self._on_all(step.here + now.mapping(*step.targets(now.J[self._secondary])))
+
+    def tick(
+        self,
+        demand: Array,
+        pose: Pose,
+        commanded: Array | None = None,
+        last: PreviousCommand | None = None,
+        secondary_reference: Array | None = None,
+    ) -> tuple[Array, Array | None]:
+        """Displacements (n,) within `limits`, and what these leave of the major task, (m1,).
+
+        Those of :meth:`within_limits` where there are limits, else those of :meth:`displacements`,
+        which leave nothing: None. The arguments and errors are theirs.
+        """
+        if self.limits is None:
+            return self.displacements(demand, pose, commanded, last, secondary_reference), None
+        step = self._step(demand, pose, commanded, last, secondary_reference)
+        posture = self._model.posture(pose)
+        velocities = self._moved(self._limited_tick, posture, step, self._left(step))
+        if velocities is not None:
+            moved = self._model.jacobians(posture).J_T.dot(velocities).take(self._major)
+            residual = step.major - moved
+            if _norm(residual) <= _MET * (_norm(step.major) + _norm(moved)):
+                return self._on_all(step.here + velocities[self._velocities]), residual
+        # What limits leave of a task may hang on singular values that a tick takes for zero.
+        limited = self.within_limits(demand, pose, secondary_reference, commanded=commanded)
+        return limited.displacements, limited.residual
 
     def within_limits(
         self,
@@ -220,63 +277,88 @@ class PrioritizedMapping(Generic[Pose]):
         Raises:
             ValueError: The mapping has no limits; or the Gauss-Newton form nothing to go on from.
         """
-        posture, now = self._present(pose)
-        limited = now.limited
-        if limited is None or self.limits is None:
+        now = self.at(self._model.posture(pose))
+        if now.limited is None or self.limits is None:
             raise ValueError("limits must be given for displacements within limits, got None")
-        joint, secondary = self._references(now, secondary_reference)
+        step, limited = self._step(demand, pose, commanded, None, secondary_reference), now.limited
         if self.form == "gauss_newton":
-            here, remaining = self._step(now, demand, pose, commanded, joint, secondary)
-            # Picked, not multiplied: a limit may be infinite.
-            lower, upper = (limit[self._surviving] - here for limit in self.limits)
-            limited = cast(MovableLimits, limited).within((lower, upper))
-        else:
-            here, remaining = self._yielded, self._remaining(posture, demand, joint, secondary)
-        solved = limited.solve(*remaining)
-        displacements = now.expand.dot(here + solved.rates)
-        residual = remaining[0] - now.J[self._major].dot(solved.rates)
+            limited = cast(MovableLimits, limited).within(self._left(step))
+        solved = limited.solve(*step.targets(now.J[self._secondary]))
+        residual = step.major - now.J[self._major].dot(solved.rates)
+        displacements = self._on_all(step.here + solved.rates)
         return LimitedDisplacements(displacements, demand - residual, residual, solved)
 
     def _step(
         self,
-        now: LocalMapping,
         demand: Array,
         pose: Pose,
         commanded: Array | None,
-        joint: Array,
-        secondary: Array,
-    ) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Displacements of the survivors (n',), and what a Gauss-Newton step from there is to do.
+        last: PreviousCommand | None,
+        secondary_reference: Array | None,
+    ) -> _Step:
+        """What the form of the mapping leaves to do.
 
         Raises:
-            ValueError: `commanded` is missing.
+            ValueError: What it goes on from is missing.
         """
-        if commanded is None or self._task is None:
+        wanted = None if secondary_reference is None else self._of_survivors(secondary_reference)
+        if self.form == "incremental":
+            if last is None:
+                raise ValueError("last must be given in incremental form, got None")
+            before = self._of_survivors(last.secondary_reference)
+            change = -before if wanted is None else wanted - before
+            here = self._of_survivors(last.displacements)
+            return _Step(here, demand - last.demand, change, change, self._still)
+        if self.form == "absolute":
+            here, task = self._yielded, self._offset(pose)
+        elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
-        task, here = self._task(pose), now.expand.T.dot(commanded)
-        remaining = demand - task[self._major], joint - here, secondary - task[self._secondary]
-        return here, remaining
+        else:
+            here, task = self._of_survivors(commanded), self._task(pose)
+        joint = -here if wanted is None else wanted - here
+        if task is None:
+            return _Step(here, demand, joint, wanted, self._still)
+        return _Step(here, demand - task[self._major], joint, wanted, -task[self._secondary])
 
-    def _references(
-        self, now: LocalMapping, secondary_reference: Array | None
-    ) -> tuple[Array, Array]:
-        """References of the survivors (n',) and of the secondary task (m2,)."""
-        joint = np.zeros(now.J.shape[1])
-        if secondary_reference is not None:
-            joint = now.expand.T.dot(secondary_reference)
-        return joint, now.J[self._secondary].dot(joint)
+    def _offset(self, pose: Pose) -> Array | None:
+        """Task displacement (m,) in which actuators that are locked off centre stand; or None."""
+        if not self._is_off_centre:
+            return None
+        # One has already moved the task by J[:, k] l_k.
+        standing = self._follow.dot(self._standing)
+        return self._model.twist(self._model.posture(pose), standing)
 
-    def _remaining(
-        self, posture: Pose, demand: Array, joint: Array, secondary: Array
-    ) -> tuple[Array, Array, Array]:
-        """What remains of absolute demands for the survivors: some displacements stand already."""
-        # An actuator locked off centre has already moved the task by J[:, k] l_k.
-        offset = self._model.twist(posture, self._follow.dot(self._standing))
-        return (
-            demand - offset[self._major],
-            joint - self._yielded,
-            secondary - offset[self._secondary],
-        )
+    def _left(self, step: _Step) -> tuple[Array, Array]:
+        """Lower and upper limits (n',) of what the survivors may still move by."""
+        assert self.limits is not None
+        lower, upper = (self._of_survivors(limit) - step.here for limit in self.limits)
+        return lower, upper
+
+    def _moved(
+        self, tick: Tick | None, posture: Pose, step: _Step, limits: tuple[Array, Array] | None
+    ) -> Array | None:
+        """What a step displaces all velocities by, (N,), in one compiled call; None: it cannot.
+
+        `limits` are those of what is left of it.
+        """
+        if tick is None:
+            return None
+        given = step.major, step.joint, step.secondary
+        along = step.along if self._weighs_secondary else None
+        targets = np.concatenate(given if self._weighs_secondary else given[:2])
+        return tick.at_jacobians(self._model.jacobians(posture), targets, limits, along)
+
+    @cached_property
+    def _tick(self) -> Tick | None:
+        """The mapping at one pose after another; None where another optimum is sought."""
+        of = self._at_nominal.mapping
+        return of.tick() if isinstance(of, VelocityMapping) else None
+
+    @cached_property
+    def _limited_tick(self) -> Tick | None:
+        """The same within limits."""
+        of = self._at_nominal.limited
+        return of.tick() if isinstance(of, VelocityMapping) else None
 
     def followed(self, displacements: Array) -> Array | None:
         """Where displacements (n,) of the others take actuators known to be free, shape (n,).
@@ -310,7 +392,7 @@ class PrioritizedMapping(Generic[Pose]):
             follows, because closed loops tie the actuators together, shape (n,): None if nothing
             does.
         """
-        _, now = self._present(pose)
+        now = self.at(self._model.posture(pose))
         surviving, internal = now.expand.T @ displacements, None
         if len(now.constraint):
             internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
@@ -331,9 +413,13 @@ class PrioritizedMapping(Generic[Pose]):
             return self._model.moved(pose, displacements)
         return self._model.moved(pose, self._follow.dot(displacements))
 
-    def at(self, jacobian: Array, /) -> LocalMapping:
-        """The mapping for this Jacobian of the geometry."""
-        kinematics = self.kinematics_at(jacobian)
+    def at(self, posture: Pose, /) -> LocalMapping:
+        """The mapping at a posture of the geometry."""
+        if posture is self._nominal:
+            return self._at_nominal
+        return self._local(self._failed.at_pose(self._model.jacobians(posture)).kinematics())
+
+    def _local(self, kinematics: Kinematics) -> LocalMapping:
         return LocalMapping(
             self.rates_at(kinematics),
             self._expand,
@@ -341,10 +427,6 @@ class PrioritizedMapping(Generic[Pose]):
             kinematics.active_constraint,
             self.limited_at(kinematics),
         )
-
-    def kinematics_at(self, jacobian: Array) -> Kinematics:
-        """Of the surviving actuators; a mechanism with a closed form would override this."""
-        return self._model.placed(self._failed, jacobian).kinematics()
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""
@@ -354,15 +436,13 @@ class PrioritizedMapping(Generic[Pose]):
         """The same within the limits, if there are any; another allocation would override this."""
         return None if self._limited is None else self._limited.at(kinematics)
 
-    def _rates(self, pose: Pose) -> Mapping:
-        """Of :meth:`_present` the rates alone, for every tick."""
-        posture = self._model.posture(pose)
-        if posture is self._nominal:
-            return self._at_nominal.mapping
-        return self.rates_at(self.kinematics_at(self._model.jacobian(posture)))
+    def _of_survivors(self, displacements: Array) -> Array:
+        return displacements if self._all_survive else displacements[self._surviving]
 
-    def _present(self, pose: Pose) -> tuple[Pose, LocalMapping]:
-        posture = self._model.posture(pose)
-        if posture is self._nominal:
-            return posture, self._at_nominal
-        return posture, self.at(self._model.jacobian(posture))
+    def _on_all(self, displacements: Array) -> Array:
+        """Displacements (n,) of all actuators, of those of the survivors."""
+        if self._all_survive:
+            return displacements
+        every = np.zeros(self.actuators)
+        every[self._surviving] = displacements
+        return every

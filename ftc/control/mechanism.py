@@ -71,17 +71,13 @@ class MechanismGeometry:
         """The posture itself."""
         return pose
 
-    def jacobian(self, posture: Any) -> Any:
+    def jacobians(self, posture: Any) -> Any:
         """The Jacobians of the model there."""
         return self.model.jacobians(posture)
 
-    def placed(self, system: ConstrainedSystem, jacobian: Any) -> ConstrainedSystem:
-        """The system with its failures, with these Jacobians."""
-        return system.at_pose(jacobian)
-
     def twist(self, posture: Any, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
-        there = self.placed(self.system, self.model.jacobians(posture)).kinematics()
+        there = self.system.at_pose(self.model.jacobians(posture)).kinematics()
         return there.J @ displacements
 
     def moved(self, pose: Any, displacements: Array) -> Any:

@@ -205,7 +205,7 @@ def separations_at(
     d = len(S)
     given = [pointer(each) for each in (happens, first, last - first, own, other)]
     lib.to_segments(
-        *distance.shape, d, *given, one, pointer(np.empty(d * (d + 2))), pointer(distance)
+        *distance.shape, d, *given, one, pointer(np.empty(lib.segments_room(d))), pointer(distance)
     )
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)

@@ -13,6 +13,7 @@ from kernels import Struct, ffi, lib, pointer
 from prioritized._mapping.asked import Asked
 from prioritized._mapping.plan import Plan
 from prioritized._mechanism.elimination import Partition
+from prioritized._mechanism.from_model import error_bound_of
 from prioritized._solver.arrays import ReadOnly
 from prioritized._solver.limits import Limits
 
@@ -122,8 +123,13 @@ class Tick(ReadOnly):
         targets: Array,
         velocity_limits: Limits,
         error_bound: float,
+        along: Array | None = None,
     ) -> tuple[bool, Array | None]:
-        """Whether an argument is wrong or no plain array; and what a call returns."""
+        """Whether an argument is wrong or no plain array; and what a call returns.
+
+        With `along`, rates (n,), all levels but the first are asked for the motion of the task that
+        these make, beside their targets.
+        """
         plan, shapes, room_size = self._prepared
         lower, upper = velocity_limits
         if (J_T.shape, J_C.shape, targets.shape, lower.shape, upper.shape) != shapes:
@@ -131,8 +137,10 @@ class Tick(ReadOnly):
         velocities = np.empty(self.basis.shape[1])
         room = ffi.NULL if room_size <= lib.TICK_OWN_ROOM else pointer(np.empty(room_size))
         try:  # looking at the types would take longer
-            there = pointer(J_T), pointer(J_C), pointer(targets), pointer(lower), pointer(upper)
-            code = lib.tick_solve(plan.pointer, *there, error_bound, pointer(velocities), room)
+            there = pointer(J_T), pointer(J_C), pointer(targets)
+            beside = ffi.NULL if along is None else pointer(along)
+            within = pointer(lower), pointer(upper), error_bound
+            code = lib.tick_solve(plan.pointer, *there, beside, *within, pointer(velocities), room)
         except (KeyError, TypeError, ValueError):  # other numbers; not contiguous
             return True, None
         return code == lib.TICK_REFUSED, velocities if code == lib.TICK_SOLVED else None
@@ -144,13 +152,34 @@ class Tick(ReadOnly):
         plan, m, t = self.plan.for_kernel(c, N), levels.S.shape[1], levels.T.shape[1]
         return plan, ((m, N), (c, N), (t,), (N,), (N,)), lib.tick_room(plan.pointer)
 
+    def at_jacobians(
+        self, mechanism: Any, targets: Array, rates: Limits | None, along: Array | None = None
+    ) -> Array | None:
+        """What a call returns for Jacobians of the mechanism, as of `sim.jacobians`.
+
+        Args:
+            mechanism: With J_T and J_C, and their `error_bound` or `accuracy`; without either they
+                are exact.
+            targets: As of a call.
+            rates: Limits of the rates, (n,) each; None is no limits.
+            along: As of :meth:`of_plain`.
+        """
+        J_T, J_C, is_stated = mechanism.J_T, mechanism.J_C, self.basis.rest[2]
+        bound = 0.0 if is_stated else error_bound_of(mechanism)
+        return self.of_plain(J_T, J_C, targets, self.limits(rates), bound, along)[1]
+
     def limits(self, rates: Limits | None) -> Limits:
         """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""
-        N, (active, _) = self.basis.shape[1], self.basis.joints
-        lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
-        if rates is not None:
-            lower[active], upper[active] = rates
+        if rates is None:
+            return self._no_limits
+        (active, _), (lower, upper) = self.basis.joints, (each.copy() for each in self._no_limits)
+        lower[active], upper[active] = rates
         return lower, upper
+
+    @cached_property
+    def _no_limits(self) -> Limits:
+        N = self.basis.shape[1]
+        return np.full(N, -np.inf), np.full(N, np.inf)
 
     def _checked(
         self, J_T: ArrayLike, J_C: ArrayLike, targets: ArrayLike, limits: Any, bound: Any

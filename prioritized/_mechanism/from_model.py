@@ -57,6 +57,15 @@ def accuracy_of(mechanism: Any) -> Accuracy | None:
     return getattr(mechanism, "accuracy", None)
 
 
+def error_bound_of(mechanism: Any) -> float:
+    """Of the errors of all its entries in natural units; zero where it says nothing of them."""
+    bound = getattr(mechanism, "error_bound", None)
+    if bound is None:
+        accuracy = accuracy_of(mechanism)
+        return 0.0 if accuracy is None else accuracy.error_bound
+    return bound
+
+
 def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) -> float:
     """The rank tolerance, from the accuracy of the geometry where that is given.
 

@@ -164,17 +164,6 @@ class Hexapod:
         )
 
 
-def regular_jacobian(inverse_jacobian: Array) -> Array | None:
-    """J in [omega; v] = J l_dot, shape (6, 6), from A in l_dot = A [omega; v], for every tick.
-
-    None unless |A| |J|, which is no less than the condition number, is below 1e6: rank decisions
-    must then be made.
-    """
-    inverse_jacobian = check.exactly("inverse_jacobian", inverse_jacobian, 6, 6)
-    A, J = np.ascontiguousarray(inverse_jacobian), np.empty((6, 6))
-    return J if lib.strut_inverse(pointer(A), pointer(J)) else None
-
-
 def hexapod(model: mujoco.MjModel) -> Hexapod:
     """Read the nodes from the bodies `housing1..6`, `tip1..6` and the sites of an MJCF model.
 

@@ -1,6 +1,7 @@
 """Displacements of the drives of a machine from its nominal pose."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -54,6 +55,21 @@ class Displacements:
             mujoco.mj_tendon(model, data)
             mujoco.mj_transmission(model, data)
             with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_transmission)
+
+    def places(self, data: mujoco.MjData) -> dict[str, Any]:
+        """Where the compiled code reads them, by names of kernels.h, as long as `data` is there."""
+        return {
+            "drives": len(self.nominal),
+            "at_joints": len(self.joints),
+            "joints": self.joints,
+            "places": self.qpos,
+            "others": self.others,
+            "outputs": self.outputs,
+            "gear": self.gear,
+            "nominal": self.nominal,
+            "qpos": data.qpos,
+            "lengths": data.actuator_length,
+        }
 
     def read(self, data: mujoco.MjData) -> Array:
         """Displacements (n,) from the nominal pose, [m] or [rad]."""

@@ -3,19 +3,23 @@
 import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 import argument_checks as check
+from kernels import Struct, ffi, lib, pointer
 from sim.array import Array
 from sim.closing.pin import Pin
 from sim.kinematics.displacements import Displacements
+from sim.kinematics.entry_accuracy import EntryAccuracy
 from sim.kinematics.jacobian import Jacobians
+from sim.kinematics.machine import Machine
 from sim.kinematics.payload import Payload
-from sim.kinematics.pose import Pose, computed
+from sim.kinematics.pose import Pose, made, principal
 from sim.kinematics.reader import JacobianReader
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state, start_of
@@ -28,23 +32,42 @@ _SPRINGS_LAST = 1e-4
 _ROUND_OFF = 1e-10
 
 
-@dataclass(frozen=True, eq=False)
-class JointPosture:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointPosture(Jacobians):
     """Joint positions, and what follows from them.
 
     Attributes:
+        mechanism: Whose they are.
         qpos: As in `data.qpos`, shape (nq,).
         pose: Of the task frame, relative to the nominal one, as :meth:`Plant.pose`.
-        jacobians: At these positions.
+        task: Its displacement [rotation vector; translation], shape (6,).
         gaps: Of the closures, in the units of their rows, shape (c,).
         displacements: Of the active velocities from the nominal posture, shape (n,).
+        error_bound: Of the errors of all entries of the Jacobians, in natural units.
     """
 
+    mechanism: "Mechanism"
     qpos: Array
     pose: Pose
-    jacobians: Jacobians
+    task: Array
     gaps: Array
     displacements: Array
+    error_bound: float
+
+    # Fields of the Jacobians that only rank decisions and reports need.
+    @cached_property
+    def machine(self) -> Machine | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """See :class:`Jacobians`."""
+        return self._whole.machine
+
+    @cached_property
+    def accuracy(self) -> EntryAccuracy | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """See :class:`Jacobians`."""
+        return self._whole.accuracy
+
+    @cached_property
+    def _whole(self) -> Jacobians:
+        return self.mechanism.read(self.qpos)
 
     @property
     def rotation(self) -> Array:
@@ -104,19 +127,36 @@ class Mechanism:
         self._payload = Payload.at_rest(self._data, frame, base)
         gauged = drives(self._model)
         self._gauges = Displacements.from_here(self._model, self._data, gauged)
-        self._springs: Array | None = None
-        # Each call takes one to compute in: no two threads have the same.
-        self._scratch = [copy.copy(self._data)]
+        first = self._reader.at(self._data)
+        self._rows, self._gear = first.rows, first.gear
+        of = self._model, self._data, self._reader, self._payload, self._gauges
+        self._rooms = [_Room(*of)]
         self.nominal = self._posture(self._data.qpos.copy())
+        stiffness = self.nominal.stiffness if springs else None
+        self._drives = Struct(
+            "drives_model",
+            N=self.nominal.J_C.shape[1],
+            n=len(self.nominal.active),
+            active=self.nominal.active,
+            loops_first=_LOOPS_FIRST,
+            springs=None if stiffness is None else _spring_rows(stiffness),
+        )
 
-        if springs and (K := self.nominal.jacobians.stiffness) is not None:
-            size, modes = np.linalg.eigh(K)
-            weights = _SPRINGS_LAST * np.sqrt(size.clip(0.0) / max(size[-1], _ROUND_OFF))
-            self._springs = weights[:, None] * modes.T
+    def __getstate__(self) -> dict[str, Any]:
+        """Without rooms, which point into states of their own."""
+        return vars(self) | {"_rooms": []}
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
-        """The Jacobians in a posture."""
-        return _checked(posture).jacobians
+        """The Jacobians in a posture: itself."""
+        return _checked(posture)
+
+    def read(self, qpos: Array) -> Jacobians:
+        """The Jacobians at joint positions (nq,), with all that the model says besides."""
+        room = self._room()
+        room.qpos[:] = qpos
+        jacobians = self._reader.at(room.data)
+        self._rooms.append(room)
+        return jacobians
 
     def displacements(self, posture: JointPosture) -> Array:
         """Displacements of the active velocities from the nominal posture, shape (n,)."""
@@ -124,7 +164,7 @@ class Mechanism:
 
     def task(self, posture: JointPosture) -> Array:
         """Displacement [rotation vector; translation] of the task frame from nominal, (6,)."""
-        return _checked(posture).pose.displacement()
+        return _checked(posture).task
 
     def moved(
         self, posture: JointPosture, displacements: Array, held: NDArray[np.intp]
@@ -139,43 +179,108 @@ class Mechanism:
             ValueError: `displacements` of another number, or not finite; or no such actuators.
             TypeError: `posture` is of another type.
         """
-        jac = _checked(posture).jacobians
-        J_C = jac.J_C
-        held = check.indices("held", held, len(posture.displacements))
-        displacements = check.exactly("displacements", displacements, len(posture.displacements))
-        missing = (displacements - posture.displacements)[held]
-        if not posture.gaps.any() and np.abs(missing).max(initial=0.0) == 0.0:
+        J_C, gaps, here = _checked(posture).J_C, posture.gaps, posture.displacements
+        displacements = check.exactly("displacements", displacements, len(here))
+        motion = self._motion(J_C, gaps, here, displacements, held)
+        if motion is None:
             return posture
-        rows = np.zeros((len(held), J_C.shape[1]))
-        rows[np.arange(len(held)), jac.active[held]] = 1.0
-        gaps = np.zeros(len(J_C))
-        gaps[: len(posture.gaps)] = posture.gaps
-        springs = rows[:0] if self._springs is None else self._springs
-        step = scipy.linalg.lstsq(
-            np.vstack([_LOOPS_FIRST * J_C, rows, springs]),
-            np.concatenate([-_LOOPS_FIRST * gaps, missing, np.zeros(len(springs))]),
-            cond=_ROUND_OFF,
-            lapack_driver="gelsy",
-            check_finite=False,
-        )[0]
         qpos = posture.qpos.copy()
-        mujoco.mj_integratePos(self._model, qpos, step[: self._model.nv], 1.0)
+        mujoco.mj_integratePos(self._model, qpos, motion[: self._model.nv], 1.0)
         return self._posture(qpos)
+
+    def _motion(
+        self, J_C: Array, gaps: Array, here: Array, wanted: Array, held: NDArray[np.intp]
+    ) -> Array | None:
+        """Motion of all velocities (N,) of :meth:`moved`; None: nothing is to move."""
+        if type(held) is not np.ndarray or held.dtype != np.intp:
+            held = check.indices("held", held, len(here))
+        (c, N), h = J_C.shape, len(held)
+        motion, room = np.empty(N), np.empty(lib.nearest_room(c, h, N, N))
+        found = lib.nearest_motion(
+            *(self._drives.pointer, c, pointer(J_C), len(gaps), pointer(gaps)),
+            *(h, pointer(held), pointer(wanted), pointer(here), pointer(room), pointer(motion)),
+        )
+        if found == lib.MOTION_REFUSED:
+            check.indices("held", held, len(here))
+        return motion if found == lib.MOTION_FOUND else None
 
     def _posture(self, qpos: Array) -> JointPosture:
         """Everything at these joint positions."""
+        room = self._room()
+        room.qpos[:] = qpos
+        J_T, J_C, active, residual, bound = room.reader.read(room.data)
+        self._gauges.refresh(self._model, room.data)
+        seen = room.seen()
+        gaps, J_T, J_C = room.data.efc_pos[: room.data.ne].copy(), J_T.copy(), J_C.copy()
+        self._rooms.append(room)
+        for array in (gaps, J_T, J_C, qpos):
+            array.setflags(write=False)
+        return made(
+            JointPosture,
+            mechanism=self,
+            qpos=qpos,
+            pose=made(Pose, rotation=seen[:9].reshape(3, 3), translation_m=seen[9:12]),
+            task=seen[12:18],
+            J_T=J_T,
+            J_C=J_C,
+            active=active,
+            gear=self._gear,
+            rows=self._rows,
+            closure_residual=residual,
+            error_bound=bound,
+            gaps=gaps,
+            displacements=seen[18:],
+        )
+
+    def _room(self) -> "_Room":
+        """One to compute in, which is to be given back."""
         try:
-            data = self._scratch.pop()
+            return self._rooms.pop()
         except IndexError:  # another thread has it
-            data = copy.copy(self._data)
-        data.qpos[:] = qpos
-        jac = self._reader.at(data)
-        self._gauges.refresh(self._model, data)
-        gaps = data.efc_pos[: data.ne].copy()
-        here = {"pose": self._payload.pose(data), "jacobians": jac, "gaps": gaps}
-        here["displacements"] = self._gauges.read(data)
-        self._scratch.append(data)
-        return computed(JointPosture, qpos=qpos, **here)
+            reader = copy.copy(self._reader)
+            return _Room(self._model, self._data, reader, self._payload, self._gauges)
+
+
+class _Room:
+    """A state to compute in, and where it is read, of which no two threads have the same."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        reader: JacobianReader,
+        payload: Payload,
+        gauges: Displacements,
+    ) -> None:
+        """A copy of a state of the model, and a reader that nobody else reads by."""
+        self.reader, self.data = reader, mujoco.MjData(model)
+        mujoco.mj_copyData(self.data, model, data)
+        self.qpos, self._seen = self.data.qpos, np.empty(18 + len(gauges.nominal))
+        rotation, translation_m, task, displacement = np.split(self._seen, [9, 12, 18])
+        self._observation = Struct(
+            "observation",
+            **payload.frames(self.data),
+            **gauges.places(self.data),
+            rotation=rotation,
+            translation_m=translation_m,
+            displacement=displacement,
+            closure_residual_m=np.empty(1),
+        )
+        self._task = task
+        self._pose = tuple(map(pointer, (rotation, translation_m, task)))
+
+    def seen(self) -> Array:
+        """Pose, task displacement and those of the drives, (9 + 3 + 6 + n,), read-only."""
+        lib.observe(self._observation.pointer, 0, ffi.NULL, ffi.NULL, 0)
+        principal(lib.displacements(1, *self._pose), self._task)
+        return check.read_only(self._seen.copy())
+
+
+def _spring_rows(K: Array) -> Array:
+    """Rows (N, N) whose squares are the energy of a motion, as small as what decides last."""
+    size, modes = np.linalg.eigh(K)
+    weights = _SPRINGS_LAST * np.sqrt(size.clip(0.0) / max(size[-1], _ROUND_OFF))
+    return np.ascontiguousarray(weights[:, None] * modes.T)
 
 
 def _checked(posture: JointPosture) -> JointPosture:

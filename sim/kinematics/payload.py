@@ -42,13 +42,21 @@ class Payload:
     def pose(self, data: mujoco.MjData) -> Pose:
         """Motion from the nominal pose, in base axes: rotation R_now R_nominal^T."""
         rotation, translation_m = np.empty((3, 3)), np.empty(3)
-        lib.seen_from(*map(pointer, (*self.frames(data), rotation, translation_m)))
+        lib.seen_from(*map(pointer, (*self.frames(data).values(), rotation, translation_m)))
         return computed(Pose, rotation=rotation, translation_m=translation_m)
 
-    def frames(self, data: mujoco.MjData) -> tuple[Array, ...]:
-        """What the compiled code takes to see this motion, good as long as `data` is."""
-        rotation, position_m = self.frame.rotation(data), self.frame.position_m(data)
-        return rotation, position_m, self.axes(data), self.world_to_frame, self.origin_m
+    def frames(self, data: mujoco.MjData) -> dict[str, Array]:
+        """What the compiled code takes to see this motion, by names of kernels.h.
+
+        It is good as long as `data` is.
+        """
+        return {
+            "xmat": self.frame.rotation(data),
+            "xpos": self.frame.position_m(data),
+            "base_xmat": self.axes(data),
+            "R_0": self.world_to_frame,
+            "p_0": self.origin_m,
+        }
 
     def force_at_centre_of_mass(self, data: mujoco.MjData, wrench: Array) -> Array:
         """[force; moment] in world axes, as `xfrc_applied`, of [moment; force] (6,) at it."""

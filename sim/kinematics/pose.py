@@ -63,9 +63,12 @@ class Pose:
 
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
-        turn = Rotation.from_matrix(self.rotation.reshape(-1, 3, 3)).as_rotvec()
-        turn = one_half_turn(turn.reshape(*self.rotation.shape[:-2], 3))
-        return np.concatenate([turn, self.translation_m], axis=-1)
+        lead = self.lead
+        rotation, translation_m = flat(self.rotation, 2, lead), flat(self.translation_m, 1, lead)
+        displacement = np.empty((*lead, 6))
+        given = map(pointer, (rotation, translation_m, displacement))
+        principal(lib.displacements(math.prod(lead), *given), displacement)
+        return displacement
 
     @classmethod
     def from_matrix(cls, T: ArrayLike) -> "Pose":
@@ -148,16 +151,26 @@ def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Ar
     The vector is that of :func:`rotation_vector`, at every tick.
     """
     way = np.empty(6)
-    angle = lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, way)))
-    if angle > _CLEARLY_LESS_RAD:
-        way[:3] = one_half_turn(way[:3])
+    principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, way))), way)
     return way
 
 
+def principal(largest_rad: float, twists: Array) -> None:
+    """Make rotation vectors, the first of twists (..., 6), one of two at half a turn.
+
+    Compiled code has written them, and said the largest angle.
+    """
+    if largest_rad > _CLEARLY_LESS_RAD:
+        twists[..., :3] = one_half_turn(twists[..., :3])
+
+
 def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
-    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C."""
+    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C.
+
+    Without batch axes the array itself.
+    """
     if not lead:
-        return np.ascontiguousarray(A)[None]
+        return np.ascontiguousarray(A)
     shape = A.shape[A.ndim - own :]
     return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)
 

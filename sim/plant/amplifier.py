@@ -51,11 +51,6 @@ class Amplifier:
         """Strut displacement at which the suspension balances the coil."""
         return _converted("input_percent", input_percent, self._to_displacement)
 
-    @property
-    def conversions(self) -> dict[str, tuple[float, ...]]:
-        """From inputs to displacements and back, by names of kernels.h."""
-        return {"to_displacement": self._to_displacement, "to_input": self._to_input}
-
     @cached_property
     def _to_input(self) -> "_Conversion":
         half = 2.0 ** (self.bits - 1)

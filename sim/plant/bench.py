@@ -63,9 +63,10 @@ class TaskSensor:
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
         """The rows and the displacements, with noise."""
-        displacements, draw = _seen(pose, displacements), self._rng.standard_normal
-        output = pose.displacement()[self._rows] + self._noise * draw(len(self._rows))
-        return Reading(output, displacements + self._encoder_noise * draw(len(displacements)))
+        displacements, m1 = _seen(pose, displacements), len(self._rows)
+        noise = self._rng.standard_normal(m1 + len(displacements))
+        output = pose.displacement().take(self._rows) + self._noise * noise[:m1]
+        return Reading(output, displacements + self._encoder_noise * noise[m1:])
 
 
 class JointSensors:
@@ -304,25 +305,6 @@ class Bench:
         changed, self.gap = measured_by(self._on_measured, tick, reading)
         return changed
 
-    def advance(self, closed: Callable[..., Array | None]) -> bool:
-        """A tick whose inputs one compiled call finds; whether it did, else nothing has moved.
-
-        Args:
-            closed: Takes the arguments of `observe` in `kernels.h` but for :attr:`observed`, does
-                the same, and returns inputs (n,), or None where it cannot.
-
-        Raises:
-            SimulationDiverged: As :meth:`Plant.step`.
-        """
-        if self._on_measured is not None:  # who changes readings wants to see them
-            return False
-        self._happen()
-        data = self.plant.data
-        inputs = closed(self._tick, data.efc_pos, data.efc_id, data.ne)
-        if inputs is not None:
-            self._drive(inputs)
-        return inputs is not None
-
     def _happen(self) -> None:
         """What is due at this tick, in which failures strike once."""
         now_s = self._time_s[self._tick]  # compiled code would write beyond the log
@@ -338,10 +320,7 @@ class Bench:
             ValueError: Not finite; or the displacements, of the drives if there are any, are not
                 one for each actuator.
         """
-        self._drive(check.finite("inputs", inputs))
-
-    def _drive(self, command: Array) -> None:
-        name = "inputs"
+        command, name = check.finite("inputs", inputs), "inputs"
         if self._on_sent is not None:
             command = sent_by(self._on_sent, self._tick, command)
         if self._drives is not None:

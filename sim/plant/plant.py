@@ -412,22 +412,9 @@ class Plant:
 
     def observed(self) -> dict[str, Any]:
         """What the compiled code reads of :attr:`data` to log a tick, by names of kernels.h."""
-        data, gauges = self.data, self._gauges
-        where = ("xmat", "xpos", "base_xmat", "R_0", "p_0")
-        return dict(zip(where, self._payload.frames(data), strict=True)) | {
-            "counts": self._is_loop,
-            "drives": len(self.drives),
-            "at_joints": len(gauges.joints),
-            "joints": gauges.joints,
-            "places": gauges.qpos,
-            "others": gauges.others,
-            "outputs": gauges.outputs,
-            "gear": gauges.gear,
-            "nominal": gauges.nominal,
-            "qpos": data.qpos,
-            "lengths": data.actuator_length,
-            "forces": data.actuator_force,
-        }
+        data = self.data
+        read = self._payload.frames(data) | self._gauges.places(data)
+        return read | {"counts": self._is_loop, "forces": data.actuator_force}
 
     def integration_state(self) -> Array:
         """The complete state of the integration (mjSTATE_INTEGRATION)."""

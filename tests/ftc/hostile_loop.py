@@ -9,7 +9,6 @@ from ftc import (
     Fault,
     Goal,
     GuardedController,
-    LoopRun,
     Measurement,
     OracleController,
     PrioritizedController,
@@ -56,9 +55,6 @@ AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
 SECONDARY = {"secondary_reference": STILL, "feedforward": DESIRED, "unused_reference": STILL}
 SWING = Dither(1e-3, 20.0, (1.0, -1.0, 1.0))
 LIMITED = mapping(GOAL, limits=LIMITS)
-
-
-BEGUN = LoopRun(np.zeros((1, M1)), np.zeros((1, N)), [STILL], PILOT.start())
 
 
 def transferred(**given: Any) -> Any:
@@ -160,6 +156,6 @@ TARGETS = {
         looped,
         {"machine": Still(), "controller": PILOT}
         | {"reference": np.ones((3, M1)), "feedforward": np.ones((3, M1))}
-        | {"begun": BEGUN},
+        | {"keeps": lambda state: state.inputs},
     ),
 }

@@ -12,13 +12,13 @@ RESULTS = ("LoopRun",)
 """Only `run_loop` makes them."""
 
 AT_EVERY_TICK = (
-    *(f"LocalGeometry.{name}" for name in ("posture", "jacobian", "placed", "twist", "moved")),
-    *(f"MechanismGeometry.{name}" for name in ("posture", "jacobian", "placed", "twist", "moved")),
+    *(f"LocalGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
+    *(f"MechanismGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
     *(
         f"PrioritizedMapping.{name}"
         for name in (
-            *("displacements", "within_limits", "followed", "major_motion", "reached", "split"),
-            *("estimate", "at", "kinematics_at", "rates_at", "limited_at"),
+            *("displacements", "tick", "within_limits", "followed", "major_motion", "reached"),
+            *("split", "estimate", "at", "rates_at", "limited_at"),
         )
     ),
     "DirectDrive.inputs",

@@ -5,13 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.rig.hexapod.closed_form import StrutKinematics
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import StrutMapping
-from ftc.control.mapping import PrioritizedMapping
-from ftc.goal import Goal
 from kernels import Struct, lib, pointer
-from prioritized import Kinematics
 from sim import Bench, Hexapod, Plant, Pose, TaskSensor, load_model
 
 SEEDS = range(8)
@@ -110,21 +104,6 @@ def test_small_numbers_on_the_diagonal_cost_no_digits():
     np.testing.assert_allclose(solved(A, b), np.linalg.solve(A, b), rtol=1e-13)
 
 
-@pytest.mark.parametrize("beyond", [0.99, 1.01])
-def test_an_inverse_is_given_up_to_a_product_of_the_norms(beyond):
-    """|A| |A^-1| of diag(1, 1, 1, s, s, s) is 3 (s + 1/s), whatever the rotations and the unit."""
-    asked = beyond * 1e6 / 3
-    s = (asked + np.sqrt(asked**2 - 4.0)) / 2.0
-    left, right = (
-        np.linalg.qr(each)[0] for each in np.random.default_rng(0).normal(size=(2, 6, 6))
-    )
-    A, inverse = 1e-3 * left @ np.diag([1.0, 1.0, 1.0, s, s, s]) @ right, np.empty((6, 6))
-    found = lib.strut_inverse(pointer(A), pointer(inverse))
-    assert found == (beyond < 1.0)
-    if found:
-        np.testing.assert_allclose(inverse @ A, np.eye(6), atol=1e-9)
-
-
 def test_struts_without_length_or_direction_are_refused():
     bottom, top = machine(np.random.default_rng(0))
     parallel = Hexapod(top - [0, 0, 1], top)  # nothing holds a horizontal shift
@@ -216,35 +195,6 @@ def test_a_converter_scales_rounds_and_clips():
         scaled = np.rint(3.0 * x) if whole else 3.0 * x
         np.testing.assert_array_equal(y, 10.0 * np.clip(scaled, -2.0, 1.5))
     assert {-20.0, 15.0} < set(y)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("locked", [[], [0], [1, 4]])
-def test_the_closed_form_is_what_the_elimination_gives(seed, locked):
-    rng = np.random.default_rng(seed)
-    geometry = Hexapod(*machine(rng))
-    goal = Goal(joint_weight=tuple(rng.uniform(0.5, 2, 6)), locked_at=dict.fromkeys(locked, 0.0))
-    A = geometry.inverse_jacobian(pose(rng))
-    mapping = StrutMapping(geometry, goal, "analytic")
-    closed, general = mapping.kinematics_at(A), PrioritizedMapping.kinematics_at(mapping, A)
-    assert type(closed) is StrutKinematics is not type(general)
-    near = {"rtol": 1e-15 * np.linalg.cond(A) ** 2, "atol": 1e-15 * np.linalg.cond(A)}
-    np.testing.assert_allclose(closed.J, general.J, **near)
-    assert closed.scale == pytest.approx(general.scale, rel=1e-10)
-    assert closed.active_constraint.shape == general.active_constraint.shape
-    assert closed.self_motion.shape == general.self_motion.shape
-    assert (closed.gap, closed.closure_condition) == (general.gap, general.closure_condition)
-    assert str(closed.manipulability(MAJOR)) == str(general.manipulability(MAJOR))
-
-
-def test_next_to_a_singularity_the_elimination_decides():
-    bottom, top = machine(np.random.default_rng(0))
-    parallel = Hexapod(top - [0, 0, 1], top)
-    mapping = StrutMapping(Hexapod(bottom, top), Goal(joint_weight=(1.0,) * 6), "analytic")
-    A = parallel.inverse_jacobian(Pose(np.eye(3), np.zeros(3)))
-    kinematics = mapping.kinematics_at(A)
-    assert type(kinematics) is Kinematics
-    assert kinematics.manipulability(MAJOR).unstable
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])

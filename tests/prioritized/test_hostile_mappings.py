@@ -367,7 +367,7 @@ TRUSTED = {
         for name in ("belonging_to", "natural", "of_mechanism", "of_plain")
     ),
     *("VelocityMapping.own", "VelocityMapping.own_gains"),
-    *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain"),
+    *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain", "Tick.at_jacobians"),
     *("Failures.and_also", "Failures.in_words", "HierarchySolution.in_words"),
 }
 

@@ -28,7 +28,6 @@ from sim import (
     mass_matrix,
     model_sha256,
     pointing_angles,
-    regular_jacobian,
     secondary_motion,
     spiral,
     weightless,
@@ -145,9 +144,6 @@ TARGETS = {
     "Hexapod.moved": Target(MACHINE.moved, {"pose": NOMINAL, "displacement_m": np.full(6, 1e-5)}),
     "Hexapod.lengths_and_jacobian": Target(
         MACHINE.lengths_and_jacobian, {"pose": NOMINAL, "singular": False}
-    ),
-    "regular_jacobian": Target(
-        regular_jacobian, {"inverse_jacobian": MACHINE.inverse_jacobian(NOMINAL)}
     ),
     "Hexapod.inverse_jacobian": Target(MACHINE.inverse_jacobian, {"pose": NOMINAL}),
     "Hexapod.posture": Target(MACHINE.posture, {"pose": NOMINAL}),

@@ -20,7 +20,7 @@ TRUSTED = {
     # Attacked as each of its kinds.
     *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
     # Of numbers that are checked, at every tick.
-    *("Plant.hold", "Plant.observed", "Bench.advance", "Distances.near", "Distances.fits"),
+    *("Plant.hold", "Plant.observed", "Mechanism.read", "Distances.near", "Distances.fits"),
     *("Distances.farthest", "Distances.largest_fraction", "Plant.check_lock"),
 }
 

@@ -136,7 +136,7 @@ class Flight:
 
         Without the poses that the pilot estimated, some kilobytes each: they are not kept.
         """
-        looped = LoopRun(self._measured, self._inputs, [None] * self.tick, self.state)
+        looped = LoopRun(self._measured, self._inputs, self.state)
         begin_s, ticks = first * self.rig.period_s, slice(first, self.tick)
         last = {actuator: at_s for at_s, actuator, _ in self.changes if at_s < begin_s}
         failures = [

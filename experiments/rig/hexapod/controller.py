@@ -1,14 +1,11 @@
 """The hexapod's controller: the compensators of Fig. 3, the mapping to strut displacements."""
 
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
 
-import argument_checks as check
-from experiments.rig.hexapod.closed_form import CLEARLY_REGULAR, StrutKinematics
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.options import JacobianChoice
@@ -25,8 +22,7 @@ from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm, PrioritizedMapping
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from kernels import Struct, lib, pointer
-from prioritized import ConstrainedSystem, Kinematics, VelocityMapping, WhenLimited
+from prioritized import ConstrainedSystem, WhenLimited
 from sim import (
     NOMINAL,
     Array,
@@ -39,7 +35,6 @@ from sim import (
     hexapod,
     linearize,
     pointing_angles,
-    regular_jacobian,
     secondary_motion,
 )
 
@@ -118,6 +113,18 @@ def sampled(plant: LinearPlant, gain: Array, period_s: float) -> "control.StateS
 NO_COMMAND = PreviousCommand(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
+class StrutJacobians(NamedTuple):
+    """Of struts and payload, theta_dot = [l_dot; x_dot]: exact ones.
+
+    Attributes:
+        J_T: Twist of the payload, shape (6, 12).
+        J_C: Of the six struts, shape (6, 12).
+    """
+
+    J_T: Array
+    J_C: Array
+
+
 class HexapodGeometry:
     """The closed-form geometry of the sound hexapod, as :class:`ftc.control.geometry.Geometry`."""
 
@@ -128,7 +135,6 @@ class HexapodGeometry:
         """
         self.hexapod, self.constant = hexapod, constant
         self.nominal = hexapod.posture(NOMINAL)
-        # Struts and payload, theta_dot = [l_dot; x_dot]: l_dot = A x_dot.
         self.system = ConstrainedSystem(
             J_T=np.hstack([np.zeros((6, 6)), np.eye(6)]),
             J_C=np.hstack([np.eye(6), -self.nominal.inverse_jacobian]),
@@ -142,15 +148,13 @@ class HexapodGeometry:
             return self.nominal
         return pose if isinstance(pose, Posture) else self.hexapod.posture(pose)
 
-    def jacobian(self, posture: Pose) -> Array:
-        """A in l_dot = A x_dot, shape (6, 6)."""
-        return self.hexapod.inverse_jacobian(posture)
-
-    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system where l_dot = A x_dot."""
-        J_C = system.J_C.copy()
-        J_C[:, 6:] = -jacobian
-        return system.at(J_C=J_C)
+    def jacobians(self, posture: Pose) -> "StrutJacobians | ConstrainedSystem":
+        """Where l_dot = A x_dot."""
+        if posture is self.nominal:
+            return self.system
+        J_C = self.system.J_C.copy()
+        np.negative(self.hexapod.inverse_jacobian(posture), out=J_C[:, 6:])
+        return StrutJacobians(self.system.J_T, J_C)
 
     def twist(self, posture: Pose, displacements: Array) -> Array:
         """Payload twist (6,) of small strut displacements (6,)."""
@@ -202,62 +206,9 @@ class StrutMapping(PrioritizedMapping[Pose]):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
-        self._is_closed_form = not (goal.free or goal.spring_lost)
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
         how = {"limits": limits, "when_limited": when_limited}
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
-        self._compiled = self._one_call()
-
-    def _one_call(self) -> Struct | None:
-        """What the compiled code takes beside the Jacobian; None where it does not apply."""
-        plain, is_absolute = self._prepared.plain, self.form == "absolute"
-        if plain is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
-            return None
-        if not isinstance(self._at_nominal.mapping, VelocityMapping):  # another optimality
-            return None
-        problem, room = plain.shape(CLEARLY_REGULAR)
-        if plain.metric is not None or room > lib.STRUT_ROOM:
-            return None
-        survivors, (w1, w2) = self._surviving, plain.weights
-        return Struct("strut_mapping", problem=problem, survivors=survivors, w1=w1, w2=w2)
-
-    def following(self) -> dict[str, Any] | None:
-        """What the compiled code takes to estimate a pose and map a demand there; None: it cannot.
-
-        Nodes of the struts, whether their Jacobian is constant, and the mapping, by names of
-        `kernels.h`.
-        """
-        if self._compiled is None or not self._are_all_held:
-            return None
-        nodes, constant = self.geometry.nodes, self.jacobian == "constant"
-        return {"nodes": nodes, "constant": constant, "mapping": self._compiled}
-
-    def displacements(
-        self,
-        demand: Array,
-        pose: Pose,
-        commanded: Array | None = None,
-        last: PreviousCommand | None = None,
-        secondary_reference: Array | None = None,
-    ) -> Array:
-        """As of any mechanism; in one compiled call where nothing but the demand asks for them."""
-        if (
-            self._compiled is not None
-            and secondary_reference is None
-            and check.is_plain(demand)
-            and demand.shape == (len(MAJOR),)
-        ):
-            A, displacements = self._model.jacobian(self._model.posture(pose)), np.empty(6)
-            given = map(pointer, (A, np.ascontiguousarray(demand), displacements))
-            if A.ndim == 2 and lib.strut_displacements(self._compiled.pointer, *given):
-                return displacements
-        return super().displacements(demand, pose, commanded, last, secondary_reference)
-
-    def kinematics_at(self, jacobian: Array) -> Kinematics:
-        """Of the surviving struts where l_dot = A x_dot; eliminated only where it is needed."""
-        general = partial(PrioritizedMapping.kinematics_at, self, jacobian)
-        J = regular_jacobian(jacobian) if self._is_closed_form else None
-        return general() if J is None else StrutKinematics(J.dot(self._expand), general)
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:

@@ -1,10 +1,9 @@
 """The hexapod as a machine in the loop: settled plant, detector, gauges, amplifiers, floor."""
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -167,21 +166,6 @@ class HexapodSensors:
             output=self._detector.read(pose.rotation, self._detector_rng) + zero_rad,
             displacement=self._gauges.read(displacements, self._gauge_rng),
         )
-
-    def detecting(self, ticks: int) -> dict[str, Any]:
-        """What the detector's first readings are made of, by names of kernels.h.
-
-        Its optics, noise (N, 2) and zeros (N, 2); nothing is read yet.
-        """
-        noise = deepcopy(self._detector_rng).standard_normal((ticks, 2))
-        zeros = np.ascontiguousarray(self._zero_rad)
-        return {**asdict(self._detector), "noise": noise, "zeros": zeros}
-
-    def skip(self, ticks: int) -> None:
-        """Go on as if so many ticks had been read."""
-        self._detector_rng.standard_normal((ticks, 2))
-        self._gauge_rng.standard_normal((ticks, 6))
-        self._tick += ticks
 
 
 def detector_noise_rad(bench: TestbedConfig, seed: int, ticks: int) -> Array:

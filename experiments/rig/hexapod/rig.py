@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
-from experiments.rig.hexapod.compiled_loop import begun
 from experiments.rig.hexapod.controller import (
     StrutMapping,
     controller_for,
@@ -193,5 +192,4 @@ def hexapod_rig(
         machine=HexapodMachine(testbed, start_m=start_m, floor_m_per_s2=floor_m_per_s2),
         coordinates=task_coordinates,
         dither=DITHER,
-        fast_start=begun,
     )

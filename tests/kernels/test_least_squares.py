@@ -1,0 +1,104 @@
+"""Least squares of any rank, and the motion of a mechanism: against numpy."""
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from kernels import Struct, lib, pointer
+from sim import Mechanism, Pose, load_model
+from sim.mjcf.model import MODELS
+
+
+def solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    m, n = A.shape
+    M, x = np.column_stack([A, b]), np.empty(n)
+    lib.least_squares(m, n, pointer(M), pointer(np.empty(lib.least_squares_room(n))), pointer(x))
+    return x
+
+
+def of_rank(rng: np.random.Generator, m: int, n: int, rank: int) -> np.ndarray:
+    return rng.normal(size=(m, rank)) @ rng.normal(size=(rank, n))
+
+
+@pytest.mark.parametrize("m", [1, 2, 5, 9])
+@pytest.mark.parametrize("n", [1, 3, 5, 8])
+def test_the_solution_is_the_one_of_least_norm_whatever_the_rank(m, n):
+    rng = np.random.default_rng([m, n])
+    for rank in range(min(m, n) + 1):
+        for scale in (1e-6, 1.0, 1e6):
+            A, b = scale * of_rank(rng, m, n, rank), rng.normal(size=m)
+            expected = np.linalg.lstsq(A, b, rcond=1e-9)[0]
+            size = np.abs(expected).max(initial=0.0)
+            np.testing.assert_allclose(solved(A, b), expected, atol=1e-8 * size)
+
+
+def test_rows_of_other_weights_are_met_first():
+    """Rows a million times as heavy hold to round-off, the others as far as these let them."""
+    rng = np.random.default_rng(0)
+    heavy, light, b = rng.normal(size=(2, 5)), rng.normal(size=(6, 5)), rng.normal(size=8)
+    weights = np.repeat([1e6, 1.0], [2, 6])
+    x = solved(weights[:, None] * np.vstack([heavy, light]), weights * b)
+    null = np.linalg.svd(heavy)[2][2:].T
+    first = np.linalg.pinv(heavy) @ b[:2]
+    expected = first + null @ np.linalg.lstsq(light @ null, b[2:] - light @ first)[0]
+    np.testing.assert_allclose(x, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("largest", [0.0, 1e-9, 0.1, 3.0])
+def test_displacements_of_poses_are_their_rotation_vectors_and_translations(largest):
+    rng = np.random.default_rng(3)
+    turn = rng.normal(size=(40, 3))
+    turn *= largest * rng.random((40, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)
+    R, t = np.ascontiguousarray(Rotation.from_rotvec(turn).as_matrix()), rng.normal(size=(40, 3))
+    found = np.empty((40, 6))
+    angle = lib.displacements(40, pointer(R), pointer(t), pointer(found))
+    np.testing.assert_allclose(found, np.hstack([turn, t]), atol=2e-15)
+    assert angle == pytest.approx(np.linalg.norm(turn, axis=1).max(), abs=1e-15)
+    np.testing.assert_array_equal(Pose(R, t).displacement(), found)
+
+
+def test_a_mechanism_moves_as_its_closures_and_drives_ask():
+    """J_C x = -gaps first, then the drives that are held; what nothing determines stays."""
+    rng = np.random.default_rng(4)
+    J_C, gaps = rng.normal(size=(3, 7)), 1e-3 * rng.normal(size=2)
+    active, held = np.array([4, 5, 6]), np.array([2, 0])
+    here, wanted = np.zeros(3), 1e-3 * rng.normal(size=3)
+    of = Struct("drives_model", N=7, n=3, active=active, loops_first=1e4)
+    motion, room = np.empty(7), np.empty(lib.nearest_room(3, 2, 0, 7))
+
+    def nearest(held, gaps, wanted):
+        return lib.nearest_motion(
+            *(of.pointer, 3, pointer(J_C), len(gaps), pointer(gaps), len(held), pointer(held)),
+            *(pointer(wanted), pointer(here), pointer(room), pointer(motion)),
+        )
+
+    assert nearest(held, gaps, wanted) == lib.MOTION_FOUND
+    np.testing.assert_allclose(J_C @ motion, [*-gaps, 0.0], atol=1e-12)
+    np.testing.assert_allclose(motion[active[held]], wanted[held], atol=1e-12)
+    rows = np.vstack([J_C, np.eye(7)[active[held]]])
+    np.testing.assert_allclose(np.linalg.svd(rows)[2][5:] @ motion, 0.0, atol=1e-12)
+    assert nearest(held, np.zeros(2), here) == lib.MOTION_NONE
+    assert nearest(np.array([3]), gaps, wanted) == lib.MOTION_REFUSED
+    assert nearest(np.array([-1]), gaps, wanted) == lib.MOTION_REFUSED
+
+
+@pytest.mark.parametrize("name", ["arm", "hand", "arms", "platform"])
+def test_a_posture_says_what_mujoco_says_at_its_joint_positions(name):
+    model = load_model(MODELS / f"{name}.xml")
+    mechanism = Mechanism(model, site="payload")
+    rng, n = np.random.default_rng(5), len(mechanism.nominal.displacements)
+    moved = mechanism.moved(mechanism.nominal, 1e-3 * rng.normal(size=n), np.arange(n))
+    data = mujoco.MjData(model)
+    data.qpos[:] = moved.qpos
+    mujoco.mj_fwdPosition(model, data)
+    np.testing.assert_allclose(moved.gaps, data.efc_pos[: data.ne], atol=1e-15)
+    whole = mechanism.read(moved.qpos)
+    np.testing.assert_array_equal(moved.J_T, whole.J_T)
+    np.testing.assert_array_equal(moved.J_C, whole.J_C)
+    assert moved.accuracy is not None and whole.accuracy is not None
+    assert moved.error_bound == whole.accuracy.error_bound == moved.accuracy.error_bound
+    assert moved.names == whole.names and moved.closure_residual == whole.closure_residual
+    np.testing.assert_array_equal(moved.task, moved.pose.displacement())
+    for array in (moved.qpos, moved.task, moved.J_T, moved.J_C, moved.gaps, moved.displacements):
+        assert not array.flags.writeable
