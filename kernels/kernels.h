@@ -174,31 +174,6 @@ void spot(const double *R, double focal, double half_width, double deviation, co
 /* Convert n numbers x to y; NaN stays NaN. */
 void convert(const conversion *by, int n, const double *x, double *y);
 
-/* least_squares.c */
-
-/* Write x (n) of least norm among those that minimize |A x - b|, of M = [A, b] (m, n + 1), which
- * is overwritten. Columns of less than 1e-10 of the largest pivot are dependent. */
-int least_squares_room(int n);
-void least_squares(int m, int n, double *M, double *room, double *x);
-
-/* A mechanism of N velocities, of which n are active; energies of its springs (N, N) count after
- * these, if there are any, and closures before them by a factor. */
-typedef struct {
-    int N, n;
-    const int64_t *active;
-    double loops_first;
-    const double *springs;
-} drives_model;
-
-/* Write the motion (N) that takes the active velocities `held` (h) from displacements (n) to those
- * wanted, and closes the loops: J_C (c, N) motion = -gaps, of which those beyond g are zero. What
- * contradicts itself is met with least error, what nothing determines stays. */
-enum { MOTION_FOUND, MOTION_NONE, MOTION_REFUSED }; /* nothing is to move; no such velocities */
-int nearest_room(int c, int h, int s, int N);
-int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
-                   int h, const int64_t *held, const double *wanted, const double *displacements,
-                   double *room, double *motion);
-
 /* boxes.c */
 
 /* argument_checks.ties.exceeds of two numbers. */
@@ -231,6 +206,23 @@ double close_loops(const double *J_C, int c, int N, const int64_t *order, int p,
  * numbers, and return the size of the two terms. */
 double reduce_task(const double *J_T, int m, int N, const int64_t *order, int p, int n,
                    const double *gain, int width, double *J);
+
+/* A mechanism of N velocities, of which n are active; rows (N, N) whose squares are the energy of
+ * its springs, or nothing. */
+typedef struct {
+    int N, n;
+    const int64_t *active;
+    const double *springs;
+} drives_model;
+
+/* Write the motion (N) that closes the loops, J_C (c, N) motion = -gaps, of which those beyond g are
+ * zero; then takes the active velocities `held` (h) from displacements (n) to those wanted; then
+ * moves as the springs have it, and least. What contradicts itself is met with least error. */
+enum { MOTION_FOUND, MOTION_NONE, MOTION_REFUSED }; /* nothing is to move; no such velocities */
+int nearest_room(int c, int h, int s, int N);
+int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
+                   int h, const int64_t *held, const double *wanted, const double *displacements,
+                   double *room, double *motion);
 
 /* Write the bases of prioritized.canonical_basis to zeros, (count, N, k). Overwrites orthonormal
  * columns, of which zero ones come last then, (count, N, k); room for a vector (k). */

@@ -133,3 +133,56 @@ void canonical_bases(int count, int N, int k, double *rest, double *made, double
             }
         }
 }
+
+/* The levels of a motion: loops, then drives that are held, then springs; those that there are. */
+static lexicographic_problem motion_levels(int c, int h, int s, int N, int32_t *ends)
+{
+    int rows[] = {c, h, s}, levels = 0, end = 0;
+    for (int k = 0; k < 3; k++)
+        if (rows[k])
+            ends[levels++] = end += rows[k];
+    return (lexicographic_problem){.count = 1, .n = N, .levels = levels, .matrices = 1,
+                                   .bounds = 1, .most_steps = 1, .tolerance = RANK, .ends = ends};
+}
+
+int nearest_room(int c, int h, int s, int N)
+{
+    int32_t ends[3];
+    lexicographic_problem p = motion_levels(c, h, s, N, ends);
+    return (c + h + s) * (N + 1) + 3 * N + (int)lexicographic_room(&p);
+}
+
+int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
+                   int h, const int64_t *held, const double *wanted, const double *displacements,
+                   double *room, double *motion)
+{
+    int N = of->N, s = of->springs ? N : 0, rows = c + h + s;
+    double *A = room, *b = A + rows * N, *limits = b + rows, report[4];
+    int32_t ends[3];
+    bool is_there = true;
+    for (int i = 0; i < h; i++)
+        if (held[i] < 0 || held[i] >= of->n)
+            return MOTION_REFUSED;
+    memset(room, 0, (size_t)(rows * (N + 1)) * sizeof *room);
+    memcpy(A, J_C, (size_t)(c * N) * sizeof *A);
+    for (int i = 0; i < g; i++)
+        b[i] = -gaps[i];
+    for (int i = 0; i < h; i++) {
+        A[(c + i) * N + of->active[held[i]]] = 1.0;
+        b[c + i] = wanted[held[i]] - displacements[held[i]];
+    }
+    if (s)
+        memcpy(A + (c + h) * N, of->springs, (size_t)(N * N) * sizeof *A);
+    for (int i = 0; i < c + h; i++)
+        is_there = is_there && b[i] == 0.0;
+    if (is_there)
+        return MOTION_NONE;
+    for (int j = 0; j < N; j++) {
+        limits[j] = -INFINITY;
+        limits[N + j] = INFINITY;
+    }
+    lexicographic_problem p = motion_levels(c, h, s, N, ends);
+    lexicographic_solve(&p, A, b, 0, limits, 0, limits + 3 * N, motion,
+                        (int8_t *)(limits + 2 * N), report, 0);
+    return MOTION_FOUND;
+}

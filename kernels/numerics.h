@@ -6,6 +6,21 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* A function that is also compiled for wider registers, and taken where the processor has them: the
+ * same sums in the same order, hence the same bits. Loaders of other systems cannot choose, and
+ * sanitizers must not run before the choice. */
+#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__) \
+    && !defined(__SANITIZE_ADDRESS__)
+#define WIDE __attribute__((target_clones("default", "avx2")))
+#else
+#define WIDE
+#endif
+#ifdef __GNUC__
+#define INLINED static inline __attribute__((always_inline))
+#else
+#define INLINED static inline
+#endif
+
 /* Part of what rows were made from below which their singular values are zero: RANK_TOLERANCE. */
 static const double RANK = 1e-10;
 /* Part of what a number is computed from that may be round-off; a tenth of it is, alone. */

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "kernels.h"
+#include "numerics.h"
 
 /* Part of its variance below which a pivot is round-off. */
 static const double PIVOT = 1e-13;
@@ -11,7 +12,7 @@ enum { LANES = 8 };
 
 /* Write roots L (d, d, LANES) of P + Q by Cholesky, lower triangles, of Q (LANES) that are `next`
  * numbers apart. */
-static void factor(const double *P, const double *Q, int64_t next, int d, double *L)
+WIDE static void factor(const double *P, const double *Q, int64_t next, int d, double *L)
 {
     for (int i = 0; i < d; i++)
         for (int j = 0; j <= i; j++) {
@@ -32,7 +33,7 @@ static void factor(const double *P, const double *Q, int64_t next, int d, double
 }
 
 /* Write the distances (LANES) of a point (d) from segments that are `next` numbers apart. */
-static void distances(const double *L, int d, const double *point, const double *starts,
+WIDE static void distances(const double *L, int d, const double *point, const double *starts,
                       const double *ways, int64_t next, double *a, double *b, double *distance)
 {
     double aa[LANES] = {0.0}, ab[LANES] = {0.0}, bb[LANES] = {0.0};

@@ -7,13 +7,18 @@ of the lines in the guide's vector figures 4 and 6, turned into values by the fi
 States: sideslip, roll angle, roll rate, yaw rate; inputs: aileron, rudder.
 """
 
+from collections.abc import Sequence
+from functools import partial
+
 import control
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_continuous_are
 from scipy.signal import lfilter
 
-from ftc.fdi.design.model_distance import output_distance
+from ftc.fdi.fault_model import Fault, FaultModel
+from ftc.fdi.isolation.bank import HypothesisBank
+from ftc.fdi.isolation.hypotheses import bank_of
 
 A = np.array(
     [
@@ -34,9 +39,8 @@ MATCHES = {
     "parameters": [36, 60, 30, 60, 100, 50, 30, 50, 25],
     "H-infinity": [28, 50, 27, 62, 110, 59, 26, 54, 25],
     "H2": [30, 55, 29, 56, 107, 59, 26, 54, 25],
-    "nu-gap": [40, 56, 30, 106, 109, 59, 13, 19, 9],
 }
-"""Figure 4: how many of the 441 are nearest to each model, by four distances. Whole numbers."""
+"""Figure 4: how many of the 441 are nearest to each model, by three distances. Whole numbers."""
 
 NORMS = np.array(
     [
@@ -56,6 +60,9 @@ NORMS = np.array(
 READING = 0.01
 """Of NORMS: heights that must be equal by symmetry differ by up to 0.006 in the figure."""
 
+FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 90), np.linspace(3.9, 4.3, 60)])
+"""[rad]/[s], close together where the aircraft's mode is."""
+
 PERIOD_S, END_S, DEGREES = 0.01, 10.0, 180 / np.pi
 INPUT_NOISE, OUTPUT_NOISE = 0.01, 0.03
 """Widths of the uniform noise of example 6.2, on the states' rates and on the two angles [deg]."""
@@ -64,6 +71,49 @@ INPUT_NOISE, OUTPUT_NOISE = 0.01, 0.03
 def model(left: ArrayLike, outputs: int = 4, unit: float = 1.0) -> control.StateSpace:
     """Of an aircraft with these parts left; the first states are measured."""
     return control.ss(A, B * np.asarray(left), unit * np.eye(outputs, 4), np.zeros((outputs, 2)))
+
+
+def output_distance(
+    first: control.StateSpace, second: control.StateSpace, noise: np.ndarray
+) -> float:
+    """H-infinity norm of the difference of two models, whitened by the noise of the outputs."""
+    jw = 1j * FREQUENCIES
+    apart = first(jw, squeeze=False) - second(jw, squeeze=False)
+    whitened = np.moveaxis(apart, -1, 0) / noise[:, None]
+    return float(np.linalg.norm(whitened, 2, axis=(1, 2)).max())
+
+
+def input_fault_model(
+    plant: control.StateSpace, noise: np.ndarray, faults: Sequence[Fault] = ()
+) -> FaultModel:
+    """A sampled plant with faults of its inputs, states [x; last commands].
+
+    An actuator acts through its column of B alone: free, the column is zero; weak, it is multiplied
+    by what is left; locked, it stays where the last command before had put it, as a control surface
+    that is stuck. `noise` are the standard deviations of the outputs, (p,).
+    """
+    n, s = plant.ninputs, plant.nstates
+    left, stuck = np.ones(n), np.zeros(n)
+    for fault in faults:
+        if fault.kind == "locked":
+            stuck[fault.actuator] = 1.0
+        else:
+            left[fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
+    B = plant.B * left
+    return FaultModel(
+        A=np.block([[plant.A, B * stuck], [np.zeros((n, s)), np.diag(stuck)]]),
+        B=np.vstack([B * (1 - stuck), np.diag(1 - stuck)]),
+        C=np.hstack([plant.C / noise[:, None], np.zeros((plant.noutputs, n))]),
+        onset=np.eye(s + n),
+        drift=np.zeros(s + n),
+    )
+
+
+def input_fault_bank(
+    plant: control.StateSpace, noise: np.ndarray, faults: Sequence[Fault] = ()
+) -> HypothesisBank:
+    """Hypotheses of one more fault of an input beside those that are known."""
+    return bank_of(partial(input_fault_model, plant, noise), plant.ninputs, faults)
 
 
 def sampled() -> control.StateSpace:

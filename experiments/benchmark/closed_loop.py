@@ -1,7 +1,9 @@
 """The closed loop as a whole, and its ticks with recorded measurements: no plant."""
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property, partial
 from time import process_time_ns
 from typing import Any, Generic, TypeVar
 
@@ -9,6 +11,7 @@ import mujoco
 import numpy as np
 
 from experiments.benchmark.measurement import Contender
+from experiments.rig import Rig
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.fault_tolerance import nominal_model
 from experiments.rig.hexapod.rig import hexapod_rig
@@ -18,7 +21,7 @@ from ftc.controller import Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.loop import Controller
-from sim import Array, Pose
+from sim import MODELS, Array, Failure, Plant, Pose
 
 Pilot = TypeVar("Pilot", bound=Controller[Any])
 
@@ -64,6 +67,85 @@ def whole(loop: ClosedLoop) -> list[Contender]:
         Contender("mj_step", loop.step, lambda: [()], loop.ticks),
         Contender("closed_loop", loop.run, lambda: [()], loop.ticks),
     ]
+
+
+LOOPS = {"arm": (3, 4, 5), "hand": (3, 4), "arms": (3, 4, 5), "platform": (3, 4)}
+"""Bundled robots beside the hexapod, and their major rows."""
+
+
+@dataclass(frozen=True)
+class RobotLoop:
+    """A run of a robot that is timed: `seconds` of a circle, noise of this seed."""
+
+    name: str
+    rig: Rig
+    seconds: float
+    seed: int
+
+    @staticmethod
+    def of(name: str, seconds: float, seed: int) -> "RobotLoop":
+        """That of a bundled robot."""
+        major = LOOPS.get(name)
+        if major is None:
+            return RobotLoop(name, Rig.hexapod(), seconds, seed)
+        rig = Rig.of_mjcf(MODELS / f"{name}.xml", site="payload", major=major)
+        return RobotLoop(name, rig, seconds, seed)
+
+    @cached_property
+    def path(self) -> Array:
+        """Of the major rows, (N, m1)."""
+        return self.rig.path("circle", duration_s=self.seconds)
+
+    @cached_property
+    def _at_rest(self) -> Plant:
+        return self.rig.bench(np.zeros(1), (), self.seed).plant
+
+    def step(self) -> None:
+        """MuJoCo alone, from the start, in one call."""
+        plant, rig = self._at_rest, self.rig
+        data = copy(plant.data)
+        steps = len(self.path) * round(rig.period_s / plant.model.opt.timestep)
+        mujoco.mj_step(plant.model, data, steps)
+
+    def contenders(self) -> list[Contender]:
+        """Times per control tick: bare physics, the loop, and the loop that diagnoses."""
+        pilots = {"loop": self.rig.controller(), "supervised": self.rig.supervisor()}
+        calls = {"physics": self.step} | {
+            name: partial(self.rig.fly, pilot, self.path, seed=self.seed)
+            for name, pilot in pilots.items()
+        }
+        ticks = len(self.path)
+        return [
+            Contender(f"{self.name}_{name}", call, lambda: [()], ticks)
+            for name, call in calls.items()
+        ]
+
+    def slowest(self) -> dict[str, float]:
+        """Mean and slowest tick of a supervisor, in a run in which an actuator locks, [us]."""
+        rig, pilot = self.rig, self.rig.supervisor()
+        struck = [Failure(0, "locked", _STRUCK_S)]
+        path = rig.path("circle", duration_s=2 * _STRUCK_S)
+        timed = _Timed(pilot)
+        rig.fly(timed, path, failures=struck, seed=self.seed)
+        return {"mean_us": float(np.mean(timed.us)), "slowest_us": max(timed.us)}
+
+
+_STRUCK_S = 2.5
+"""After so long what is learned of the machine is known."""
+
+
+class _Timed:
+    """A controller whose ticks are timed, processor time, [us]."""
+
+    def __init__(self, pilot: Any) -> None:
+        self.start, self._step, self.us = pilot.start, pilot.step, list[float]()
+
+    def step(self, *given: Any, feedforward: Array | None = None) -> Any:
+        """As the controller."""
+        begin = process_time_ns()
+        state = self._step(*given, feedforward=feedforward)
+        self.us.append(1e-3 * (process_time_ns() - begin))
+        return state
 
 
 @dataclass(frozen=True)

@@ -99,6 +99,24 @@ def _ik(robot: str, words: str, what: str) -> Ratio:
     )
 
 
+def _loop(robot: str, words: str, goal: float, supervised_goal: float, bounds: str) -> list[Ratio]:
+    """Of a bundled robot: the loop over its physics, and the loop that diagnoses."""
+    goals = {"loop": goal, "supervised": supervised_goal}
+    said = {"loop": "closed loop", "supervised": "supervised loop"}
+    return [
+        Ratio(
+            f"{robot}_{name}_over_physics",
+            f"{robot}_{name}",
+            f"{robot}_physics",
+            f"{said[name]} / physics, {words}",
+            f"the {said[name]} of {words} over the physics steps alone",
+            float(bound),
+            goals[name],
+        )
+        for name, bound in zip(goals, bounds.split(), strict=True)
+    ]
+
+
 _STANDS = "palm in six directions and centre of mass, velocity limits"
 RATIOS = (
     Ratio(
@@ -106,11 +124,15 @@ RATIOS = (
         "the whole closed loop over the physics steps alone",
         *(1.2, 1.12),
     ),
+    *_loop("hexapod", "hexapod", 1.25, 1.5, "2 2.5"),
+    *_loop("arm", "arm of seven joints", 2.5, 5.0, "12 30"),
+    *_loop("hand", "hand of closed loops", 3.0, 6.0, "12 30"),
+    *_loop("arms", "two arms with one load", 3.0, 6.0, "10 20"),
+    *_loop("platform", "parallel platform", 3.0, 6.0, "10 20"),
     Ratio(
         *("loop_overhead_over_mink", "closed_loop -mj_step", "fjh_mink"),
         "control tick without physics / mink",
-        "a control tick without physics, mapping in the hexapod's closed form; over one "
-        "mink.solve_ik",
+        "a control tick of the hexapod without physics; over one mink.solve_ik",
         *(0.25, 0.15),
     ),
     _tick(

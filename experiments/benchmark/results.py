@@ -56,6 +56,7 @@ def summarize(timed: Timed) -> dict[str, Any]:
         "active_limits": timed.active_limits,
         "out_of_reach": timed.out_of_reach,
         "latency": {"ticks": effort.ticks, "of": timed.latency},
+        "slowest": timed.slowest,
         "growth": {
             "actuators": {each.name: _series(each.name, sizes, us) for each in GROWING},
             "batch": {"size": list(batches), "median_us": batched_us} | of_call,

@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmark.closed_loop import GOAL, ClosedLoop, recorded, whole
+from experiments.benchmark.closed_loop import (
+    GOAL,
+    LOOPS,
+    ClosedLoop,
+    RobotLoop,
+    recorded,
+    whole,
+)
 from experiments.benchmark.latency import latencies
 from experiments.benchmark.measurement import Agreement, Entry, by_turns, questions
 from experiments.rig.hexapod.controller import controller_for, nominal_loops
@@ -40,6 +47,8 @@ class Effort:
     actuators: tuple[int, ...] = (6, 10, 20, 50, 100, 200)
 
 
+_CIRCLE_S = 3.0
+"""Of the runs of bundled robots, at most."""
 _BATCHES = (1, 10, 100, 1_000, 10_000, 100_000)
 FULL = Effort(TestbedConfig().duration_s, rounds=7, ticks=50_000, batches=_BATCHES)
 QUICK = Effort(2.0, rounds=5, ticks=2_000, batches=_BATCHES[:-1])
@@ -51,7 +60,8 @@ class Timed:
 
     `active_limits`: for each question with limits, how many problems have 0, 1, ... rates at one.
     `out_of_reach`: whether weights change a major task that limits hold back. `latency`: of single
-    ticks, by name and setting of the garbage collector.
+    ticks, by name and setting of the garbage collector. `slowest`: mean and slowest tick of
+    supervised robots of which an actuator locks.
 
     The numbers are unsound beyond their bounds if `check`.
     """
@@ -63,6 +73,7 @@ class Timed:
     active_limits: dict[str, list[int]]
     out_of_reach: dict[str, Any]
     latency: dict[str, Any]
+    slowest: dict[str, dict[str, float]]
     check: bool = False
 
 
@@ -102,15 +113,19 @@ def run_bench(*, seed: int, quick: bool, check: bool, on_progress: OnProgress) -
         for each in agreed:
             each.check()
         run = recorded(testbed, controller_for(testbed, GOAL), seed)
-        entries.append(Entry([*whole(loop), *run.diagnosis()]))
+        seconds = min(effort.seconds, _CIRCLE_S)
+        loops = [RobotLoop.of(name, seconds, seed) for name in ("hexapod", *LOOPS)]
+        flown = [each for one in loops for each in one.contenders()]
+        entries.append(Entry([*whole(loop), *run.diagnosis(), *flown]))
         contenders = [each for entry in entries for each in entry.contenders]
         samples_us = by_turns(contenders, effort.rounds, on_progress)
         diagnosing = recorded(testbed, hexapod_rig(testbed).supervisor(goal=GOAL), seed)
         ticks = {"controller": run.controlling(), "supervisor": diagnosing.controlling()}
         ticks |= {each.name: each.single() for each in contenders if each.name in LATENCY}
         latency = latencies(ticks, effort.ticks, on_progress)
+        slowest = {each.name: each.slowest() for each in loops}
         active = {
             question: counts for entry in entries for question, counts in entry.at_limits.items()
         }
         weights = limited.compared(seed)
-    return Timed(seed, effort, agreed, samples_us, active, weights, latency, check)
+    return Timed(seed, effort, agreed, samples_us, active, weights, latency, slowest, check)

@@ -3,14 +3,21 @@
 from typing import Any
 
 from experiments.benchmark import ratios
+from experiments.benchmark.closed_loop import LOOPS
 from experiments.benchmark.runs import PACKAGES
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.tables import Column, Table, tabulate
 
+_OF_LOOPS = {"physics": "physics alone", "loop": "closed loop", "supervised": "supervised"}
 TICK = {
     "mj_step": "physics alone: mj_step",
     "closed_loop": "closed loop",
-    "hexapod_tick": "hexapod's closed form: Jacobian to apply",
+    **{
+        f"{robot}_{name}": f"{robot}, {label}"
+        for robot in ("hexapod", *LOOPS)
+        for name, label in _OF_LOOPS.items()
+    },
+    "hexapod_tick": "hexapod's mapping: Jacobian to apply",
     "diagnosis": "diagnosis: Monitor.step",
     "diagnosis_worst": "  its slowest ticks",
     "square_loops": "kinematics and mapping, six actuators",
@@ -69,6 +76,7 @@ def tables(summary: dict[str, Any]) -> list[Table]:
         _times("One control tick, us", TICK, timings),
         _robots(timings),
         _latency(summary["latency"]),
+        _slowest(summary["slowest"]),
         _peers(timings, " ".join(at_limits)),
         _times("One Problem 1 of six actuators in other ways, us", SOLVE, timings),
         _out_of_reach(summary["out_of_reach"]),
@@ -123,6 +131,22 @@ def _robots(timings: dict[str, Any]) -> Table:
         "compiled: JacobianReader.read and VelocityMapping.tick, made once. from a reader: "
         "JacobianReader.at, ConstrainedSystem.of, velocity_mapping, all anew. as in README: "
         "sim.jacobians instead, which also looks up all names. All results agree to 1e-5.",
+    )
+
+
+def _slowest(slowest: dict[str, dict[str, float]]) -> Table:
+    columns = (
+        Column("", "label"),
+        Column("mean", lambda one: _us(one["mean_us"])),
+        Column("slowest", lambda one: _us(one["slowest_us"])),
+    )
+    entries = [{"label": name} | one for name, one in slowest.items()]
+    legend = "The slowest is that of an alarm, which looks back over two seconds, or of a decision."
+    return tabulate(
+        "One tick of a supervisor while an actuator locks, us of the processor",
+        columns,
+        entries,
+        legend,
     )
 
 

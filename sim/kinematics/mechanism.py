@@ -25,12 +25,6 @@ from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state, start_of
 from sim.mjcf.transmission import drives
 
-_LOOPS_FIRST = 1e4
-"""Weight of the closures against the commanded displacements, which may contradict them."""
-_SPRINGS_LAST = 1e-4
-"""Weight of the springs, which decide only what closures and displacements leave free."""
-_ROUND_OFF = 1e-10
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointPosture(Jacobians):
@@ -138,7 +132,6 @@ class Mechanism:
             N=self.nominal.J_C.shape[1],
             n=len(self.nominal.active),
             active=self.nominal.active,
-            loops_first=_LOOPS_FIRST,
             springs=None if stiffness is None else _spring_rows(stiffness),
         )
 
@@ -277,10 +270,9 @@ class _Room:
 
 
 def _spring_rows(K: Array) -> Array:
-    """Rows (N, N) whose squares are the energy of a motion, as small as what decides last."""
+    """Rows (N, N) whose squares are the energy of a motion."""
     size, modes = np.linalg.eigh(K)
-    weights = _SPRINGS_LAST * np.sqrt(size.clip(0.0) / max(size[-1], _ROUND_OFF))
-    return np.ascontiguousarray(weights[:, None] * modes.T)
+    return np.ascontiguousarray(np.sqrt(size.clip(0.0))[:, None] * modes.T)
 
 
 def _checked(posture: JointPosture) -> JointPosture:

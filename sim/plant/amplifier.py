@@ -1,8 +1,7 @@
 """Digital-to-analog converter, current amplifier and voice coil: from command to displacement."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
@@ -52,38 +51,28 @@ class Amplifier:
         return _converted("input_percent", input_percent, self._to_displacement)
 
     @cached_property
-    def _to_input(self) -> "_Conversion":
+    def _to_input(self) -> Struct:
         half = 2.0 ** (self.bits - 1)
         per_m = half / (self.full_input_a * self.newton_per_a / self.newton_per_m)
-        return _Conversion(per_m, -half, half - 1.0, 100.0 / half, whole=True)
+        return _conversion(per_m, -half, half - 1.0, 100.0 / half, whole=True)
 
     @cached_property
-    def _to_displacement(self) -> "_Conversion":
+    def _to_displacement(self) -> Struct:
         return self._current(self.newton_per_a / self.newton_per_m)
 
-    def _current(self, per_a: float) -> "_Conversion":
+    def _current(self, per_a: float) -> Struct:
         limit_a = self.limit_a
-        return _Conversion(self.full_input_a / 100.0, -limit_a, limit_a, per_a, whole=False)
+        return _conversion(self.full_input_a / 100.0, -limit_a, limit_a, per_a, whole=False)
 
 
-class _Conversion(NamedTuple):
+def _conversion(factor: float, lower: float, upper: float, gain: float, *, whole: bool) -> Struct:
     """Numbers times a factor, rounded if `whole`, within limits; times a gain."""
-
-    factor: float
-    lower: float
-    upper: float
-    gain: float
-    whole: bool
+    limits = {"lower": lower, "upper": upper}
+    return Struct("conversion", factor=factor, gain=gain, whole=whole, **limits)
 
 
-def _converted(name: str, value: Array, conversion: _Conversion) -> Array:
+def _converted(name: str, value: Array, conversion: Struct) -> Array:
     x = check.finite(name, value)
     y = np.empty(x.shape)
-    lib.convert(_struct(conversion).pointer, x.size, pointer(np.ascontiguousarray(x)), pointer(y))
+    lib.convert(conversion.pointer, x.size, pointer(np.ascontiguousarray(x)), pointer(y))
     return y
-
-
-@lru_cache(maxsize=64)
-def _struct(conversion: _Conversion) -> Struct:
-    """As the compiled code takes it, made once."""
-    return Struct("conversion", **conversion._asdict())

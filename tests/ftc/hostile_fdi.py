@@ -8,11 +8,9 @@ import numpy as np
 from ftc import Fault, monitor
 from ftc.control.anti_windup import circle_margin, tracking_gain
 from ftc.control.compensator import sensitivity_peak
-from ftc.fdi.design.model_distance import nu_gap, output_distance
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import resting_displacements, static_gain, static_share
-from ftc.fdi.input_faults import input_fault_bank, input_fault_model
 from ftc.linear_loop import LinearLoop, simulate
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks
@@ -78,11 +76,6 @@ def checked(**given: Any) -> Any:
     return check.step(check.start(2, N), None, STILL).task.held_ticks
 
 
-def answered(**given: Any) -> Any:
-    found = input_fault_model(**given)
-    return found.A, found.B, found.C
-
-
 TARGETS = {
     "sensitivity_peak": Target(sensitivity_peak, {"L": LOOPED}),
     "tracking_gain": Target(tracking_gain, {"channel": LOOP, "slowness": 1.0}),
@@ -98,17 +91,6 @@ TARGETS = {
     "static_share": Target(static_share, {"nominal": NOMINAL, "fault": FAULTY[0]}),
     "resting_displacements": Target(
         resting_displacements, {"nominal": NOMINAL, "faults": FAULTY, "commanded": STILL}
-    ),
-    "output_distance": Target(
-        output_distance, {"first": PLANT, "second": 0.9 * PLANT, "noise": np.ones(M1)}
-    ),
-    "nu_gap": Target(nu_gap, {"first": PLANT, "second": 0.9 * PLANT}),
-    "input_fault_model": Target(
-        answered, {"plant": DISCRETE, "noise": np.ones(M1), "faults": FAULTY}
-    ),
-    "input_fault_bank": Target(
-        lambda **a: input_fault_bank(**a).M,
-        {"plant": DISCRETE, "noise": np.ones(M1), "faults": FAULTY},
     ),
     "FdiConfig": Target(lambda **a: watched(FdiConfig(**a)), CONFIG | {"dither_hz": 20.0}),
     "FdiConfig of a model": Target(

@@ -2,24 +2,22 @@
 
 from functools import cache, partial
 
-import control
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from ftc.fdi.design.isolability import distances
-from ftc.fdi.design.model_distance import nu_gap, output_distance
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.detection.residual_test import residual_test
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import Fault, FaultModel
-from ftc.fdi.input_faults import input_fault_bank, input_fault_model
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.hypotheses import bank_of
 from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.uncertainty import CERTAIN
 from tests.aircraft import (
     DEGREES,
+    FREQUENCIES,
     GRID,
     LEFT,
     MATCHES,
@@ -30,32 +28,20 @@ from tests.aircraft import (
     A,
     B,
     commands,
+    input_fault_bank,
+    input_fault_model,
     kalman_decisions,
     measured,
     model,
+    output_distance,
     sampled,
 )
 from tests.spectra import spectrum_of
 
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
 PLANT = sampled()[:, :2]
-FREQUENCIES = np.concatenate([np.geomspace(1e-3, 1e2, 90), np.linspace(3.9, 4.3, 60)])
 ALONE, TOGETHER = [1, 2, 3, 6], [4, 5, 7, 8]  # models with one actuator weak, with both
 seeds = pytest.mark.parametrize("seed", range(8))
-
-
-def ss(*parts: float) -> control.StateSpace:
-    return control.ss(*(np.atleast_2d(part) for part in parts))
-
-
-def random_model(rng: np.random.Generator, m: int, p: int, stable: bool) -> control.StateSpace:
-    """Of random order."""
-    n = int(rng.integers(1, 5))
-    a = rng.normal(size=(n, n))
-    if stable:
-        a -= (np.linalg.eigvals(a).real.max() + 0.3) * np.eye(n)
-    parts = [rng.normal(size=shape) for shape in ((n, m), (p, n), (p, m))]
-    return control.ss(a, parts[0], parts[1], parts[2] * rng.integers(0, 2))
 
 
 def grams(w: np.ndarray) -> np.ndarray:
@@ -63,31 +49,6 @@ def grams(w: np.ndarray) -> np.ndarray:
     jw = 1j * w[:, None, None] * np.eye(4)
     G = np.linalg.solve(jw - A, np.broadcast_to(B, (len(w), 4, 2)))
     return G.conj().swapaxes(-1, -2) @ G
-
-
-def sine_of_graphs(K: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """Of the widest angle between the graphs of G diag(one) and G diag(two), if G* G = K (2 x 2).
-
-    The chordal distance by another way than factors of a state space.
-    """
-    eye = np.eye(2)
-    own, other, both = (
-        eye + a[..., :, None] * K * b[..., None, :] for a, b in ((one, one), (two, two), (two, one))
-    )
-    first, second = both @ np.linalg.inv(own), np.linalg.inv(other) @ both
-    half = (first.conj() * second).sum(axis=(-2, -1)).real / 2  # of the sum of squared cosines
-    sizes = np.linalg.det(own) * np.linalg.det(other)
-    product = np.abs(both[..., 0, 0] * both[..., 1, 1] - both[..., 0, 1] * both[..., 1, 0]) ** 2
-    root = np.sqrt(np.maximum(half**2 - product / sizes.real, 0))
-    return np.sqrt(np.maximum(1 - half + root, 0))
-
-
-def chordal(G1: np.ndarray, G2: np.ndarray) -> np.ndarray:
-    """Chordal distances from frequency responses alone, by the angles between their graphs."""
-    eye = np.broadcast_to(np.eye(G1.shape[-1]), (len(G1), G1.shape[-1], G1.shape[-1]))
-    Q1, Q2 = (np.linalg.qr(np.concatenate([G, eye], axis=-2))[0] for G in (G1, G2))
-    cosines = np.linalg.svd(Q1.conj().swapaxes(-1, -2) @ Q2, compute_uv=False)
-    return np.sqrt(np.clip(1 - cosines[:, -1] ** 2, 0, None))
 
 
 def agree(d: np.ndarray, published: list[int], tie: float) -> int:
@@ -105,25 +66,7 @@ def test_the_published_distances_are_ours_at_unit_noise():
     assert np.abs(np.array(ours) - NORMS).max() < READING
 
 
-def test_the_published_441_decisions_by_nu_gap_are_met():
-    """The nearest of nine, by frequency responses alone, as exact as their grid is."""
-    gaps = np.array([sine_of_graphs(K, GRID[:, None], LEFT) for K in grams(FREQUENCIES)]).max(
-        axis=0
-    )
-    assert agree(gaps, MATCHES["nu-gap"], tie=1e-4) < 10
-    for k in (44, 260, 391):
-        ours = [nu_gap(model(GRID[k]), model(left)) for left in LEFT]
-        assert ours == pytest.approx(gaps[k], abs=2e-3)
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_nu_gap_itself_makes_the_published_441_decisions():
-    gaps = [[nu_gap(model(parts), model(left)) for left in LEFT] for parts in GRID]
-    assert np.bincount(np.argmin(gaps, axis=1), minlength=9).tolist() == MATCHES["nu-gap"]
-
-
-def test_the_other_published_decisions_are_met_but_for_exact_ties():
+def test_the_published_decisions_are_met_but_for_exact_ties():
     """Of the 441, 80 lie midway between models; there round-off decided in Varga's figure."""
     lost = GRID[:, None] - LEFT
     Q = solve_continuous_lyapunov(A.T, -np.eye(4))
@@ -135,77 +78,6 @@ def test_the_other_published_decisions_are_met_but_for_exact_ties():
     }
     for name, d in distances.items():
         assert agree(d, MATCHES[name], tie=1e-9) == 80
-
-
-@pytest.mark.parametrize("b", [-3.0, -0.5, 0.2, 4.0])
-@pytest.mark.parametrize("a", [-2.0, -0.1, 0.3, 5.0])
-def test_the_nu_gap_of_first_order_models_has_a_closed_form(a, b):
-    """1 / (s - a) and 1 / (s - b): poles one loop can stabilize alike are near, whatever sign.
-
-    |a - b| / (root(w^2 + 1 + a^2) root(w^2 + 1 + b^2)) is largest at w = 0; the loop of one and the
-    other's adjoint has s^2 - (a - b) s - a b + 1: stable and unstable poles are one each if ab < 1,
-    or else both lie on one side, and the gap is 1.
-    """
-    expected = abs(a - b) / np.sqrt((1 + a * a) * (1 + b * b)) if 1 + a * b > 0 else 1.0
-    assert nu_gap(ss(a, 1, 1, 0), ss(b, 1, 1, 0)) == pytest.approx(expected, rel=1e-8)
-
-
-def test_integrators_of_two_gains():
-    """Of k / s and l / s: the gap is |k - l| / (k + l), at the frequency root(k l)."""
-    for k, el in ((1, 2), (0.1, 30), (5, 5.001)):
-        gap = nu_gap(ss(0, k, 1, 0), ss(0, el, 1, 0))
-        assert gap == pytest.approx(abs(k - el) / (k + el), rel=1e-7)
-
-
-@pytest.mark.parametrize("pole", [-1.0, 1.0])
-def test_a_fast_mode_more_is_a_small_gap_whichever_model_has_it(pole):
-    """A lag of 1 ms beyond every loop's bandwidth: near, although the orders differ."""
-    slow, lag = ss(pole, 1, 1, 0), ss(-1000, 1000, 1, 0)
-    assert 0 < nu_gap(slow, lag * slow) < 0.01
-    assert 0 < nu_gap(lag * slow, slow) < 0.01
-
-
-@seeds
-def test_the_nu_gap_is_a_metric(seed):
-    """0 for the same model in other coordinates, symmetric, with the triangle inequality."""
-    rng = np.random.default_rng(seed)
-    m, p = (int(k) for k in rng.integers(1, 4, 2))
-    one, two, three = (random_model(rng, m, p, bool(rng.integers(0, 2))) for _ in range(3))
-    far, near, on = nu_gap(one, three), nu_gap(one, two), nu_gap(two, three)
-    assert 0 <= far <= near + on + 1e-7
-    assert far <= 1
-    assert nu_gap(three, one) == pytest.approx(far, abs=1e-6)
-    T = rng.normal(size=(one.nstates, one.nstates)) + 3 * np.eye(one.nstates)
-    turned = control.ss(np.linalg.solve(T, one.A @ T), np.linalg.solve(T, one.B), one.C @ T, one.D)
-    assert nu_gap(one, turned) < 1e-5
-
-
-@seeds
-def test_the_nu_gap_is_the_widest_angle_between_the_graphs(seed):
-    """Of stable models near each other, whose winding number fits, at the worst frequency."""
-    rng = np.random.default_rng(seed)
-    one = random_model(rng, 2, 3, True)
-    two = control.ss(one.A, one.B * rng.uniform(0.5, 1, 2), one.C, one.D)
-    w = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 1500)])
-    G1, G2 = (np.moveaxis(each(1j * w, squeeze=False), -1, 0) for each in (one, two))
-    assert nu_gap(one, two) == pytest.approx(chordal(G1, G2).max(), rel=1e-4)
-
-
-@seeds
-def test_no_input_separates_outputs_by_more_than_the_distance(seed):
-    """A random input does not, and the distance is that at the worst frequency."""
-    rng = np.random.default_rng(seed)
-    one, two = (random_model(rng, 2, 3, True) for _ in range(2))
-    two = control.ss(two.A, two.B, two.C, one.D)
-    noise, dt = rng.uniform(0.1, 2, 3), 0.01
-    d = output_distance(one, two, noise)
-    w = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 1500)])
-    G1, G2 = (np.moveaxis(each(1j * w, squeeze=False), -1, 0) for each in (one, two))
-    assert d == pytest.approx(np.linalg.norm((G1 - G2) / noise[:, None], 2, (1, 2)).max(), rel=1e-4)
-    u = rng.normal(size=(2, 20)).repeat(50, axis=1)
-    y1, y2 = (control.forced_response(control.c2d(g, dt), inputs=u).outputs for g in (one, two))
-    apart = np.linalg.norm((y1 - y2) / noise[:, None])
-    assert 0 < apart <= 1.02 * d * np.linalg.norm(u)
 
 
 def test_the_distance_bounds_the_isolability_of_a_flight():
@@ -374,30 +246,3 @@ def test_a_free_surface_does_nothing_and_hypotheses_add_to_what_is_known():
         expected = input_fault_model(PLANT, SIGMA, also)
         assert np.array_equal(bank.A[h], expected.A)
         assert np.array_equal(bank.M[h, 0, :, 6:8], expected.B)
-
-
-STABLE = ss(-1, 1, 1, 0)
-
-
-@pytest.mark.parametrize(
-    "call, words",
-    [
-        (lambda: nu_gap(1, STABLE), "first must be"),
-        (lambda: nu_gap(STABLE, control.ss(-0.5, 1, 1, 0, 0.1)), "second must be continuous"),
-        (lambda: nu_gap(STABLE, model(LEFT[0])), "second must have as many"),
-        (lambda: nu_gap(ss(1, 0, 1, 0), STABLE), "first must be reached"),
-        (lambda: nu_gap(STABLE, ss(1, 1, 0, 0)), "second must be reached"),
-        (lambda: output_distance(STABLE, ss(1, 1, 1, 0), [1.0]), "second must be stable"),
-        (lambda: output_distance(STABLE, STABLE, [0.0]), "noise must be positive"),
-        (lambda: output_distance(STABLE, STABLE, [1.0, 1.0]), "noise must"),
-        (lambda: input_fault_bank(STABLE, [1.0]), "plant must be sampled"),
-        (lambda: input_fault_model(PLANT, SIGMA, [Fault(2, "free")]), "faults must"),
-        (
-            lambda: input_fault_bank(PLANT, SIGMA, [Fault(0, "free"), Fault(1, "locked")]),
-            "faults must leave",
-        ),
-    ],
-)
-def test_wrong_arguments_are_named(call, words):
-    with pytest.raises((ValueError, TypeError), match=words):
-        call()

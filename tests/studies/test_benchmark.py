@@ -44,6 +44,17 @@ from tests.pages import assert_prints, assert_says
 # Bound and goal as they were asked for.
 ASKED = {
     "closed_loop_over_mj_step": (1.2, 1.12),
+    **{
+        f"{robot}_{name}_over_physics": (bound, goal)
+        for robot, bounds, goals in (
+            ("hexapod", (2.0, 2.5), (1.25, 1.5)),
+            ("arm", (12.0, 30.0), (2.5, 5.0)),
+            ("hand", (12.0, 30.0), (3.0, 6.0)),
+            ("arms", (10.0, 20.0), (3.0, 6.0)),
+            ("platform", (10.0, 20.0), (3.0, 6.0)),
+        )
+        for name, bound, goal in zip(("loop", "supervised"), bounds, goals, strict=True)
+    },
     "loop_overhead_over_mink": (0.25, 0.15),
     "tick_over_mink": (0.15, 0.08),
     "arm_tick_over_mink": (0.2, 0.08),
@@ -64,6 +75,8 @@ ASKED = {
     "tied_over_square": (2.0, 1.3),
     "manipulability_over_tick": (5.0, 2.0),
 }
+LOOPED = ("hexapod", *closed_loop.LOOPS)
+LOOP_US = {"physics": 10, "loop": 40, "supervised": 80}
 ROBOTS = ("arm", "ur5e", "humanoid_one_foot", "humanoid")
 WAYS = ("tick", "system", "readme", "mink", "mink_update")
 
@@ -151,6 +164,7 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
         **{f"{robot}_mink_update": 10 for robot in ROBOTS},
         **{f"ik_{robot.name}": 30 for robot in ik.ROBOTS},
         **{f"ik_{robot.name}_mink": 60 for robot in ik.ROBOTS},
+        **{f"{robot}_{name}": us for robot in LOOPED for name, us in LOOP_US.items()},
         diagnosis=30,
         diagnosis_worst=60,
         prioritized=6,
@@ -174,6 +188,8 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
     assert {name: one["ratio"] for name, one in found.items()} == pytest.approx(
         {
             "closed_loop_over_mj_step": 1.25,
+            **{f"{robot}_loop_over_physics": 4.0 for robot in LOOPED},
+            **{f"{robot}_supervised_over_physics": 8.0 for robot in LOOPED},
             "loop_overhead_over_mink": 0.4,
             "tick_over_mink": 0.1,  # from joint positions to displacements, on both sides
             **{f"{robot}_tick_over_mink": 0.2 for robot in ROBOTS if robot != "ur5e"},
@@ -358,6 +374,7 @@ def timed(asked) -> runs.Timed:
     names += [each.name for each in solvers.contenders(asked)]
     names += [each.name for solvers in limited.QUESTIONS.values() for each in solvers]
     names += [f"{robot}_{way}" for robot in ("fjh", *ROBOTS) for way in WAYS]
+    names += [f"{robot}_{name}" for robot in LOOPED for name in LOOP_US]
     names += [f"ik_{robot.name}{way}" for robot in ik.ROBOTS for way in ("", "_mink")]
     agreed = [measurement.Agreement("question", 1e-9, {"daqp": 1e-12})]
     samples_us = {name: np.ones((5, 3)) for name in names} | {"closed_loop": np.full((5, 1), 2.0)}
@@ -365,7 +382,8 @@ def timed(asked) -> runs.Timed:
     numbers = {"median_us": 1.0, "p999_us": 2.0, "worst_us": 3.0, "worst_processor_us": 2.5}
     ticks = ("controller", "supervisor", *runs.LATENCY)
     waited = {name: dict.fromkeys(latency.COLLECTORS, numbers) for name in ticks}
-    return runs.Timed(0, LEAST, agreed, samples_us, active, weights, waited)
+    slow = {robot: {"mean_us": 1.0, "slowest_us": 9.0} for robot in LOOPED}
+    return runs.Timed(0, LEAST, agreed, samples_us, active, weights, waited, slow)
 
 
 def test_the_random_problems_are_those_of_the_seed(asked):

@@ -1,4 +1,4 @@
-"""Least squares of any rank, and the motion of a mechanism: against numpy."""
+"""The motion of a mechanism from one posture to the next: against numpy and MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -8,41 +8,6 @@ from scipy.spatial.transform import Rotation
 from kernels import Struct, lib, pointer
 from sim import Mechanism, Pose, load_model
 from sim.mjcf.model import MODELS
-
-
-def solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    m, n = A.shape
-    M, x = np.column_stack([A, b]), np.empty(n)
-    lib.least_squares(m, n, pointer(M), pointer(np.empty(lib.least_squares_room(n))), pointer(x))
-    return x
-
-
-def of_rank(rng: np.random.Generator, m: int, n: int, rank: int) -> np.ndarray:
-    return rng.normal(size=(m, rank)) @ rng.normal(size=(rank, n))
-
-
-@pytest.mark.parametrize("m", [1, 2, 5, 9])
-@pytest.mark.parametrize("n", [1, 3, 5, 8])
-def test_the_solution_is_the_one_of_least_norm_whatever_the_rank(m, n):
-    rng = np.random.default_rng([m, n])
-    for rank in range(min(m, n) + 1):
-        for scale in (1e-6, 1.0, 1e6):
-            A, b = scale * of_rank(rng, m, n, rank), rng.normal(size=m)
-            expected = np.linalg.lstsq(A, b, rcond=1e-9)[0]
-            size = np.abs(expected).max(initial=0.0)
-            np.testing.assert_allclose(solved(A, b), expected, atol=1e-8 * size)
-
-
-def test_rows_of_other_weights_are_met_first():
-    """Rows a million times as heavy hold to round-off, the others as far as these let them."""
-    rng = np.random.default_rng(0)
-    heavy, light, b = rng.normal(size=(2, 5)), rng.normal(size=(6, 5)), rng.normal(size=8)
-    weights = np.repeat([1e6, 1.0], [2, 6])
-    x = solved(weights[:, None] * np.vstack([heavy, light]), weights * b)
-    null = np.linalg.svd(heavy)[2][2:].T
-    first = np.linalg.pinv(heavy) @ b[:2]
-    expected = first + null @ np.linalg.lstsq(light @ null, b[2:] - light @ first)[0]
-    np.testing.assert_allclose(x, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("largest", [0.0, 1e-9, 0.1, 3.0])
@@ -64,7 +29,7 @@ def test_a_mechanism_moves_as_its_closures_and_drives_ask():
     J_C, gaps = rng.normal(size=(3, 7)), 1e-3 * rng.normal(size=2)
     active, held = np.array([4, 5, 6]), np.array([2, 0])
     here, wanted = np.zeros(3), 1e-3 * rng.normal(size=3)
-    of = Struct("drives_model", N=7, n=3, active=active, loops_first=1e4)
+    of = Struct("drives_model", N=7, n=3, active=active)
     motion, room = np.empty(7), np.empty(lib.nearest_room(3, 2, 0, 7))
 
     def nearest(held, gaps, wanted):
