@@ -13,6 +13,7 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array
 from ftc.fdi.fault_model import FaultModel, NominalModel, fault_model
+from kernels import lib, pointer
 
 WEIGHT = 1e-2
 """Of what the demand differs from the path, beside what the response does. At one frequency, a
@@ -61,16 +62,20 @@ def _inverse(model: FaultModel, noise: Array, gain: Array, path: Array) -> Array
     K, ahead = towards @ P @ A, towards @ P @ B
     closed = A - B @ K
     # The cost of a state x is x' P x - 2 g' x: g, tick by tick, back from the standstill.
-    sources, pulls = scaled @ (C - B.T @ P @ closed), np.empty_like(scaled)
-    g = _summed(closed.T, sources[-1])
-    for tick in range(len(scaled) - 1, -1, -1):
-        pulls[tick] = towards @ g - ahead @ scaled[tick]
-        g = sources[tick] + closed.T @ g
-    demands, x = np.empty_like(scaled), np.zeros(len(A))
-    for tick, pull in enumerate(pulls):
-        demands[tick] = scaled[tick] + pull - K @ x
-        x = A @ x + B @ demands[tick]
-    return demands * noise
+    sources = scaled @ (C - B.T @ P @ closed)
+    g = _recursion(closed.T, _summed(closed.T, sources[-1]), sources[:0:-1])[::-1]
+    driven = scaled + g @ towards.T - scaled @ ahead.T
+    x = _recursion(closed, np.zeros(len(A)), driven[:-1] @ B.T)
+    return (driven - x @ K.T) * noise
+
+
+def _recursion(A: Array, start: Array, sources: Array) -> Array:
+    """States (N + 1, s) of x' = A x + source, from a start on, of sources (N, s)."""
+    states = np.empty((len(sources) + 1, len(start)))
+    states[0] = start
+    parts = map(np.ascontiguousarray, (A, sources))
+    lib.recur(len(start), len(sources), *map(pointer, parts), pointer(states))
+    return states
 
 
 def _summed(F: Array, source: Array) -> Array:

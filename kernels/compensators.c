@@ -13,3 +13,14 @@ void compensate(const double *M, int rows, int order, int inputs, const double *
         after[i] = total;
     }
 }
+
+void recur(int n, int64_t steps, const double *A, const double *sources, double *states)
+{
+    for (; steps > 0; steps--, sources += n, states += n)
+        for (int i = 0; i < n; i++) {
+            double total = sources[i];
+            for (int j = 0; j < n; j++)
+                total += A[i * n + j] * states[j];
+            states[n + i] = total;
+        }
+}

@@ -131,7 +131,11 @@ WIDE void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, con
                 total += own[i] * white[i];
             }
             memmove(sum, old.information + row * (row + 1) / 2, (row + 1) * sizeof *sum);
-            add_columns(regressors, p, R, row + 1, own, sum);
+            int only = row - J; /* the zero of a sensor is in one output */
+            if (0 <= only && only < p)
+                add_columns(regressors + only * R, 1, R, row + 1, own + only, sum);
+            else
+                add_columns(regressors, p, R, row + 1, own, sum);
             now.score[row] = total;
         }
     }

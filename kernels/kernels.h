@@ -21,6 +21,9 @@ const char *kernels_digest(void);
 void compensate(const double *M, int rows, int order, int inputs, const double *states,
                 const double *errors, double *after);
 
+/* Write states (steps + 1, n) of x' = A x + source, of sources (steps, n), after the first. */
+void recur(int n, int64_t steps, const double *A, const double *sources, double *states);
+
 /* friction.c */
 
 /* Physics steps of models with dry friction, whose arrays stand one after another: of s states,
@@ -135,7 +138,7 @@ typedef struct {
     const double *gear, *nominal;     /* of the others, and where each drive is nominally, (n) */
     const double *qpos, *lengths, *forces;
     int kept_qpos, kept_forces;  /* how many are logged */
-    double *rotation, *translation_m, *displacement, *closure_residual_m;
+    double *rotation, *translation_m, *task, *displacement, *closure_residual_m;
     double *all_qpos, *all_forces;
 } observation;
 
@@ -165,8 +168,8 @@ double largest(const double *gaps, const double *units, int count);
  * that carries one or two of its bodies, (count, velocities), moves it by half of D x axis each. */
 void at_midpoints(const double *gaps, const double *axes, int velocities, const int64_t *points,
                   int count, const double *carried, double *J);
-/* Write tick k of a log; gaps, owners and rows are as of largest_gap. */
-void observe(const observation *log, int k, const double *gaps, const int32_t *owners, int rows);
+/* Write tick k of a log; gaps, owners and rows are as of largest_gap. Returns the angle of the pose. */
+double observe(const observation *log, int k, const double *gaps, const int32_t *owners, int rows);
 /* Write the two angles at which a detector sees a beam along z, from a payload turned by R. The
  * spot has noise times deviation added, and stays on the detector. */
 void spot(const double *R, double focal, double half_width, double deviation, const double *noise,

@@ -153,7 +153,7 @@ void at_midpoints(const double *gaps, const double *axes, int velocities, const 
     }
 }
 
-void observe(const observation *log, int k, const double *gaps, const int32_t *owners, int rows)
+double observe(const observation *log, int k, const double *gaps, const int32_t *owners, int rows)
 {
     double *displacement = log->displacement + k * log->drives;
     seen_from(log->xmat, log->xpos, log->base_xmat, log->R_0, log->p_0, log->rotation + 9 * k,
@@ -171,6 +171,7 @@ void observe(const observation *log, int k, const double *gaps, const int32_t *o
         log->all_qpos[k * log->kept_qpos + i] = log->qpos[i];
     for (int i = 0; i < log->kept_forces; i++)
         log->all_forces[k * log->kept_forces + i] = log->forces[i];
+    return displacements(1, log->rotation + 9 * k, log->translation_m + 3 * k, log->task + 6 * k);
 }
 
 void spot(const double *R, double focal, double half_width, double deviation, const double *noise,

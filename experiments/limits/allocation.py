@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from experiments.limits.conventional import Clipped, Limits, Redistributed
 from experiments.rig.compromise import Compromise
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping
-from ftc.control.limits import LimitedMapping
 from ftc.goal import Goal
 from prioritized import Kinematics
 from sim import Hexapod
@@ -89,7 +88,7 @@ def allocated(
     limits: Limits,
     major: list[int],
     secondary: list[int],
-) -> LimitedMapping:
+) -> Any:
     """Least rates for the major task within limits of all n actuators, by a strategy."""
     survivors, W1 = kinematics.actuators, np.ones(len(kinematics.actuators))
     own = limits[0][survivors], limits[1][survivors]
@@ -118,7 +117,7 @@ class AllocatedMapping(StrutMapping):
         goal = Goal(joint_weight=(1.0,) * 6, locked_at=locked_at)
         super().__init__(geometry, goal, "constant", limits=limits)
 
-    def limited_at(self, kinematics: Kinematics) -> LimitedMapping:
+    def limited_at(self, kinematics: Kinematics) -> Any:
         """By the strategy."""
         assert self.limits is not None
         return allocated(kinematics, self._strategy, self.limits, MAJOR, SECONDARY)

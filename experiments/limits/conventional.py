@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from argument_checks.ties import exceeds
-from ftc.control.local_mapping import Mapping
-from prioritized import velocity_mapping
+from prioritized import VelocityMapping, velocity_mapping
 from sim import Array
 
 Limits = tuple[Array, Array]
@@ -29,7 +28,7 @@ class Clipped:
         limits: Of the rates, shape (n',) each.
     """
 
-    mapping: Mapping
+    mapping: VelocityMapping
     limits: Limits
 
     def solve(
@@ -38,7 +37,7 @@ class Clipped:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """As :meth:`ftc.control.limits.LimitedMapping.solve`."""
+        """As :meth:`prioritized.VelocityMapping.solve`."""
         rates = self.mapping(v_major, joint_velocity, secondary_velocity)
         return Allocated(rates.clip(*self.limits))
 
@@ -66,7 +65,7 @@ class Redistributed:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """As :meth:`ftc.control.limits.LimitedMapping.solve`; no secondary task is weighted."""
+        """As :meth:`prioritized.VelocityMapping.solve`; no secondary task is weighted."""
         (m1, n), (lower, upper) = self.J_m.shape, self.limits
         desired = np.zeros(n) if joint_velocity is None else np.asarray(joint_velocity)
         rates, moving = np.zeros(n), np.ones(n, dtype=bool)

@@ -7,9 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ftc.control.geometry import Pose
-from ftc.control.limits import LimitedRates
 from ftc.control.mapping import PrioritizedMapping
-from prioritized import Kinematics, Status, VelocityMapping, velocity_mapping
+from prioritized import (
+    Kinematics,
+    Status,
+    VelocityMapping,
+    VelocitySolution,
+    velocity_mapping,
+)
 from sim import Array
 
 
@@ -46,8 +51,8 @@ class Compromise:
         v_major: ArrayLike,
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
-    ) -> LimitedRates:
-        """As :meth:`ftc.control.limits.LimitedMapping.solve`."""
+    ) -> VelocitySolution:
+        """As :meth:`prioritized.VelocityMapping.solve`."""
         return self.equals.solve([], joint_velocity, self._stacked(v_major, secondary_velocity))
 
     def _stacked(self, v_major: ArrayLike, secondary_velocity: ArrayLike | None) -> Array:

@@ -1,13 +1,9 @@
-"""What a mapping in the loop consists of: its answer at one pose, and its last command."""
+"""What a mapping in the loop consists of: its answer at one pose, its last command, its limits."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
-
-from numpy.typing import ArrayLike
+from typing import Any, NamedTuple
 
 from argument_checks import Array
-from ftc.control.limits import LimitedMapping
-from prioritized import Status
 
 
 class PreviousCommand(NamedTuple):
@@ -22,43 +18,40 @@ class PreviousCommand(NamedTuple):
     secondary_reference: Array
 
 
-class Mapping(Protocol):
-    """Protocol of a velocity mapping; see :class:`prioritized.VelocityMapping`."""
-
-    @property
-    def major(self) -> Array:
-        """Gain of the major velocity."""
-        ...
-
-    @property
-    def status(self) -> Status:
-        """Status: whether the major task is met exactly."""
-        ...
-
-    def __call__(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> Array:
-        """Optimal rates; arguments that are None count as zero."""
-        ...
-
-
 @dataclass(frozen=True)
 class LocalMapping:
     """The mapping at one pose, section 2.3.
 
     Attributes:
-        mapping: Rates of the n' surviving actuators, eqs. (28) and (30).
+        mapping: Rates of the n' surviving actuators, eqs. (28) and (30): a
+            :class:`prioritized.VelocityMapping`, or what is called like one and has its `major` and
+            `status`.
         expand: Puts them on all actuators, shape (n, n').
         J: Task velocity per surviving rate, eq. (14), shape (m, n').
         constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
-        limited: The mapping with limits; None without.
+        limited: The same with limits, whose `solve` gives `rates`; None without.
     """
 
-    mapping: Mapping
+    mapping: Any
     expand: Array
     J: Array
     constraint: Array
-    limited: LimitedMapping | None = None
+    limited: Any = None
+
+
+@dataclass(frozen=True)
+class LimitedDisplacements:
+    """Displacements within their limits, and what they cost the major task.
+
+    Attributes:
+        displacements: Displacements of the actuators, shape (n,).
+        achieved: Major task that they achieve, shape (m1,).
+        residual: Demanded less achieved major task, shape (m1,).
+        solution: What the mapping with limits gave, for the surviving actuators; that of a
+            :class:`prioritized.VelocityMapping` has a status and names the active limits.
+    """
+
+    displacements: Array
+    achieved: Array
+    residual: Array
+    solution: Any

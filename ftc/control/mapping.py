@@ -6,7 +6,7 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Generic, Literal, NamedTuple, cast, get_args
+from typing import Any, Generic, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +22,7 @@ from ftc.control.geometry import (
     without_springs,
     yielded,
 )
-from ftc.control.limits import LimitedDisplacements, LimitedMapping, MovableLimits
-from ftc.control.local_mapping import LocalMapping, Mapping, PreviousCommand
+from ftc.control.local_mapping import LimitedDisplacements, LocalMapping, PreviousCommand
 from ftc.goal import Goal
 from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
 
@@ -282,7 +281,7 @@ class PrioritizedMapping(Generic[Pose]):
             raise ValueError("limits must be given for displacements within limits, got None")
         step, limited = self._step(demand, pose, commanded, None, secondary_reference), now.limited
         if self.form == "gauss_newton":
-            limited = cast(MovableLimits, limited).within(self._left(step))
+            limited = limited.within(self._left(step))
         solved = limited.solve(*step.targets(now.J[self._secondary]))
         residual = step.major - now.J[self._major].dot(solved.rates)
         displacements = self._on_all(step.here + solved.rates)
@@ -428,11 +427,11 @@ class PrioritizedMapping(Generic[Pose]):
             self.limited_at(kinematics),
         )
 
-    def rates_at(self, kinematics: Kinematics) -> Mapping:
+    def rates_at(self, kinematics: Kinematics) -> Any:
         """Optimal rates of the surviving actuators; another optimality would override this."""
         return self._prepared.at(kinematics)
 
-    def limited_at(self, kinematics: Kinematics) -> LimitedMapping | None:
+    def limited_at(self, kinematics: Kinematics) -> Any:
         """The same within the limits, if there are any; another allocation would override this."""
         return None if self._limited is None else self._limited.at(kinematics)
 

@@ -249,23 +249,22 @@ class _Room:
         self.reader, self.data = reader, mujoco.MjData(model)
         mujoco.mj_copyData(self.data, model, data)
         self.qpos, self._seen = self.data.qpos, np.empty(18 + len(gauges.nominal))
-        rotation, translation_m, task, displacement = np.split(self._seen, [9, 12, 18])
+        rotation, translation_m, self._task, displacement = np.split(self._seen, [9, 12, 18])
         self._observation = Struct(
             "observation",
             **payload.frames(self.data),
             **gauges.places(self.data),
             rotation=rotation,
             translation_m=translation_m,
+            task=self._task,
             displacement=displacement,
             closure_residual_m=np.empty(1),
         )
-        self._task = task
-        self._pose = tuple(map(pointer, (rotation, translation_m, task)))
 
     def seen(self) -> Array:
         """Pose, task displacement and those of the drives, (9 + 3 + 6 + n,), read-only."""
-        lib.observe(self._observation.pointer, 0, ffi.NULL, ffi.NULL, 0)
-        principal(lib.displacements(1, *self._pose), self._task)
+        angle = lib.observe(self._observation.pointer, 0, ffi.NULL, ffi.NULL, 0)
+        principal(angle, self._task)
         return check.read_only(self._seen.copy())
 
 

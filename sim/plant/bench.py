@@ -13,7 +13,7 @@ from argument_checks.arrays import as_float64
 from kernels import Struct, lib, pointer
 from sim.array import Array
 from sim.kinematics.mechanism import JointPosture, Mechanism
-from sim.kinematics.pose import Pose, computed
+from sim.kinematics.pose import Pose, principal, seen_pose
 from sim.plant.failure import Failure
 from sim.plant.plant import Plant, physics_steps
 from sim.plant.slip import MaxwellSlip
@@ -174,6 +174,7 @@ class Bench:
         sensors: What is read of it.
         rotation: True rotation of the task frame at each tick, shape (N, 3, 3).
         translation_m: Its true translation, shape (N, 3).
+        task: [rotation vector; translation] of both, shape (N, 6).
         displacement: True displacements of the actuators, shape (N, n).
         closure_residual_m: Largest gap of a closed loop, shape (N,).
         qpos: Joint positions, shape (N, nq); None where they are not kept.
@@ -263,6 +264,7 @@ class Bench:
         self._tick, ticks, n = 0, len(time_s), len(plant.drives)
         self.rotation = np.empty((ticks, 3, 3))
         self.translation_m = np.empty((ticks, 3))
+        self.task = np.empty((ticks, 6))
         self.displacement = np.empty((ticks, n))
         self.closure_residual_m = np.empty(ticks)
         is_kept = check.flag("keep_qpos", keep_qpos)
@@ -280,7 +282,7 @@ class Bench:
         self.observed = self._observed()
 
     def _observed(self) -> Struct:
-        names = ("rotation", "translation_m", "displacement", "closure_residual_m")
+        names = ("rotation", "translation_m", "task", "displacement", "closure_residual_m")
         all_qpos, all_forces = self._kept
         return Struct(
             "observation",
@@ -297,8 +299,8 @@ class Bench:
         self._happen()
         tick, data = self._tick, self.plant.data
         rows = pointer(data.efc_pos), pointer(data.efc_id), data.ne
-        lib.observe(self.observed.pointer, tick, *rows)
-        pose = computed(Pose, rotation=self.rotation[tick], translation_m=self.translation_m[tick])
+        principal(lib.observe(self.observed.pointer, tick, *rows), self.task[tick])
+        pose = seen_pose(self.rotation[tick], self.translation_m[tick], self.task[tick])
         reading = self.sensors.read(pose, self.displacement[tick])
         if self._on_measured is None:
             return reading
