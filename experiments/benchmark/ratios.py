@@ -108,7 +108,7 @@ def _loop(robot: str, words: str, goal: float, supervised_goal: float, bounds: s
             f"{robot}_{name}_over_physics",
             f"{robot}_{name}",
             f"{robot}_physics",
-            f"{said[name]} / physics, {words}",
+            None,
             f"the {said[name]} of {words} over the physics steps alone",
             float(bound),
             goals[name],
