@@ -124,7 +124,7 @@ class Mechanism:
         first = self._reader.at(self._data)
         self._rows, self._gear = first.rows, first.gear
         of = self._model, self._data, self._reader, self._payload, self._gauges
-        self._rooms = [_Room(*of)]
+        self._workspaces = [_Workspace(*of)]
         self.nominal = self._posture(self._data.qpos.copy())
         stiffness = self.nominal.stiffness if springs else None
         self._drives = Struct(
@@ -136,8 +136,8 @@ class Mechanism:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without rooms, which point into states of their own."""
-        return vars(self) | {"_rooms": []}
+        """Without workspaces, which point into states of their own."""
+        return vars(self) | {"_workspaces": []}
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
         """The Jacobians in a posture: itself."""
@@ -145,10 +145,10 @@ class Mechanism:
 
     def read(self, qpos: Array) -> Jacobians:
         """The Jacobians at joint positions (nq,), with all that the model says besides."""
-        room = self._room()
-        room.qpos[:] = qpos
-        jacobians = self._reader.at(room.data)
-        self._rooms.append(room)
+        space = self._workspace()
+        space.qpos[:] = qpos
+        jacobians = self._reader.at(space.data)
+        self._workspaces.append(space)
         return jacobians
 
     def displacements(self, posture: JointPosture) -> Array:
@@ -174,6 +174,7 @@ class Mechanism:
         """
         J_C, gaps, here = _checked(posture).J_C, posture.gaps, posture.displacements
         displacements = check.exactly("displacements", displacements, len(here))
+        displacements = np.ascontiguousarray(displacements)
         motion = self._motion(J_C, gaps, here, displacements, held)
         if motion is None:
             return posture
@@ -188,10 +189,10 @@ class Mechanism:
         if type(held) is not np.ndarray or held.dtype != np.intp:
             held = check.indices("held", held, len(here))
         (c, N), h = J_C.shape, len(held)
-        motion, room = np.empty(N), np.empty(lib.nearest_room(c, h, N, N))
+        motion, work = np.empty(N), np.empty(lib.nearest_room(c, h, N, N))
         found = lib.nearest_motion(
             *(self._drives.pointer, c, pointer(J_C), len(gaps), pointer(gaps)),
-            *(h, pointer(held), pointer(wanted), pointer(here), pointer(room), pointer(motion)),
+            *(h, pointer(held), pointer(wanted), pointer(here), pointer(work), pointer(motion)),
         )
         if found == lib.MOTION_REFUSED:
             check.indices("held", held, len(here))
@@ -199,13 +200,13 @@ class Mechanism:
 
     def _posture(self, qpos: Array) -> JointPosture:
         """Everything at these joint positions."""
-        room = self._room()
-        room.qpos[:] = qpos
-        J_T, J_C, active, residual, bound = room.reader.read(room.data)
-        self._gauges.refresh(self._model, room.data)
-        seen = room.seen()
-        gaps, J_T, J_C = room.data.efc_pos[: room.data.ne].copy(), J_T.copy(), J_C.copy()
-        self._rooms.append(room)
+        space = self._workspace()
+        space.qpos[:] = qpos
+        J_T, J_C, active, residual, bound = space.reader.read(space.data)
+        self._gauges.refresh(self._model, space.data)
+        seen = space.seen()
+        gaps, J_T, J_C = space.data.efc_pos[: space.data.ne].copy(), J_T.copy(), J_C.copy()
+        self._workspaces.append(space)
         for array in (gaps, J_T, J_C, qpos):
             array.setflags(write=False)
         return made(
@@ -225,17 +226,17 @@ class Mechanism:
             displacements=seen[18:],
         )
 
-    def _room(self) -> "_Room":
-        """One to compute in, which is to be given back."""
+    def _workspace(self) -> "_Workspace":
+        """A state to compute in, which is to be given back."""
         try:
-            return self._rooms.pop()
+            return self._workspaces.pop()
         except IndexError:  # another thread has it
             reader = copy.copy(self._reader)
-            return _Room(self._model, self._data, reader, self._payload, self._gauges)
+            return _Workspace(self._model, self._data, reader, self._payload, self._gauges)
 
 
-class _Room:
-    """A state to compute in, and where it is read, of which no two threads have the same."""
+class _Workspace:
+    """A state to compute in, of which no two threads have the same, and where it is read."""
 
     def __init__(
         self,
