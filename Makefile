@@ -16,7 +16,7 @@ SANITIZED := tests/kernels tests/prioritized/test_batches.py tests/prioritized/t
     tests/prioritized/test_viable.py tests/prioritized/test_rank.py tests/sim/test_layouts.py tests/ftc/test_tick.py \
     tests/ftc/test_evidence.py tests/ftc/test_friction.py tests/ftc/test_isolability.py \
     tests/ftc/test_parameter_filter.py tests/ftc/test_residual_test.py tests/ftc/test_whitening.py \
-    tests/rig/test_compiled_loop.py
+    tests/ftc/test_compiled_mapping.py tests/ftc/test_excitation.py tests/ftc/test_feedforward.py
 
 .PHONY: venv table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs bench bench-quick pictures clean
 
