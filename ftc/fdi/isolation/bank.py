@@ -64,9 +64,10 @@ class HypothesisBank:
         H, K, R = len(self.A), len(onsets), prior.mean.size + EXTRA
         q, rows, p = memory.shape
         kept = np.zeros((H, K, q, rows + EXTRA, p))
-        kept[..., :-EXTRA, :] = memory
         states = np.zeros((H, K, rows + EXTRA - 1, X.shape[1]))
-        states[:, :, :rows] = X
+        for h in (0, -1):  # until its onset each of the others is the first one
+            kept[h, 0, :, :-EXTRA] = memory
+            states[h, 0, :rows] = X
         return Evidence(
             onsets,
             prior,
@@ -118,7 +119,8 @@ class HypothesisBank:
             X[1:-1, now, -2] = self.scaled[1:-1, None, None] * sound[0]
         H, K, rows, s = X.shape
         p, which = state.memory.shape[-1], pointer(steps)
-        outputs, room = np.zeros((H, K, rows, p)), np.empty(2 * rows * (p + s))
+        outputs, room = np.empty((H, K, rows, p)), np.empty(2 * rows * (p + s))
+        outputs[:, :, 0] = 0.0
         before = None if self.friction is None else X.copy()
         age = np.maximum(sample - state.onsets, 0).astype(float)
         given = which, *self._stacked, pointer(v), pointer(age)
