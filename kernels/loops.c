@@ -163,6 +163,14 @@ int nearest_motion(const drives_model *of, int c, const double *J_C, int g, cons
     for (int i = 0; i < h; i++)
         if (held[i] < 0 || held[i] >= of->n)
             return MOTION_REFUSED;
+    if (!c && !s) { /* each drive alone */
+        memset(motion, 0, (size_t)N * sizeof *motion);
+        for (int i = 0; i < h; i++) {
+            motion[of->active[held[i]]] = wanted[held[i]] - displacements[held[i]];
+            is_there = is_there && wanted[held[i]] == displacements[held[i]];
+        }
+        return is_there ? MOTION_NONE : MOTION_FOUND;
+    }
     memset(room, 0, (size_t)(rows * (N + 1)) * sizeof *room);
     memcpy(A, J_C, (size_t)(c * N) * sizeof *A);
     for (int i = 0; i < g; i++)

@@ -49,7 +49,9 @@ class Pose:
             ValueError: Another shape, or numbers that are not finite.
         """
         twist = check.shaped("twist", twist, 6)
-        lead = check.common_axes({"the pose": self.lead, "twist": twist.shape[:-1]})
+        lead = self.lead
+        if twist.ndim > 1:
+            lead = check.common_axes({"the pose": lead, "twist": twist.shape[:-1]})
         rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
         lib.move(
             math.prod(lead),
