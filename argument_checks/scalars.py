@@ -81,10 +81,6 @@ def index(name: str, value: Any, limit: int | None = None) -> int:
 
 def indices(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
     """Distinct integers of range(limit), in the order given."""
-    if type(value) is np.ndarray and value.dtype == np.intp and value.ndim == 1:
-        given = value.tolist()  # the common case, at every tick
-        if len(set(given)) == len(given) and all(0 <= each < limit for each in given):
-            return value.copy()
     raw = _integers(name, value, limit)
     if len(set(raw.tolist())) != raw.size:
         raise ValueError(f"{name} must not repeat an index, got {shown(raw.tolist())}")

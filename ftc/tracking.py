@@ -252,13 +252,12 @@ class Tracking:
             allowed = self._allowed(faults)
             linear = self._linear[faults] = self._kinematics.J[list(rows)] @ allowed, allowed
         J_m, allowed = linear
-        of_task = measurement.output
+        seen = []
         if self.sense != "joints":
-            of_task = measurement.output - (model.task(posture).take(rows) - J_m.dot(curved))
-        if self.sense == "task":
-            return of_task
-        of_encoders = displacement - (curved - allowed.dot(curved))
-        return of_encoders if self.sense == "joints" else np.concatenate([of_task, of_encoders])
+            seen.append(measurement.output - (model.task(posture).take(rows) - J_m.dot(curved)))
+        if self.sense != "task":
+            seen.append(displacement - (curved - allowed.dot(curved)))
+        return np.concatenate(seen)
 
     @cached_property
     def _linear(self) -> dict[tuple[Fault, ...], tuple[Array, Array]]:

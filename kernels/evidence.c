@@ -8,8 +8,9 @@
 /* Add columns, `stride` numbers apart, each times one of x, to `out`.
  *
  * Four at a time, for the sums are many and short. */
-INLINED void add_columns(const double *columns, int count, int stride, int64_t length,
-                        const double *x, double *restrict out)
+INLINED
+void add_columns(const double *columns, int count, int stride, int64_t length,
+                 const double *x, double *restrict out)
 {
     int j = 0;
     for (; j + 4 <= count; j += 4, columns += 4 * stride) {
@@ -24,8 +25,9 @@ INLINED void add_columns(const double *columns, int count, int stride, int64_t l
 }
 
 /* The same of columns one after another, where they are not zero: within their spans. */
-INLINED void add_spans(const double *columns, int count, int stride, const int64_t *spans,
-                      const double *x, double *out)
+INLINED
+void add_spans(const double *columns, int count, int stride, const int64_t *spans,
+               const double *x, double *out)
 {
     for (int j = 0, next; j < count; j = next) {
         int64_t start = spans[2 * j], end = spans[2 * j + 1];
@@ -38,7 +40,8 @@ INLINED void add_spans(const double *columns, int count, int stride, const int64
     }
 }
 
-WIDE void advance_models(int H, int K, int rows, int s, int p, int r, const bool *steps,
+WIDE
+void advance_models(int H, int K, int rows, int s, int p, int r, const bool *steps,
                     const double *alone, const double *driven, const int64_t *spans,
                     const double *v, const double *age, double *room, double *X, double *outputs)
 {
@@ -72,7 +75,8 @@ static evidence at(const evidence *all, int place, int memory, int sums, int R)
                       all->score + place * R, all->energy + place};
 }
 
-WIDE void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bool *begins,
+WIDE
+void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bool *begins,
                   bool weighs, const evidence *before, const double *outputs,
                   const double *slopes, const double *y, const double *mean,
                   const double *weights, double *room, const evidence *after)
@@ -141,7 +145,8 @@ WIDE void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, con
     }
 }
 
-WIDE void integrate_out(int count, int R, const double *information, const double *spread,
+WIDE
+void integrate_out(int count, int R, const double *information, const double *spread,
                    double *room, double *solved, double *log_det)
 {
     /* By rows of the transposed root. */

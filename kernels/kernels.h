@@ -53,9 +53,9 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
 /* segments.c */
 
 /* Write the Mahalanobis distance (H, E) of each point (H, d) from each segment, starts + t ways
- * (E, d), t in 0..1. The covariance is own + other, of (H, d, d) and
- * (E, d, d), or of `one` for all. By Cholesky factors: half the work of a general solution, and a
- * forward substitution is enough. */
+ * (E, d), t in 0..1. The covariance is own + other, of (H, d, d) and (E, d, d), or of `one` for
+ * all. By Cholesky factors: half the work of a general solution, and a forward substitution is
+ * enough. */
 int segments_room(int d);
 void to_segments(int H, int E, int d, const double *points, const double *starts,
                  const double *ways, const double *own, const double *other, bool one,
@@ -151,7 +151,8 @@ typedef struct {
 /* Poses R (3, 3), t after displacements [rotation vector; translation], as many as `poses`. */
 void move(int poses, const double *R, const double *t, const double *twists, double *R_new,
           double *t_new);
-/* Write displacements [rotation vector; translation] of as many poses; returns the largest angle. */
+/* Write displacements [rotation vector; translation] of as many poses; returns the largest
+ * angle. */
 double displacements(int poses, const double *R, const double *t, double *twists);
 /* Write [rotation vector; translation] from one pose to another; returns the angle. */
 double way(const double *R, const double *p, const double *R_to, const double *p_to, double *twist);
@@ -168,7 +169,8 @@ double largest(const double *gaps, const double *units, int count);
  * that carries one or two of its bodies, (count, velocities), moves it by half of D x axis each. */
 void at_midpoints(const double *gaps, const double *axes, int velocities, const int64_t *points,
                   int count, const double *carried, double *J);
-/* Write tick k of a log; gaps, owners and rows are as of largest_gap. Returns the angle of the pose. */
+/* Write tick k of a log; gaps, owners and rows are as of largest_gap. Returns the angle of the
+ * pose. */
 double observe(const observation *log, int k, const double *gaps, const int32_t *owners, int rows);
 /* Write the two angles at which a detector sees a beam along z, from a payload turned by R. The
  * spot has noise times deviation added, and stays on the detector. */
@@ -218,10 +220,10 @@ typedef struct {
     const double *springs;
 } drives_model;
 
-/* Write the motion (N) that closes the loops, J_C (c, N) motion = -gaps, of which those beyond g are
- * zero; then takes the active velocities `held` (h) from displacements (n) to those wanted; then
+/* Write the motion (N) that closes the loops, J_C (c, N) motion = -gaps, of which those beyond g
+ * are zero; then takes the active velocities `held` (h) from displacements (n) to those wanted; then
  * moves as the springs have it, and least. What contradicts itself is met with least error. */
-enum { MOTION_FOUND, MOTION_NONE, MOTION_REFUSED }; /* nothing is to move; no such velocities */
+enum { MOTION_FOUND, MOTION_NONE, MOTION_REFUSED }; /* nothing is to move; no such distinct ones */
 int nearest_room(int c, int h, int s, int N);
 int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
                    int h, const int64_t *held, const double *wanted, const double *displacements,

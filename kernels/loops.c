@@ -160,9 +160,13 @@ int nearest_motion(const drives_model *of, int c, const double *J_C, int g, cons
     double *A = room, *b = A + rows * N, *limits = b + rows, report[4];
     int32_t ends[3];
     bool is_there = true;
-    for (int i = 0; i < h; i++)
+    for (int i = 0; i < h; i++) {
         if (held[i] < 0 || held[i] >= of->n)
             return MOTION_REFUSED;
+        for (int j = 0; j < i; j++)
+            if (held[i] == held[j])
+                return MOTION_REFUSED;
+    }
     if (!c && !s) { /* each drive alone */
         memset(motion, 0, (size_t)N * sizeof *motion);
         for (int i = 0; i < h; i++) {

@@ -12,7 +12,8 @@ enum { LANES = 8 };
 
 /* Write roots L (d, d, LANES) of P + Q by Cholesky, lower triangles, of Q (LANES) that are `next`
  * numbers apart. */
-WIDE static void factor(const double *P, const double *Q, int64_t next, int d, double *L)
+WIDE
+static void factor(const double *P, const double *Q, int64_t next, int d, double *L)
 {
     for (int i = 0; i < d; i++)
         for (int j = 0; j <= i; j++) {
@@ -33,7 +34,8 @@ WIDE static void factor(const double *P, const double *Q, int64_t next, int d, d
 }
 
 /* Write the distances (LANES) of a point (d) from segments that are `next` numbers apart. */
-WIDE static void distances(const double *L, int d, const double *point, const double *starts,
+WIDE
+static void distances(const double *L, int d, const double *point, const double *starts,
                       const double *ways, int64_t next, double *a, double *b, double *distance)
 {
     double aa[LANES] = {0.0}, ab[LANES] = {0.0}, bb[LANES] = {0.0};

@@ -48,19 +48,16 @@ class Plain:
         self.J, self.S, self.m1, self.weights, self.metric = J, S, m1, weights, metric
         self.scale, self.tolerance, self.clear = scale, tolerance, clear
         if shape is None:
-            shape = self.shape(clear, int(np.prod(J.shape[:-2])))
+            rows = m1 if metric is None else len(metric)
+            has = weights[0] is not None, weights[1] is not None
+            count = int(np.prod(J.shape[:-2]))
+            shape = shape_of(S, rows, J.shape[-1], has, tolerance, clear, count)
         self._made = *shape, pointer(J), *map(_or_none, (scale, *weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Pointers are no use elsewhere.
         rest = self.weights, self.metric, self.scale, self.tolerance, self.clear
         return Plain, (self.J, self.S, self.m1, *rest)
-
-    def shape(self, clear: float, count: int = 1) -> tuple[Struct, int]:
-        """What :func:`shape_of` says of as many J, in doubt up to this part of the scale."""
-        has = self.weights[0] is not None, self.weights[1] is not None
-        rows = self.m1 if self.metric is None else len(self.metric)
-        return shape_of(self.S, rows, self.J.shape[-1], has, self.tolerance, clear, count)
 
     def problem(self, S_m: Array, S_s: Array) -> Problem:
         """The checked arguments that it stands for."""

@@ -164,9 +164,10 @@ class Tick(ReadOnly):
             rates: Limits of the rates, (n,) each; None is no limits.
             along: As of :meth:`of_plain`.
         """
-        J_T, J_C, is_stated = mechanism.J_T, mechanism.J_C, self.basis.rest[2]
+        _, _, is_stated, _ = self.basis.rest
         bound = 0.0 if is_stated else error_bound_of(mechanism)
-        return self.of_plain(J_T, J_C, targets, self.limits(rates), bound, along)[1]
+        J_T, J_C, limits = mechanism.J_T, mechanism.J_C, self.limits(rates)
+        return self.of_plain(J_T, J_C, targets, limits, bound, along)[1]
 
     def limits(self, rates: Limits | None) -> Limits:
         """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""

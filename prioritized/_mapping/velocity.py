@@ -25,7 +25,6 @@ from prioritized._mapping.solution import VelocitySolution
 from prioritized._mapping.task import Status
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.tick import Tick
-from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import Measure
 from prioritized._solver.arrays import apply, joined, none, on_axes, ones, read_only
 from prioritized._solver.limits import Limits, limits
@@ -149,8 +148,7 @@ class VelocityMapping:
             if any(v.ndim > 1 for v in targets):
                 return None
         asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
-        there, limits = self.kinematics.system.geometry, tick.limits(box)
-        _, velocities = tick.of_plain(there.J_T, there.J_C, asked, limits, there.error_bound)
+        velocities = tick.at_jacobians(self.kinematics.system.geometry, asked, box)
         return None if velocities is None else velocities[tick.basis.joints[0]]
 
     def _solved(
@@ -196,8 +194,10 @@ class VelocityMapping:
             The tick, or None where it could never answer, as of a J given as a matrix, with
             `rate_rows` or springs.
         """
-        tick = None if _system(self.kinematics) is None else self._first._tick
-        return None if tick is None or self.kinematics is None else tick.at(self.kinematics)
+        if self.kinematics is None:
+            return None
+        tick = self._first._tick
+        return None if tick is None else tick.at(self.kinematics)
 
     @cached_property
     def _tick(self) -> Tick | None:
@@ -318,9 +318,8 @@ class VelocityMapping:
         """
         if not hasattr(kinematics, "decided"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        first, system = self._first, _system(kinematics)
+        first, there = self._first, kinematics.system.shape
         shape = first._own.J.shape
-        there = kinematics.J.shape if system is None else system.shape
         if there != shape:
             raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
         limiting = self.limiting
@@ -487,16 +486,6 @@ class VelocityMapping:
         m1, m2 = len(self.problem.S_m), len(self.problem.S_s)
         inputs = np.concatenate([ones(m1), self.rate_units, ones(m2)])
         return self.rate_units[:, None] * X / inputs
-
-    @property
-    def plain(self) -> Plain | None:
-        """J and its weights, where nothing else is asked for; None elsewhere."""
-        return None if self.limiting else self._plain
-
-
-def _system(kinematics: "Kinematics | None") -> Partition | None:
-    """The mechanism by joints, where J follows from it; a subclass may know J alone."""
-    return None if kinematics is None else vars(kinematics).get("system")
 
 
 def _tasks_of(mapping: VelocityMapping, own: Problem) -> tuple[tuple[Task, ...], ...]:

@@ -34,7 +34,6 @@ class JointPosture(Jacobians):
         mechanism: Whose they are.
         qpos: As in `data.qpos`, shape (nq,).
         pose: Of the task frame, relative to the nominal one, as :meth:`Plant.pose`.
-        task: Its displacement [rotation vector; translation], shape (6,).
         gaps: Of the closures, in the units of their rows, shape (c,).
         displacements: Of the active velocities from the nominal posture, shape (n,).
         error_bound: Of the errors of all entries of the Jacobians, in natural units.
@@ -43,7 +42,6 @@ class JointPosture(Jacobians):
     mechanism: "Mechanism"
     qpos: Array
     pose: Pose
-    task: Array
     gaps: Array
     displacements: Array
     error_bound: float
@@ -157,7 +155,7 @@ class Mechanism:
 
     def task(self, posture: JointPosture) -> Array:
         """Displacement [rotation vector; translation] of the task frame from nominal, (6,)."""
-        return _checked(posture).task
+        return _checked(posture).pose.displacement()
 
     def moved(
         self, posture: JointPosture, displacements: Array, held: NDArray[np.intp]
@@ -213,8 +211,12 @@ class Mechanism:
             JointPosture,
             mechanism=self,
             qpos=qpos,
-            pose=made(Pose, rotation=seen[:9].reshape(3, 3), translation_m=seen[9:12]),
-            task=seen[12:18],
+            pose=made(
+                Pose,
+                rotation=seen[:9].reshape(3, 3),
+                translation_m=seen[9:12],
+                _displacement=seen[12:18],
+            ),
             J_T=J_T,
             J_C=J_C,
             active=active,

@@ -65,9 +65,9 @@ class Pose:
 
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
-        known = vars(self).get("_displacement")
+        known = vars(self).get("_displacement")  # of a pose that compiled code has read
         if known is not None:
-            return known
+            return known.copy()
         lead = self.lead
         rotation, translation_m = flat(self.rotation, 2, lead), flat(self.translation_m, 1, lead)
         displacement = np.empty((*lead, 6))
@@ -185,14 +185,6 @@ def computed(kind: type[_Kind], **fields: Any) -> _Kind:
     record = made(kind, **fields)
     lock(record)
     return record
-
-
-def seen_pose(rotation: Array, translation_m: Array, displacement: Array) -> Pose:
-    """A pose whose displacement is known already; the arrays are locked."""
-    fields = {"rotation": rotation, "translation_m": translation_m, "_displacement": displacement}
-    for each in fields.values():
-        each.setflags(write=False)
-    return made(Pose, **fields)
 
 
 def made(kind: type[_Kind], **fields: Any) -> _Kind:

@@ -1,7 +1,7 @@
 """Reading the Jacobians of any MJCF model, once or at every tick."""
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import mujoco
@@ -128,18 +128,9 @@ class JacobianReader:
         self._rows = {task: each.rows for (task, _), each in zip(tasks, rows, strict=True)}
         self._known: dict[tuple[object, ...], _Known] = {}
 
-    @cached_property
-    def _opt(self) -> Any:
-        return self._source.model.opt
-
-    @cached_property
-    def _has_equalities(self) -> bool:
-        return self._source.model.neq > 0
-
     def __getstate__(self) -> dict[str, Any]:
         """Without what is found again: matrices and their views would be copied apart."""
-        kept = {name: value for name, value in vars(self).items() if name != "_opt"}
-        return kept | {"_known": {}}
+        return vars(self) | {"_known": {}}
 
     def read(self, data: mujoco.MjData) -> JacobianViews:
         """The same as :meth:`at` for the tick of a loop: views that the next reading overwrites.
@@ -209,8 +200,8 @@ class JacobianReader:
         model = self._source.model
         check_state(model, data)
         bring_up_to_date(model, data)
-        opt, closures = self._opt, b""
-        if self._has_equalities:
+        opt, closures = model.opt, b""
+        if model.neq:
             closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
         key = closures, opt.disableactuator, opt.disableflags
         known = self._known.get(key)

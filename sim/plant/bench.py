@@ -13,7 +13,7 @@ from argument_checks.arrays import as_float64
 from kernels import Struct, lib, pointer
 from sim.array import Array
 from sim.kinematics.mechanism import JointPosture, Mechanism
-from sim.kinematics.pose import Pose, principal, seen_pose
+from sim.kinematics.pose import Pose, computed, principal
 from sim.plant.failure import Failure
 from sim.plant.plant import Plant, physics_steps
 from sim.plant.slip import MaxwellSlip
@@ -181,7 +181,6 @@ class Bench:
         actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
             with them.
         gap: The error of a pilot that needs what an event has taken from the last reading, or None.
-        observed: What `observe` in `kernels.h` takes, which writes this log.
     """
 
     def __init__(
@@ -271,17 +270,17 @@ class Bench:
         widths = (plant.model.nq, len(plant.data.actuator_force)) if is_kept else (0, 0)
         self._kept = [np.empty((ticks, width)) for width in widths]
         self.qpos, self.actuator_force = self._kept if is_kept else (None, None)
-        self.observed = self._observed()
+        self._log = self._logged()
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the pointers into the plant's data, which a copy has of its own."""
-        return {name: value for name, value in vars(self).items() if name != "observed"}
+        return {name: value for name, value in vars(self).items() if name != "_log"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.observed = self._observed()
+        self._log = self._logged()
 
-    def _observed(self) -> Struct:
+    def _logged(self) -> Struct:
         names = ("rotation", "translation_m", "task", "displacement", "closure_residual_m")
         all_qpos, all_forces = self._kept
         return Struct(
@@ -299,8 +298,13 @@ class Bench:
         self._happen()
         tick, data = self._tick, self.plant.data
         rows = pointer(data.efc_pos), pointer(data.efc_id), data.ne
-        principal(lib.observe(self.observed.pointer, tick, *rows), self.task[tick])
-        pose = seen_pose(self.rotation[tick], self.translation_m[tick], self.task[tick])
+        principal(lib.observe(self._log.pointer, tick, *rows), self.task[tick])
+        pose = computed(
+            Pose,
+            rotation=self.rotation[tick],
+            translation_m=self.translation_m[tick],
+            _displacement=self.task[tick],
+        )
         reading = self.sensors.read(pose, self.displacement[tick])
         if self._on_measured is None:
             return reading

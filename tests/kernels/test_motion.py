@@ -46,6 +46,7 @@ def test_a_mechanism_moves_as_its_closures_and_drives_ask():
     assert nearest(held, np.zeros(2), here) == lib.MOTION_NONE
     assert nearest(np.array([3]), gaps, wanted) == lib.MOTION_REFUSED
     assert nearest(np.array([-1]), gaps, wanted) == lib.MOTION_REFUSED
+    assert nearest(np.array([1, 1]), gaps, wanted) == lib.MOTION_REFUSED
 
 
 @pytest.mark.parametrize("name", ["arm", "hand", "arms", "platform"])
@@ -64,6 +65,29 @@ def test_a_posture_says_what_mujoco_says_at_its_joint_positions(name):
     assert moved.accuracy is not None and whole.accuracy is not None
     assert moved.error_bound == whole.accuracy.error_bound == moved.accuracy.error_bound
     assert moved.names == whole.names and moved.closure_residual == whole.closure_residual
-    np.testing.assert_array_equal(moved.task, moved.pose.displacement())
-    for array in (moved.qpos, moved.task, moved.J_T, moved.J_C, moved.gaps, moved.displacements):
+    pose = moved.pose
+    computed_anew = Pose(pose.rotation, pose.translation_m).displacement()
+    np.testing.assert_array_equal(mechanism.task(moved), computed_anew)
+    pose.displacement()[:] = np.nan  # the caller's own
+    np.testing.assert_array_equal(pose.displacement(), computed_anew)
+    for array in (
+        moved.qpos,
+        pose.rotation,
+        pose.translation_m,
+        moved.J_T,
+        moved.J_C,
+        moved.gaps,
+        moved.displacements,
+    ):
         assert not array.flags.writeable
+
+
+@pytest.mark.parametrize(
+    "held, why",
+    [([1, 1], "must not repeat"), ([7], "must lie in 0..6"), ([-1], "must lie in 0..6")],
+)
+def test_a_mechanism_refuses_drives_that_are_not_there_or_twice(held, why):
+    mechanism = Mechanism(load_model(MODELS / "arm.xml"), site="payload")
+    for each in (held, np.array(held)):
+        with pytest.raises(ValueError, match=f"held .*{why}"):
+            mechanism.moved(mechanism.nominal, np.zeros(7), each)
