@@ -184,7 +184,8 @@ class Mechanism:
         self, J_C: Array, gaps: Array, here: Array, wanted: Array, held: NDArray[np.intp]
     ) -> Array | None:
         """Motion of all velocities (N,) of :meth:`moved`; None: nothing is to move."""
-        if type(held) is not np.ndarray or held.dtype != np.intp:
+        is_plain = type(held) is np.ndarray and held.dtype == np.intp and held.ndim == 1
+        if not is_plain or not held.flags.c_contiguous:
             held = check.indices("held", held, len(here))
         (c, N), h = J_C.shape, len(held)
         motion, work = np.empty(N), np.empty(lib.nearest_room(c, h, N, N))

@@ -1,5 +1,7 @@
 """The motion of a mechanism from one posture to the next: against numpy and MuJoCo."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -91,3 +93,15 @@ def test_a_mechanism_refuses_drives_that_are_not_there_or_twice(held, why):
     for each in (held, np.array(held)):
         with pytest.raises(ValueError, match=f"held .*{why}"):
             mechanism.moved(mechanism.nominal, np.zeros(7), each)
+
+
+def test_a_mechanism_takes_drives_as_any_list_of_integers():
+    mechanism = Mechanism(load_model(MODELS / "arm.xml"), site="payload")
+    asked = 1e-3 * np.arange(1.0, 8.0)
+    expected = mechanism.moved(mechanism.nominal, asked, np.array([1, 3])).qpos
+    lists: list[Any] = [[1, 3], np.array([1, 3], np.int32), np.array([1, 0, 3, 0])[::2]]
+    for held in lists:
+        moved = mechanism.moved(mechanism.nominal, asked, held)
+        np.testing.assert_array_equal(moved.qpos, expected)
+    with pytest.raises(ValueError, match="held must be a list of integers"):
+        mechanism.moved(mechanism.nominal, asked, np.array([[1, 3]]))
