@@ -1,40 +1,44 @@
 """The registry: all studies, in reading order.
 
-Who needs a list of them reads this one. What takes long comes late; the timings come last, when
-nothing else runs. The import takes milliseconds: a study names its functions, and imports none of
-what they need.
+What takes long comes late; the timings come last, when nothing else runs. A study is imported when
+it is asked for: the list of commands does not wait for MuJoCo.
 """
 
-from experiments.benchmark import STUDY as BENCH
-from experiments.figures import STUDY as FIGURES
-from experiments.force import STUDY as FORCE
-from experiments.goals import STUDY as GOALS
-from experiments.jacobian import STUDY as JACOBIAN
-from experiments.limits import STUDY as LIMITS
-from experiments.recover import STUDY as RECOVER
-from experiments.release import STUDY as RELEASE
-from experiments.survey import STUDY as SURVEY
-from experiments.sweep import ATLAS
-from experiments.sweep import STUDY as SWEEP
-from experiments.systems import STUDY as SYSTEMS
-from experiments.table1 import STUDY as TABLE1
-from experiments.track import STUDY as TRACK
-from experiments.uncorrected import STUDY as UNCORRECTED
+from functools import cache
+from importlib import import_module
 
-STUDIES = (
-    TABLE1,
-    TRACK,
-    SURVEY,
-    FIGURES,
-    SYSTEMS,
-    RELEASE,
-    FORCE,
-    GOALS,
-    LIMITS,
-    JACOBIAN,
-    UNCORRECTED,
-    RECOVER,
-    SWEEP,
-    ATLAS,
-    BENCH,
-)
+from experiments.study.study import Study
+
+LINES = {
+    "table1": "Reproduce Table I and Figures 4 to 6 of the paper.",
+    "track": "Track a path with any robot while its actuators fail.",
+    "survey": "Say what a robot, or an effectiveness matrix, can still do after each failure.",
+    "figures": "Draw the machine, its control loops and its failure conditions.",
+    "systems": "Compare the classification of four other mechanisms with their simulation.",
+    "release": "Simulate a strut without coil force, then without coil force and spring.",
+    "force": "Simulate static forces commanded by the force mapping.",
+    "goals": "Pursue four secondary goals, and measure whether pointing changes.",
+    "limits": "Compare ways to keep actuators within their limits, in the loop.",
+    "jacobian": "Compute how much the Jacobian varies over the stroke, eq. (40), with a proof.",
+    "uncorrected": "Test explanations for the large error in the last column of Table I.",
+    "recover": "Simulate unannounced actuator failures; measure detection, isolation and recovery.",
+    "sweep": "Simulate many closed loops with varied weights, failures and constants.",
+    "atlas": "Simulate the 138 failure conditions that differ by symmetry; compare them "
+    "with theory.",
+    "bench": "Time the control loop and the mapping against physics and other libraries.",
+}
+"""The first line of each study's help, by its name."""
+
+_MODULES = {"atlas": "sweep", "bench": "benchmark"}
+
+
+@cache
+def study(name: str) -> Study:
+    """The study of a name; the import of its module takes up to a second."""
+    module = import_module(f".{_MODULES.get(name, name)}", __package__)
+    return module.ATLAS if name == "atlas" else module.STUDY
+
+
+def studies() -> tuple[Study, ...]:
+    """All of them."""
+    return tuple(map(study, LINES))

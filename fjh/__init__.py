@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     import prioritized as prioritized
     import sim as sim
     from argument_checks import __version__ as __version__
+    from experiments.comparison import compare as compare
     from experiments.ik import Ik as Ik
     from experiments.ik import Limits as Limits
     from experiments.recording.record import record as record
+    from experiments.results import fly_again as fly_again
+    from experiments.results import results as results
     from experiments.rig import Mismatch as Mismatch
     from experiments.rig import Prediction as Prediction
     from experiments.rig import Rig as Rig
@@ -57,8 +60,10 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "fjh.argument_checks": ("__version__",),
+    "fjh.experiments.comparison": ("compare",),
     "fjh.experiments.ik": ("Ik", "Limits"),
     "fjh.experiments.recording.record": ("record",),
+    "fjh.experiments.results": ("fly_again", "results"),
     "fjh.experiments.rig.events": ("Event",),
     "fjh.experiments.rig": ("Mismatch", "Prediction", "Rig", "Run"),
     "fjh.ftc": ("PrioritizedController", "Supervisor"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from filelock import FileLock
 
-from experiments.studies import STUDIES
+from experiments.studies import LINES
 from tests import profiles
 from tests.processor_time import pytest_runtest_call as pytest_runtest_call
 from tests.processor_time import pytest_terminal_summary as pytest_terminal_summary
@@ -29,14 +29,14 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 AT_LENGTH = {
-    *(f"{study.name}_folder" for study in STUDIES),
-    *("force_run", "seeds_folder", "crew", "compared"),
+    *(f"{name}_folder" for name in LINES),
+    *("seeds_folder", "crew", "compared"),
 }
 """Fixtures that run a study or a cluster."""
 
 
 LONGEST = {
-    *("app/test_cli", "app/test_compare", "app/test_find"),
+    "app/test_cli",
     *("app/test_habits", "app/test_interruptions", "app/test_render", "app/test_report"),
     *("app/test_review", "ftc/test_excitation", "ftc/test_outside_hypotheses", "ik/test_limits"),
     *("live/test_other_robots", "live/test_page", "live/test_tour", "rig/test_copies"),
@@ -239,27 +239,9 @@ def limits(limits_folder):
 
 
 @pytest.fixture(scope="session")
-def force_run(tmp_path_factory, faults_of_figures):
-    """Forces with strut 1 failing, short, made by the command: its folder, and what it computed."""
-    from experiments.app.cli import main
-    from experiments.force import runs
-
-    folder, computed, run = tmp_path_factory.mktemp("force"), [], runs.run_force
-
-    def keep(**options):
-        computed.append(run(**options))
-        return computed[0]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "run_force", keep)
-        assert main(["force", "--quick", "--out", str(folder)]) == 0
-    return folder, computed[0]
-
-
-@pytest.fixture(scope="session")
-def force_folder(force_run):
-    """Its folder."""
-    return force_run[0]
+def force_folder(made_once):
+    """Forces with strut 1 failing, short: made by the command."""
+    return made_once("force", fjh("force", "--quick"))
 
 
 @pytest.fixture(scope="session")

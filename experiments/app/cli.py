@@ -1,5 +1,6 @@
 """The command `fjh`: its studies, and the commands that show what they wrote."""
 
+import os
 import re
 import shlex
 import sys
@@ -11,15 +12,14 @@ import typer
 
 from experiments.app.animate import animate
 from experiments.app.command import command
-from experiments.app.compare import compare
-from experiments.app.find import find
 from experiments.app.live.command import live
 from experiments.app.refusals import INTERRUPTED, WRONG_INPUT, ending_of
 from experiments.app.report import report
-from experiments.studies import STUDIES
+from experiments.studies import LINES, study
 from experiments.study.files import published, usable_file
-from experiments.study.interrupts import INTERRUPTION, interrupted, notice
+from experiments.study.interrupts import INTERRUPTION, interrupted, notice, printable
 from experiments.study.spelling import check_file
+from experiments.study.study import Unsound
 from experiments.study.terminal import Ending, print_ending, progress
 
 HELP = """Simulate the fault-tolerant hexapod of Chen, McInroy and Yi (2003) and other mechanisms.
@@ -27,9 +27,8 @@ HELP = """Simulate the fault-tolerant hexapod of Chen, McInroy and Yi (2003) and
 Each study simulates one experiment in MuJoCo and prints its tables; `fjh report` runs most studies.
 A study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, with units
 in the names), tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
-Start with `fjh table1`: a minute on two cores. `fjh find` lists runs by what came out of them,
-`fjh compare` says what changed between two results; `fjh review`, `fjh render` and `fjh animate`
-show runs.
+Start with `fjh table1`: a minute on two cores. `fjh compare` says what changed between two results;
+`fjh review`, `fjh render` and `fjh animate` show runs; `fjh.results` in Python gives data frames.
 """
 EXIT_CODES = """\b
 Exit codes:
@@ -76,6 +75,28 @@ def review(
             write_review(staging / out.name, runs, model)
     checked = "All runs agree with the numbers in the JSON beside them."
     print_ending(Ending(checked, out, shlex.join(["rerun", str(out)])))
+
+
+_FORMER = typer.Argument(metavar="A", help="The former result: its folder or its JSON file.")
+_LATTER = typer.Argument(metavar="B", help="The result that is compared with it, likewise.")
+
+
+def compare(a: Annotated[Path, _FORMER], b: Annotated[Path, _LATTER]) -> None:
+    """Say what changed by more than noise between two results of one study.
+
+    They may be of two versions, or of other settings, which are said first. Rows are compared by
+    their names, whatever their order; docs/find.md says what noise is. The exit code is 1 if a
+    check fails in the second that did not in the first. The output is Markdown.
+
+    Example: fjh compare docs/data/table1.json results/table1
+    """
+    from experiments.comparison import compare as compared  # late: help does not wait for it
+
+    found = compared(a, b)
+    for line in str(found).splitlines():
+        print(printable(line))
+    if len(failing := found.failing):
+        raise Unsound(f"{len(failing)} checks fail that did not: {failing.what.iloc[0]}")
 
 
 _FILE = typer.Argument(metavar="FILE.rrd", help="A recording.")
@@ -131,12 +152,26 @@ _VERSION = typer.Option(
 def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
 
 
-app = typer.Typer(
-    name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None, callback=_options
-)
-for each in (*map(command, STUDIES), report, live, compare, find, review, render, animate):
-    # The first line whole: Typer itself would cut it at any full stop.
-    app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
+_OTHERS = (report, live, compare, review, render, animate)
+
+
+def app_of(*names: str) -> typer.Typer:
+    """The command `fjh`, all of whose commands are listed; the studies of these names can be run.
+
+    The others are not imported: a study takes a second.
+    """
+    app = typer.Typer(
+        name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None, callback=_options
+    )
+    for name, line in LINES.items():
+        app.command(name, short_help=line)(command(study(name)) if name in names else _listed)
+    for each in _OTHERS:
+        # The first line whole: Typer itself would cut it at any full stop.
+        app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
+    return app
+
+
+def _listed() -> None: ...
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -145,7 +180,11 @@ def main(arguments: list[str] | None = None) -> int:
     if empty := _empty_option(words):
         return _failed(f"{empty} is empty, expected a value", WRONG_INPUT)
     try:
-        code = app(args=words or ["--help"], prog_name="fjh", standalone_mode=False)
+        # What a shell completes stands in the environment.
+        completed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+        code = app_of(*words[:1], *completed.split()[1:2])(
+            args=words or ["--help"], prog_name="fjh", standalone_mode=False
+        )
     except Exception as error:
         return _failed(*ending_of(error))
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C

@@ -9,7 +9,7 @@ from typing import Any
 
 from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.command import show, with_options
-from experiments.studies import STUDIES
+from experiments.studies import studies
 from experiments.study.files import published, usable_folder, write_index
 from experiments.study.interrupts import INTERRUPTION
 from experiments.study.page import named_versions, rendered
@@ -18,17 +18,13 @@ from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
 from experiments.study.tables import Column, tabulate
 from experiments.study.terminal import Ending, print_ending, progress
 
-CHAPTERS = tuple(Chapter(study) for study in STUDIES if study.in_report is not None)
-
 INDEX = "report.json"
 
-_ABSENT = [study.name for study in STUDIES if study.in_report is None]
-
-HELP = f"""Run the main studies and write one HTML page on all of them.
+HELP = """Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, the result of its checks, and the command that
 reproduces it; at the end computer, versions and commit. It needs no other file. An estimated two
-hours on two cores; {" and ".join(_ABSENT)} are left out. The last chapter, bench, measures times:
+hours on two cores; track and atlas are left out. The last chapter, bench, measures times:
 do nothing else on the computer meanwhile. Where its packages are not installed it is left out, and
 the page says so.
 
@@ -44,23 +40,28 @@ Example: fjh report --quick --out /tmp/report
 """
 
 
+def chapters() -> tuple[Chapter, ...]:
+    """The studies of the report, in its order."""
+    return tuple(Chapter(study) for study in studies() if study.in_report is not None)
+
+
 def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> None:
     edition = Edition(usable_folder(out), seed, quick, _origin())
-    summary = run_report(CHAPTERS, edition, partial(progress, shown=not quiet))
+    summary = run_report(chapters(), edition, partial(progress, shown=not quiet))
     columns = (
         Column("", "name"),
         Column("checks", lambda chapter: "failed" if chapter["complaint"] else "passed"),
         Column("time", lambda chapter: span(chapter["wall_time_s"])),
     )
-    chapters = summary["chapters"]
-    tables = [tabulate("All studies", columns, chapters)]
+    entries = summary["chapters"]
+    tables = [tabulate("All studies", columns, entries)]
     left_out = [f"{name} is left out, since {why}." for name, why in summary["left_out"].items()]
     show(Results(summary, tables, left_out), quiet=quiet, json=json)
-    failed = [f"{each['name']}: {each['complaint']}" for each in chapters if each["complaint"]]
+    failed = [f"{each['name']}: {each['complaint']}" for each in entries if each["complaint"]]
     if not (quiet or json):
-        checked = f"{len(failed)} of {len(chapters)} studies failed: {'; '.join(failed)}."
+        checked = f"{len(failed)} of {len(entries)} studies failed: {'; '.join(failed)}."
         if not failed:
-            checked = f"All checks passed ({len(chapters)} studies)."
+            checked = f"All checks passed ({len(entries)} studies)."
         following = "fjh report" if quick else "fjh track --help"  # the whole; a robot of one's own
         print_ending(Ending(checked, out / "report.html", following))
     if failed:

@@ -6,7 +6,7 @@ from pathlib import Path
 from experiments.rig.options import DITHER, LOOPS, PATH, TASK
 from experiments.study.controllers import CONTROLLER
 from experiments.study.spelling import check_file
-from experiments.study.study import Listing, Option, Study
+from experiments.study.study import Option, Study
 from experiments.study.where import SCHEDULER, WHERE
 
 MODEL = Option(
@@ -67,9 +67,5 @@ STUDY = Study(
     seed="the random failures and plants, and the detector noise",
     options=(MODEL, HOURS, EVENTS, CONTROLLER, *WHERE, *OTHERS_ALONE),
     streams=True,
-    listing=Listing(
-        worst=("rms_supervised_after",),
-        shown=("sort", "event", "sense", "actuator", "kind", "mismatch", "factor"),
-        again="experiments.recover.command:again",
-    ),
+    again="experiments.recover.command:again",
 )

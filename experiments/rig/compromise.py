@@ -1,13 +1,12 @@
 """The conventional weighted pseudo-inverse: over all rows, no task before another."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ftc.control.geometry import Pose
-from ftc.control.mapping import PrioritizedMapping
+from ftc.goal import Goal
 from prioritized import (
     Kinematics,
     Status,
@@ -87,22 +86,24 @@ def weighted_pseudo_inverse(
     return Compromise(equals, m2)
 
 
-class CompromisingMapping(PrioritizedMapping[Pose]):
-    """A mapping in the loop with a weighted pseudo-inverse in the place of eqs. (28) and (30).
+def compromising(
+    goal: Goal, major: Sequence[int], secondary: Sequence[int], major_weight: float
+) -> Callable[[Kinematics], Compromise]:
+    """A weighted pseudo-inverse of the survivors at any posture, with the goal's weights.
 
-    Whoever inherits sets `major_weight` before the mapping is prepared.
+    It is the `allocate` of a :class:`ftc.control.mapping.PrioritizedMapping`; arguments as
+    :func:`weighted_pseudo_inverse`.
     """
 
-    major_weight: float
-
-    def rates_at(self, kinematics: Kinematics) -> Compromise:
-        """Of the surviving actuators, by the pseudo-inverse."""
-        W1 = self.goal.joint_weight
+    def allocate(kinematics: Kinematics) -> Compromise:
+        W1 = goal.joint_weight
         return weighted_pseudo_inverse(
             kinematics.J,
-            self._major.tolist(),
-            self._secondary.tolist(),
-            self.major_weight,
+            major,
+            secondary,
+            major_weight,
             joint_weight=None if W1 is None else np.array(W1)[kinematics.actuators],
-            secondary_weight=self.goal.secondary_weight,
+            secondary_weight=goal.secondary_weight,
         )
+
+    return allocate

@@ -42,7 +42,7 @@ def in_parallel(
     all runs, one step after each of them: its list has their results so far, None of the others.
     """
     results: list[Any] = [None] * len(calls)
-    jobs = ((number, function, call) for number, call in enumerate(calls))
+    jobs = ((number, function, each) for number, each in enumerate(calls))
     steps = meanwhile(results)
     on_progress(0, len(calls))
     with closing(finished(jobs, min(len(calls), CORES))) as found:
@@ -53,6 +53,11 @@ def in_parallel(
     for _ in steps:  # there were fewer runs
         pass
     return results
+
+
+def call(work: Callable[..., Any], **arguments: Any) -> Any:
+    """Call `work`: the function for :func:`in_parallel` where each call names its own."""
+    return work(**arguments)
 
 
 def finished(jobs: Iterable[Job], workers: int) -> Generator[tuple[int, Any], None, None]:
@@ -147,14 +152,14 @@ def _work(pipe: Connection) -> None:
     Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent was killed
         while True:
-            _, function, call = pipe.recv()
-            pipe.send_bytes(_answer(function, call))
+            _, function, arguments = pipe.recv()
+            pipe.send_bytes(_answer(function, arguments))
 
 
-def _answer(function: Callable[..., Any], call: dict[str, Any]) -> bytes:
+def _answer(function: Callable[..., Any], arguments: dict[str, Any]) -> bytes:
     """Result and exception, one of them None."""
     try:
-        return pickle.dumps((function(**call), None))
+        return pickle.dumps((function(**arguments), None))
     except Exception as error:
         error.add_note(format_exc())
         return pickle.dumps((None, error))

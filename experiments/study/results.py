@@ -5,7 +5,8 @@ description; :func:`publish` writes all files of a study, or none.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from experiments.study.files import published, write_arrays, write_index
 from experiments.study.tables import Table, literal
 
 if TYPE_CHECKING:  # the help text need not wait for these imports
+    import pandas as pd
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -29,7 +31,12 @@ class Check:
     @property
     def passed(self) -> bool:
         """Whether the value is below the limit."""
-        return self.value < self.limit
+        return bool(self.value < self.limit)
+
+    def row(self) -> dict[str, Any]:
+        """The check for JSON; a value that is no number is None."""
+        value = self.value if isfinite(self.value) else None
+        return asdict(self) | {"value": value, "passed": self.passed}
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what} is {self.value:.3g}, expected below {self.limit:.3g}"
@@ -62,7 +69,8 @@ class Picture:
 class Results:
     """What came out of a study; it is sound if all checks passed.
 
-    `arrays` are the contents of `.npz` files, by file name; each of the `records` writes further
+    `arrays` are the contents of `.npz` files, by file name; `frames` those of `.parquet` files, by
+    what stands in their names after that of the study; each of the `records` writes further
     files, a run's data and its recording, into a folder that has these and the figures already.
     Nothing is written if a former run has `published` all of it.
     """
@@ -73,6 +81,7 @@ class Results:
     checks: Sequence[Check] = ()
     pictures: Sequence[Picture] = ()
     arrays: "Mapping[str, Mapping[str, NDArray[Any]]]" = field(default_factory=dict)
+    frames: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
     records: Sequence[Callable[[Path], None]] = ()
     published: bool = False
     caveat: str | None = None  # a sentence without which nobody is to read that checks passed
@@ -126,6 +135,8 @@ def publish(
     with published(folder, index=f"{name}.json") as staging:
         for file, arrays in results.arrays.items():
             write_arrays(staging / file, dict(arrays))
+        for key, frame in results.frames.items():
+            frame.to_parquet(staging / f"{name}_{key}.parquet", index=False)
         total = len(results.records) + len(results.pictures)
         for done, picture in enumerate(results.pictures):
             on_progress(done, total)
@@ -135,4 +146,5 @@ def publish(
             on_progress(done, total)
             record(staging)
         (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
-        return replace(results, summary=write_index(staging / f"{name}.json", results.summary))
+        summary = {"checks": [check.row() for check in results.checks]} | results.summary
+        return replace(results, summary=write_index(staging / f"{name}.json", summary))

@@ -1,14 +1,14 @@
 """A study as data: what the command line offers of it, and the two functions that make it."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from numbers import Real
 from pkgutil import resolve_name
 from typing import Any
 
-from experiments.study.results import Check, Results
+from experiments.study.results import Results
 
 # What a warning of MuJoCo's means for a run, a sentence of the command's own says.
 logging.getLogger(f"{__name__.removesuffix('experiments.study.study')}sim").addHandler(
@@ -76,24 +76,10 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Listing:
-    """How `fjh find` lists the rows of a study's dataset, and flies one of them again.
-
-    `again` is an entry point: again(summary) is the :class:`experiments.study.campaign.Again` of
-    the dataset that a JSON file names.
-    """
-
-    worst: tuple[str, ...]  # columns; of the first that the rows have the largest is the worst
-    shown: tuple[str, ...]  # columns that say which run it is, as far as the rows have them
-    again: str
-
-
-@dataclass(frozen=True)
 class Study:
     """One experiment.
 
-    Beside `results` there is a function `checks(summary)`, if anything is checked: it makes the
-    checks anew from the study's JSON alone.
+    Where `runs` gives a :class:`experiments.study.result.Result`, there are no `results`.
 
     `runs` and `results` are entry points, "package.module:function", resolved when the study is
     run: the help text does not wait for the import of MuJoCo. `runs(seed=, quick=, on_progress=,
@@ -110,30 +96,14 @@ class Study:
     name: str  # of its command, its folder and its JSON file
     help: str  # a paragraph each: one line, what it does and how long it takes, files, an example
     runs: str
-    results: str
+    results: str | None
     quick: str | None  # what --quick leaves out; None: there is no shorter run
     seed: str | None = "the detector noise"  # what the seed is of; None: nothing is random
     options: tuple[Option, ...] = ()
     streams: bool = False
     in_report: dict[str, bool] | None = field(default_factory=dict)
-    listing: Listing | None = None  # where it has a dataset
+    again: str | None = None  # entry point: again(summary) is how a dataset's runs fly again
     times: bool = False  # whether its numbers are times of a machine
-
-    def checks(self, summary: dict[str, Any]) -> Sequence[Check]:
-        """The checks of a result, from its JSON alone.
-
-        Raises:
-            WrongInput: It is not what this version of the study writes.
-        """
-        module = resolve_name(self.results.partition(":")[0])
-        check = getattr(module, "checks", lambda _: ())
-        try:
-            return check(summary)
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
-            why = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            raise WrongInput(
-                f"it is no result of this version of fjh {self.name} ({why:.200})"
-            ) from None
 
     def words(self, *, seed: int, quick: bool, **given: Any) -> list[str]:
         """The command that gives the same numbers, without its folder; defaults are left out."""
@@ -157,7 +127,8 @@ class Study:
         """
         outcome = resolve_name(self.runs)(on_progress=on_progress, **options)
         with outcome if self.streams else nullcontext(outcome) as data:
-            yield resolve_name(self.results)(data)
+            make = resolve_name(self.results) if self.results else lambda it: it.results(self.name)
+            yield make(data)
 
 
 class WrongInput(Exception):

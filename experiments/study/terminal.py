@@ -5,14 +5,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from experiments.study.interrupts import raise_on_interrupt
-from experiments.study.layout import fitted, widths
 from experiments.study.tables import Table
-
-if TYPE_CHECKING:  # the help text does not wait for Rich's import
-    from rich.table import Table as RichTable
 
 
 @contextmanager
@@ -47,31 +42,21 @@ def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int,
 
 
 def print_table(table: Table) -> None:
-    """A table on standard output, its legend below; no cell is shortened, whatever the width."""
+    """A table on standard output, its legend below; a wide one goes on below itself."""
+    import pandas as pd  # late, as above
     from rich.console import Console
 
     # Units stand in brackets, where markup would.
     console = Console(markup=False, emoji=False, highlight=False)
-    for part in fitted(table, console.width):
-        if part.title:
-            console.print(part.title, style="italic")
-        console.print(_drawn(part, console.width))
-        if part.legend:
-            console.print(f"{part.legend}\n")
-
-
-def _drawn(table: Table, width: int) -> "RichTable":
-    """The table as Rich draws it."""
-    from rich import box
-    from rich.table import Table as RichTable
-
-    drawn = RichTable(box=box.SIMPLE, padding=(0, 1, 0, 0))
-    for k, (heading, each) in enumerate(zip(table.headings, widths(table, width), strict=True)):
-        justify = "right" if k else "left"
-        drawn.add_column(heading, justify=justify, width=each, overflow="fold")
-    for row in table.rows:
-        drawn.add_row(*row)
-    return drawn
+    first, *headings = table.headings
+    cells = [[*row[1:]] for row in table.rows]
+    frame = pd.DataFrame(cells, [row[0] for row in table.rows], headings)
+    if table.title:
+        console.print(table.title, style="italic")
+    text = frame.rename_axis(columns=first).to_string(line_width=console.width)
+    console.print(f"\n{text}\n", soft_wrap=True)
+    if table.legend:
+        console.print(f"{table.legend}\n")
 
 
 def print_notes(notes: Sequence[str]) -> None:

@@ -3,14 +3,8 @@
 from pathlib import Path
 
 from experiments.study.spelling import check_file
-from experiments.study.study import Listing, Option, Study
+from experiments.study.study import Option, Study
 from experiments.study.where import WHERE
-
-LISTING = Listing(
-    worst=("alpha_rms_urad",),
-    shown=("struts", "failure_time_s", "known", "weight", "jacobian", "verdict", "status"),
-    again="experiments.sweep.again:again",
-)
 
 STUDY = Study(
     name="sweep",
@@ -45,7 +39,7 @@ STUDY = Study(
         *WHERE,
     ),
     streams=True,
-    listing=LISTING,
+    again="experiments.sweep.again:again",
 )
 
 ATLAS = Study(
@@ -69,6 +63,6 @@ ATLAS = Study(
     quick="W_a only, 0.5 s.",
     options=WHERE,
     streams=True,
-    listing=LISTING,
+    again="experiments.sweep.again:again",
     in_report=None,
 )

@@ -77,6 +77,7 @@ class PrioritizedMapping(Generic[Pose]):
         *,
         limits: tuple[ArrayLike, ArrayLike] | None = None,
         when_limited: WhenLimited = "least_squares",
+        allocate: Callable[[Kinematics], Any] | None = None,
     ) -> None:
         """Prepare the mapping at the nominal pose.
 
@@ -91,6 +92,10 @@ class PrioritizedMapping(Generic[Pose]):
                 (n,) or one number each, for :meth:`within_limits`; those of failed actuators do not
                 count. A weakened actuator needs limits that it can hold with the force left.
             when_limited: What becomes of a major task beyond them.
+            allocate: What is to be compared with eqs. (28) and (30): for kinematics of the failed
+                mechanism, what maps velocities to rates of the survivors as
+                :class:`ftc.control.local_mapping.LocalMapping` says, in the place of the mapping
+                within limits if there are any, or else of the mapping.
 
         Raises:
             ValueError, TypeError: An actuator locked off centre in incremental form: its
@@ -102,6 +107,7 @@ class PrioritizedMapping(Generic[Pose]):
         check.choice("form", form, get_args(DisplacementForm))
         check.choice("when_limited", when_limited, get_args(WhenLimited))
         task = task if task is None else check.function("task", task)
+        self._allocate = allocate if allocate is None else check.function("allocate", allocate)
         check.instance("goal", goal, Goal).of(len(geometry.system.active))
         rows = len(geometry.system.J_T)
         if form == "gauss_newton" and task is None:
@@ -419,21 +425,13 @@ class PrioritizedMapping(Generic[Pose]):
         return self._local(self._failed.at_pose(self._model.jacobians(posture)).kinematics())
 
     def _local(self, kinematics: Kinematics) -> LocalMapping:
-        return LocalMapping(
-            self.rates_at(kinematics),
-            self._expand,
-            kinematics.J,
-            kinematics.active_constraint,
-            self.limited_at(kinematics),
-        )
-
-    def rates_at(self, kinematics: Kinematics) -> Any:
-        """Optimal rates of the surviving actuators; another optimality would override this."""
-        return self._prepared.at(kinematics)
-
-    def limited_at(self, kinematics: Kinematics) -> Any:
-        """The same within the limits, if there are any; another allocation would override this."""
-        return None if self._limited is None else self._limited.at(kinematics)
+        mapping, limited = self._prepared.at(kinematics), None
+        if self._limited is not None:
+            limited = (self._allocate or self._limited.at)(kinematics)
+        elif self._allocate is not None:
+            mapping = self._allocate(kinematics)
+        constraint = kinematics.active_constraint
+        return LocalMapping(mapping, self._expand, kinematics.J, constraint, limited)
 
     def _of_survivors(self, displacements: Array) -> Array:
         return displacements if self._all_survive else displacements[self._surviving]

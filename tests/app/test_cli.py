@@ -7,8 +7,8 @@ import pytest
 import typer
 from rerun.chunk import RrdReader
 
-from experiments.app.cli import app, main
-from experiments.studies import STUDIES
+from experiments.app.cli import app_of, main
+from experiments.studies import LINES, studies
 from experiments.study.files import OutputError, published
 from sim.mjcf.model import HEXAPOD_MJCF
 
@@ -60,7 +60,7 @@ def test_wrong_input_is_one_sentence_that_names_it(capsys, tmp_path, arguments, 
 
 def test_a_study_offers_no_option_that_does_nothing(capsys):
     """Where nothing is random there is no seed, where nothing can be shorter no quick run."""
-    for study in STUDIES:
+    for study in studies():
         assert main([study.name, "--help"]) == 0
         text = capsys.readouterr().out
         assert ("--seed" in text) == (study.seed is not None) and "nothing" not in (
@@ -87,7 +87,7 @@ def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
     assert "too long" in sentence(capsys)
 
 
-@pytest.mark.parametrize("command", [*typer.main.get_group(app).commands])
+@pytest.mark.parametrize("command", [*typer.main.get_group(app_of(*LINES)).commands])
 def test_an_empty_path_is_not_the_current_folder(capsys, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     for words in (["--out", ""], ["--out="]):
@@ -177,6 +177,7 @@ def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_p
     names = {f"{c['name']}.{kind}" for c in summary["columns"] for kind in ("npz", "rrd")}
     figures = {f"figure{k}.{kind}" for k in (4, 5, 6) for kind in ("png", "pdf")}
     figures |= {"result.png", "result.pdf"}
+    figures |= {f"table1_{name}.parquet" for name in ("columns", "further_runs", "loops")}
     expected = names | figures | {"table1.json", "table1.md"}
     assert {file.name for file in tmp_path.iterdir()} == expected
     for column in summary["columns"]:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from experiments.app.cli import main
-from experiments.studies import STUDIES
+from experiments.studies import studies
 from experiments.study.results import Check, Results
 from experiments.study.study import Study
 from experiments.study.tables import Table
@@ -32,7 +32,7 @@ def ended(out: str) -> tuple[str, list[Path], list[str]]:
     return checked, [Path(folder), Path(file)], shlex.split(following.removeprefix("Next: "))
 
 
-@pytest.mark.parametrize("name", [*(study.name for study in STUDIES), "report"])
+@pytest.mark.parametrize("name", [*(study.name for study in studies()), "report"])
 def test_a_quick_run_ends_with_checks_files_and_the_next_command(
     name, capsys, tmp_path, monkeypatch
 ):

@@ -77,7 +77,7 @@ from tests.made import made_study
 {setting}
 def make(**options):
     {work}
-cli.app.command()(cli.command(made_study("measure", make, ())))
+cli.LINES["measure"], cli.study = "", lambda name: made_study(name, make, ())
 sys.argv[1:] = ["measure", "--out", {out!r}]
 experiments.__main__.run()
 """

@@ -85,12 +85,12 @@ def test_the_sentence_commands_no_terminal(capfd, out, tmp_path):
 
 def measuring(monkeypatch, out: Path, perform: Callable[..., None]) -> list[str]:
     """A command of a study that does this."""
-    from experiments.app import cli, command
+    from experiments.app import cli
 
     study = made_study("measure", lambda **_: Results({}), ())
     monkeypatch.setattr("tests.made.MadeStudy.perform", perform)
-    monkeypatch.setattr(cli.app, "registered_commands", [*cli.app.registered_commands])
-    cli.app.command()(command.command(study))
+    monkeypatch.setattr(cli, "LINES", {"measure": ""})
+    monkeypatch.setattr(cli, "study", lambda _: study)
     return ["measure", "--out", str(out)]
 
 

@@ -83,6 +83,11 @@ def looped(**given: Any) -> Any:
     return run.measured, run.inputs
 
 
+def equal_weights(kinematics):
+    """Another allocation, of the mechanism of these tests."""
+    return kinematics.velocity_mapping([0, 1], [2])
+
+
 TARGETS = {
     "PrioritizedMapping": Target(
         lambda **a: PrioritizedMapping(**a).displacements(
@@ -90,7 +95,7 @@ TARGETS = {
         ),
         {"geometry": GEOMETRY, "goal": GOAL, "major": [0, 1], "secondary": [2]}
         | {"form": "gauss_newton", "task": lambda pose: pose}
-        | {"limits": LIMITS, "when_limited": "scaled"},
+        | {"limits": LIMITS, "when_limited": "scaled", "allocate": equal_weights},
     ),
     "PrioritizedController": Target(
         told(PrioritizedController),

@@ -9,13 +9,11 @@ import pytest
 
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
 from experiments.rig.hexapod.fault_tolerance import nominal_model
-from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.paper import TABLE_I_URAD
 from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.table1.runs import CONFIGURATIONS
-from experiments.uncorrected.candidates import CLOCKWISE, COLUMNS, W_A
-from experiments.uncorrected.predicted import beam_walk_urad, fast_loop_ratio, remaining_gain
+from experiments.table1 import CONFIGURATIONS
+from experiments.uncorrected import CANDIDATES, W_A, Candidate, fast_loop_ratio, remaining_gain
 from ftc.controller import Measurement
 from ftc.fdi.fault_model import fault_model
 from ftc.linear_loop import Stage, steps
@@ -154,25 +152,9 @@ def test_the_loops_of_the_bench_tend_to_the_bound(model, loops):
     assert distance[1] < 0.3 * distance[0]
 
 
-def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model, loops):
-    """At the focus it is the bench; off it, W_e, which hardly translates, hardly errs."""
-    at_focus = beam_walk_urad(model, TestbedConfig(), loops, 0.0, 0)
-    for k, failures in ((0, ()), (3, LOCK_1)):
-        path = TestbedConfig().spiral_rad()
-        noise = detector_noise_rad(TestbedConfig(), 0, len(path))
-        expected = hexapod_rig().predict(path, failures=failures, told=False, noise=noise)
-        np.testing.assert_allclose(at_focus[k, 0], 1e6 * expected.rms, rtol=1e-4)
-    off = beam_walk_urad(model, TestbedConfig(), loops, -1.0, 0)
-    W_d, W_e = COLUMNS.index("W_d"), COLUMNS.index("W_e")
-    assert np.all(off[W_e, 0] < 1.05 * at_focus[W_e, 0])
-    assert np.all(off[W_d, 0] > 1.5 * at_focus[W_d, 0])
-    # The loop keeps the reading, whatever it means.
-    assert np.all(off[W_d, 1] < 1.1 * at_focus[W_d, 1])
-
-
 @pytest.mark.long
 def test_a_limit_wider_than_the_spiral_is_far_from_the_last_column():
-    bench = replace(CONFIGURATIONS["demand-limit"].bench, demand_limit_urad=120.0)
+    bench = replace(CONFIGURATIONS["demand-limit"], demand_limit_urad=120.0)
     rig, path = hexapod_rig(nominal_testbed(bench)), bench.spiral_rad()
     found = rig.predict(path, failures=LOCK_1, told=False, noise=np.zeros_like(path))
     miss = 1e6 * found.rms / TABLE_I_URAD["W_a_uncorrected"] - 1
@@ -181,9 +163,10 @@ def test_a_limit_wider_than_the_spiral_is_far_from_the_last_column():
 
 def test_the_configuration_of_the_table_is_the_candidate_of_the_study():
     """One number and one choice are not the calibrated bench's."""
-    assert CLOCKWISE.bench == CONFIGURATIONS["demand-limit"].bench
-    assert CLOCKWISE.freedom == (1, 1)
-    assert CONFIGURATIONS["calibrated"].bench == TestbedConfig()
+    clockwise = Candidate("limit_clockwise", CANDIDATES["limit_clockwise"])
+    assert clockwise.bench == CONFIGURATIONS["demand-limit"]
+    assert set(clockwise.differs) == {"demand_limit_urad", "spiral_direction"}
+    assert CONFIGURATIONS["calibrated"] == TestbedConfig()
 
 
 @pytest.mark.parametrize(

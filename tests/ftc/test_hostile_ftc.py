@@ -18,7 +18,7 @@ AT_EVERY_TICK = (
         f"PrioritizedMapping.{name}"
         for name in (
             *("displacements", "tick", "within_limits", "followed", "major_motion", "reached"),
-            *("split", "estimate", "at", "rates_at", "limited_at"),
+            *("split", "estimate", "at"),
         )
     ),
     "DirectDrive.inputs",

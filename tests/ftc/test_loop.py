@@ -1,25 +1,24 @@
 """The constant Jacobian in closed loop, and three ways to use the one at the present pose."""
 
-from copy import deepcopy
-
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import minimize
 
-from experiments.jacobian.loop import (
+from experiments.jacobian import (
     GROWN,
     GROWTHS,
     RECORDED,
     VARIANTS,
-    Growth,
     Visited,
+    checks,
     extra_percent,
     follow,
     goal_vector,
+    growth_of,
     loop_gain_error,
     optimum,
 )
-from experiments.jacobian.loop_results import loop_checks
 from experiments.rig.hexapod.columns import COLUMNS, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.rig import nominal_testbed
@@ -233,77 +232,75 @@ def test_a_grown_machine_has_longer_strokes_and_stronger_coils_and_is_otherwise_
 
 
 @pytest.fixture
-def loop(jacobian_study):
-    return jacobian_study["loop"]
+def tables(jacobian_study):
+    names = "tried", "variation", "runs", "costs"
+    return {name: pd.DataFrame(jacobian_study[name]) for name in names}
 
 
-def test_at_nominal_size_the_choice_of_jacobian_is_below_the_noise(loop):
-    (nominal,) = loop["nominal"]
-    constant = nominal["variants"]["constant"]
-    for what, noise in nominal["noise"].items():
-        assert constant[what] < noise, what
+@pytest.fixture
+def growth(tables):
+    return growth_of(tables["runs"])
 
 
-def test_geometry_alone_says_what_the_simulation_shows_once_it_shows(loop):
-    largest = loop["growth"][-1]
-    assert largest["variants"]["constant"]["extra_percent"] == pytest.approx(
-        largest["static_extra_percent"], rel=0.1
-    )
-    assert largest["static_extra_percent"] > 5
-    gauss_newton = largest["variants"]["relinearized"]["extra_percent"]
-    assert gauss_newton < 0.2 * largest["variants"]["analytic"]["extra_percent"]
-    for one in loop["growth"]:
-        assert one["e_visited"]["frobenius"] < one["e_box"]["frobenius"]
-        assert abs(one["variants"]["constant"]["pointing_cost_percent"]) < 2
+def test_at_nominal_size_the_choice_of_jacobian_is_below_the_noise(tables):
+    runs = tables["runs"].query("spiral_factor == 1").set_index("name")
+    changes = runs[[name for name in runs.columns if "_change_" in name]]
+    noise = changes.loc[f"{GROWN}_x1_analytic_seed1"]
+    assert (changes.loc[f"{GROWN}_x1_constant_seed0"] < noise).all()
+    assert (changes.loc[f"{GROWN}_x1_analytic_seed0"] == 0).all()
 
 
-def test_what_the_constant_jacobian_costs_is_found_between_the_sizes_that_were_run(loop):
-    assert loop["costs"]
-    assert "Part of the spiral only" in loop["paragraph"]
-    for cost in loop["costs"]:
-        sizes = [one["spiral_factor"] for one in loop["growth"]]
-        assert sizes[0] < cost["spiral_factor"] < sizes[-1]
-        assert f"(spiral x{cost['spiral_factor']:.0f})" in loop["paragraph"]
+def test_geometry_alone_says_what_the_simulation_shows_once_it_shows(growth):
+    extra = growth["extra_percent"].iloc[-1]
+    static = growth["static_extra_percent", "constant"].iloc[-1]
+    assert extra.constant == pytest.approx(static, rel=0.1)
+    assert static > 5
+    assert extra.relinearized < 0.2 * extra.analytic
+    assert (growth["e_visited_frobenius"].max(axis=1) < growth["e_box_frobenius"].min(axis=1)).all()
+    assert (growth["pointing_cost_percent", "constant"].abs() < 2).all()
+
+
+def test_growth_is_of_one_seed_and_column_and_all_variants(tables, growth):
+    runs = tables["runs"].set_index("name")
+    for size, extra in growth["extra_percent"].iterrows():
+        assert set(extra.index) == set(VARIANTS)
+        for variant, percent in extra.items():
+            assert percent == runs.extra_percent[f"{GROWN}_x{size:g}_{variant}_seed0"]
+
+
+def test_what_the_constant_jacobian_costs_is_found_between_the_sizes_that_were_run(tables, growth):
+    costs, sizes = tables["costs"], growth.index
+    assert len(costs)
+    assert costs.spiral_factor.between(sizes.min(), sizes.max()).all()
 
 
 @pytest.mark.parametrize(
-    ("change", "word"),
+    ("row", "column", "value", "word"),
     [
-        (
-            lambda loop: loop["runs"][0].update(closure_residual_max_m=2e-8),
-            "closure residual [m] is 2e-08, expected below 1e-08",
-        ),
-        (
-            lambda loop: loop["growth"][-1].update(static_extra_percent=1.0),
-            "and the 1.4 % of geometry and floor is 0.87, expected below 0.15",
-        ),
+        (0, "closure_residual_max_m", 2e-8, "closure residual over the size of the spiral"),
+        (-4, "static_extra_percent", 1.0, "of geometry and floor is 0.87"),
     ],
 )
-def test_an_unsound_loop_fails_a_check(loop, change, word):
-    assert all(check.passed for check in loop_checks(loop))
-    spoilt = deepcopy(loop)
-    change(spoilt)
-    (sentence,) = [str(check) for check in loop_checks(spoilt) if not check.passed]
+def test_an_unsound_loop_fails_a_check(tables, row, column, value, word):
+    assert all(check.passed for check in checks(tables, 0.0))
+    runs = tables["runs"]
+    runs.loc[runs.index[row], column] = value
+    (sentence,) = [str(check) for check in checks(tables, 0.0) if not check.passed]
     assert word in sentence
 
 
-def test_the_command_leaves_figures_data_and_recordings(jacobian_folder, loop):
-    names = {file.name for file in jacobian_folder.iterdir()}
-    assert {"jacobian.json", "jacobian.png", "jacobian_loop.png"} <= names
-    kept = [
-        run["name"]
-        for run in loop["runs"]
-        if run["column"] == GROWN and Growth(run["stroke_factor"], run["spiral_factor"]) in RECORDED
-    ]
-    assert kept
-    for name in kept:
-        assert {f"{name}.npz", f"{name}.rrd"} <= names
-        with np.load(jacobian_folder / f"{name}.npz") as data:
+def test_the_command_leaves_data_and_recordings(jacobian_folder, tables):
+    runs = tables["runs"]
+    sizes = zip(runs.stroke_factor, runs.spiral_factor, strict=True)
+    kept = (runs.column == GROWN) & np.array([size in RECORDED for size in sizes])
+    assert list(kept) == list(runs.data.notna())
+    for one in runs[kept].itertuples():
+        assert (jacobian_folder / str(one.recording)).is_file()
+        with np.load(jacobian_folder / str(one.data)) as data:
             assert data["true_rad"].shape == data["desired_rad"].shape
             assert data["strut_displacement_m"].shape[1] == 6
 
 
 def test_the_sizes_are_those_of_the_question():
-    together = [growth.spiral for growth in GROWTHS if growth.stroke == growth.spiral]
-    assert together == [1, 3, 10, 30, 100]
+    assert [spiral for stroke, spiral in GROWTHS if stroke == spiral] == [1, 3, 10, 30, 100]
     assert SECONDARY == [3, 4, 5, 2]

@@ -1,9 +1,7 @@
 """The how-to pages: their code runs as printed, and what they promise comes out."""
 
 import contextlib
-import copy
 import importlib
-import io
 import json
 import re
 import sys
@@ -12,6 +10,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 import typer
 from rerun.chunk import RrdReader
@@ -20,8 +19,7 @@ import experiments
 from experiments import studies
 from experiments.app.chapter import Chapter
 from experiments.app.command import command
-from experiments.systems.results import checks, summarize
-from experiments.systems.runs import run_systems
+from experiments.systems import systems
 from sim import Plant, jacobians, load_model
 from tests.pages import assert_prints, blocks, run
 from tests.robots import PANDA
@@ -165,16 +163,11 @@ def test_a_pushed_mechanism_stands_as_the_page_says(walked):
 def test_the_mechanism_of_the_page_passes_the_study(walked, monkeypatch):
     """Each of its conditions, simulated and classified."""
     monkeypatch.chdir(walked["folder"])
-    monkeypatch.setattr("experiments.systems.runs.MECHANISMS", (walked["rail"],))
-    summary = summarize(run_systems(seed=0, quick=False))
-    assert [one["condition"] for one in summary["systems"]] == [
-        "sound",
-        "1 locked",
-        "2 locked",
-        "1 free",
-        "2 free",
-    ]
-    assert all(check.passed for check in checks(summary))
+    monkeypatch.setattr("experiments.systems.MECHANISMS", (walked["rail"],))
+    result = systems(seed=0, quick=False, on_progress=lambda done, total: None)
+    conditions = result.tables["systems"].condition.tolist()
+    assert conditions == ["sound", "1 locked", "2 locked", "1 free", "2 free"]
+    assert all(check.passed for check in result.checks)
 
 
 MOTOR = '<position name="motor2" joint="left"'
@@ -295,71 +288,50 @@ MODULES = {
 
 
 @pytest.fixture(scope="module")
-def seeds_study(tmp_path_factory):
-    """The study of the page as a part of `experiments`, as if its folder were there."""
+def seeds(tmp_path_factory):
+    """The module of the page, as if it were in `experiments`."""
     place = tmp_path_factory.mktemp("written")
     for path, content in MODULES.items():
         (place / path).parent.mkdir(parents=True, exist_ok=True)
         (place / path).write_text(content)
-    before = set(sys.modules)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "__path__", [*experiments.__path__, str(place / "experiments")])
-        yield importlib.import_module("experiments.seeds").STUDY
-    for name in set(sys.modules) - before:
-        if name.startswith("experiments.seeds"):
-            del sys.modules[name]
+        yield importlib.import_module("experiments.seeds")
+    del sys.modules["experiments.seeds"]
 
 
-@pytest.fixture(scope="module")
-def seeds_folder(seeds_study, tmp_path_factory):
-    """Files of the study, and what it prints."""
-    folder, app = tmp_path_factory.mktemp("seeds"), typer.Typer()
-    app.command()(command(seeds_study))
-    with contextlib.redirect_stdout(io.StringIO()) as output:
-        app(["--quick", "--out", str(folder)], standalone_mode=False)
-    return folder, output.getvalue()
+@pytest.mark.long
+def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(seeds, tmp_path, capsys):
+    app = typer.Typer()
+    app.command()(command(seeds.STUDY))
+    app(["--quick", "--out", str(tmp_path)], standalone_mode=False)
+    names = {"seeds.json", "seeds.md", "seeds_runs.parquet"}
+    summary = json.loads((tmp_path / "seeds.json").read_text())
+    assert {path.name for path in tmp_path.iterdir()} == set(summary["files"]) == names
+    assert "RMS error of alpha" in capsys.readouterr().out
+    runs = pd.DataFrame(summary["runs"])
+    first, second = runs.alpha_rms_urad
+    assert 0 < abs(second - first) < 0.05 * first  # the seed matters, and matters little
+    assert [each.passed for each in seeds.checks(runs)] == [True] * 4
+    for column, factor, failed in (("alpha_rms_urad", 1.06, 1), ("gap_m", 1e9, 3)):
+        spoilt = runs.copy()
+        spoilt.loc[1, column] = spoilt.loc[1, column] * factor + 1e-6 * (column == "gap_m")
+        found = seeds.checks(spoilt)
+        assert [k for k, each in enumerate(found) if not each.passed] == [failed]
+        assert found[failed].where == f"seed, {summary['seed'] + 1}"
 
 
-def test_the_study_of_the_page_writes_all_files_and_prints_its_table(seeds_folder):
-    folder, printed = seeds_folder
-    runs = {f"seed_{k}.{kind}" for k in (0, 1) for kind in ("npz", "rrd")}
-    assert {path.name for path in folder.iterdir()} == runs | {"seeds.json", "seeds.md"}
-    summary = json.loads((folder / "seeds.json").read_text())
-    assert set(summary["files"]) == runs | {"seeds.json", "seeds.md"}
-    assert "RMS error, urad" in printed
-    for one in summary["runs"]:
-        with np.load(folder / f"{one['name']}.npz") as data:
-            error_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
-        stated = one["alpha_rms_urad"], one["beta_rms_urad"]
-        np.testing.assert_allclose(stated, np.sqrt((error_urad**2).mean(axis=0)), rtol=1e-12)
-        assert f"{one['alpha_rms_urad']:.4f}" in printed
-    properties = RrdReader(folder / "seed_1.rrd").stream().filter(content="/__properties/run")
-    assert [chunk.to_record_batch()["seed"].to_pylist() for chunk in properties.to_chunks()] == [
-        [[1]]
-    ]
-
-
-def test_the_checks_of_the_page_pass_and_fail_where_the_study_is_spoilt(seeds_folder):
-    folder, _ = seeds_folder
-    checks = importlib.import_module("experiments.seeds.results").checks
-    summary = json.loads((folder / "seeds.json").read_text())
-    alpha = [run["alpha_rms_urad"] for run in summary["runs"]]
-    assert 0 < abs(alpha[1] - alpha[0]) < 0.05 * alpha[0]  # the seed matters, and matters little
-    assert [check.passed for check in checks(summary)] == [True] * 6
-    for k, name in enumerate(("alpha", "beta")):
-        spoilt = copy.deepcopy(summary)
-        spoilt["runs"][1][f"{name}_rms_urad"] *= 1.06
-        (failed,) = [number for number, c in enumerate(checks(spoilt)) if not c.passed]
-        assert failed == 3 + k
-        assert checks(spoilt)[failed].where == "seed_1"
-
-
-def test_the_study_of_the_page_could_be_a_chapter(seeds_study):
-    question, how = Chapter(seeds_study).question
+def test_the_study_of_the_page_could_be_a_chapter(seeds):
+    question, how = Chapter(seeds.STUDY).question
     assert question == "Measure what the detector noise alone changes."
     assert "two seeds" in how
 
 
+def test_the_page_on_studies_is_short():
+    prose = re.sub(r"```.*?```", "", EXPERIMENT, flags=re.DOTALL)
+    assert len(prose.split()) <= 200
+
+
 def test_the_page_names_the_place_to_register_a_study():
-    assert "`STUDIES` in `experiments/studies.py`" in EXPERIMENT
-    assert isinstance(studies.STUDIES, tuple)
+    assert "`LINES` of `experiments/studies.py`" in EXPERIMENT
+    assert "limits" in studies.LINES

@@ -103,7 +103,6 @@ CHOOSES_OTHERWISE = {
     "experiments/study/files.py": "names",
     "experiments/study/resumable.py": "names",
     "experiments/track/runs.py": "times that a user gave",
-    "experiments/uncorrected/answer.py": "counts",
     "prioritized/_mapping/plan.py": "whole numbers",
     "prioritized/_solver/rank.py": "what counts before what does not",
     "sim/mjcf/accuracy.py": "the first that is true",

@@ -2,26 +2,24 @@
 
 import copy
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.machine import detector_noise_rad
-from experiments.rig.hexapod.metrics import each_angle
 from experiments.rig.hexapod.rig import hexapod_rig, pursuing
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study.quantity import checks_of, entry_of
-from experiments.table1.quantities import MISMATCHED
-from experiments.table1.robustness import (
+from experiments.table1 import (
+    MISMATCH_TOLERANCE,
+    NOT_FLOWN,
     REPRESENTATIVE,
-    TOLERANCE,
-    MismatchedRun,
-    measured,
+    by_angle,
+    checks,
+    further_runs,
+    mismatched_errors,
     mismatched_rigs,
-    robustness,
-    robustness_checks,
 )
 
 RIG = hexapod_rig()
@@ -44,41 +42,43 @@ def test_the_drift_of_the_detectors_zero_is_not_charged_and_the_floor_is_expecte
     drawn, path = RIG.drawn("all", 3), TestbedConfig().spiral_rad(0.3)
     run = RIG.fly(RIG.controller(), path)
     perfect = replace(run, true=path - drawn.machine.zero_rad(300))
-    found = measured("W_a", drawn, COLUMNS[0], perfect, 7)
-    np.testing.assert_allclose(found.rms_rad, 0.0, atol=1e-20)
+    found = mismatched_errors(drawn, COLUMNS[0], perfect, 7)
+    flown = [found[f"mismatched_{angle}_rms_urad"] for angle in ("alpha", "beta")]
+    np.testing.assert_allclose(flown, 0.0, atol=1e-14)
     noise, floor = detector_noise_rad(TestbedConfig(), 7, 300), drawn.machine.floor(300)
     expected, still = (
-        RIG.predict(path, noise=noise, floor_m_per_s2=each).rms for each in (floor, None)
+        1e6 * RIG.predict(path, noise=noise, floor_m_per_s2=each).rms for each in (floor, None)
     )
-    np.testing.assert_allclose(found.predicted_rad, expected)
-    assert (found.predicted_rad > 1.1 * still).any()
+    predicted = [found[f"mismatched_predicted_{angle}_rms_urad"] for angle in ("alpha", "beta")]
+    np.testing.assert_allclose(predicted, expected)
+    assert (predicted > 1.1 * still).any()
 
 
-ANGLES = each_angle(*MISMATCHED)
-
-
-def column(run: MismatchedRun | None) -> dict:
-    return entry_of(ANGLES, SimpleNamespace(mismatched=run))
-
-
-def off_by(off: float) -> MismatchedRun:
-    return MismatchedRun(np.array([2.5e-6, 3e-6 * (1 + off)]), np.array([2.5e-6, 3e-6]), 1e-9)
+def flown(off: float | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """W_a as predicted, with mismatch off by a part in beta or not flown; and no further run."""
+    both = (2.5, 3.0)
+    row = {"name": "W_a", "origin": "fitted", "closure_residual_max_m": 1e-9}
+    row |= by_angle("*_rms_urad", both) | by_angle("predicted_*_rms_urad", both)
+    row |= by_angle("mismatched_predicted_*_rms_urad", NOT_FLOWN if off is None else both)
+    theirs = NOT_FLOWN if off is None else (2.5, 3.0 * (1 + off))
+    row |= by_angle("mismatched_*_rms_urad", theirs)
+    return pd.DataFrame([row]), pd.DataFrame(columns=["runs", "closure_residual_max_m"])
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_pointing_that_does_not_hold_fails_the_check_by_name(sign):
-    for check in checks_of(ANGLES, column(off_by(sign * 0.9 * TOLERANCE)), "W_a"):
-        assert check.passed
-    found = checks_of(ANGLES, column(off_by(sign * 1.1 * TOLERANCE)), "W_a")
+    within = checks(*flown(sign * 0.9 * MISMATCH_TOLERANCE), 16.0)
+    assert all(check.passed for check in within)
+    found = checks(*flown(sign * 1.1 * MISMATCH_TOLERANCE), 16.0)
     (failed,) = [check for check in found if not check.passed]
     assert "RMS error of beta with all mismatches" in str(failed)
 
 
-def test_loops_that_open_fail_and_where_nothing_was_flown_nothing_is_checked():
-    opened = robustness({"W_a": replace(off_by(0.0), closure_residual_max_m=1e-6)})
-    (failed,) = [c for c in robustness_checks({"mismatch": opened}) if not c.passed]
-    assert failed.where == "mismatched plants"
-    assert robustness({}) is None
-    assert not robustness_checks({"mismatch": None})
-    assert set(column(None).values()) == {None}
-    assert not checks_of(ANGLES, column(None), "W_a")
+def test_where_nothing_was_flown_nothing_is_checked():
+    found = checks(*flown(None), 16.0)
+    assert all(check.passed and "mismatches" not in check.what for check in found)
+    assert len(checks(*flown(0.0), 16.0)) == len(found) + 2
+    columns = flown(None)[0].assign(**by_angle("other_jacobian_*_rms_urad", (2.5, 3.0)))
+    run = RIG.fly(RIG.controller(), TestbedConfig().spiral_rad(0.05))
+    runs = {("other Jacobian", "W_a"): run, ("next seed", "W_a"): run}
+    assert further_runs(columns, runs).runs.tolist() == ["other Jacobian", "next seed"]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M
 from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.parallel import in_parallel

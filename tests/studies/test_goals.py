@@ -1,44 +1,42 @@
 """Secondary goals with desired rates: their laws, and runs in which pointing must not notice."""
 
-import copy
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from experiments.app.cli import main
-from experiments.goals import arm, control, runs
-from experiments.goals.arm import PERIOD_S, Servos, Tracker
-from experiments.goals.control import PseudoInverseMapping, unrolled
-from experiments.goals.demonstration import Outcome, Strategy, strategies
-from experiments.goals.figure import figure_goals
-from experiments.goals.results import CHANGES, checks, table
-from experiments.goals.runs import SLEW_S, Goals, off_axis_path, run_stroke
-from experiments.goals.secondary_goals import (
+from experiments import goals_physics as physics
+from experiments.goals import CHANGES, another_seed, checks, strategies
+from experiments.goals_physics import (
     COILS,
     GAP_M,
     HEAVIEST,
     LIMIT_C,
+    PERIOD_S,
     RADIUS_M,
     SAFE_M,
+    SLEW_S,
     WARM_C,
     Clearance,
+    Servos,
+    Tracker,
     cluttered,
     joint_weights,
     manipulability,
     manipulability_gradient,
+    off_axis_path,
     rates_from_stops,
     retreat,
+    unrolled,
 )
 from experiments.rig.arm import ARM_MJCF, smooth_step
-from experiments.rig.compromise import weighted_pseudo_inverse
+from experiments.rig.compromise import compromising, weighted_pseudo_inverse
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
 from experiments.rig.hexapod.testbed import TestbedConfig
@@ -277,7 +275,9 @@ def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gai
     J = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
     exact = StrutMapping(geometry, goal, "constant").major_gain()
     light, heavy = (
-        PseudoInverseMapping(geometry, goal, "constant", weight).major_gain()
+        StrutMapping(
+            geometry, goal, "constant", allocate=compromising(goal, MAJOR, SECONDARY, weight)
+        ).major_gain()
         for weight in (1.0, 1e4)
     )
     assert not light[0].any()
@@ -297,7 +297,7 @@ def test_the_tracker_reads_how_far_the_camera_is_turned_in_the_cameras_own_axes(
     view = (camera * Rotation.from_rotvec(to_target)).apply([0.0, 0.0, 1.0])
     pose = Pose(camera.as_matrix(), rng.normal(size=3))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arm, "TRACKER_NOISE_RAD", 0.0)
+        patch.setattr(physics, "TRACKER_NOISE_RAD", 0.0)
         read = Tracker(view[None], np.array([1.0, 0.0, 0.0]), seed).read(pose, np.zeros(7))
     np.testing.assert_allclose(
         read.output, -np.sinc(np.linalg.norm(to_target) / np.pi) * to_target[:2], atol=1e-14
@@ -322,7 +322,7 @@ def test_servos_sent_ahead_by_their_lag_turn_at_constant_rates_as_if_they_had_no
 
 def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
     bench, target = TestbedConfig(), (3000.0, -1000.0)
-    path = 1e6 * off_axis_path(bench, target, 10.0)
+    path = 1e6 * off_axis_path(target, 10.0)
     slew = round(SLEW_S / bench.control_period_s)
     assert not path[0].any()
     np.testing.assert_allclose(path[slew], target, atol=1e-6)
@@ -332,39 +332,59 @@ def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
 
 
 @pytest.fixture(scope="module")
-def by_name(goals):
-    return {
-        goal["name"]: goal | {run["name"]: run for run in goal["runs"]} for goal in goals["goals"]
-    }
+def frames(goals):
+    """The tables of `goals.json`."""
+    return {name: pd.DataFrame(goals[name]) for name in ("runs", "angles", "another_seed")}
 
 
-def test_every_goal_is_kept_when_pursued_and_lost_when_nothing_is_done(by_name):
-    assert set(by_name) == {"reliability", "stroke", "obstacle", "singularity"}
-    for goal in by_name.values():
-        assert goal["pursued"]["kept"]
-        assert not goal["nothing"]["kept"]
-    assert by_name["reliability"]["pursued"]["hottest_coil_c"] < LIMIT_C - 10
-    assert by_name["stroke"]["pursued"]["stroke_margin_um"] > 30
-    assert by_name["obstacle"]["pursued"]["clearance_um"] > 30
-    assert by_name["singularity"]["pursued"]["condition_number"] < 3
+@pytest.fixture(scope="module")
+def worst(frames):
+    """The secondary measure where it is nearest to its limit, a row for each goal."""
+    return frames["runs"].pivot(index="goal", columns="name", values="worst")
 
 
-def test_pointing_does_not_notice_a_goal_that_is_pursued(by_name):
-    """Tick by tick it changes less than half as much as with another seed; so do RMS and peak."""
-    for goal in by_name.values():
-        noise = goal["another_seed"]
-        for key in CHANGES:
-            assert max(np.abs(goal["pursued"][key])) < noise[key]
-        assert max(goal["pursued"]["difference_rms_urad"]) < 0.5 * noise["difference_rms_urad"]
+@pytest.fixture(scope="module")
+def changed(frames):
+    """RMS of the change of the pointing, tick by tick: the larger angle, a row for each goal."""
+    larger = frames["angles"].groupby(["goal", "name"]).difference_rms_urad.max()
+    return larger.unstack("name")
+
+
+def test_every_goal_is_kept_when_pursued_and_lost_when_nothing_is_done(frames, worst):
+    kept = frames["runs"].pivot(index="goal", columns="name", values="kept")
+    assert set(kept.index) == {"reliability", "stroke", "obstacle", "singularity"}
+    assert kept.pursued.all()
+    assert not kept.nothing.any()
+    assert worst.pursued["reliability"] < LIMIT_C - 10
+    assert worst.pursued["stroke"] > 30
+    assert worst.pursued["obstacle"] > 30
+    assert worst.pursued["singularity"] < 3
+
+
+def test_pointing_does_not_notice_a_goal_that_is_pursued(frames, changed):
+    """Tick by tick it changes less than half as much as with another seed."""
+    noise = frames["another_seed"].set_index("goal")
+    assert (changed.pursued / noise.difference_rms_urad < 0.5).all()
+
+
+def test_what_another_seed_changes_is_the_largest_between_any_two(frames):
+    """And of the changes at each tick the largest from the first of them, by hand."""
+    angles = frames["angles"]
+    pd.testing.assert_frame_equal(another_seed(angles), frames["another_seed"], rtol=1e-12)
+    stroke = angles[(angles.goal == "stroke") & angles.name.str.startswith("unlimited")]
+    alpha, beta = (stroke[stroke.angle == each].rms_urad for each in ("alpha", "beta"))
+    noise = frames["another_seed"].set_index("goal").loc["stroke"]
+    assert noise.rms_change_urad == max(np.ptp(alpha), np.ptp(beta))
+    assert noise.difference_peak_urad == stroke.difference_peak_urad.max()
 
 
 def test_a_detector_that_rolls_with_the_payload_and_is_not_turned_back_would_be_noticed(
     monkeypatch, model, goals_folder
 ):
     """The goal rolls the payload by half a milliradian, 4 mrad off the axis: 2 urad."""
-    monkeypatch.setattr(control, "unrolled", lambda measurement, pose: measurement)
-    strategy = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=0)
-    run = run_stroke(strategy, 5.0, nominal_loops(model, TestbedConfig()))
+    monkeypatch.setattr(physics, "unrolled", lambda measurement, pose: measurement)
+    pursued, *_ = strategies(0, quick=True)
+    run = physics.fly_stroke(pursued, 5.0, nominal_loops(model, TestbedConfig()))
     with np.load(goals_folder / "stroke.npz") as data:
         off = 1e6 * np.abs(run.error_rad - data["unlimited_error_rad"])[-1000:].mean(axis=0)
         right = 1e6 * np.abs(data["pursued_error_rad"] - data["unlimited_error_rad"])
@@ -372,29 +392,23 @@ def test_a_detector_that_rolls_with_the_payload_and_is_not_turned_back_would_be_
     assert right[-1000:].mean(axis=0).max() < 0.05
 
 
-def test_doing_nothing_costs_the_pointing_too_where_the_limit_is_a_wall(by_name):
+def test_doing_nothing_costs_the_pointing_too_where_the_limit_is_a_wall(frames, worst):
     """A strut on its stop, a payload that collides, rates that blow up."""
-    for name in ("stroke", "obstacle", "singularity"):
-        goal = by_name[name]
-        assert max(goal["nothing"]["rms_urad"]) > 2 * max(goal["unlimited"]["rms_urad"])
+    rms_urad = frames["angles"].groupby(["goal", "name"]).rms_urad.max().unstack("name")
+    ratio = rms_urad.nothing / rms_urad.unlimited
+    assert (ratio[["stroke", "obstacle", "singularity"]] > 2).all()
     # The collision is real: the sphere holds the payload where it would have passed through.
-    assert -1.0 < by_name["obstacle"]["nothing"]["clearance_um"] < 1.0
-    assert by_name["obstacle"]["unlimited"]["clearance_um"] < -100.0
+    assert -1.0 < worst.nothing["obstacle"] < 1.0
+    assert worst.unlimited["obstacle"] < -100.0
     # The shoulder is what kept the arm from its singularity.
-    assert by_name["singularity"]["unlimited"]["condition_number"] < 2.0
+    assert worst.unlimited["singularity"] < 2.0
 
 
-def test_a_weighted_pseudo_inverse_compromises_the_pointing(by_name):
+def test_a_weighted_pseudo_inverse_compromises_the_pointing(changed):
     """At a weight that serves one goal well, another task is spoilt: there is no right one."""
-    changes = {
-        name: max(goal["pseudo_inverse_10"]["difference_rms_urad"])
-        / max(goal["pursued"]["difference_rms_urad"])
-        for name, goal in by_name.items()
-    }
+    changes = changed.pseudo_inverse_10 / changed.pursued
     assert changes["obstacle"] < 1.5
     assert changes["singularity"] > 100
-    with_it = by_name["singularity"]["pseudo_inverse_10"]
-    assert max(with_it["rms_urad"]) > 5 * max(by_name["singularity"]["pursued"]["rms_urad"])
 
 
 def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_the_controller_believes(
@@ -410,87 +424,43 @@ def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_the_controller
     assert believed.max() < hotter.max() < LIMIT_C
 
 
-def goals_in(folder: Path, goals: dict) -> Goals:
-    """What the study returned, read back from its data."""
-    outcomes: dict[str, dict[str, Outcome]] = {}
-    for goal in goals["goals"]:
-        with np.load(folder / goal["data"]) as data:
-            arrays = dict(data)
-        ours = outcomes[goal["name"]] = {}
-        for run in goal["runs"]:
-            mine = {
-                key.removeprefix(run["name"] + "_"): value
-                for key, value in arrays.items()
-                if key.startswith(run["name"] + "_")
-            }
-            error = mine.pop("error_rad")
-            measure = mine.pop(goal["measure"], np.zeros(len(error)))
-            gap_m = run["closure_residual_max_m"]
-            ours[run["name"]] = Outcome(arrays["time_s"], error, measure, gap_m, mine)
-    return Goals(goals["seed"], strategies(goals["seed"], quick=True), outcomes)
+def test_the_data_give_the_errors_of_the_json(frames, goals_folder):
+    angles = frames["angles"].query("goal == 'singularity' and name == 'nothing'")
+    with np.load(goals_folder / "singularity.npz") as data:
+        change = 1e6 * (data["nothing_error_rad"] - data["unlimited_error_rad"])
+        assert data["pursued_condition_number"].max() < 3
+    expected = np.sqrt((change**2).mean(axis=0))
+    np.testing.assert_allclose(angles.difference_rms_urad, expected, rtol=1e-12)
 
 
-def test_the_picture_says_the_worst_of_its_curves_and_the_largest_of_its_changes(
-    goals, goals_folder
-):
-    outcomes = goals_in(goals_folder, goals).outcomes
-    *panels, changes = figure_goals(outcomes, goals).axes
-    for panel, goal in zip(panels, goals["goals"], strict=True):
-        curves = [np.asarray(line.get_ydata()) for line in panel.lines[:2]]
-        worst = [max(one) if goal["keeps_below"] else min(one) for one in curves]
-        said = [float(number) for number in re.findall(r"[\d.]+", panel.get_title())]
-        np.testing.assert_allclose(said, worst[::-1], atol=0.051)
-    pursued = [line for line in changes.lines if "pursued through" in str(line.get_label())]
-    most = max(np.asarray(line.get_xdata()).item() for line in pursued)
-    assert len(pursued) == len(goals["goals"])
-    assert f"at most {most:.2f} times" in changes.get_title()
-    assert most < 1
+def failed(frames: dict[str, pd.DataFrame]) -> list[str]:
+    return [str(each) for each in checks(**frames) if not each.passed]
 
 
-@pytest.mark.parametrize(
-    ("name", "taken_for", "said"),
-    [
-        ("pseudo_inverse_10", "pursued", "pursued: change of the RMS of the pointing error [urad]"),
-        ("nothing", "pursued", "singularity, pursued: condition_number beyond its limit is 3"),
-        ("pursued", "nothing", "singularity, nothing: distance of condition_number from its limit"),
-    ],
-)
-def test_a_run_taken_for_another_fails_a_check_and_ends_with_code_1(
-    monkeypatch, capsys, tmp_path, goals, goals_folder, name, taken_for, said
-):
-    ran = goals_in(goals_folder, goals)
-    ran.outcomes["singularity"][taken_for] = ran.outcomes["singularity"][name]
-    monkeypatch.setattr(runs, "run_goals", lambda **_: ran)
-    assert main(["goals", "--quick", "--out", str(tmp_path)]) == 1
-    assert said in capsys.readouterr().err
+def test_a_run_taken_for_another_fails_a_check(frames):
+    for name, taken_for, said in (
+        ("nothing", "pursued", "singularity, pursued: secondary measure beyond its limit is 3"),
+        ("pursued", "nothing", "singularity, nothing: distance of the secondary measure"),
+    ):
+        spoilt = frames["runs"].set_index(["goal", "name"])
+        spoilt.loc[("singularity", taken_for), "worst"] = spoilt.worst["singularity", name]
+        (sentence,) = failed(frames | {"runs": spoilt.reset_index()})
+        assert sentence.startswith(said)
 
 
-def failed_checks(summary: dict) -> list[str]:
-    return [str(check) for check in checks(summary) if not check.passed]
+@pytest.mark.parametrize("key", CHANGES)
+def test_a_pursued_goal_that_changes_the_pointing_fails_a_check(frames, key):
+    assert failed(frames) == []
+    for goal, limit in frames["another_seed"].set_index("goal")[key].items():
+        spoilt = frames["angles"].copy()
+        its = spoilt[(spoilt.goal == goal) & (spoilt.name == "pursued")]
+        spoilt.loc[its.index[1], key] = -1.01 * limit
+        (sentence,) = failed(frames | {"angles": spoilt})
+        assert sentence.startswith(f"{goal}, pursued: {CHANGES[key]}, over that by another seed,")
 
 
-def test_an_unsound_experiment_is_called_so(goals):
-    assert failed_checks(goals) == []
-    for place, goal in enumerate(goals["goals"]):
-        for key in CHANGES:
-            spoilt = copy.deepcopy(goals)
-            pursued = spoilt["goals"][place]["runs"][0]
-            assert pursued["name"] == "pursued"
-            pursued[key] = [0.0, -1.01 * goal["another_seed"][key]]
-            (sentence,) = failed_checks(spoilt)
-            assert sentence.startswith(f"{goal['name']}, pursued: {CHANGES[key]} [urad] is ")
-        spoilt = copy.deepcopy(goals)
-        spoilt["goals"][place]["runs"][-1]["closure_residual_max_m"] = 2e-8
-        (sentence,) = failed_checks(spoilt)
-        assert "closure residual [m] is 2e-08, expected below 1e-08" in sentence
-
-
-PAGE = (Path(__file__).parents[2] / "docs" / "goals.md").read_text()
-
-
-def test_the_goals_page_has_a_row_for_every_run_and_its_limits(goals):
-    rows = {row[0]: row for row in table(goals).rows}
-    for label, row in rows.items():
-        printed = re.search(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.MULTILINE)
-        assert printed, label
-        assert printed.group(1).split("|")[1].strip() == row[2]
+def test_a_gap_of_the_closures_fails_a_check(frames):
+    spoilt = frames["runs"].assign(closure_residual_max_m=2e-8)
+    sentences = failed(frames | {"runs": spoilt})
+    assert len(sentences) == len(spoilt)
+    assert "closure residual [m] is 2e-08, expected below 1e-08" in sentences[0]

@@ -1,21 +1,32 @@
 """The study of limits in the loop: its oracle, its strategies and its checks."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from experiments.limits.allocation import Strategy, allocated, arm_strategies, loop_strategies
-from experiments.limits.arm import RANGE_RAD, Motion, line_of_sight, move
-from experiments.limits.conventional import Redistributed
-from experiments.limits.measures import longest, room, tuned
-from experiments.limits.out_of_reach import excesses
-from experiments.limits.results import checks
-from experiments.limits.runs import BENCH, HEAVE_M, Case, limits_of
+from experiments.limits import (
+    BENCH,
+    HEAVE_M,
+    RANGE_RAD,
+    Condition,
+    Strategy,
+    allocation,
+    checks,
+    excess_row,
+    limits_of,
+    line_of_sight,
+    longest,
+    move_arm,
+    redistributed,
+    room,
+    strategies,
+    tuned_clipping,
+)
 from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
@@ -53,10 +64,10 @@ def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
     rng = np.random.default_rng(1)
     system = ConstrainedSystem(rng.normal(size=(4, 6)), None, np.arange(6))
     kinematics, v = system.with_failures(locked=[2]).kinematics(), np.array([0.3, -0.2])
-    strategy = Strategy(name, 1e4 if name == "weighted" else None)
+    find = allocation(Strategy(name, 1e4 if name == "weighted" else None))
     for half in (10.0, 0.05):
         limits = np.full(6, -half), np.full(6, half)
-        found = allocated(kinematics, strategy, limits, [0, 1], [2, 3]).solve(v)
+        found = find(kinematics, limits, [0, 1], [2, 3]).solve(v)
         assert np.abs(found.rates).max() <= half
         if half == 10.0:
             expected = kinematics.velocity_mapping([0, 1], joint_weight=np.ones(5))(v)
@@ -73,7 +84,8 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
     rng = np.random.default_rng(seed)
     J_m, v, desired = rng.normal(size=(2, 6)), rng.normal(size=2), rng.normal(size=6)
     half = rng.uniform(0.1, 1.0, 6)
-    rates = Redistributed(J_m, (-half, half)).solve(v, desired).rates
+    kinematics = ConstrainedSystem(J_m, None, range(6)).kinematics()
+    rates = redistributed(kinematics, (-half, half), [0, 1], []).solve(v, desired).rates
     assert (np.abs(rates) <= half).all()
     moving = np.abs(rates) < half
     if moving.sum() >= len(v):
@@ -86,7 +98,9 @@ def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_all
     """Rates (-1.5, 2) are both fixed at (-1, 1), error (0.5, 1); that of (-0.5, 1) is (0, 1)."""
     J_m, v = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 2.0])
     limits = -np.ones(2), np.ones(2)
-    np.testing.assert_allclose(Redistributed(J_m, limits).solve(v).rates, [-1, 1])
+    kinematics = ConstrainedSystem(J_m, None, range(2)).kinematics()
+    found = redistributed(kinematics, limits, [0, 1], []).solve(v)
+    np.testing.assert_allclose(found.rates, [-1, 1])
     strict = velocity_mapping(J_m, [0, 1], rate_limits=limits)
     np.testing.assert_allclose(strict(v), [-0.5, 1])
 
@@ -95,19 +109,21 @@ def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_all
 def test_out_of_reach_strict_priority_misses_by_the_least_and_the_others_by_more(model):
     """The oracle is the distance from the outline of what is attainable."""
     testbed = Testbed(model, BENCH, loops=())  # pyright: ignore[reportArgumentType]
-    strategies = Strategy("strict"), Strategy("redistributed"), Strategy("clipping")
-    cases = [Case(True, True, each, 0, 1.0, 1.0) for each in strategies]
-    most = {one["strategy"]: one["excess_largest_percent"] for one in excesses(testbed, cases, 0)}
+    stuck = [Condition(stuck=True, heave=True)]
+    most = {
+        name: excess_row(testbed, stuck, Strategy(name), seed=0)["excess_largest_percent"]
+        for name in ("strict", "redistributed", "clipping")
+    }
     assert most["strict"] < 1e-9
     assert most["redistributed"] > 1
     assert most["clipping"] > 10
 
 
-def test_each_kind_is_tuned_by_its_least_error_and_compared_with_strict_priority():
-    rms = {"strict": 2.0, "strict_winding_up": 1.0, "weighted_1": 5.0, "weighted_3": 3.0}
-    runs = [{"strategy": k, "allocation": k.split("_")[0], "rms": v} for k, v in rms.items()]
-    expected = {"weighted": {"strategy": "weighted_3", "rms_over_strict": 1.5}}
-    assert tuned(runs, "rms") == expected
+def test_clipping_is_tuned_after_the_run_for_that_run():
+    rows = [("a", "strict", 1.0), ("a", "clipping", 3.0), ("a", "clipping", 2.0)]
+    rows += [("b", "clipping", 1.5), ("b", "weighted", 0.5)]
+    spirals = pd.DataFrame(rows, columns=["condition", "kind", "rms_over_strict"])
+    assert tuned_clipping(spirals).to_dict() == {"a": 2.0, "b": 1.5}
 
 
 def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
@@ -118,15 +134,11 @@ def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
     assert upper.min() > HEAVE_M
 
 
-def test_names_of_runs_differ():
-    names = [
-        Case(stuck, heave, strategy, 0, 1.0, 1.0).name
-        for stuck in (False, True)
-        for heave in (False, True)
-        for strategy in loop_strategies(quick=False)
-    ]
-    assert len(set(names)) == len(names)
-    assert set(arm_strategies(quick=True)) <= set(arm_strategies(quick=False))
+@pytest.mark.parametrize("loop", [True, False])
+def test_names_of_strategies_differ_and_a_quick_run_has_some_of_them(loop):
+    every, some = ([each.name for each in strategies(quick=k, loop=loop)] for k in (False, True))
+    assert len(set(every)) == len(every)
+    assert set(some) < set(every)
 
 
 def test_the_arms_path_begins_and_ends_where_it_looks_at_first():
@@ -138,9 +150,9 @@ def test_the_arms_path_begins_and_ends_where_it_looks_at_first():
 
 @pytest.mark.long
 def test_the_arms_joints_stay_within_their_range_and_the_elbow_where_it_locks():
-    run = move(Motion(Strategy("strict"), 16.0))
-    assert np.abs(run.joint_rad).max() <= RANGE_RAD + 1e-12
-    locked = run.joint_rad[len(run.time_s) // 2 + 1 :, 3]
+    joint_rad = move_arm(Strategy("strict"), 16.0)["joint_rad"]
+    assert np.abs(joint_rad).max() <= RANGE_RAD + 1e-12
+    locked = joint_rad[len(joint_rad) // 2 + 1 :, 3]
     assert np.ptp(locked) == 0.0
 
 
@@ -169,10 +181,6 @@ def test_near_a_singularity_the_demand_stays_bounded_but_the_amplifiers_saturate
     assert min(saturated.values()) > 0.5
 
 
-def failed(summary) -> list[str]:
-    return [str(check) for check in checks(summary) if not check.passed]
-
-
 def test_the_data_give_the_errors_of_the_json(limits, limits_folder):
     with np.load(limits_folder / "spirals.npz") as data:
         for spiral in limits["spirals"]:
@@ -180,51 +188,41 @@ def test_the_data_give_the_errors_of_the_json(limits, limits_folder):
             assert spiral["rms_urad"] == pytest.approx(1e6 * np.sqrt((error**2).mean()))
 
 
+def test_the_tables_are_parquet_files_too(limits, limits_folder):
+    for name in ("spirals", "arm", "conditions", "out_of_reach"):
+        frame = pd.read_parquet(limits_folder / f"limits_{name}.parquet")
+        pd.testing.assert_frame_equal(frame, pd.DataFrame(limits[name]), check_dtype=False)
+
+
 def test_where_the_target_is_attainable_strict_priority_points_as_without_limits(limits):
-    spirals = {spiral["name"]: spiral for spiral in limits["spirals"]}
-    for condition in limits["conditions"]:
-        strict, unlimited = (
-            spirals[f"{condition['name']}_{name}"] for name in ("strict", "unlimited")
-        )
-        assert strict["attainable_rms_urad"] < 1.03 * unlimited["attainable_rms_urad"]
-        assert strict["rms_urad"] > condition["least_rms_urad"]
+    spirals = pd.DataFrame(limits["spirals"]).set_index(["condition", "strategy"])
+    rms = spirals.attainable_rms_urad.unstack()
+    assert (rms.strict < 1.03 * rms.unlimited).all()
+    least = pd.DataFrame(limits["conditions"]).set_index("condition").least_rms_urad
+    assert (spirals.xs("strict", level="strategy").rms_urad > least).all()
 
 
 @pytest.mark.parametrize(
-    ("place", "key", "value", "said"),
+    ("table", "strategy", "key", "value", "said"),
     [
-        (0, "rms_urad", 1e4, "RMS error of strict priority over that of clipping, tuned"),
-        (1, "rms_urad", 1.0, "RMS error with anti-windup over that without"),
-        (0, "recovery_s", 0.6, "time from an attainable target to recovered pointing"),
-        (0, "beyond_limit_um", 0.03, "command beyond its limit [um]"),
-        (0, "rest_peak_urad", 6.0, "pointing error at rest afterwards [urad]"),
-        (0, "closure_residual_max_m", 2e-8, "closure residual [m]"),
+        ("spirals", "clipping", "rms_over_strict", 0.9, "strict priority over that of clipping"),
+        ("spirals", "strict_winding_up", "rms_over_strict", 0.9, "with anti-windup over that"),
+        ("spirals", "strict", "recovery_s", 0.6, "to recovered pointing"),
+        ("spirals", "strict", "beyond_limit_um", 0.03, "command beyond its limit [um]"),
+        ("spirals", "strict", "rest_peak_urad", 6.0, "pointing error at rest afterwards [urad]"),
+        ("spirals", "strict", "closure_residual_max_m", 2e-8, "closure residual [m]"),
+        ("arm", "clipping", "rms_over_strict", 0.9, "strict priority over that of clipping"),
+        ("arm", "strict", "peak_mrad", 11.0, "peak error of strict priority [mrad]"),
+        ("arm", "clipping", "beyond_limit_rad", 1e-6, "joint beyond its limit [rad]"),
+        ("conditions", None, "circle_margin", -0.1, "circle criterion"),
+        ("out_of_reach", "strict", "excess_largest_percent", 1e-3, "above the least"),
     ],
 )
-def test_each_check_of_the_hexapod_fails_on_spoilt_numbers(limits, place, key, value, said):
-    assert failed(limits) == []
-    spoilt = copy.deepcopy(limits)
-    spoilt["spirals"][place][key] = value
-    assert any(said in sentence for sentence in failed(spoilt))
-
-
-@pytest.mark.parametrize(
-    ("strategy", "key", "value", "said"),
-    [
-        ("strict", "rms_mrad", 1e4, "RMS error of strict priority over that of clipping"),
-        ("strict", "peak_mrad", 11.0, "peak error of strict priority [mrad]"),
-        ("clipping", "beyond_limit_rad", 1e-6, "joint beyond its limit [rad]"),
-    ],
-)
-def test_each_check_of_the_arm_fails_on_spoilt_numbers(limits, strategy, key, value, said):
-    spoilt = copy.deepcopy(limits)
-    for run in spoilt["arm"]["runs"]:
-        if run["strategy"] == strategy:
-            run[key] = value
-    assert any(said in sentence for sentence in failed(spoilt))
-    spoilt = copy.deepcopy(limits)
-    spoilt["conditions"][0]["circle_margin"] = -0.1
-    assert any("circle criterion" in sentence for sentence in failed(spoilt))
-    spoilt = copy.deepcopy(limits)
-    spoilt["out_of_reach"]["strategies"][0]["excess_largest_percent"] = 1e-3
-    assert any("above the least possible" in sentence for sentence in failed(spoilt))
+def test_each_check_fails_on_spoilt_numbers(limits, table, strategy, key, value, said):
+    names = "spirals", "arm", "conditions", "out_of_reach"
+    tables = {name: pd.DataFrame(limits[name]) for name in names}
+    assert [str(check) for check in checks(**tables) if not check.passed] == []
+    spoilt = tables[table]
+    spoilt.loc[slice(None) if strategy is None else spoilt.strategy == strategy, key] = value
+    failed = {check.what for check in checks(**tables) if not check.passed}
+    assert len(failed) == 1 and said in failed.pop()

@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
-from experiments.systems import runs as systems
+from experiments import systems
 from sim import Jacobians, Plant, jacobians, joint_stiffness, load_model, mass_matrix
 from tests.project.test_docs import THEORY, markdown_row, unmarked
 

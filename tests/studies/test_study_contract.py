@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from experiments.studies import STUDIES
+from experiments.studies import studies
 from tests.printed import assert_printable
 
 WITHOUT_BENCH = {"track", "survey", "systems", "sweep", "atlas", "bench"}
@@ -18,7 +18,7 @@ NOT_JUDGED = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("study", [study.name for study in STUDIES])
+@pytest.mark.parametrize("study", [study.name for study in studies()])
 def test_a_study_leaves_what_its_json_lists_and_figures_without_faults(
     request, faults_of_figures, study
 ):

@@ -35,7 +35,7 @@ from experiments.sweep.design import DEFAULT, Design, SweepRuns, grid, read_desi
 from experiments.sweep.results import checks, prediction
 from experiments.sweep.row import SCHEMA, row_of
 from experiments.sweep.sweep_run import BENCH, KINDS, Choice, Range, sweep_run
-from experiments.table1.runs import CONFIGURATIONS
+from experiments.table1 import CONFIGURATIONS
 from ftc.goal import Goal
 from sim import Failure, SimulationDiverged
 
@@ -147,7 +147,7 @@ def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table_among
     runs = SweepRuns(design, seed=3)
     benches = [runs[k].bench for k in range(len(runs))]
     # Of each: sound or locked, corrected or not.
-    assert benches.count(CONFIGURATIONS["demand-limit"].bench) == 4
+    assert benches.count(CONFIGURATIONS["demand-limit"]) == 4
     assert {runs[k].seed for k in range(len(runs))} == {0}
 
 

@@ -14,7 +14,7 @@ import pytest
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
-from experiments.app.cli import app, main
+from experiments.app.cli import app_of, main
 from experiments.rig.hexapod.testbed import LIMITS, TestbedConfig
 from experiments.study import cluster as clusters
 from experiments.study.campaign import Campaign
@@ -124,7 +124,7 @@ def test_a_scheduler_without_workers_is_said_at_once_and_given_up(
 
 def test_the_help_says_how_long_a_scheduler_may_be_without_workers():
     for command in ("sweep", "atlas", "recover"):
-        text = " ".join(CliRunner().invoke(app, [command, "--help"]).output.split())
+        text = " ".join(CliRunner().invoke(app_of(command), [command, "--help"]).output.split())
         assert f"fails after {clusters.PATIENCE_S:g} s without a worker" in text
 
 

@@ -46,7 +46,7 @@ WORDS_AND_DRAWINGS = (
     "experiments/study/plotting.py",
     "experiments/study/resumable.py",
     "experiments/study/results.py",
-    "experiments/release/*.py",
+    "experiments/release.py",
     *(
         f"experiments/sweep/{name}.py"
         for name in ("__init__", "atlas", "campaign", "figure", "results", "runs", "words")

@@ -1,29 +1,35 @@
 """The paper's other systems: the simulation does what the classification says."""
 
-import copy
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from experiments.systems import runs as systems_module
-from experiments.systems.figure import figure_systems
-from experiments.systems.probe import Probed, coast, respond
-from experiments.systems.results import checks, summarize
-from experiments.systems.runs import MECHANISMS, Mechanism, Systems, classified, examine
-from sim import Failure, load_model
+from experiments import systems as study
+from experiments.systems import (
+    MECHANISMS,
+    Examined,
+    Mechanism,
+    Probed,
+    checks,
+    classified,
+    coast,
+    examine,
+    figure,
+    respond,
+)
+from sim import load_model
 
 BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
 
 
-def probed(mechanism: Mechanism, *failures: Failure) -> Probed:
-    return Probed(load_model(mechanism.path), failures, mechanism.task, mechanism.major)
+def probed(mechanism: Mechanism, condition: str) -> Probed:
+    return Probed(load_model(mechanism.path), mechanism, condition)
 
 
-def failed_checks(summary: dict) -> list[str]:
-    return [str(check) for check in checks(summary) if not check.passed]
+def failed_checks(systems: pd.DataFrame) -> list[str]:
+    return [str(check) for check in checks(systems) if not check.passed]
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +76,7 @@ def test_each_mechanism_is_classified_as_a_mechanic_would(
     one = entries[where]
     assert (one["unstable"], one["unstable_major"]) == (unstable, major)
     assert one["constrained_active"] == constrained
-    assert one["simulated"]["constrained_active"] == constrained
+    assert one["simulated_constrained_active"] == constrained
 
 
 def test_an_arm_keeps_pointing_whatever_joint_locks_and_loses_a_column(entries):
@@ -89,7 +95,7 @@ def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     model = load_model(mechanism.path)
     _, nominal = classified(model, mechanism, "SSSS")
     _, locked = classified(model, mechanism, "LSSS")
-    active, moved = respond(probed(mechanism, Failure(0, "locked")), locked.actuators)
+    active, moved = respond(probed(mechanism, "LSSS"), locked.actuators)
     right = moved - locked.J @ active
     dropped = moved - np.delete(nominal.J, 0, axis=1) @ np.eye(3)
     assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)
@@ -98,8 +104,8 @@ def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
 
 def test_a_push_leaves_a_sound_mechanism_at_rest_and_a_limp_one_coasting():
     platform = BY_NAME["platform"]
-    assert np.abs(coast(probed(platform))).max() < 1e-6
-    limp = coast(probed(platform, Failure(0, "free"), Failure(1, "free")))
+    assert np.abs(coast(probed(platform, "SSSS"))).max() < 1e-6
+    limp = coast(probed(platform, "FFSS"))
     assert np.abs(limp).max() > 0.05
 
 
@@ -119,49 +125,39 @@ def test_a_push_leaves_a_sound_mechanism_at_rest_and_a_limp_one_coasting():
 def test_a_wrong_classification_fails_a_check(monkeypatch, name, happens, known):
     """The simulation has one failure and the library knows of another: that must show."""
     mechanism = BY_NAME[name]
-    monkeypatch.setattr(
-        systems_module, "classified", lambda model, it, _: classified(model, it, known)
-    )
-    one = examine(mechanism, happens, seed=0)
-    assert failed_checks(summarize(Systems(0, {mechanism: [one]})))
+    monkeypatch.setattr(study, "classified", lambda model, it, _: classified(model, it, known))
+    assert failed_checks(pd.DataFrame([examine(mechanism, happens, seed=0).row]))
 
 
-def made_examinations(count: int, path: np.ndarray) -> dict[Mechanism, list[SimpleNamespace]]:
+def made_groups(count: int, path: np.ndarray) -> dict[Mechanism, list[Examined]]:
     """Seven conditions each of some mechanisms, all of them on the same path."""
-    return {
-        replace(MECHANISMS[0], title=f"arm {k}"): [
-            SimpleNamespace(
-                in_words=f"{k + 1} locked",
-                report=SimpleNamespace(unstable_major=False, unmanipulable=False),
-                polygon=SimpleNamespace(reached=path, desired=path),
-            )
-            for k in range(7)
-        ]
-        for k in range(count)
-    }
+    made, flags = {}, {"unstable_major": False, "unmanipulable": False}
+    for k in range(count):
+        it = replace(MECHANISMS[0], title=f"arm {k}")
+        driven = {"desired_rad": path, "reached_rad": path}
+        rows = [{"condition": f"{each + 1} locked"} | flags for each in range(7)]
+        made[it] = [Examined(it, row, "", driven) for row in rows]
+    return made
 
 
 @pytest.mark.parametrize("count", [1, 4, 5])
 def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition(count):
     """The page on mechanisms adds a fifth, whoever goes on a seventh condition."""
-    examined = made_examinations(count, np.zeros((8, 2)))
-    figure = figure_systems(cast("Systems", SimpleNamespace(examinations=examined)))
-    assert [axes.get_title() for axes in figure.axes] == [one.title for one in examined]
-    for axes in figure.axes:
-        shown = {str(line.get_label()) for line in axes.lines}
-        assert {label for label in shown if not label.startswith("_")} == {
-            f"{k + 1} locked" for k in range(7)
-        }
-    figure.draw_without_rendering()
+    groups = made_groups(count, np.zeros((8, 2)))
+    drawn = figure(groups)
+    assert [axes.get_title() for axes in drawn.axes] == [each.title for each in groups]
+    for axes in drawn.axes:
+        _, labels = axes.get_legend_handles_labels()
+        assert labels == [f"{k + 1} locked" for k in range(7)]
+    drawn.draw_without_rendering()
 
 
 def test_the_octagon_is_closed_and_leaves_out_the_corners_aside():
     """A run of three samples a corner: eight corners, then up and down a third direction."""
     corners = np.vstack([[[k, k**2, 0] for k in range(8)], [[0, 0, 1], [0, 0, -1]]])
-    examined = made_examinations(1, 1e-6 * np.repeat(corners, 3, axis=0))
-    figure = figure_systems(cast("Systems", SimpleNamespace(examinations=examined)))
+    drawn = figure(made_groups(1, 1e-6 * np.repeat(corners, 3, axis=0)))
     at_rest, on_the_way, *_, commanded = [
-        np.array(line.get_xydata()) for line in figure.axes[0].lines
+        np.array(line.get_xydata()) for line in drawn.axes[0].lines
     ]
     closed = np.vstack([corners[:8, :2], corners[:1, :2]])
     np.testing.assert_allclose(at_rest, closed)
@@ -169,16 +165,16 @@ def test_the_octagon_is_closed_and_leaves_out_the_corners_aside():
     assert len(on_the_way) == 7 * 3 + 1
 
 
-def test_an_unsound_experiment_is_called_so(systems):
-    assert failed_checks(systems) == []
-    for key, value in (
-        ("agrees", False),
-        ("motion_error", 0.02),
-        ("torque_error", 0.02),
-        ("closure_error", 0.02),
-        ("major_error", 0.02),
-    ):
-        spoilt = copy.deepcopy(systems)
-        spoilt["systems"][0][key] = value
-        (sentence,) = failed_checks(spoilt)
-        assert sentence.startswith("arm, sound: ")
+@pytest.mark.parametrize(
+    "column",
+    [
+        *("agrees", "motion_error", "drift_error", "torque_error"),
+        *("closure_error", "yielded_steps", "major_error"),
+    ],
+)
+def test_each_check_fails_on_a_spoilt_table(systems, column):
+    table = pd.DataFrame(systems["systems"])
+    assert failed_checks(table) == []
+    table.loc[0, column] = False if column == "agrees" else 0.02
+    (sentence,) = failed_checks(table)
+    assert sentence.startswith("arm, sound: ")

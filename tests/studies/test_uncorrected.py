@@ -1,48 +1,38 @@
 """Table I's last column: the physics of each candidate explanation, and the study as a whole."""
 
-import copy
 import json
 import re
 from pathlib import Path
 
-import mujoco
 import numpy as np
+import pandas as pd
 import pytest
-from matplotlib.colors import to_hex
 from rerun.chunk import RrdReader
 
 from experiments.rig.hexapod.columns import hexapod_arrays
-from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
 from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.prediction import open_loop, pole_radius
 from experiments.rig.run import Run, rms
-from experiments.study.palette import GREEN
-from experiments.uncorrected.answer import paragraph, table
-from experiments.uncorrected.candidates import (
-    BENCH,
+from experiments.uncorrected import (
     CANDIDATES,
-    COLUMNS,
     Candidate,
+    at_crossover,
+    checks,
     damped,
+    figure,
+    judged,
+    map_row,
+    nominal_loops,
     pointing_mode,
+    predicted_error_rad,
 )
-from experiments.uncorrected.figure import SHOWN, figure_demand_limit, figure_uncorrected
-from experiments.uncorrected.predicted import predicted_error_rad
-from experiments.uncorrected.results import checks
-from experiments.uncorrected.stability_map import at_crossover, map_row
 from ftc.goal import Goal
-from sim import (
-    NOMINAL,
-    Failure,
-    Plant,
-    hexapod,
-    linearize,
-    load_model,
-)
+from sim import NOMINAL, Failure, Plant, hexapod, linearize, load_model
 from tests.figure_checks import faults
-from tests.made import made_run, run_of
+from tests.made import made_run
 from tests.sim.test_plant import edited, mode_shapes, pole_of, ring_down
 
 LOCK_1 = (Failure(0, "locked"),)
@@ -54,51 +44,42 @@ def study(uncorrected_folder):
     return json.loads((uncorrected_folder / "uncorrected.json").read_text())
 
 
-def explained(study, *names: str) -> dict:
-    """As if these candidates, and no others, met all of Table I."""
-    candidates = [
-        {"name": each.name, "what": each.what, "differs": each.differs(), "ratio": [4.0, 1.5]}
-        | {"meets_w_a": True, "meets_corrected": True, "explains": each.name in names}
-        | {"signature": study["candidates"][0]["signature"]}
-        for each in CANDIDATES
-    ]
-    return study | {"candidates": candidates}
+@pytest.fixture(scope="session")
+def runs(study):
+    """The table of all columns of all candidates."""
+    return pd.DataFrame(study["runs"])
 
 
-def test_the_title_counts_the_marked_candidates_and_says_what_they_share_only_if_they_do(study):
-    others = len(CANDIDATES) - 1
-    limits, every = ("limit", "limit_speed"), "each with a limit on the demanded pointing"
-    for names, shared in (((), False), ((*limits, "retuned"), False), (limits, True)):
-        figure = figure_uncorrected(explained(study, *names))
-        (axes,) = (each for each in figure.axes if each.lines)
-        marked = [each for each in axes.patches if to_hex(each.get_facecolor()) == GREEN.lower()]
-        assert len(marked) == len(names)
-        assert figure.get_suptitle().startswith(f"{len(names)} of {others} explanations")
-        assert (every in figure.get_suptitle()) == shared
-        if shared:
-            assert faults(figure) == []
+def as_in_the_paper(runs: pd.DataFrame) -> pd.DataFrame:
+    """The runs, as if the columns of `off_centre` were those of Table I."""
+    paper = {"W_a": (2.4476, 3.0916), "W_d": (2.3634, 3.5601), "W_e": (2.8324, 3.2868)}
+    found = runs.set_index(["candidate", "column"])
+    for column, values in (paper | {"W_a_uncorrected": (9.8167, 4.7903)}).items():
+        for angle, urad in zip(("alpha", "beta"), values, strict=True):
+            found.loc[("off_centre", column), f"{angle}_rms_urad"] = urad
+            found.loc[("off_centre", column), f"{angle}_settled_urad"] = urad
+    return found.reset_index()
 
 
-def test_both_spirals_are_drawn_and_the_one_that_is_the_answer_is_called_so(
-    uncorrected_folder, study
-):
-    """Without the runs of their candidates, as here, the study leaves them out."""
-    assert not (uncorrected_folder / "demand_limit.png").exists()
-    with np.load(uncorrected_folder / "lost_strut.npz") as data:
-        run = run_of(data)
-    runs = {name: {"W_a_uncorrected": run} for name in SHOWN}
-    figure = figure_demand_limit(runs, explained(study, SHOWN[0]))
-    limit, lock = (axes.get_title() for axes in figure.axes)
-    outer = run.time_s >= 0.75 * run.time_s[-1]
-    true, desired = (abs(angles[outer, 0]).max() for angles in (run.true, run.desired))
-    assert limit.startswith("✓ Reproduces Table I: a limit of 95 µrad")
-    assert f"reach {100 * true / desired:.0f} %" in limit
-    first = run.time_s < TestbedConfig().spiral_period_s
-    error_urad = 1e6 * np.linalg.norm(run.error[first], axis=1).max()
-    assert lock.startswith("Does not reproduce Table I: a lock 125 µm off")
-    assert f"up to {error_urad:.0f} µrad" in lock
-    assert all(axes.lines for axes in figure.axes)
-    assert faults(figure) == []
+def test_who_has_the_columns_of_the_paper_explains_them_and_is_marked(study, runs):
+    own = judged(pd.DataFrame(study["candidates"]), runs)
+    assert not own.explains.any()
+    found = judged(pd.DataFrame(study["candidates"]), as_in_the_paper(runs))
+    assert found.name[found.explains].tolist() == ["off_centre"]
+    drawn = figure(found)
+    assert drawn.get_suptitle().startswith("1 of 2 explanations")
+    assert faults(drawn) == []
+
+
+def test_what_fits_only_with_settled_loops_is_said_not_to_explain(study, runs):
+    spoilt = as_in_the_paper(runs)
+    spoilt.loc[spoilt.column == "W_d", ["alpha_rms_urad"]] *= 2
+    found = judged(pd.DataFrame(study["candidates"]), spoilt).set_index("name").loc["off_centre"]
+    assert found.meets_ratios
+    assert found.meets_w_a
+    assert not found.meets_corrected
+    assert not found.explains
+    assert found.explains_if_corrected_settled
 
 
 def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
@@ -175,8 +156,9 @@ def off_centre(place_m: float, lead_in_s: float) -> Run:
 
 
 def predicted(testbed: Testbed, candidate: Candidate, column: str) -> np.ndarray | None:
-    duration_s, lead_in_s = testbed.bench.duration_s, candidate.lead_in_s
-    return predicted_error_rad(testbed, candidate, column, 0, duration_s, lead_in_s)
+    duration_s = testbed.bench.duration_s
+    rig = candidate.rig(testbed, column, 0, duration_s)
+    return predicted_error_rad(rig, column, 0, duration_s, candidate.of("lead_in_s"))
 
 
 def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
@@ -203,13 +185,12 @@ DOCS = (Path(__file__).parents[2] / "docs" / "uncorrected.md").read_text()
 @pytest.mark.parametrize(
     "name", ["lost_strut", "off_centre", "retuned", "limit", "limit_speed", "limit_anti_windup"]
 )
-def test_the_page_says_the_linear_models_ratios(model, name):
+def test_the_page_says_the_linear_models_ratios(name):
     row = re.search(rf"^\| {name.replace('_', ' ')} \|(.*)\|$", DOCS, re.MULTILINE)
     assert row
     printed = [float(number) for number in row.group(1).split("|")[2].split(",")]
-    candidate = next(c for c in CANDIDATES if c.name == name)
-    machine = candidate.machine(model)
-    testbed = Testbed(machine, candidate.bench, nominal_loops(machine, candidate.bench))
+    candidate = Candidate(name, CANDIDATES[name])
+    testbed = candidate.testbed
     sound, uncorrected = (
         predicted(testbed, candidate, column) for column in ("W_a", "W_a_uncorrected")
     )
@@ -237,12 +218,12 @@ def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
 
 @pytest.mark.long
 def test_a_row_of_the_map_is_what_the_prediction_says(model):
-    bench = at_crossover(TestbedConfig(), 6.0, 25.0)
+    bench, lost = at_crossover(6.0, 25.0), Candidate("lost_strut", {})
     quiet = damped(model, 0.05)
     loops = nominal_loops(quiet, bench)
-    errors, poles = map_row(model, TestbedConfig(), 0.05, np.array([6.0, 30.0]), 25.0, seed=0)
+    errors, poles = map_row(0.05, np.array([6.0, 30.0]), 25.0, seed=0)
     for k, column in enumerate(("W_a", "W_a_uncorrected")):
-        expected = predicted(Testbed(quiet, bench, loops), BENCH, column)
+        expected = predicted(Testbed(quiet, bench, loops), lost, column)
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
     # At 30 Hz the sound loop is not to be closed.
@@ -252,11 +233,9 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
 
 
 @pytest.mark.long
-def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(model):
-    candidate = next(c for c in CANDIDATES if c.name == "resonance")
-    machine = candidate.machine(model)
-    loops = nominal_loops(machine, candidate.bench)
-    testbed = Testbed(machine, candidate.bench, loops)
+def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite():
+    candidate = Candidate("resonance", CANDIDATES["resonance"])
+    testbed = candidate.testbed
     assert predicted(testbed, candidate, "W_d") is None
     assert predicted(testbed, candidate, "W_a") is not None
     rig = hexapod_rig(testbed)
@@ -264,108 +243,55 @@ def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(mod
 
 
 def test_each_candidate_differs_from_the_bench_in_what_it_names():
-    assert BENCH.differs() == {}
-    assert BENCH.bench == TestbedConfig()
-    names = [candidate.name for candidate in CANDIDATES]
-    assert len(set(names)) == len(names)
-    assert all(candidate.differs() for candidate in CANDIDATES[1:])
+    assert Candidate("lost_strut", CANDIDATES["lost_strut"]).bench == TestbedConfig()
+    differences = [tuple(each.items()) for each in CANDIDATES.values()]
+    assert len(set(differences)) == len(differences)
 
 
-def test_the_folder_holds_what_the_json_speaks_of(uncorrected_folder, study):
-    fields = set(hexapod_arrays(made_run()))
+def test_the_folder_holds_what_the_json_speaks_of(uncorrected_folder, study, runs):
+    fields, simulated = set(hexapod_arrays(made_run())), runs.set_index(["candidate", "column"])
     for candidate in study["candidates"]:
         with np.load(uncorrected_folder / candidate["data"]) as data:
             assert set(data) == fields
             error = 1e6 * rms(data["desired_rad"] - data["true_rad"])
-        column = candidate["columns"][COLUMNS.index("W_a_uncorrected")]
-        np.testing.assert_allclose(error, column["simulated_urad"])
+        own = simulated.loc[(candidate["name"], "W_a_uncorrected")]
+        np.testing.assert_allclose(error, [own.alpha_simulated_urad, own.beta_simulated_urad])
         assert bool(candidate["recording"]) == (candidate["name"] == "lost_strut")
     reader = RrdReader(uncorrected_folder / "lost_strut.rrd")
     assert reader.recordings()[0].application_id.startswith("fjh-uncorrected-lost_strut-seed0-")
     assert len(reader.blueprints()) == 1
+    # The paper's numbers are of 16 s, not of the part of the spiral that was run.
+    notes = reader.stream().filter(content="/notes").to_chunks()
+    assert "paper" not in str([chunk.to_record_batch().to_pydict() for chunk in notes])
     with np.load(uncorrected_folder / "map.npz") as data:
         shape = (2, len(data["damping_ratio"]), len(data["alpha_crossover_hz"]))
         assert data["rms_urad"].shape == (*shape, 2, 2)
         assert data["largest_pole"].shape == (*shape, 4)
-    assert study["beam_walk"]["offsets_met"] == 0
 
 
-def whole(study):
-    """As if the whole spiral had been run: what is said of it then."""
-    return copy.deepcopy(study) | {"duration_s": study["bench"]["duration_s"]}
+def test_a_strut_lost_at_its_centre_has_nothing_to_settle(runs):
+    known = runs[(runs.candidate == "lost_strut") & runs.column.isin(["W_d", "W_e"])]
+    np.testing.assert_allclose(known.alpha_settled_urad, known.alpha_predicted_urad, rtol=0.02)
 
 
-def test_the_paragraph_says_the_numbers_of_the_run(study):
-    text = paragraph(whole(study))
-    lost = next(one for one in study["candidates"] if one["name"] == "lost_strut")
-    assert f"{lost['ratio'][0]:.2f} and {lost['ratio'][1]:.2f}" in text
-    best = next(one for one in study["candidates"] if one["name"] == study["best"])
-    assert f"{best['ratio'][0]:.2f} and {best['ratio'][1]:.2f}" in text
-    assert "4.01 (alpha) and 1.55 (beta)" in text
-    assert "1.39 and 1.15 in any linear loop" in text
-    # A strut at its centre has nothing to settle.
-    settled = lost["settled_corrected_urad"]["W_d"]
-    column = lost["columns"][COLUMNS.index("W_d")]
-    np.testing.assert_allclose(settled, column["predicted_urad"], rtol=0.02)
-
-
-def test_a_part_of_the_spiral_is_not_put_beside_the_papers_numbers(uncorrected_folder, study):
-    """Neither on the screen nor in a recording; they are of 16 s."""
-    assert study["paragraph"].startswith("Part of the spiral only")
-    assert "4.01" not in (uncorrected_folder / "uncorrected.md").read_text()
-    assert all(row[0] != "the paper" for row in table(study).rows)
-    assert any(row[0] == "the paper" for row in table(whole(study)).rows)
-    notes = (
-        RrdReader(uncorrected_folder / "lost_strut.rrd")
-        .stream()
-        .filter(content="/notes")
-        .to_chunks()
-    )
-    assert "paper" not in str([chunk.to_record_batch().to_pydict() for chunk in notes])
-
-
-def test_the_conclusion_names_its_condition_and_only_where_it_holds(study):
-    """A candidate that fits once W_d and W_e start settled is not passed over, nor called plain."""
-    told = whole(study)
-    assert "none meets both ratios and leaves" in paragraph(told)
-    assert "started off centre" not in paragraph(told)
-    told["candidates"][0]["explains_if_corrected_settled"] = True
-    assert "If the uncorrected run alone started off centre" in paragraph(told)
-    told["candidates"][1]["explains"] = True
-    told["candidates"][2]["explains"] = True
-    said = paragraph(told)
-    assert '"floor office", "off centre" also leave W_a' in said
-    assert '"floor office" changes least, 1 number.' in said
-
-
-def failed(summary) -> list[str]:
-    return [str(check) for check in checks(summary) if not check.passed]
-
-
-def test_numbers_that_do_not_agree_fail_a_check(study):
-    assert not failed(study)
-    for spoil, words in (
-        (
-            {"simulated_urad": [9.0, 9.0]},
-            "W_a of lost_strut: relative difference between the RMS errors",
-        ),
-        ({"closure_residual_max_m": 1e-6}, "W_a of lost_strut: closure residual"),
-        ({"diverged_at_s": 1.0}, "W_a of lost_strut: divergence of a run"),
-    ):
-        spoilt = copy.deepcopy(study)
-        spoilt["candidates"][0]["columns"][0].update(spoil)
-        (sentence,) = failed(spoilt)
-        assert sentence.startswith(words)
-    column = study["candidates"][0]["columns"][0]
-    point = column | {"name": "W_a", "damping_ratio": 0.05, "alpha_crossover_hz": 12.0}
-    assert not failed(study | {"checked_points": [point]})
-    (sentence,) = failed(study | {"checked_points": [point | {"simulated_urad": [9.0, 9.0]}]})
-    assert sentence.startswith("W_a at 0.05, 12 Hz of the map")
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("beta_simulated_urad", 9.0, "relative difference between the RMS errors"),
+        ("closure_residual_max_m", 1e-6, "closure residual [m]"),
+        ("diverged_at_s", 1.0, "divergence of a run"),
+    ],
+)
+def test_numbers_that_do_not_agree_fail_a_check(runs, key, value, said):
+    assert all(each.passed for each in checks(runs))
+    spoilt = runs.copy()
+    spoilt.loc[0, key] = value
+    (sentence,) = [str(each) for each in checks(spoilt) if not each.passed]
+    assert sentence.startswith(f"lost_strut, W_a: {said}")
 
 
 def test_damping_leaves_the_callers_model_alone(model):
     before = model.dof_damping.copy()
     damped(model, 0.01)
-    assert isinstance(model, mujoco.MjModel)
     np.testing.assert_array_equal(model.dof_damping, before)
     np.testing.assert_array_equal(load_model().dof_damping, before)

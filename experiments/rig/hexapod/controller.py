@@ -1,7 +1,8 @@
 """The hexapod's controller: the compensators of Fig. 3, the mapping to strut displacements."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,7 +23,7 @@ from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm, PrioritizedMapping
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from prioritized import ConstrainedSystem, WhenLimited
+from prioritized import ConstrainedSystem, Kinematics, WhenLimited
 from sim import (
     NOMINAL,
     Array,
@@ -190,11 +191,13 @@ class StrutMapping(PrioritizedMapping[Pose]):
         form: DisplacementForm = "absolute",
         limits: tuple[Array, Array] | None = None,
         when_limited: WhenLimited = "least_squares",
+        allocate: Callable[[Kinematics], Any] | None = None,
     ) -> None:
         """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
 
         `stiffness`, over [struts; payload twist], determines where a free strut goes; `limits`,
-        lower and upper, are of the strut displacements, shape (6,) each.
+        lower and upper, are of the strut displacements, shape (6,) each; `allocate` as in
+        :class:`ftc.control.mapping.PrioritizedMapping`.
 
         Raises:
             ValueError: Free or loose struts without stiffness: an unstable singularity. A strut
@@ -207,7 +210,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
-        how = {"limits": limits, "when_limited": when_limited}
+        how = {"limits": limits, "when_limited": when_limited, "allocate": allocate}
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
 
 

@@ -6,7 +6,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod.controller import ANGLES, Loop
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import version_properties
@@ -56,39 +55,6 @@ def prediction_tolerance(duration_s: float) -> float:
     spiral is, and the noise is averaged less: 1.13 % at the most over 4 s.
     """
     return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
-
-
-# Quantities of what has the attributes `run`, a Run, and `predicted_rad`, RMS (2,) by the linear
-# model or None.
-RMS = Quantity(
-    "*_rms_urad",
-    lambda of: 1e6 * of.run.rms(),
-    "the RMS error of *, {:.3f} urad,",
-    agrees_with="predicted_*_rms_urad",
-    within=lambda entry: prediction_tolerance(entry["duration_s"]),
-)
-"""Of both angles, for :func:`each_angle`; checked against the linear model."""
-
-PREDICTED = Quantity(
-    "predicted_*_rms_urad",
-    lambda of: None if of.predicted_rad is None else 1e6 * of.predicted_rad,
-    "the linear model's, {:.3f} urad,",
-)
-"""By the linear model, of both angles."""
-
-PEAK = Quantity(
-    "*_peak_urad",
-    lambda of: 1e6 * np.abs(of.run.error).max(axis=0),
-)
-"""Largest error, of both angles."""
-
-CLOSURE = Quantity(
-    "closure_residual_max_m",
-    lambda of: of.run.closure_max_m,
-    "closure residual [m]",
-    below=CLOSURE_LIMIT_M,
-)
-"""Largest residual of the loop closures."""
 
 
 def each_angle(*quantities: Quantity) -> tuple[Quantity, ...]:

@@ -1,0 +1,707 @@
+"""The study `limits`: ways to keep actuators within their limits, in the loop; docs/limits.md."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import product
+from math import inf
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from argument_checks.ties import exceeds
+from experiments.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
+from experiments.rig.arm import SECONDARY as NOT_POINTING
+from experiments.rig.checks import CLOSURE_LIMIT_M
+from experiments.rig.compromise import Compromise
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping, sampled
+from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.run import Run, rms
+from experiments.study.palette import BLACK, BLUE, GREEN, VERMILION
+from experiments.study.parallel import call, in_parallel
+from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
+from experiments.study.result import Result, Shown, check, origin
+from experiments.study.results import Check, Picture
+from experiments.study.study import OnProgress, Study
+from ftc.control.anti_windup import circle_margin
+from ftc.controller import ControllerState, Measurement, PrioritizedController
+from ftc.goal import Goal
+from prioritized import ConstrainedSystem, Kinematics, velocity_mapping, viable_rates
+from sim import (
+    NOMINAL,
+    Array,
+    Failure,
+    JacobianReader,
+    Pose,
+    advance,
+    displacement_limits,
+    failed_plant,
+    hexapod,
+    linearize,
+    load_model,
+)
+
+# The spiral is 40 times larger than that of Table I, and the detector must see it. All numbers of
+# this block are chosen.
+BENCH = replace(TestbedConfig(), detector_half_width_m=10e-3)
+RADIUS_RAD, TURN_S, REST_S, LEAD_IN_S = 4e-3, 4.0, 1.0, 0.5
+# Coils 2 and 5 are hot; of the others the stroke is the limit.
+CURRENT_LIMIT_A = np.array([4.0005, 2.0, 4.0005, 4.0005, 2.0, 4.0005])
+STUCK_M, HEAVE_M = 317.5e-6, 250e-6  # strut 1 at half its stroke; all struts longer, on request
+LONGER = 3.0  # stroke of the machine without limits, in strokes of the hexapod
+SLOWNESS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, inf)  # tracking times over the integrators' 1/gain
+WEIGHTS = (0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 1e3)  # [rad] against [m] or [rad]
+
+PERIOD_S, GAIN_PER_S = 0.02, 2.0  # of the arm's controller
+RANGE_RAD, RATE_RAD_PER_S, ACCELERATION_RAD_PER_S2 = 0.8, 0.6, 5.0  # of each of its joints
+TILT_RAD, CIRCLE_S, EASE_S, LOCKED = 0.9, 10.0, 5.0, 3  # its line of sight; the elbow locks
+
+# A run has recovered where its pointing is as near to that of the machine without limits.
+RECOVERED_RAD, AT_LIMIT_M, AT_LIMIT_RAD = 25e-6, 0.1e-6, 1e-6
+DEMANDS, FARTHEST_RAD, LEAST_RAD = 300, 2.5 * RADIUS_RAD, 0.1e-3  # out of reach, a condition
+
+Limits = tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """One way to obey the limits.
+
+    Attributes:
+        kind: A key of :data:`ALLOCATIONS`, or "unlimited".
+        weight: Of the major task in the one weighted problem.
+        slowness: Tracking time of the anti-windup, over 1/gain of the integrator; inf is none.
+    """
+
+    kind: str
+    weight: float | None = None
+    slowness: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """As in `limits.json`."""
+        weight = "" if self.weight is None else f"_{self.weight:g}"
+        if self.slowness == inf:
+            return f"{self.kind}{weight}_winding_up"
+        slow = "" if self.slowness == 1.0 else f"_tracking_{self.slowness:g}"
+        return f"{self.kind}{weight}{slow}"
+
+
+def strategies(*, quick: bool, loop: bool) -> list[Strategy]:
+    """All that are compared, in the loop of the hexapod or on the arm, which has no integrator."""
+    slowness = ((1.0, 10.0) if quick else SLOWNESS) if loop else (1.0,)
+    weights = ((10.0,) if loop else ()) if quick else WEIGHTS
+    return [
+        Strategy("strict"),
+        *([Strategy("strict", slowness=inf)] if loop else []),
+        *([] if quick else [Strategy("scaled")]),
+        *(Strategy("clipping", slowness=each) for each in slowness),
+        Strategy("redistributed"),
+        *(Strategy("weighted", weight) for weight in weights),
+        Strategy("unlimited"),
+    ]
+
+
+# Allocations: of kinematics, limits of all actuators, and task rows, what solves for the rates.
+
+
+def strict(
+    kinematics: Kinematics,
+    limits: Limits,
+    major: Sequence[int],
+    secondary: Sequence[int],
+    when: Any = "least_squares",
+) -> Any:
+    """The library's mapping: limits, then the major task, then secondary goals."""
+    W1 = np.ones(len(kinematics.actuators))
+    return kinematics.velocity_mapping(major, secondary, W1, rate_limits=limits, when_limited=when)
+
+
+def clipping(
+    kinematics: Kinematics, limits: Limits, major: Sequence[int], secondary: Sequence[int]
+) -> Any:
+    """The mapping without limits; each rate is cut off at its own, whatever it is for."""
+    mapping = kinematics.velocity_mapping(major, secondary, np.ones(len(kinematics.actuators)))
+    own = _of_survivors(kinematics, limits)
+    return _Allocation(lambda *velocities: mapping(*velocities).clip(*own))
+
+
+def redistributed(
+    kinematics: Kinematics, limits: Limits, major: Sequence[int], secondary: Sequence[int]
+) -> Any:
+    """Redistributed pseudo-inverse: what saturated actuators lack, the others make up for.
+
+    Least |rates - desired rates| for the major task; rates beyond their limits are fixed there, and
+    the others solved again, until none is beyond (Virnig and Bodden 1994; Bodson, Evaluation of
+    Optimization Methods for Control Allocation, 2002). A rate once fixed is never released, so that
+    the result need not be the best within the limits.
+    """
+    J, (lower, upper) = kinematics.J[major], _of_survivors(kinematics, limits)
+
+    def rates_for(v: Any, desired: Any = None, _: Any = None) -> Array:
+        (m1, n), rates = J.shape, np.zeros(J.shape[1])
+        desired, moving = np.zeros(n) if desired is None else desired, np.ones(n, dtype=bool)
+        while moving.any():
+            missing = np.asarray(v) - J[:, ~moving] @ rates[~moving]
+            mapping = velocity_mapping(J[:, moving], range(m1), joint_weight=np.ones(moving.sum()))
+            rates[moving] = mapping(missing, desired[moving])
+            beyond = exceeds(rates, upper) | exceeds(lower, rates)
+            rates = rates.clip(lower, upper)
+            if not beyond.any():
+                break
+            moving &= ~beyond
+        return rates
+
+    return _Allocation(rates_for)
+
+
+def weighted(
+    kinematics: Kinematics,
+    limits: Limits,
+    major: Sequence[int],
+    secondary: Sequence[int],
+    weight: float,
+) -> Any:
+    """One least-squares problem within the limits, the major task one more term with a weight."""
+    W1, rows = np.ones(len(kinematics.actuators)), [*secondary, *major]
+    W2 = np.repeat([0.0, weight], [len(secondary), len(major)])
+    equals = kinematics.velocity_mapping([], rows, W1, W2, rate_limits=limits)
+    return Compromise(equals, len(secondary))
+
+
+ALLOCATIONS: dict[str, Callable[..., Any]] = {
+    "strict": strict,
+    "scaled": partial(strict, when="scaled"),
+    "clipping": clipping,
+    "redistributed": redistributed,
+    "weighted": weighted,
+}
+
+
+class _Allocation(NamedTuple):
+    """Rates of the survivors for velocities, called as a mapping with limits is."""
+
+    rates_for: Callable[..., Array]
+
+    def solve(self, *velocities: Any) -> Any:
+        return SimpleNamespace(rates=self.rates_for(*velocities))
+
+
+def _of_survivors(kinematics: Kinematics, limits: Limits) -> Limits:
+    return limits[0][kinematics.actuators], limits[1][kinematics.actuators]
+
+
+def allocation(strategy: Strategy) -> Callable[..., Any]:
+    """The allocation of a strategy, with its weight if it has one."""
+    found = ALLOCATIONS["strict" if strategy.kind == "unlimited" else strategy.kind]
+    return found if strategy.weight is None else partial(found, weight=strategy.weight)
+
+
+# The hexapod on a spiral that leaves what stroke and coil current allow.
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Whether strut 1 is stuck off centre, known to the mapping, and the payload to be raised."""
+
+    stuck: bool
+    heave: bool
+
+    @property
+    def name(self) -> str:
+        """As in `limits.json`."""
+        return f"{'stuck' if self.stuck else 'sound'}{'_heave' if self.heave else ''}"
+
+    @property
+    def locked_at(self) -> dict[int, float]:
+        """As in :class:`ftc.goal.Goal`."""
+        return {0: STUCK_M} if self.stuck else {}
+
+    @property
+    def raised_m(self) -> Array:
+        """The secondary reference, shape (6,)."""
+        return np.full(6, HEAVE_M if self.heave else 0.0)
+
+
+@dataclass(frozen=True)
+class _Raising:
+    """The controller with a constant secondary goal."""
+
+    controller: PrioritizedController[Pose]
+    reference_m: Array
+
+    def start(self) -> ControllerState[Pose]:
+        return self.controller.start()
+
+    def step(
+        self, state: ControllerState[Pose], reference: Array, measurement: Measurement
+    ) -> ControllerState[Pose]:
+        return self.controller.step(state, reference, measurement, self.reference_m)
+
+
+def spiral_rad(duration_s: float, turn_s: float) -> Array:
+    """Desired (alpha, beta): out until halfway, back, and at rest, shape (N, 2)."""
+    time_s = BENCH.time_s(duration_s)
+    radius = RADIUS_RAD * np.sin(np.pi * (time_s / (duration_s - REST_S)).clip(0, 1)) ** 2
+    turned = 2 * np.pi * time_s / turn_s
+    return np.stack([radius * np.cos(turned), radius * np.sin(turned)], axis=1)
+
+
+def limits_of(testbed: Testbed) -> Limits:
+    """Displacements that stroke and current allow the struts."""
+    return displacement_limits(testbed.model, testbed.amplifier(), CURRENT_LIMIT_A)
+
+
+def outline(testbed: Testbed, condition: Condition) -> Array:
+    """Corners of the attainable pointing [rad], a stuck strut where it is, shape (k, 2)."""
+    lower, upper = (each.copy() for each in limits_of(testbed))
+    for strut, stands_m in condition.locked_at.items():
+        lower[strut] = upper[strut] = stands_m
+    J = np.linalg.inv(hexapod(testbed.model).inverse_jacobian(NOMINAL))
+    kinematics = ConstrainedSystem(J, None, range(6)).kinematics()
+    return kinematics.attainable(MAJOR, (lower, upper)).vertices
+
+
+def strut_mapping(testbed: Testbed, condition: Condition, strategy: Strategy) -> StrutMapping:
+    """The strut mapping with equal weights, its limits obeyed by the strategy."""
+    goal = Goal(joint_weight=(1.0,) * 6, locked_at=condition.locked_at)
+    geometry = hexapod(testbed.model)
+    if strategy.kind == "unlimited":
+        return StrutMapping(geometry, goal, "constant")
+    limits, find = limits_of(testbed), allocation(strategy)
+    return StrutMapping(
+        geometry,
+        goal,
+        "constant",
+        limits=limits,
+        allocate=lambda kinematics: find(kinematics, limits, MAJOR, SECONDARY),
+    )
+
+
+def fly(
+    testbed: Testbed, condition: Condition, strategy: Strategy, path_rad: Array, seed: int
+) -> Run:
+    """One spiral; without limits on a machine with longer strokes and cooler coils.
+
+    Raises:
+        sim.SimulationDiverged: The physics left the finite numbers.
+    """
+    if strategy.kind == "unlimited":
+        testbed = testbed.scaled(stroke=LONGER)
+    controller = PrioritizedController(
+        testbed.loops,
+        strut_mapping(testbed, condition, strategy),
+        testbed.amplifier(),
+        testbed.bench.handover_s,
+        anti_windup=strategy.slowness < inf,
+        tracking_slowness=strategy.slowness if strategy.slowness < inf else 1.0,
+    )
+    start_m = np.zeros(6)
+    for strut, stands_m in condition.locked_at.items():
+        start_m[strut] = stands_m
+    return hexapod_rig(testbed, start_m=start_m).fly(
+        _Raising(controller, condition.raised_m),
+        path_rad,
+        failures=[Failure(strut, "locked") for strut in condition.locked_at],
+        seed=seed,
+        lead_in_s=LEAD_IN_S,
+    )
+
+
+def spiral_row(
+    testbed: Testbed, condition: Condition, strategy: Strategy, run: Run, unlimited: Run
+) -> dict[str, Any]:
+    """What is measured of a spiral beside that of the machine without limits."""
+    period_s, error = testbed.bench.control_period_s, np.linalg.norm(run.error, axis=1)
+    off = np.linalg.norm(run.true - unlimited.true, axis=1)
+    attainable = room(outline(testbed, condition), run.desired) > 0
+    working = np.delete(np.arange(6), list(condition.locked_at))
+    tracking_s = [
+        strategy.slowness / (loop.numerator[-1] / loop.denominator[-2]) for loop in testbed.loops
+    ]
+    lower, upper = (side[working] for side in limits_of(testbed))
+    command_m = testbed.amplifier().displacements(run.inputs)[:, working]
+    left_m = np.minimum(upper - command_m, command_m - lower)
+    is_limited = strategy.kind != "unlimited"
+    moved_m = run.displacement[:, working] - condition.raised_m[working]
+    return {
+        "name": f"{condition.name}_{strategy.name}",
+        "condition": condition.name,
+        "strategy": strategy.name,
+        "kind": strategy.kind,
+        "major_weight": strategy.weight,
+        "tracking_time_s": float(np.mean(tracking_s)) if strategy.slowness < inf else None,
+        "rms_urad": 1e6 * rms(error),
+        "peak_urad": 1e6 * error.max(),
+        "attainable_rms_urad": 1e6 * rms(error[attainable]),
+        "recovery_s": longest((off > RECOVERED_RAD) & attainable) * period_s,
+        "rest_peak_urad": 1e6 * error[-round(0.5 * REST_S / period_s) :].max(),
+        "secondary_rms_um": 1e6 * float(np.sqrt((moved_m**2).mean())),
+        "at_limit_s": (left_m < AT_LIMIT_M).any(axis=1).sum() * period_s if is_limited else None,
+        "beyond_limit_um": 1e6 * float((-left_m).max()) if is_limited else None,
+        "closure_residual_max_m": run.closure_max_m,
+    }
+
+
+def condition_row(testbed: Testbed, condition: Condition, path_rad: Array) -> dict[str, Any]:
+    """What all strategies have in common: what can be attained, and whether the loop is stable."""
+    lacking = -np.minimum(room(outline(testbed, condition), path_rad), 0.0)
+    return {
+        "condition": condition.name,
+        "least_rms_urad": 1e6 * rms(lacking),
+        "not_attainable_s": (lacking > 0).sum() * testbed.bench.control_period_s,
+        "circle_margin": loop_margin(testbed, condition, anti_windup=True),
+        "circle_margin_winding_up": loop_margin(testbed, condition, anti_windup=False),
+    }
+
+
+def loop_margin(testbed: Testbed, condition: Condition, *, anti_windup: bool) -> float:
+    """:func:`.circle_margin` of both loops on the linear model of the plant."""
+    plant = failed_plant(testbed.model, [Failure(strut, "locked") for strut in condition.locked_at])
+    goal = Goal(joint_weight=(1.0,) * 6, locked_at=dict.fromkeys(condition.locked_at, 0.0))
+    gain = StrutMapping(hexapod(testbed.model), goal, "constant").major_gain()
+    pointing = sampled(linearize(plant.model, plant.data), gain, testbed.bench.control_period_s)
+    return circle_margin(pointing[MAJOR, :], testbed.loops, anti_windup=anti_windup)
+
+
+def longest(holds: Array) -> int:
+    """Number of samples in the longest run of truth."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def room(corners: Array, points: Array) -> Array:
+    """Distance of points (N, 2) from the outline, shape (N,): positive inside, negative outside."""
+    along = np.roll(corners, -1, axis=0) - corners
+    length, off = np.linalg.norm(along, axis=1), points[:, None] - corners
+    part = ((off * along).sum(axis=2) / length**2).clip(0, 1)
+    distance = np.linalg.norm(off - part[..., None] * along, axis=2).min(axis=1)
+    inward = (along[:, 0] * off[..., 1] - along[:, 1] * off[..., 0]) / length
+    return np.where((inward >= 0).all(axis=1), distance, -distance)
+
+
+def excess_row(
+    testbed: Testbed, conditions: Sequence[Condition], strategy: Strategy, seed: int
+) -> dict[str, Any]:
+    """Pointing error of the mapping alone above the least possible, for demands out of reach.
+
+    The least is the distance from the outline of what is attainable: geometry, no optimization.
+    """
+    found = []
+    for condition in conditions:
+        rng, corners = np.random.default_rng(seed), outline(testbed, condition)
+        turned = rng.uniform(0, 2 * np.pi, 20 * DEMANDS)
+        radius = FARTHEST_RAD * rng.uniform(0, 1, 20 * DEMANDS)
+        demands = radius[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+        least = -room(corners, demands)
+        far = np.flatnonzero(least > LEAST_RAD)[:DEMANDS]
+        mapping = strut_mapping(testbed, condition, strategy)
+        missed = [
+            mapping.within_limits(one, NOMINAL, condition.raised_m).residual for one in demands[far]
+        ]
+        found.append(100 * (np.linalg.norm(missed, axis=1) / least[far] - 1.0))
+    return {
+        "strategy": strategy.name,
+        "excess_median_percent": np.median(np.concatenate(found)),
+        "excess_largest_percent": np.max(found),
+    }
+
+
+# The arm on a long path, kinematically; its elbow locks halfway.
+
+
+def line_of_sight(time_s: Array, duration_s: float) -> Array:
+    """Desired unit vectors in base axes, shape (N, 3)."""
+    eased = smooth_step(time_s / EASE_S) * smooth_step((duration_s - time_s) / EASE_S)
+    tilt, turned = TILT_RAD * eased, 2 * np.pi * time_s / CIRCLE_S
+    across = np.sin(tilt)
+    return np.stack([across * np.cos(turned), across * np.sin(turned), np.cos(tilt)], axis=1)
+
+
+def move_arm(strategy: Strategy, duration_s: float) -> dict[str, Array]:
+    """Resolved rates with feedback: time (N,), angle off the line of sight (N,), joints (N, 7)."""
+    model = load_model(ARM_MJCF)
+    data, reader = mujoco.MjData(model), JacobianReader(model, site="payload", axes="payload")
+    system = ConstrainedSystem.of(reader.at(data))
+    time_s = np.arange(round(duration_s / PERIOD_S) + 1) * PERIOD_S
+    views = line_of_sight(time_s, duration_s)
+    reach = inf if strategy.kind == "unlimited" else RANGE_RAD
+    rates, rows = np.zeros(model.nv), []
+    for k, now in enumerate(time_s[:-1]):
+        if k == len(time_s) // 2:
+            system = system.with_failures(locked=[LOCKED])
+        kinematics = system.at(J_T=reader.at(data).J_T).kinematics()
+        camera = camera_axes(data)
+        off = _turn(camera[:, 2], views[k])
+        ahead = np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
+        pointing = (camera.T @ (GAIN_PER_S * off + ahead))[POINTING]
+        box = viable_rates(
+            data.qpos,
+            rates,
+            position_limits=(-reach, reach),
+            rate_limits=(-RATE_RAD_PER_S, RATE_RAD_PER_S),
+            acceleration_limits=(-ACCELERATION_RAD_PER_S2, ACCELERATION_RAD_PER_S2),
+            period_s=PERIOD_S,
+        )
+        find = allocation(strategy)(kinematics, (box.lower, box.upper), POINTING, NOT_POINTING)
+        rates = kinematics.expand(find.solve(pointing).rates)
+        rows.append((now, np.linalg.norm(off), data.qpos.copy()))
+        data = advance(model, data, rates, PERIOD_S)
+    names = "time_s", "error_rad", "joint_rad"
+    return dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
+
+
+def _turn(now: Array, desired: Array) -> Array:
+    """The rotation vector from one unit vector to another, shape (3,)."""
+    axis = np.cross(now, desired)
+    sine = np.linalg.norm(axis)
+    return axis * (np.arctan2(sine, now @ desired) / sine if sine > 0 else 1.0)
+
+
+def arm_row(strategy: Strategy, motion: dict[str, Array]) -> dict[str, Any]:
+    """What is measured of a motion."""
+    reached = np.abs(motion["joint_rad"]).max(axis=1)
+    return {
+        "condition": "arm",
+        "strategy": strategy.name,
+        "kind": strategy.kind,
+        "major_weight": strategy.weight,
+        "rms_mrad": 1e3 * rms(motion["error_rad"]),
+        "peak_mrad": 1e3 * motion["error_rad"].max(),
+        "at_limit_s": (reached > RANGE_RAD - AT_LIMIT_RAD).sum() * PERIOD_S,
+        "beyond_limit_rad": reached.max() - RANGE_RAD,
+    }
+
+
+# The study.
+
+
+def limits(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+    """Compare ways to keep actuators within their limits, in the loop.
+
+    The hexapod follows a spiral beyond what stroke and coil current allow, without failure and with
+    strut 1 stuck off centre. An arm with limited joints follows a long path, and a joint locks
+    halfway. Strict priority is compared with scaling, clipping, a redistributed pseudo-inverse and
+    one weighted problem; clipping with each of seven tracking times of the anti-windup, the problem
+    with each of eight weights. 6 min on two cores (estimated), 20 s with --quick.
+
+    Writes limits.json, its tables as limits.md and Parquet, a figure, and the data of all runs
+    (spirals.npz, arm.npz).
+
+    Example: fjh limits --quick --out /tmp/limits
+    """
+    testbed = nominal_testbed(BENCH)
+    duration_s, turn_s, arm_s = (3.0, TURN_S / 2, 16.0) if quick else (9.0, TURN_S, 40.0)
+    path_rad, heaves = spiral_rad(duration_s, turn_s), (True,) if quick else (False, True)
+    conditions = [Condition(*each) for each in product((False, True), heaves)]
+    loop, arm = (strategies(quick=quick, loop=each) for each in (True, False))
+    flights = list(product(conditions, loop))
+    shared = {"work": fly, "testbed": testbed, "path_rad": path_rad, "seed": seed}
+    calls = [{"work": move_arm, "strategy": each, "duration_s": arm_s} for each in arm]
+    calls += [shared | {"condition": each, "strategy": how} for each, how in flights]
+    done = in_parallel(call, calls, on_progress)
+    motions = {each.name: motion for each, motion in zip(arm, done, strict=False)}
+    runs = dict(zip(flights, done[len(arm) :], strict=True))
+    tables = {
+        "spirals": over_strict(
+            [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()],
+            "rms_urad",
+        ),
+        "arm": over_strict([arm_row(each, motions[each.name]) for each in arm], "rms_mrad"),
+        "conditions": pd.DataFrame([condition_row(testbed, each, path_rad) for each in conditions]),
+        "out_of_reach": pd.DataFrame(
+            [
+                excess_row(testbed, conditions, each, seed)
+                for each in loop
+                if each.slowness == 1.0 and each.kind != "unlimited"
+            ]
+        ),
+    }
+    spirals = {"time_s": BENCH.time_s(duration_s), "desired_rad": path_rad}
+    for (condition, strategy), run in runs.items():
+        name = f"{condition.name}_{strategy.name}"
+        spirals |= {f"{name}_true_rad": run.true, f"{name}_strut_input_percent": run.inputs}
+    stuck = next(key for key in runs if key[0].stuck and key[1].name == "strict")
+    drawn = partial(
+        figure,
+        outline(testbed, stuck[0]),
+        path_rad,
+        runs[stuck].true,
+        tables["spirals"],
+        tables["arm"],
+    )
+    return Result(
+        settings=origin(seed, arm=ARM_MJCF)
+        | {
+            "bench": asdict(testbed.bench) | plant_constants(load_model()),
+            "duration_s": duration_s,
+            "turn_s": turn_s,
+            "radius_urad": 1e6 * RADIUS_RAD,
+            "current_limit_a": CURRENT_LIMIT_A,
+            "displacement_limits_um": [1e6 * side for side in limits_of(testbed)],
+            "stuck_strut": 1,
+            "stuck_um": 1e6 * STUCK_M,
+            "heave_um": 1e6 * HEAVE_M,
+            "arm_duration_s": arm_s,
+            "arm_range_rad": RANGE_RAD,
+            "arm_rate_rad_per_s": RATE_RAD_PER_S,
+            "arm_acceleration_rad_per_s2": ACCELERATION_RAD_PER_S2,
+            "arm_locked_joint": LOCKED + 1,
+            "demands": DEMANDS * len(conditions),
+            "data": ["spirals.npz", "arm.npz"],
+        },
+        tables=tables,
+        checks=checks(**tables),
+        shown=shown(**tables),
+        pictures=[Picture("limits", CAPTION, ALT, drawn)],
+        arrays={
+            "spirals.npz": spirals,
+            "arm.npz": {
+                f"{k}_{key}": A for k, motion in motions.items() for key, A in motion.items()
+            },
+        },
+    )
+
+
+def over_strict(rows: list[dict[str, Any]], size: str) -> pd.DataFrame:
+    """The rows, with their error over that of strict priority in the same condition."""
+    runs = pd.DataFrame(rows)
+    strict = runs[runs.strategy == "strict"].set_index("condition")[size]
+    return runs.assign(rms_over_strict=runs[size] / runs.condition.map(strict))
+
+
+def tuned_clipping(spirals: pd.DataFrame) -> pd.Series:
+    """Error of clipping over that of strict priority, with the best tracking time, by condition.
+
+    A rule that no user has: the time is chosen after the run, for that run.
+    """
+    return spirals[spirals.kind == "clipping"].groupby("condition").rms_over_strict.min()
+
+
+def checks(
+    spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
+) -> list[Check]:
+    """Limits, priority, recovery, stability, closure."""
+    flown, moved = spirals.set_index(["condition", "strategy"]), arm.set_index("strategy")
+    limited = flown[flown.kind != "unlimited"]
+    settled = limited[limited.kind != "weighted"].drop("strict_winding_up", level="strategy")
+    winding_up = flown.xs("strict_winding_up", level="strategy").rms_over_strict
+    recovery_s = flown.xs("strict", level="strategy").recovery_s
+    margin = conditions.set_index("condition").circle_margin
+    excess = out_of_reach.set_index("strategy").excess_largest_percent["strict"]
+    what = "RMS error of strict priority over that of clipping, tuned"
+    beyond_rad = moved.beyond_limit_rad.drop("unlimited")
+    return [
+        *check(what, 1 / tuned_clipping(spirals), 1.0),
+        *check("RMS error with anti-windup over that without", 1 / winding_up, 1.0),
+        *check("time from an attainable target to recovered pointing [s]", recovery_s, 0.5),
+        *check("margin of the circle criterion below zero", -margin, 0.0),
+        *check("closure residual [m]", flown.closure_residual_max_m, CLOSURE_LIMIT_M),
+        *check("command beyond its limit [um]", limited.beyond_limit_um, 0.02),  # converter's step
+        *check("pointing error at rest afterwards [urad]", settled.rest_peak_urad, 5.0),
+        *check(what, 1 / moved.rms_over_strict["clipping"], 1.0, "arm"),
+        # While joints brake at their limits the line of sight lags behind.
+        *check("peak error of strict priority [mrad]", moved.peak_mrad["strict"], 10.0, "arm"),
+        *check("joint beyond its limit [rad]", beyond_rad, 1e-9, "arm"),
+        *check("error of strict priority above the least [%]", excess, 1e-6, "out of reach"),
+    ]
+
+
+def shown(
+    spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
+) -> list[Shown]:
+    """The printed tables."""
+    columns = "strategy rms_urad:.0f peak_urad:.0f attainable_rms_urad:.0f recovery_s:.2f "
+    columns += "secondary_rms_um:.0f rms_over_strict:.3f"
+    flown = [
+        Shown(f"Hexapod: {str(name).replace('_', ', ')}", group, columns)
+        for name, group in spirals.groupby("condition", sort=False)
+    ]
+    return [
+        *flown,
+        Shown(
+            "What is attainable in each condition",
+            conditions,
+            "condition least_rms_urad:.0f not_attainable_s:.2f circle_margin:.2f",
+            "stuck: strut 1, off centre. heave: the payload is to be raised. attainable_rms: while "
+            "the target is attainable. recovery: longest time for which an attainable target is "
+            f"missed by {1e6 * RECOVERED_RAD:.0f} urad more than without limits. secondary_rms: of "
+            "the struts from the secondary goal.",
+        ),
+        Shown(
+            "Arm: angle between desired and true line of sight",
+            arm,
+            "strategy rms_mrad:.2f peak_mrad:.2f at_limit_s:.1f rms_over_strict:.2f",
+        ),
+        Shown(
+            "Hexapod, demands out of reach: error of the mapping alone above the least possible",
+            out_of_reach,
+            "strategy excess_median_percent:.2g excess_largest_percent:.2g",
+        ),
+    ]
+
+
+CAPTION = (
+    "Limits in the loop. Left: the hexapod with strut 1 stuck on a spiral that leaves what stroke "
+    "and coil current allow. Right: the error of each strategy over that of strict priority, for "
+    "each tracking time of clipping and each weight of the one weighted problem."
+)
+ALT = (
+    "Strict priority follows the outline of what is attainable. The best weight and the "
+    "redistributed pseudo-inverse have the same error, clipping has more with any tracking time, "
+    "and a weight that is too small many times the error."
+)
+LOOKS = {
+    "sound": {"color": BLUE, "marker": "o"},
+    "sound_heave": {"color": BLUE, "marker": "o", "markerfacecolor": "none"},
+    "stuck": {"color": VERMILION, "marker": "s"},
+    "stuck_heave": {"color": VERMILION, "marker": "s", "markerfacecolor": "none"},
+    "arm": {"color": GREEN, "marker": "D"},
+}
+"""Of the conditions, with a secondary goal hollow."""
+
+
+def figure(
+    corners: Array, path_rad: Array, true: Array, spirals: pd.DataFrame, arm: pd.DataFrame
+) -> Figure:
+    """Strict priority with strut 1 stuck; errors over its own, by strategy and number chosen."""
+    figure, best = new_figure(PAGE_IN, 4.2), tuned_clipping(spirals)
+    figure.suptitle(
+        "Actuators at their limits: strict priority needs no tuning, and the best tuned clipping "
+        f"errs {best.min():.2f} to {best.max():.2f} times as much"
+    )
+    plane, errors = figure.subplots(1, 2, width_ratios=[0.8, 1])
+    plane.fill(*1e3 * corners.T, color=GREEN, alpha=0.2, lw=0, label="attainable")
+    plane.plot(*1e3 * path_rad.T, color=BLACK, ls="--", lw=0.8, label="desired")
+    plane.plot(*1e3 * true.T, color=VERMILION, label="strict priority, strut 1 stuck")
+    plane.set(xlabel="$\\alpha$, mrad", ylabel="$\\beta$, mrad", aspect="equal")
+    plane.set_title("Strict priority stays as near as limits allow")
+    limited = pd.concat([spirals, arm]).query("kind != 'unlimited'")
+    names = list(limited.strategy.unique())
+    for condition, group in limited.groupby("condition", sort=False):
+        look, label = LOOKS[str(condition)], str(condition).replace("_heave", ", secondary goal")
+        rows = group.strategy.map(names.index)
+        errors.plot(group.rms_over_strict, rows, ls="", label=label, **look)
+    errors.axvline(1.0, color=BLACK, lw=0.8, label="strict priority: 1")
+    logarithmic(errors, "x")
+    errors.set_yticks(range(len(names)), [each.replace("_", " ") for each in names])
+    errors.invert_yaxis()
+    errors.set(title="Left is better", xlabel="RMS error over that of strict priority")
+    one_legend(figure, 4)
+    return figure
+
+
+STUDY = Study(
+    name="limits",
+    help=limits.__doc__ or "",
+    runs="experiments.limits:limits",
+    results=None,
+    quick="One secondary goal, fewer strategies, faster spirals, a shorter path of the arm.",
+)

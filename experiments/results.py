@@ -1,0 +1,126 @@
+"""Results of studies as data frames: what is in folders, and a run of a dataset once more."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments.recording.properties import properties_of
+from experiments.rig.run import Run
+from experiments.studies import study
+from experiments.study import parquet
+from experiments.study.foreign import read_json
+from experiments.study.study import WrongInput
+
+
+@dataclass(frozen=True)
+class Results:
+    """What studies left in folders; `study` and `folder` are the first columns of each frame.
+
+    Attributes:
+        runs: A row for each run, as the study's dataset or its first table has it; of folders
+            without JSON, a row for each recording with its properties.
+        checks: A row for each check: what, where, value, limit, passed.
+        files: A row for each file: file, kind (its suffix).
+    """
+
+    runs: pd.DataFrame
+    checks: pd.DataFrame
+    files: pd.DataFrame
+
+
+def results(*places: Path | str) -> Results:
+    """Read the results in some folders and in all folders below them.
+
+    Raises:
+        WrongInput: There are none, or a file of them cannot be read.
+    """
+    given = [Path(place) for place in places]
+    folders = [each for place in given for each in (place, *sorted(place.rglob("*/")))]
+    found = [frames for folder in folders for frames in _of_folder(folder)]
+    if not found:
+        raise WrongInput(f"no results of a study are in {', '.join(map(str, places)) or 'nothing'}")
+    return Results(*(pd.concat(each, ignore_index=True) for each in zip(*found, strict=True)))
+
+
+def _of_folder(folder: Path) -> Iterator[tuple[pd.DataFrame, ...]]:
+    """Runs, checks and files of each study with results in a folder itself."""
+    contents = [read_json(file) for file in sorted(folder.glob("*.json"))]
+    studies = [each for each in contents if isinstance(each, dict) and "experiment" in each]
+    if not studies and (recordings := sorted(folder.glob("*.rrd"))):
+        runs = [{"recording": file.stem} | properties_of(file) for file in recordings]
+        yield _named(folder, "", runs, [], [file.name for file in recordings])
+    for each in studies:
+        name = each["experiment"]
+        yield _named(
+            folder, name, runs_of(folder, each), each.get("checks", []), each.get("files", [])
+        )
+
+
+def _named(
+    folder: Path, name: str, runs: Any, checks: list[Any], files: list[str]
+) -> tuple[pd.DataFrame, ...]:
+    kinds = [{"file": file, "kind": Path(file).suffix} for file in files]
+    frames = [pd.DataFrame(each) for each in (runs, checks, kinds)]
+    # Numbers of other studies may be missing beside them, and whole numbers stay whole.
+    frames = [each.astype(dict.fromkeys(each.select_dtypes("integer"), "Int64")) for each in frames]
+    for frame in frames:
+        frame.insert(0, "folder", str(folder))
+        frame.insert(0, "study", name)
+    return tuple(frames)
+
+
+def runs_of(folder: Path, content: Mapping[str, Any]) -> pd.DataFrame:
+    """The runs of a study from the contents of its JSON file, and the dataset that this names."""
+    if dataset := content.get("dataset"):
+        return parquet.read(folder / Path(dataset).name).to_pandas()
+    tables = [key for key, value in content.items() if is_table(value) and key != "checks"]
+    if "settings" in content and tables:
+        return pd.json_normalize(content[tables[0]])
+    return pd.json_normalize([{k: v for k, v in content.items() if not isinstance(v, dict | list)}])
+
+
+def is_table(value: Any) -> bool:
+    """Whether an entry of a study's JSON holds rows."""
+    return isinstance(value, list) and bool(value) and all(isinstance(each, dict) for each in value)
+
+
+def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
+    """Fly a run of a dataset once more, from its number.
+
+    Args:
+        folder: With the results of `fjh recover` or `fjh sweep`.
+        case: The run's number, in the column `case`.
+
+    Returns:
+        The run; and a frame with a row for each of its numbers, with what is `stored`, what is
+        `flown` now, and whether both are the `same` to 1e-9, which they need not be under other
+        versions of this project or its packages.
+
+    Raises:
+        WrongInput: The folder has no such dataset or run, or its runs cannot be repeated.
+    """
+    contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
+    summary = next((each for each in contents if "dataset" in each), None)
+    rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
+    stored = rows[rows.case == case] if len(rows) else rows
+    if summary is None or stored.empty:
+        raise WrongInput(f"{folder} has no dataset with a case {case}")
+    entry = study(str(summary["experiment"])).again
+    if entry is None:
+        raise WrongInput(f"runs of fjh {summary['experiment']} cannot be flown again")
+    again = resolve_name(entry)(summary)
+    columns, run, _ = again.fly(again.campaign.runs[case])
+    beside = pd.DataFrame({"stored": stored.iloc[0], "flown": pd.Series(columns)}).loc[[*columns]]
+    pairs = zip(beside.stored, beside.flown, strict=True)
+    return run, beside.assign(same=[_is_same(stored, flown) for stored, flown in pairs])
+
+
+def _is_same(a: Any, b: Any) -> bool:
+    if isinstance(a, float | int) and isinstance(b, float | int):
+        return bool(np.isclose(a, b, rtol=1e-9, atol=0.0, equal_nan=True))
+    return bool(a == b) or (pd.isna(a) and pd.isna(b))

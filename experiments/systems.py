@@ -1,0 +1,532 @@
+"""The study `systems`: the other mechanisms of the paper, in simulation; docs/theory.md."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import cycle
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from experiments.recording.file import RecordingInfo
+from experiments.recording.layout import write_scenes
+from experiments.recording.plane import Plane
+from experiments.recording.properties import checked, constants
+from experiments.recording.scene import Scene, condition_scene
+from experiments.recording.signals import Plot
+from experiments.rig.conditions import FREE, LOCKED, codes_of, failed, failures_of, in_words
+from experiments.rig.units import ROWS
+from experiments.rig.verdicts import left_of
+from experiments.study.palette import BLACK, LINES
+from experiments.study.parallel import in_parallel
+from experiments.study.plotting import PAGE_IN, new_figure
+from experiments.study.provenance import version_properties
+from experiments.study.result import Result, Shown, check, origin
+from experiments.study.results import Check, Picture
+from experiments.study.study import OnProgress, Study
+from prioritized import ConstrainedSystem, Kinematics, failure_atlas
+from sim import (
+    HEXAPOD_MJCF,
+    Array,
+    Plant,
+    failed_plant,
+    jacobians,
+    linearize,
+    load_model,
+    mass_matrix,
+    model_sha256,
+)
+
+STEP = 1e-4  # [m] or [rad]: far above the closures' nanometres, small beside a hand of 0.1 m
+PERIOD_S = 0.01
+CORNERS = 8  # of the polygon
+PUSH_S, TRIAL = 0.05, 1e-6  # a push, and the wrench of the first one, [N] or [N m]
+REST = 1e-6  # what is left of a motion when it counts as at rest
+COASTING_PER_S = 0.01  # slower than any servo; what decays no faster coasts
+# What counts as motion, per commanded step or as a fraction of the way after a push: what servos
+# and closures hold stands still to 1e-5, and the smallest motion there is comes to 0.015 (a rotor's
+# radian moves a hand's object that many metres).
+VISIBLE = 1e-3
+LIMIT = 0.01  # largest relative distance between simulated and predicted motions and forces
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One MJCF file and its task."""
+
+    path: Path
+    title: str
+    task: tuple[int, ...]  # rows of the payload twist [angular; linear]
+    major: tuple[int, ...]  # rows of the task
+    conditions: tuple[str, ...]  # a letter for each actuator: S healthy, L locked, F free
+
+    @property
+    def name(self) -> str:
+        """As in `systems.json`."""
+        return self.path.stem
+
+    @property
+    def rows(self) -> list[int]:
+        """Rows of the twist that the major task is."""
+        return [self.task[row] for row in self.major]
+
+    @property
+    def unit(self) -> str:
+        """Of the major task: [rad] or [m]."""
+        return "rad" if self.rows[0] < 3 else "m"
+
+
+MODELS = HEXAPOD_MJCF.parent
+MECHANISMS = (
+    Mechanism(
+        MODELS / "arm.xml",
+        "7-joint serial arm, pointing",
+        task=(0, 1, 2, 3, 4, 5),
+        major=(0, 1),
+        conditions=("SSSSSSS", "SLSSSSS", "SSSLSSS", "SSSFSSS", "SSSSSSF", "SLSSSSF"),
+    ),
+    Mechanism(
+        MODELS / "hand.xml",
+        "planar two-finger hand, placing an object",
+        task=(2, 3, 4),
+        major=(1, 2),
+        conditions=("SSSS", "LSSS", "FSSS", "FFSS", "LSFS", "LLSS"),
+    ),
+    Mechanism(
+        MODELS / "arms.xml",
+        "two cooperating arms, carrying a load",
+        task=(0, 1, 2, 3, 4, 5),
+        major=(3, 4, 5),
+        conditions=("SSSSSSSSSSSS", "SLSSSSSSSSSS", "SFSSSSSSSSSS", "SLSSSSSFSSSS", "FFFFFFSSSSSS"),
+    ),
+    Mechanism(
+        MODELS / "platform.xml",
+        "planar platform on four legs, positioning",
+        task=(2, 3, 4),
+        major=(1, 2),
+        conditions=("SSSS", "LSSS", "FSSS", "FFSS", "LFSS"),
+    ),
+)
+
+
+# What a failed mechanism does in simulation, measured from outside: no Jacobian goes into it, only
+# how long to wait is taken from the linear model.
+
+
+@dataclass(frozen=True)
+class Probed:
+    """A mechanism in one condition; each measurement makes a plant of its own."""
+
+    model: mujoco.MjModel
+    mechanism: Mechanism
+    condition: str
+
+    def plant(self) -> Plant:
+        """At its nominal pose, failed."""
+        return failed_plant(self.model, failures_of(self.condition))
+
+    @cached_property
+    def settling_s(self) -> float:
+        """How long the slowest motion that the servos hold needs to rest, whole periods."""
+        plant = self.plant()
+        decay = -np.linalg.eigvals(linearize(plant.model, plant.data).A).real
+        slowest = decay[decay > COASTING_PER_S].min(initial=np.inf)
+        return PERIOD_S * np.ceil(-np.log(REST) / slowest / PERIOD_S)
+
+
+def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
+    """Displacements at rest after one step of each surviving actuator, divided by the step.
+
+    Of the survivors, shape (n', n'), and of the task, shape (m, n'): a column a commanded step.
+    """
+    active, twist = [], []
+    for k in survivors:
+        plant = rig.plant()
+        plant.step(STEP * np.eye(rig.model.nu)[k], rig.settling_s)
+        active.append(plant.displacements()[survivors] / STEP)
+        twist.append(plant.displacement() / STEP)
+    return np.array(active).T, np.array(twist).T[list(rig.mechanism.task)]
+
+
+def coast(rig: Probed) -> Array:
+    """What keeps moving after a push along each task row, shape (m, m).
+
+    What the actuators hold has come back to rest by then; self-motion coasts. Columns are
+    displacements after the wait, during a tenth of it, as fractions of the largest there was.
+    """
+    task, coasting = list(rig.mechanism.task), []
+    for row in task:
+        # How far a first, tiny push leads decides how hard to push.
+        _, peak = pushed(rig, TRIAL * np.eye(6)[row])
+        moved, peak = pushed(rig, TRIAL * STEP / peak * np.eye(6)[row])
+        coasting.append(moved / peak)
+    return np.array(coasting).T[task]
+
+
+def pushed(rig: Probed, wrench: Array) -> tuple[Array, float]:
+    """Displacement in a tenth of the wait, after it and a short push, and the largest there was."""
+    plant, still = rig.plant(), np.zeros(rig.model.nu)
+    plant.push(wrench)
+    plant.step(still, PUSH_S)
+    plant.push(np.zeros(6))
+    at_once = plant.displacement()
+    plant.step(still, rig.settling_s)
+    before = plant.displacement()
+    plant.step(still, max(PERIOD_S, round(0.1 * rig.settling_s, 2)))
+    after = plant.displacement()
+    return after - before, float(np.abs([at_once, after]).max())
+
+
+def drive_polygon(
+    rig: Probed, kin: Kinematics, rng: np.random.Generator
+) -> tuple[dict[str, Array], float]:
+    """Drive the major task around an octagon of radius STEP, then both ways along the others.
+
+    Returns:
+        Time (T,), desired and reached (T, m1), all joints (T, nq), with units in their names; and
+        the largest distance at a corner from what the mapping promises, in steps.
+    """
+    major, unit = rig.mechanism.major, rig.mechanism.unit
+    m1, angle = len(major), 2 * np.pi * (np.arange(CORNERS) / CORNERS + rng.random())
+    octagon = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.eye(2, m1)
+    corners = STEP * np.vstack([octagon, np.eye(m1)[2:], -np.eye(m1)[2:]])
+    mapping = kin.velocity_mapping(major, joint_weight=np.ones(len(kin.actuators)))
+    plant, periods = rig.plant(), round(rig.settling_s / PERIOD_S)
+    twist, qpos = [], []
+    for command in np.repeat(kin.expand(mapping(corners)), periods, axis=0):
+        plant.step(command, PERIOD_S)
+        twist.append(plant.displacement())
+        qpos.append(plant.data.qpos.copy())
+    reached = np.array(twist)[:, rig.mechanism.rows]
+    promised = corners - mapping.residual(corners)
+    error = np.abs(reached[periods - 1 :: periods] - promised).max() / STEP
+    path = {
+        "time_s": np.arange(1, len(twist) + 1) * PERIOD_S,
+        "qpos": np.array(qpos),
+        f"desired_{unit}": np.repeat(corners, periods, axis=0),
+        f"reached_{unit}": reached,
+    }
+    return path, float(error)
+
+
+def hold_force(
+    rig: Probed, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
+) -> dict[str, float]:
+    """How far a force, exerted through the force mapping, is from what was predicted of it.
+
+    A random major force, and a random internal force where there is one.
+
+    Returns:
+        torque_error: Servo torques against the mapping's, relative.
+        closure_error: What the closures and locks do to the joints, against the constraint forces
+            that the kinematics derives from force and torques, relative to the largest of these and
+            of what force and torques do to the joints: closures may have nothing to bear.
+        yielded_steps: Payload displacement. One servo, alone with its torque, would move one step.
+    """
+    task, major = list(rig.mechanism.task), list(rig.mechanism.major)
+    mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.actuators)))
+    f_major = rng.normal(size=len(major))
+    squeeze = rng.normal(size=len(kin.active_constraint)) @ kin.active_constraint
+    torques, force = mapping(f_major, torque=squeeze), np.zeros(len(task))
+    force[major] = f_major - mapping.residual(f_major)
+    secondary = np.setdiff1d(np.arange(len(task)), major)
+    force[secondary] = mapping.secondary_force(f_major, torque=squeeze)
+    gain = rig.model.actuator_gainprm[:, 0]
+    # As hard as moves a servo by one step if nothing helps.
+    scale = STEP / np.abs(kin.expand(torques) / gain).max()
+    torques, force = scale * torques, scale * force
+    plant, expected = rig.plant(), kin.expand(torques)
+    plant.push(-np.eye(6)[:, task] @ force)
+    plant.step(expected / gain, rig.settling_s)  # a servo that stands still exerts gain * command
+    stuck = np.eye(system.J_C.shape[1])[system.stuck]  # section 2.3.2: a row for each stuck joint
+    closures = np.vstack([system.J_C, stuck]).T @ -kin.constraint_force(force, torques)  # eq. (5)
+    bears = closures, system.J_T.T @ force, torques
+    return {
+        "torque_error": relative(plant.coil_force_n() - expected, torques),
+        "closure_error": relative(plant.constraint_force() - closures, *bears),
+        "yielded_steps": float(np.abs(plant.displacement()).max() / STEP),
+    }
+
+
+def relative(difference: Array, *wholes: Array) -> float:
+    """Norm of a difference as a part of the largest of the wholes; zero when all are."""
+    size = max(np.linalg.norm(whole) for whole in wholes)
+    return float(np.linalg.norm(difference) / size) if size else 0.0
+
+
+def motion_error(kin: Kinematics, active: Array, moved: Array) -> float:
+    """Payload motion against J times the active motion, and that against what the loops allow.
+
+    Relative, each row of the task against its own motion: rotation and translation do not mix.
+    """
+    forbidden = kin.active_constraint @ active
+    off = np.linalg.norm(moved - kin.J @ active, axis=1)
+    rows = off / np.maximum(np.linalg.norm(moved, axis=1), VISIBLE)
+    return float(max(rows.max(), np.linalg.norm(forbidden) / np.linalg.norm(active)))
+
+
+def largest_angle(moved: Array, basis: Array) -> float:
+    """Sine of the largest angle between what moved and a subspace; zero when nothing moved."""
+    size = np.linalg.norm(moved, 2)
+    if size < VISIBLE:
+        return 0.0
+    return float(np.linalg.norm(moved - basis @ (basis.T @ moved), 2) / size)
+
+
+# Each condition, classified and simulated.
+
+ERRORS = ("motion_error", "drift_error", "torque_error", "closure_error", "yielded_steps")
+"""Those that are always checked; `major_error` where no self-motion moves the major task: else each
+corner passes its motion on to the next."""
+FLAGS = ("unmanipulable", "unmanipulable_task", "irresolvable")
+FLAGS += ("unstable", "unstable_major", "unstable_secondary")
+
+
+class Examined(NamedTuple):
+    """One mechanism in one condition: its row, what the report says, and the polygon driven."""
+
+    mechanism: Mechanism
+    row: dict[str, Any]
+    report: str
+    path: dict[str, Array]
+
+    @property
+    def polygon(self) -> tuple[Array, Array]:
+        """The major task desired and reached, [urad] or [um], shape (T, m1)."""
+        desired, reached = (f"{what}_{self.mechanism.unit}" for what in ("desired", "reached"))
+        return 1e6 * self.path[desired], 1e6 * self.path[reached]
+
+
+def classified(
+    model: mujoco.MjModel, mechanism: Mechanism, condition: str
+) -> tuple[ConstrainedSystem, Kinematics]:
+    """The failed mechanism at its nominal pose, with the task rows it is about.
+
+    Frictionless from rest: under self-motion the passive joints keep their momentum at zero, which
+    is what the mass matrix as their metric says.
+    """
+    data = mujoco.MjData(model)
+    jac = jacobians(model, data, site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T[list(mechanism.task)], jac.J_C, jac.active)
+    codes, numbers = codes_of(condition), range(len(condition))
+    system = system.with_failures(*(failed(codes, numbers, kind) for kind in (LOCKED, FREE)))
+    return system, system.kinematics(passive_metric=mass_matrix(model, data))
+
+
+def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
+    """Classify one condition, then simulate it and compare."""
+    model, rng = load_model(mechanism.path), np.random.default_rng(seed)
+    rig = Probed(model, mechanism, condition)
+    system, kin = classified(model, mechanism, condition)
+    major, codes, numbers = list(mechanism.major), codes_of(condition), range(len(condition))
+    report = kin.manipulability(major)
+    bases = report.bases
+    active, moved = respond(rig, kin.actuators)
+    coasting = coast(rig)
+    path, major_error = drive_polygon(rig, kin, rng)
+    errors = {
+        "motion_error": motion_error(kin, active, moved),
+        "drift_error": largest_angle(coasting, bases["unstable"]),
+        "major_error": major_error,
+        **hold_force(rig, system, kin, rng),
+    }
+    checked_errors = ERRORS if report.unstable_major else [*ERRORS, "major_error"]
+    lost, drifts = bases["unmanipulable"].shape[1], bases["unstable_major"].shape[1]
+    forbidden = len(bases["constrained_active"])
+    # Dimensions by the report, and in the simulation.
+    rank = partial(np.linalg.matrix_rank, tol=VISIBLE)
+    counts = {
+        "major_directions": (len(major) - lost, rank(moved[major])),
+        "self_motion": (bases["unstable"].shape[1], rank(coasting)),
+        "self_motion_major": (drifts, rank(coasting[major])),
+        "constrained_active": (forbidden, len(kin.actuators) - rank(active)),
+    }
+    # The system's failures are part of every condition of its atlas.
+    [verdict] = left_of(failure_atlas(system, major, codes=np.zeros((1, model.nu))))
+    row = {
+        "mechanism": mechanism.name,
+        "index": mechanism.conditions.index(condition),
+        "condition": in_words(codes, [str(k + 1) for k in numbers]),
+        "locked": failed(codes, numbers, LOCKED),
+        "free": failed(codes, numbers, FREE),
+        "major": [ROWS[row] for row in mechanism.rows],
+        "verdict": verdict,
+        **{flag: getattr(report, flag) for flag in FLAGS},
+        **{what: predicted for what, (predicted, _) in counts.items()},
+        "internal_forces": len(bases["irresolvable"]),
+        "lost_task_directions": bases["unmanipulable_task"].shape[1],
+        f"worst_gain_{mechanism.unit}_per_actuator_unit": report.worst_gain,
+        "smallest_gap": min(report.gaps.values()),
+        **{f"simulated_{what}": simulated for what, (_, simulated) in counts.items()},
+        "agrees": all(predicted == simulated for predicted, simulated in counts.values()),
+        **errors,
+        "largest_error": max(errors[name] for name in checked_errors),
+        "recording": f"{mechanism.name}.rrd",
+        "data": f"{mechanism.name}.npz",
+    }
+    return Examined(mechanism, row, str(report), path)
+
+
+# The study.
+
+
+def systems(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+    """Compare the classification of four other mechanisms with their simulation.
+
+    An arm, a hand, two cooperating arms and a platform are simulated without and with failures:
+    every actuator makes a step, the payload is pushed, the payload follows an octagon in its
+    major task, and a force is exerted. 12 s on two cores, 8 s with --quick.
+
+    Writes systems.json, its tables as systems.md and Parquet, a figure, and for each mechanism its
+    data (.npz) and its recording (.rrd).
+
+    Example: fjh systems --seed 1 --out /tmp/mechanisms
+    """
+    calls = [
+        {"mechanism": mechanism, "condition": condition, "seed": seed}
+        for mechanism in MECHANISMS
+        for condition in mechanism.conditions[: 3 if quick else None]
+    ]
+    examined: list[Examined] = in_parallel(examine, calls, on_progress)
+    groups = {it: [one for one in examined if one.mechanism == it] for it in MECHANISMS}
+    table = pd.DataFrame([one.row for one in examined])
+    settings = origin(seed) | {
+        "model_sha256": {each.name: model_sha256(each.path) for each in groups},
+        "step_m_or_rad": STEP,
+    }
+    found = checks(table)
+    return Result(
+        settings=settings,
+        tables={"systems": table},
+        checks=found,
+        shown=shown(table),
+        pictures=[Picture("systems", CAPTION, ALT, partial(figure, groups))],
+        arrays={
+            # The number of the condition at the end of the names.
+            f"{mechanism.name}.npz": {
+                f"{name}_{k}": A for k, one in enumerate(ours) for name, A in one.path.items()
+            }
+            for mechanism, ours in groups.items()
+        },
+        records=[partial(record, ours, settings, checked(found)) for ours in groups.values()],
+    )
+
+
+def checks(systems: pd.DataFrame) -> list[Check]:
+    """Directions and sizes of the simulated motion against classification and mapping."""
+    each = systems.set_index(["mechanism", "condition"])
+    what = "difference between simulation and classification in directions of motion (0 or 1)"
+    found = check(what, 1.0 - each.agrees.astype(float), 0.5)
+    for name in ERRORS:
+        found += check(name, each[name], LIMIT)
+    return found + check("major_error", each[~each.unstable_major].major_error, LIMIT)
+
+
+def shown(systems: pd.DataFrame) -> list[Shown]:
+    """The printed table."""
+    short = {"constrained_active": "forbids", "self_motion": "motions", "largest_error": "error"}
+    return [
+        Shown(
+            "Classification of each condition, and the largest error of its prediction",
+            systems.rename(columns=short),
+            "mechanism condition verdict motions forbids error:.0e",
+            "verdict: exact, drifts (self-motion moves the major task), or what is left of it. "
+            "motions: number of self-motions. forbids: combinations of actuator rates that the "
+            "loops forbid. error: of motions, torques and forces, relative.",
+        )
+    ]
+
+
+def record(ours: Sequence[Examined], settings: dict[str, Any], found: str, folder: Path) -> None:
+    """Write the recording of a mechanism, a scene for each condition."""
+    mechanism, reports = ours[0].mechanism, {one.row["condition"]: one.report for one in ours}
+    name, what = mechanism.name, "The payload follows an octagon in its major task."
+    properties = {key: settings[key] for key in ("seed", "step_m_or_rad")}
+    properties |= {"model_sha256": settings["model_sha256"][name], "period_s": PERIOD_S}
+    properties |= version_properties(settings)
+    results = {"study": "systems", "robot": name, "verdict": what, "checks": found}
+    results["failures"] = "; ".join(reports)
+    notes = [f"# {mechanism.title}", "", what, ""]
+    for words, report in reports.items():
+        notes += [f"## {words}", "", *(f"- {each}" for each in report.splitlines()), ""]
+    text = "\n".join([*notes, *constants(properties)])
+    identity = f"systems-{name}-seed{settings['seed']}"
+    about = RecordingInfo(identity, mechanism.title, text, properties, results)
+    model = load_model(mechanism.path)
+    scenes = {one.row["condition"]: scene(model, one) for one in ours}
+    write_scenes(folder / f"{name}.rrd", about, scenes, pages=False)
+
+
+def scene(model: mujoco.MjModel, one: Examined) -> Scene:
+    """The mechanism in 3D, its major task in a plane, and its error."""
+    (desired, reached), time_s = one.polygon, one.path["time_s"]
+    names, unit = one.row["major"], f"u{one.mechanism.unit}"
+    labels = [f"{name} off [{unit}]" for name in names]
+    plot = Plot("off", f"desired - reached [{unit}]", labels, time_s, desired - reached)
+    curves, (right, up) = (desired[:, :2], reached[:, :2]), names[:2]
+    plane = Plane(f"{up} over {right}", (right, up), unit, *curves, np.concatenate(curves))
+    return condition_scene(model, time_s, one.path["qpos"], [plot], plane=plane)
+
+
+CAPTION = (
+    "Each mechanism's major task around an octagon, sound and failed, in simulation. Each "
+    "corner is commanded as a step, so that the task overshoots it before it comes to rest "
+    "(thin lines). The runs end at the eighth corner: the last side has no thin lines."
+)
+ALT = (
+    "A panel for each mechanism: at rest its task is at every corner of the octagon, but for "
+    "the dashed lines, whose task is lost as classified."
+)
+LEGEND = (
+    Line2D([], [], color=BLACK, marker="o", ls="", ms=3, label="commanded corners"),
+    Line2D([], [], color=BLACK, lw=2, label="simulated: at rest at each corner, joined"),
+    Line2D([], [], color=BLACK, lw=2, ls="--", label="the same, task lost as classified"),
+    Line2D([], [], color=BLACK, lw=0.4, label="simulated: on the way; whiskers: overshoot"),
+)
+
+
+def figure(groups: Mapping[Mechanism, Sequence[Examined]]) -> Figure:
+    """Each mechanism's major task around a polygon, in every condition."""
+    rows = -(-len(groups) // 2)
+    figure = new_figure(PAGE_IN, 2.6 * rows + 0.4)
+    figure.suptitle("Major task around an octagon, sound and with failed actuators, simulated")
+    for place, (mechanism, ours) in enumerate(groups.items(), 1):
+        axes = figure.add_subplot(rows, 2, place)
+        # At rest ever thinner, so that lines upon each other all show.
+        widths = np.linspace(3.4, 0.8, len(ours))
+        for one, color, width in zip(ours, cycle(LINES), widths, strict=False):
+            style = "--" if one.row["unstable_major"] or one.row["unmanipulable"] else "-"
+            at_rest, on_the_way = around(one.polygon[1])
+            axes.plot(*at_rest.T, style, color=color, lw=width, label=one.row["condition"])
+            axes.plot(*on_the_way.T, style, color=color, lw=0.4)
+        corners, _ = around(ours[0].polygon[0])
+        axes.plot(*corners.T, "o", color=BLACK, ms=3)
+        first, second = (f"{ROWS[row]}, µ{mechanism.unit}" for row in mechanism.rows[:2])
+        axes.set(title=mechanism.title, xlabel=first, ylabel=second)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(title="failed actuators", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    figure.legend(handles=LEGEND, loc="outside lower center", ncols=2)
+    return figure
+
+
+def around(path: Array) -> tuple[Array, Array]:
+    """Where each corner's time ends, closed, (CORNERS + 1, 2); the way from the first of them."""
+    also = 2 * (path.shape[1] - 2)  # corners aside, along further major directions
+    held = len(path) // (CORNERS + also)
+    octagon = path[held - 1 : CORNERS * held, :2]
+    return np.vstack([octagon[::held], octagon[:1]]), octagon
+
+
+STUDY = Study(
+    name="systems",
+    help=systems.__doc__ or "",
+    runs="experiments.systems:systems",
+    results=None,
+    quick="Only the first three conditions of each mechanism.",
+    seed="the random directions",
+)

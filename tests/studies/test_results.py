@@ -1,0 +1,216 @@
+"""Results as frames; what changed by more than noise between two of them; a run flown again."""
+
+import copy
+import json
+import random
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments.app.cli import main
+from experiments.comparison import LEVEL, Comparison, compare, shifted
+from experiments.results import fly_again, results
+from experiments.study.study import WrongInput
+
+DATA = Path(__file__).parents[2] / "docs" / "data"
+TABLE1 = json.loads((DATA / "table1.json").read_text())
+CHECK = {"what": "gap [m]", "where": "W_b", "value": 1e-9, "limit": 1e-8, "passed": True}
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path_factory, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+
+
+def compared(a: dict[str, Any], b: dict[str, Any]) -> Comparison:
+    for name, content in (("a", a), ("b", b)):
+        Path(f"{name}.json").write_text(json.dumps({"experiment": "figures"} | content))
+    return compare("a.json", "b.json")
+
+
+def spoilt(name: str, key: str, factor: float, **changed: Any) -> dict[str, Any]:
+    """Table I with one number of a column multiplied."""
+    other = copy.deepcopy(TABLE1) | changed
+    column = next(each for each in other["columns"] if each["name"] == name)
+    column[key] *= factor
+    return other
+
+
+# Frames.
+
+
+def test_runs_checks_and_files_of_every_folder_are_frames():
+    """The first question of docs/find.md, on the published rows."""
+    found = results(DATA)
+    late = found.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
+    assert len(late) and set(late.study) == {"recover"}
+    assert {"study", "folder"} <= set(found.files)
+    with pytest.raises(WrongInput, match="no results of a study"):
+        results("nowhere")
+
+
+def test_a_study_of_tables_gives_its_first_and_its_checks(limits_folder):
+    found = results(limits_folder)
+    spirals = json.loads((limits_folder / "limits.json").read_text())["spirals"]
+    assert list(found.runs.name) == [each["name"] for each in spirals]
+    assert found.checks.passed.all() and len(found.checks) > 20
+    assert {".json", ".parquet", ".npz", ".png"} <= set(found.files.kind)
+
+
+@pytest.mark.long
+def test_a_published_run_flies_again():
+    run, beside = fly_again(DATA, 0)
+    assert len(run.time_s) and {"stored", "flown", "same"} == set(beside)
+    with pytest.raises(WrongInput, match="no dataset with a case 99999"):
+        fly_again(DATA, 99999)
+
+
+# Comparison.
+
+
+def test_a_result_beside_itself_in_any_order_has_not_changed():
+    other = dict(TABLE1)
+    other["columns"] = random.Random(0).sample(TABLE1["columns"], 6)
+    found = compared(TABLE1, other)
+    assert found.compared > 200 and not len(found.changed) and not len(found.settings)
+
+
+@pytest.mark.parametrize(("factor", "changed"), [(1 + 1e-8, 0), (1 + 1e-5, 1), (1.066, 1)])
+def test_under_the_same_settings_more_than_other_processors_round_is_a_change(factor, changed):
+    found = compared(TABLE1, spoilt("W_b", "alpha_measured_rms_urad", factor))
+    assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
+
+
+@pytest.mark.parametrize(("factor", "changed"), [(1.03, 0), (1.07, 1)])
+def test_another_seed_is_said_and_its_noise_is_none(factor, changed):
+    found = compared(TABLE1, spoilt("W_a", "beta_measured_rms_urad", factor, seed=1))
+    assert found.drawn and list(found.settings.place) == ["seed"]
+    assert len(found.changed) == changed
+
+
+def test_what_is_small_beside_the_largest_of_its_name_is_noise_of_a_seed():
+    other = copy.deepcopy(TABLE1) | {"seed": 1}
+    column = next(each for each in other["columns"] if each["name"] == "W_b")
+    column["secondary_peak"]["gamma_urad"] *= 2  # 0.04 where others have 17
+    assert not len(compared(TABLE1, other).changed)
+
+
+def test_a_word_that_changed_is_no_noise_and_a_new_constant_is_no_other_draw():
+    one = {"seed": 0, "status": "exact", "x": None, "y": 1.0, "rules": {"gain": 1.0}}
+    found = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
+    assert set(found.changed.place) == {"status", "x"}
+    found = compared(one, one | {"rules": {"gain": 1.0, "friction": 0.5}, "y": 1.01})
+    assert list(found.changed.place) == ["y"] and len(found.settings) == 1
+
+
+def test_versions_are_said_and_change_no_bound():
+    other = spoilt("W_a", "beta_measured_rms_urad", 1.03)
+    other["versions"]["mujoco"] = "4.1.0"
+    found = compared(TABLE1, other)
+    assert not found.drawn and len(found.changed) == 1
+    assert list(found.settings.place) == ["versions.mujoco"]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "changed"), [(3.0, 5.0, 0), (4.0, 9.0, 0), (4.2, 5.0, 1), (1.0, 2.9, 1)]
+)
+def test_timings_changed_where_their_ranges_have_nothing_in_common(low, high, changed):
+    def timed(p5: float, p95: float, median: float, other: float) -> dict[str, Any]:
+        timings = {"daqp": {"p5_us": p5, "p95_us": p95, "median_us": median}}
+        return {"experiment": "bench", "timings": timings, "other": other}
+
+    found = compared(timed(3.0, 4.1, 4.0, 1.0), timed(low, high, 2.0, 9.0))
+    assert list(found.changed.place) == ["timings.daqp.median_us"] * changed
+
+
+def test_bounds_of_confidence_count_where_the_draws_differ():
+    one = {"seed": 0, "of": {"cases": 60, "right": 60, "rate": 1.0, "low": 0.94, "high": 1.0}}
+    other = {"seed": 1, "of": {"cases": 60, "right": 55, "rate": 0.92, "low": 0.82, "high": 0.97}}
+    assert not len(compared(one, other).changed)
+    assert set(compared(one, other | {"seed": 0}).changed.place) == {"of.right", "of.rate"}
+
+
+def test_round_off_files_and_sentences_are_not_compared():
+    note = "In a run of 16 s the error is {} urad, and more."
+    one = {"a": 1e-16, "b": 1e13, "files": ["a"], "note": note.format(3.10)}
+    other = {"a": 3e-12, "b": 7e15, "files": [], "note": note.format(3.11)}
+    assert not len(compared(one, other).changed)
+    assert len(compared({"a": 0.0}, {"a": 1e-3}).changed) == 1
+
+
+def test_what_one_of_them_has_alone_is_said():
+    assert list(compared({"a": 1.0, "b": 2.0}, {"a": 1.0}).absent.place) == ["b"]
+
+
+@given(st.dictionaries(st.sampled_from("uvw"), st.floats(-1e3, 1e3)), st.randoms())
+def test_a_table_equals_itself_in_any_order(numbers, rng):
+    rows = [{"name": name, "at": k, **numbers} for name in "pq" for k in range(3)]
+    found = compared({"rows": rows}, {"rows": rng.sample(rows, len(rows))})
+    assert not len(found.changed) and not len(found.absent)
+
+
+def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_seen():
+    """The level is that of all columns together."""
+
+    def rows(seed: int, shift: float = 0.0) -> pd.DataFrame:
+        rng = np.random.default_rng(seed)
+        values = {f"x{k}": rng.normal(size=200) for k in range(20)}
+        return pd.DataFrame({"case": range(200), **values, "y": rng.normal(shift, 1, 200)})
+
+    false = sum(len(shifted(rows(2 * k), rows(2 * k + 1))[0]) > 0 for k in range(20))
+    assert false <= 20 * LEVEL + 2
+    changed, tested = shifted(rows(0), rows(1, shift=0.7))
+    assert list(changed.place) == ["median of y"] and tested == 21
+
+
+def test_a_check_that_fails_and_did_not_is_exit_code_one(capsys):
+    failing = {"experiment": "figures", "checks": [CHECK | {"value": 1e-6, "passed": False}]}
+    for name, content in (("a", {"experiment": "figures", "checks": [CHECK]}), ("b", failing)):
+        Path(f"{name}.json").write_text(json.dumps(content))
+    assert main(["compare", "a.json", "b.json"]) == 1
+    assert "1 checks fail that did not: gap [m]" in capsys.readouterr().err
+    assert main(["compare", "b.json", "b.json"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("contents", "why"),
+    [
+        (("{", "{}"), "a.json is not readable JSON"),
+        (("[]", "[]"), "a.json is no result of a study"),
+        (('{"experiment": []}',) * 2, "a.json is no result of a study"),
+        (('{"experiment": "table1"}', '{"experiment": "force"}'), "is of fjh table1, b.json of"),
+        (('{"experiment": "x", "x": ' + '{"x": ' * 960 + "1" + "}" * 961,) * 2, "a.json"),
+    ],
+)
+def test_what_is_no_pair_of_results_is_one_sentence(capsys, contents, why):
+    for name, content in zip("ab", contents, strict=True):
+        Path(f"{name}.json").write_text(content)
+    assert main(["compare", "a.json", "b.json"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("fjh: ") and why in error and error.count("\n") == 1
+
+
+def test_nothing_that_is_printed_commands_a_terminal(capsys):
+    evil = "\x1b[2J\n"
+    compared({evil: 1.0, "word": "a"}, {evil: 2.0, "word": evil})
+    assert main(["compare", "a.json", "b.json"]) == 0
+    assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+
+
+def test_folders_are_named_by_what_they_hold():
+    Path("empty").mkdir()
+    assert main(["compare", str(DATA / "table1.json"), "empty"]) == 2
+    Path("own").mkdir()
+    shutil.copy(DATA / "table1.json", "own")
+    assert main(["compare", str(DATA / "table1.json"), "own"]) == 0
+
+
+def test_the_table_of_this_version_passes_beside_that_of_the_last_release(table1_folder):
+    assert main(["compare", str(DATA / "table1.json"), str(table1_folder)]) == 0
