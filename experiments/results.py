@@ -34,14 +34,18 @@ class Results:
 
 
 def results(*places: Path | str) -> Results:
-    """Read the results in some folders and in all folders below them.
+    """Read the results in some folders and in all folders below them but hidden ones.
 
     Raises:
         WrongInput: There are none, or a file of them cannot be read.
     """
-    given = [Path(place) for place in places]
-    folders = [each for place in given for each in (place, *sorted(place.rglob("*/")))]
-    found = [frames for folder in folders for frames in _of_folder(folder)]
+    found = [
+        frames
+        for place in map(Path, places)
+        for folder in (place, *sorted(place.rglob("*/")))
+        if not any(part.startswith(".") for part in folder.relative_to(place).parts)
+        for frames in _of_folder(folder)
+    ]
     if not found:
         raise WrongInput(f"no results of a study are in {', '.join(map(str, places)) or 'nothing'}")
     return Results(*(pd.concat(each, ignore_index=True) for each in zip(*found, strict=True)))
@@ -105,7 +109,9 @@ def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
         WrongInput: The folder has no such dataset or run, or its runs cannot be repeated.
     """
     contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
-    summary = next((each for each in contents if "dataset" in each), None)
+    summary = next(
+        (each for each in contents if isinstance(each, dict) and "dataset" in each), None
+    )
     rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
     stored = rows[rows.case == case] if len(rows) else rows
     if summary is None or stored.empty:
@@ -114,8 +120,13 @@ def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
     if entry is None:
         raise WrongInput(f"runs of fjh {summary['experiment']} cannot be flown again")
     again = resolve_name(entry)(summary)
-    columns, run, _ = again.fly(again.campaign.runs[case])
-    beside = pd.DataFrame({"stored": stored.iloc[0], "flown": pd.Series(columns)}).loc[[*columns]]
+    drawn, row = again.campaign.runs[case], stored.iloc[0]
+    if others := [k for k, v in drawn.parameters().items() if not _is_same(row.get(k), v)]:
+        raise WrongInput(
+            f"case {case} cannot be flown again: this version draws another {others[0]}"
+        )
+    columns, run, _ = again.fly(drawn)
+    beside = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]
     pairs = zip(beside.stored, beside.flown, strict=True)
     return run, beside.assign(same=[_is_same(stored, flown) for stored, flown in pairs])
 
@@ -123,4 +134,6 @@ def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
 def _is_same(a: Any, b: Any) -> bool:
     if isinstance(a, float | int) and isinstance(b, float | int):
         return bool(np.isclose(a, b, rtol=1e-9, atol=0.0, equal_nan=True))
+    if isinstance(a, np.ndarray | list | tuple) or isinstance(b, np.ndarray | list | tuple):
+        return np.array_equal(a, b)
     return bool(a == b) or (pd.isna(a) and pd.isna(b))

@@ -20,7 +20,6 @@ STUDY = Study(
     results="experiments.benchmark.results:results",
     quick="2 s of the spiral, fewer rounds, batches up to 10,000.",
     seed="the detector noise and the random problems",
-    times=True,
     options=(
         Option(
             "check",

@@ -103,7 +103,6 @@ class Study:
     streams: bool = False
     in_report: dict[str, bool] | None = field(default_factory=dict)
     again: str | None = None  # entry point: again(summary) is how a dataset's runs fly again
-    times: bool = False  # whether its numbers are times of a machine
 
     def words(self, *, seed: int, quick: bool, **given: Any) -> list[str]:
         """The command that gives the same numbers, without its folder; defaults are left out."""
