@@ -110,16 +110,16 @@ bench: venv
 bench-quick: venv
 	$(BIN)/fjh bench --quick --check
 
-# Every picture in docs/pictures: the figures of all studies, recordings as the viewer shows them,
-# and pages as Chromium does, which must be installed. Two hours and a quarter the first time, by
-# estimate 40 minutes of `recover`; what is there already is not run again.
+# The pictures in docs/pictures, but for the drawings machine, figure2 and figure3: the figures of
+# all studies, recordings as the viewer shows them, and pages as Chromium does, which must be
+# installed. Two hours and a quarter the first time, by estimate 40 minutes of `recover`; what is
+# there already is not run again.
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
 	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
 	cp $(RUNS)/*/*.png docs/pictures/
 	$(BIN)/fjh survey models/arm.xml --axes base --out $(RUNS)/surveyed/arm
 	cp $(RUNS)/surveyed/arm/survey.png docs/pictures/
-	cp $(RUNS)/figures/figure2.svg docs/pictures/
 	$(BIN)/fjh review $(RUNS)/table1 --out $(RUNS)/review.rrd
 	$(BIN)/fjh render $(RUNS)/review.rrd --size 1600x1200 --out docs/pictures/review.png
 	$(BIN)/fjh render $(RUNS)/recover/locked.rrd --time 9.3 --out docs/pictures/failure.png

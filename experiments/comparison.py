@@ -10,8 +10,8 @@ import pandas as pd
 from scipy.stats import mannwhitneyu
 
 from experiments.results import is_table, runs_of
+from experiments.study.errors import WrongInput
 from experiments.study.foreign import read_json
-from experiments.study.study import WrongInput
 
 REPEATED, ANOTHER_DRAW, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
 """What noise is, see :func:`compare`."""
@@ -94,7 +94,7 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
     top, inner, name = (found.path.str[k] for k in (0, 1, -1))
     found.insert(0, "place", found.path.map(".".join))
     found["change"] = [_change(x, y) for x, y in zip(found.a, found.b, strict=True)]
-    settings = {*one.get("settings", SETTINGS), *other.get("settings", SETTINGS)}
+    settings = {*one.get("settings", SETTINGS), *other.get("settings", SETTINGS)} - ORIGIN
     is_about = top.isin(settings | ORIGIN) | (name == "seed")
     is_absent = found.a.eq(ABSENT) | found.b.eq(ABSENT)
     is_draw = top.isin(settings) | (top.eq("basis") & inner.isin(DRAWN_FROM))
@@ -111,7 +111,8 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
         moved = found.change.replace(np.inf, 1.0) * size
         is_word = found.change == np.inf
         beyond = (found.change > ANOTHER_DRAW) & ((moved >= OF_LARGEST * largest) | is_word)
-    changed = found[compared & found.disjoint.eq(True).where(has_bounds, beyond)]
+    apart = found.disjoint.eq(True) & found.change.gt(0)
+    changed = found[compared & apart.where(has_bounds, beyond)]
     count = int(compared.sum())
     if drawn and "dataset" in one:
         medians, tested = shifted(runs_of(first, one), runs_of(second, other))
@@ -147,10 +148,12 @@ def _pairs(a: Any, b: Any, path: tuple[str, ...], disjoint: bool | None = None) 
     if not (isinstance(a, dict) and isinstance(b, dict)):
         yield path, a, b, disjoint
         return
-    disjoint, bounds = _are_apart(a, b)
+    apart, bounds = _apart(a, b)
     for key in dict.fromkeys((*a, *b)):
         if key not in NOT_COMPARED | bounds:
-            yield from _pairs(a.get(key, ABSENT), b.get(key, ABSENT), (*path, key), disjoint)
+            whose = next((each for each in apart if key in (f"{each}rate", f"{each}count")), "")
+            own = apart.get(whose)
+            yield from _pairs(a.get(key, ABSENT), b.get(key, ABSENT), (*path, key), own)
 
 
 def _labelled(a: list[dict[str, Any]], b: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -164,14 +167,20 @@ def _labelled(a: list[dict[str, Any]], b: list[dict[str, Any]]) -> list[dict[str
     return [{str(k): row for k, row in enumerate(one)} for one in (a, b)]
 
 
-def _are_apart(a: dict[str, Any], b: dict[str, Any]) -> tuple[bool | None, set[str]]:
-    """Whether the ranges that two entries state have nothing in common, and the keys of these."""
+def _apart(a: dict[str, Any], b: dict[str, Any]) -> tuple[dict[str, bool], set[str]]:
+    """Whether the ranges that two entries state have nothing in common; and the keys of these.
+
+    A range is that of `NAME_rate` and `NAME_count`, by what its keys begin with, or of all.
+    """
+    apart, bounds = dict[str, bool](), set[str]()
     for low, high in BOUNDS:
-        for lower in [key for key in a if key.startswith(low)]:
-            keys = lower, high + lower.removeprefix(low)
+        for lower in [key for key in a if f"_{low}" in f"_{key}"]:
+            name, _, end = lower.rpartition(low)
+            keys = lower, f"{name}{high}{end}"
             if all(_is_number(each.get(key)) for key in keys for each in (a, b)):
-                return b[keys[0]] > a[keys[1]] or b[keys[1]] < a[keys[0]], set(keys)
-    return None, set()
+                apart[name] = b[keys[0]] > a[keys[1]] or b[keys[1]] < a[keys[0]]
+                bounds |= {*keys}
+    return apart, bounds
 
 
 def _is_number(value: Any) -> bool:

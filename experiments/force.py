@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,19 +14,19 @@ import scipy.linalg
 from matplotlib.figure import Figure
 
 from experiments.rig.checks import CLOSURE_LIMIT_M
+from experiments.rig.compromise import weighted_pseudo_inverse
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.rig.hexapod.metrics import percent, plant_constants
 from experiments.rig.run import rms
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, BLUE, PURPLE, VERMILION
-from experiments.study.parallel import in_parallel
-from experiments.study.plotting import PAGE_IN, new_figure
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Study
+from experiments.study.plotting import PAGE_IN, new_figure, one_legend
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import in_parallel
 from prioritized import (
     ConstrainedSystem,
-    Failures,
     Kinematics,
     Status,
     canonical_basis,
@@ -109,10 +109,9 @@ def sound_system(path: Path, task: Sequence[int]) -> ConstrainedSystem:
 
 
 def with_fixture(path: Path) -> mujoco.MjModel:
-    """The machine of an MJCF file, with a weld `fixture` from the world to its payload, unused yet.
+    """The machine of an MJCF file, with a weld from the world to its payload's origin, unused yet.
 
-    It clamps both ways, so that contact need not be kept; as stiff as the closures, and at the
-    payload's origin.
+    It clamps both ways, so that contact need not be kept, and is as stiff as the closures.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     closure = spec.equality("closure1")
@@ -130,10 +129,7 @@ def with_fixture(path: Path) -> mujoco.MjModel:
 
 
 class Gauges:
-    """What each closure, lock and the fixture does in MuJoCo.
-
-    On a plant, clamped or not, that does not leave its nominal pose by much.
-    """
+    """What closures, locks and the fixture do in MuJoCo, near the plant's nominal pose."""
 
     def __init__(self, plant: Plant, task: Sequence[int] = range(6)) -> None:
         """Read the wrench on the fixture in these rows of the payload twist."""
@@ -165,8 +161,7 @@ class Gauges:
 class Readings(NamedTuple):
     """What the gauges read, less what they read before the first load.
 
-    Each of the L loads is a step and stays for S samples; the last of them is at rest. Rows of the
-    fixture's wrench that the mechanism is not about are zero.
+    Each of the L loads is a step and stays for S samples; the last of them is at rest.
     """
 
     fixture: Array  # wrench [moment; force] exerted on it, (L, S, 6)
@@ -189,8 +184,7 @@ def exert(
         model: One of :func:`with_fixture`.
         failures: Of its actuators.
         torques: Of all of them, one load a row.
-        held: Wrenches [moment; force] (L, 6) in base axes, [N m] and [N], that the world pushes
-            back, nothing else being in the way; None is the fixture instead.
+        held: Wrenches (L, 6) in base axes that the world pushes back, without a fixture.
         task: Rows of the payload twist that the mechanism is about.
 
     Raises:
@@ -221,17 +215,12 @@ Part = tuple[dict[str, list[dict[str, Any]]], dict[str, Array]]
 
 def joined(parts: Sequence[Part]) -> Part:
     """All rows of each table, and all arrays."""
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for each, _ in parts:
-        for name, own in each.items():
-            rows[name] = rows.get(name, []) + own
-    return rows, {name: values for _, each in parts for name, values in each.items()}
-
-
-def by_load(columns: dict[str, Array], **shared: Any) -> list[dict[str, Any]]:
-    """A row for each wrench, numbered from 1."""
-    frame = pd.DataFrame(shared | {"load": 1} | columns)
-    return frame.assign(load=frame.index + 1).to_dict("records")
+    rows, arrays = dict[str, list[dict[str, Any]]](), dict[str, Array]()
+    for found, own in parts:
+        arrays |= own
+        for name, more in found.items():
+            rows.setdefault(name, []).extend(more)
+    return rows, arrays
 
 
 def prefixed(where: str, arrays: dict[str, Array]) -> dict[str, Array]:
@@ -244,9 +233,8 @@ def off_percent(found: Array, expected: Array) -> float:
     return 100 * float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 
-# Problem 6, and the least that it can cost. The optimum is computed from eqs. (8) and (9)
-# themselves, of which nothing is eliminated: independent of the library's elimination, mapping and
-# rank decision.
+# Problem 6, and the least that it can cost, from eqs. (8) and (9) themselves, of which nothing is
+# eliminated: independent of the library's elimination, mapping and rank decision.
 
 
 def draw(rng: np.random.Generator, count: int) -> Array:
@@ -258,17 +246,11 @@ def draw(rng: np.random.Generator, count: int) -> Array:
     return np.column_stack([MAJOR_N_M * np.cos(angle), MAJOR_N_M * np.sin(angle), twist, force])
 
 
-class Statics(NamedTuple):
-    """Every force [f; f_C] that a failed mechanism can be in equilibrium with, at a major force."""
+def equilibria(system: ConstrainedSystem, major: Array) -> tuple[Array, Array]:
+    """Every [torques; secondary force] of a failed mechanism with the given major forces (D, 2).
 
-    start: Array  # one of them for each major force, (D, 6 + c)
-    free: Array  # what may be added to it, orthonormal columns, (6 + c, d)
-    to_torques: Array  # of all actuators, zero at failed ones, per force, (n, 6 + c)
-    to_secondary: Array  # secondary force, (4, 6 + c)
-
-
-def statics(system: ConstrainedSystem, major: Array) -> Statics:
-    """All equilibria with the given major forces (D, 2)."""
+    One for each major force (D, 10), and columns of what may be added to it (10, d).
+    """
     balance = np.vstack([system.J_T, system.J_C]).T  # velocities x [f; f_C]
     failed = sorted(system.failures.locked | system.failures.free)
     # A lock bears whatever comes on its joint; every other passive joint bears nothing.
@@ -277,31 +259,21 @@ def statics(system: ConstrainedSystem, major: Array) -> Statics:
     to_f = np.eye(6, balance.shape[1])
     conditions = np.vstack([balance[bears_nothing], to_f[MAJOR]])
     asked = np.hstack([np.zeros((len(major), len(bears_nothing))), major])
-    to_torques = balance[system.active].copy()
-    to_torques[failed] = 0.0
-    start = np.linalg.lstsq(conditions, asked.T)[0].T
-    return Statics(start, scipy.linalg.null_space(conditions), to_torques, to_f[SECONDARY])
+    seen = np.vstack([balance[system.active], to_f[SECONDARY]])
+    seen[failed] = 0.0
+    start = seen @ np.linalg.lstsq(conditions, asked.T)[0]
+    return start.T, seen @ scipy.linalg.null_space(conditions)
 
 
-def weighed(weights: Weights, torques: Array, secondary: Array) -> Array:
-    """W3 torques over W4 f_s, of (D, 6) and (D, 4), shape (D, 10)."""
-    W3, W4 = (np.zeros(1) if weight is None else np.array(weight) for weight in weights)
-    return np.hstack([torques * W3, secondary * W4])
-
-
-def least_cost(weights: Weights, possible: Statics, desired: Array) -> Array:
-    """The least |W3 torques|^2 + |W4 (f_s - f_sd)|^2 of any equilibrium, shape (D,)."""
-    start, free, to_torques, to_secondary = possible
-    A = weighed(weights, (to_torques @ free).T, (to_secondary @ free).T).T
-    off = weighed(weights, start @ to_torques.T, start @ to_secondary.T - desired).T
+def least_cost(weight: Array, possible: tuple[Array, Array], desired: Array) -> Array:
+    """The least |weight ([torques; f_s] - desired)|^2 of any equilibrium, shape (D,)."""
+    start, free = possible
+    A, off = weight[:, None] * free, (weight * (start - desired)).T
     return ((A @ np.linalg.lstsq(A, -off)[0] + off) ** 2).sum(axis=0)
 
 
 def closure_forces(system: ConstrainedSystem, kin: Kinematics, f: Array, torques: Array) -> Array:
-    """What the closures take on along each actuated joint, by eqs. (5) and (11), shape (D, n).
-
-    Of task forces f (D, m) and torques of the surviving actuators (D, n - q).
-    """
+    """What closures take on along actuated joints, eqs. (5) and (11), of survivors' torques."""
     f_C = kin.constraint_force(f, torques)[:, : len(system.J_C)]  # after these, the locks'
     return (f_C @ system.J_C)[:, system.active]
 
@@ -322,44 +294,48 @@ class Answer(NamedTuple):
 
 def answer(system: ConstrainedSystem, theorem: int, asked: Array) -> Answer:
     """The mapping's torques and the forces that go with them, for wrenches (D, 6)."""
-    kin, weights = system.kinematics(), GOALS[theorem]
+    kin, (W3, W4) = system.kinematics(), GOALS[theorem]
+    weight = np.concatenate([np.zeros(6) if W3 is None else W3, np.zeros(4) if W4 is None else W4])
     major, desired = asked.take(MAJOR, axis=1), asked.take(SECONDARY, axis=1)
-    mapping = kin.force_mapping(MAJOR, SECONDARY, *weights)
+    mapping = kin.force_mapping(MAJOR, SECONDARY, W3, W4)
     survivors, wrench = mapping(major, secondary_force=desired), np.empty_like(asked)
     secondary = mapping.secondary_force(major, secondary_force=desired)
     wrench[:, MAJOR], wrench[:, SECONDARY] = major - mapping.residual(major), secondary
     torques = kin.expand(survivors)
-    cost = (weighed(weights, torques, secondary - desired) ** 2).sum(axis=1)
-    whole = (weighed(weights, torques, desired) ** 2).sum(axis=1)
+    target = np.hstack([np.zeros_like(torques), desired])
+    cost = ((weight * (np.hstack([torques, secondary]) - target)) ** 2).sum(axis=1)
+    whole = ((weight * np.hstack([torques, desired])) ** 2).sum(axis=1)
     return Answer(
         exact=mapping.status is Status.EXACT,
         torques=torques,
         wrench=wrench,
         strut=closure_forces(system, kin, wrench, survivors),
         seen=np.eye(6) - mapping.reaction,
-        cost_excess=(cost - least_cost(weights, statics(system, major), desired)) / whole,
+        cost_excess=(cost - least_cost(weight, equilibria(system, major), target)) / whole,
     )
 
 
 def examine(condition: Condition, system: ConstrainedSystem, asked: Array) -> Part:
     """The torques of a mapping that knows this system, for wrenches (D, 6), pressing and holding.
 
-    On the ground, where the preload carries the weight; a strut that loses its spring loses its
-    preload too, and is looked at in orbit. The prescribed wrenches are held by the rigid mapping's
-    torques, and with a free strut by the elastic one's; none are tried where no spring holds it.
+    A strut that loses its spring loses its preload too, which carries the weight, and is looked at
+    in orbit; no spring holds it against prescribed wrenches.
     """
     model = with_fixture(HEXAPOD_MJCF)
     if condition.kind == "loose":
         model = weightless(model)
     found = {theorem: answer(system, theorem, asked) for theorem in GOALS}
     parts = [_try(condition, model, asked, *each) for each in found.items()]
-    if condition.kind != "loose":
-        torques = {"rigid": found[PRESCRIBED].torques}
-        if system.failures.free:
-            torques["elastic"] = elastic_torques(system.failures, asked)
-        ways = torques.items()
-        parts += [_hold(condition, model, system.failures, asked, *way) for way in ways]
-    return joined(parts)
+    if condition.kind == "loose":
+        return joined(parts)
+    torques = {"rigid": found[PRESCRIBED].torques}
+    if known := system.failures.free:
+        kin = elastic_system(load_model()).with_failures(free=known).kinematics()
+        mapping = kin.force_mapping(MAJOR, SECONDARY, secondary_weight=LEVERED)
+        goals = asked.take(SECONDARY, axis=1)
+        torques["elastic"] = kin.expand(mapping(asked[:, MAJOR], secondary_force=goals))
+    locked = sorted(system.failures.locked)
+    return joined([*parts, *(_hold(condition, locked, asked, *way) for way in torques.items())])
 
 
 def _try(
@@ -368,7 +344,7 @@ def _try(
     """Pressing on the fixture; held without it, against the wrench that the mapping exerts."""
     pressed = exert(model, condition.failures, said.torques)
     held = exert(model, condition.failures, said.torques, said.wrench)
-    fixture, major = pressed.fixture[:, -1], asked[:, MAJOR]
+    fixture = pressed.fixture[:, -1]
     # As far as the push would move the payload if the springs alone held it.
     unheld = np.linalg.solve(payload_stiffness(load_model()), said.wrench.T).T
     row = {
@@ -379,19 +355,20 @@ def _try(
         "cost_excess": said.cost_excess.max(),
         "torque_peak_n": np.abs(said.torques).max(),
         "pressed_off_percent": percent((fixture - said.wrench) @ said.seen, said.wrench),
-        "pressed_major_off_percent": off_percent(fixture[:, MAJOR], major),
+        "pressed_major_off_percent": off_percent(fixture[:, MAJOR], asked[:, MAJOR]),
         "held_off_percent": off_percent(held.strut_n[:, -1], said.strut),
         "moved_percent": percent(held.displacement[:, -1], unheld),
         "closure_residual_max_m": max(x.closure_residual_m.max() for x in (pressed, held)),
     }
-    strut, reaction = condition.strut, list[dict[str, Any]]()
-    if condition.kind == "locked":
-        bears = {
-            "predicted_n": said.strut[:, strut],
-            "simulated_n": held.lock_n[:, -1, strut],
-            "simulated_pressed_n": pressed.lock_n[:, -1, strut],
-        }
-        reaction = by_load(bears, condition=str(condition), theorem=theorem)
+    bears = {
+        "condition": str(condition),
+        "theorem": theorem,
+        "load": np.arange(len(asked)) + 1,
+        "predicted_n": said.strut[:, condition.strut],
+        "simulated_n": held.lock_n[:, -1, condition.strut],
+        "simulated_pressed_n": pressed.lock_n[:, -1, condition.strut],
+    }
+    reaction = pd.DataFrame(bears).to_dict("records") if condition.kind == "locked" else []
     arrays = {"torques_n": said.torques, "wrench": said.wrench, "strut_n": said.strut}
     return {"theorems": [row], "reaction": reaction}, prefixed(
         f"{condition} theorem {theorem}",
@@ -400,25 +377,21 @@ def _try(
 
 
 def _hold(
-    condition: Condition,
-    model: mujoco.MjModel,
-    known: Failures,
-    asked: Array,
-    mapping: str,
-    torques: Array,
+    condition: Condition, locked: Sequence[int], asked: Array, mapping: str, torques: Array
 ) -> Part:
-    """All that is asked for, against the torques of the rigid or the elastic mapping.
+    """All that is asked for, against torques of a mapping that knows these struts to be locked.
 
     The rigid one knows no springs, and eq. (9) forbids what a free strut would have to bear; the
     elastic one leaves that to the strut's spring.
     """
-    sound, locked = load_model(), sorted(known.locked)
-    A, K = hexapod(sound).inverse_jacobian(NOMINAL), payload_stiffness(sound)
+    model = load_model()
+    A, K = hexapod(model).inverse_jacobian(NOMINAL), payload_stiffness(model)
     # A lock leaves five directions to move in, and bears what comes across them.
     Z = scipy.linalg.null_space(A[locked]) if locked else np.eye(6)
     give = Z @ np.linalg.inv(Z.T @ K @ Z) @ Z.T
-    missing, held = asked - torques @ A, exert(model, condition.failures, torques, asked)
-    lacking, predicted, simulated = missing @ Z @ Z.T, -missing @ give, held.displacement[:, -1]
+    held = exert(with_fixture(HEXAPOD_MJCF), condition.failures, torques, asked)
+    missing, simulated = asked - torques @ A, held.displacement[:, -1]
+    lacking, predicted = missing @ Z @ Z.T, -missing @ give
     sizes = {
         "lacking_force_n": lacking[:, 3:],
         "lacking_major_n_m": lacking[:, MAJOR],
@@ -427,22 +400,17 @@ def _hold(
         "simulated_pointing_urad": 1e6 * simulated[:, MAJOR],
         "simulated_translation_um": 1e6 * simulated[:, 3:],
     }
-    rows = by_load(
-        {name: np.linalg.norm(vectors, axis=1) for name, vectors in sizes.items()},
-        condition=str(condition),
-        mapping=mapping,
+    columns = {
+        "condition": str(condition),
+        "mapping": mapping,
         # If the springs had to balance all of what is asked for, it would move by -asked @ give.
-        off_percent=percent(simulated - predicted, asked @ give),
-    )
+        "off_percent": percent(simulated - predicted, asked @ give),
+        "load": np.arange(len(asked)) + 1,
+        **{name: np.linalg.norm(vectors, axis=1) for name, vectors in sizes.items()},
+    }
     arrays = {"torques_n": torques, "predicted": predicted} | held._asdict()
+    rows = pd.DataFrame(columns).to_dict("records")
     return {"prescribed": rows}, prefixed(f"{condition} prescribed {mapping}", arrays)
-
-
-def elastic_torques(known: Failures, asked: Array) -> Array:
-    """Torques (D, 6) of a mapping that reckons with the springs, closest to the wrenches (D, 6)."""
-    kin = elastic_system(load_model()).with_failures(known.locked, known.free).kinematics()
-    mapping = kin.force_mapping(MAJOR, SECONDARY, secondary_weight=LEVERED)
-    return kin.expand(mapping(asked[:, MAJOR], secondary_force=asked.take(SECONDARY, axis=1)))
 
 
 def payload_stiffness(model: mujoco.MjModel) -> Array:
@@ -458,16 +426,22 @@ def payload_stiffness(model: mujoco.MjModel) -> Array:
 def trade(asked: Array, rng: np.random.Generator) -> Part:
     """Torques for one major force (2,): the mapping's, others at random, pseudo-inverses."""
     model, system = with_fixture(HEXAPOD_MJCF), known_system(Condition())
-    kin, W3, possible = system.kinematics(), np.array(SPARING), statics(system, asked[None])
+    kin, W3 = system.kinematics(), np.array(SPARING)
     best = kin.expand(kin.force_mapping(MAJOR, SECONDARY, *GOALS[LEAST_TORQUE])(asked[None]))
-    directions = canonical_basis(scipy.linalg.orth(possible.to_torques @ possible.free))
+    directions = canonical_basis(scipy.linalg.orth(equilibria(system, asked[None])[1][:6]))
     away = rng.normal(size=(OTHERS, directions.shape[1])) @ directions.T
     size = np.linalg.norm(best) * rng.uniform(0.05, 1.0, (OTHERS, 1))
     away *= size / np.linalg.norm(away, axis=1, keepdims=True)
+    # Over f all errors at once, the major ones weighted: [f_m; torques] = [I_m; J^T] f.
+    rows_of_f = np.vstack([np.eye(6)[MAJOR], kin.J.T])
+    compromises = [
+        weighted_pseudo_inverse(rows_of_f, [0, 1], range(2, 8), w, secondary_weight=W3)(asked)
+        for w in MAJOR_WEIGHTS
+    ]
     ways = {
         "mapping": (best, [None]),
         "others": (best + away, [None] * OTHERS),
-        "pseudo_inverse": (pseudo_inverse(kin.J, W3, asked), MAJOR_WEIGHTS),
+        "pseudo_inverse": (np.array([kin.J.T @ f for f in compromises]), MAJOR_WEIGHTS),
     }
     least, rows, arrays = float(np.linalg.norm(best * W3)), [], dict[str, Array]()
     for way, (torques, weights) in ways.items():
@@ -475,45 +449,33 @@ def trade(asked: Array, rng: np.random.Generator) -> Part:
         off = np.linalg.norm(at_rest[:, MAJOR] - asked, axis=1) / np.linalg.norm(asked)
         weighed_n = np.linalg.norm(torques * W3, axis=1)
         columns = {
+            "way": way,
             "major_weight_per_n_m": weights,
             "weighed_torque_n": weighed_n,
             "weighed_over_mapping": weighed_n / least,
             "major_off_percent": 100 * off,
         }
-        rows += pd.DataFrame({"way": way, **columns}).to_dict("records")
-        found = {"torques": torques, "weighed": weighed_n, "major_off": off}
-        arrays |= prefixed(f"tradeoff {way}", found)
+        rows += pd.DataFrame(columns).to_dict("records")
+        arrays |= prefixed(
+            f"tradeoff {way}", {"torques": torques, "weighed": weighed_n, "major_off": off}
+        )
     return {"tradeoff": rows}, arrays
-
-
-def pseudo_inverse(J: Array, W3: Array, f_major: Array) -> Array:
-    """Torques of weighted pseudo-inverses, one for each of MAJOR_WEIGHTS, shape (P, 6).
-
-    All errors at once, the major ones weighted: |w (f_m - f_md)|^2 + |W3 torques|^2 is least over
-    f, where torques = J^T f.
-    """
-    found, target = [], np.concatenate([f_major, np.zeros(6)])
-    for weight in MAJOR_WEIGHTS:
-        A = np.vstack([weight * np.eye(6)[MAJOR], W3[:, None] * J.T])
-        found.append(J.T @ np.linalg.lstsq(A, weight * target)[0])
-    return np.array(found)
 
 
 # A platform stands on four legs where three are enough, and has an internal force to use.
 
 
-def use_internal_force(rng: np.random.Generator, count: int) -> Part:
-    """Relieve each motor in turn, then squeeze, pressing on the fixture with so many forces.
+def use_internal_force(rng: np.random.Generator) -> Part:
+    """Relieve each motor in turn, then squeeze, pressing on the fixture.
 
-    With the torques J^T f, internal force being assumed away as in the paper, and with
-    J^T f + C^T eta.
+    With the torques J^T f, as in the paper, and with J^T f + C^T eta.
     """
     model, system = with_fixture(PLATFORM_MJCF), sound_system(PLATFORM_MJCF, PLATFORM_TASK)
     kin = system.kinematics()
-    angle = rng.uniform(0, 2 * np.pi, count)
-    moment = rng.uniform(-PLATFORM_N_M, PLATFORM_N_M, count)
+    angle = rng.uniform(0, 2 * np.pi, DRAWS)
+    moment = rng.uniform(-PLATFORM_N_M, PLATFORM_N_M, DRAWS)
     f = np.column_stack([moment, PLATFORM_N * np.cos(angle), PLATFORM_N * np.sin(angle)])
-    wrench = np.zeros((count, 6))
+    wrench = np.zeros((DRAWS, 6))
     wrench[:, PLATFORM_TASK] = f
     # The torques that do no work on any motion; W3 and what torques are to stay near, of each use.
     direction, weights = kin.active_constraint[0], np.ones((4, 4)) + (HOT - 1) * np.eye(4)
@@ -532,7 +494,7 @@ def use_internal_force(rng: np.random.Generator, count: int) -> Part:
             predicted = closure_forces(system, kin, f, own)
             pressed = exert(model, (), own, task=PLATFORM_TASK)
             legs, fixture = pressed.strut_n[:, -1], pressed.fixture[:, -1]
-            least_n = (legs * np.sign(desired)).min()
+            squeeze_n = (legs * np.sign(desired)).min()
             rows.append(
                 {
                     "name": name,
@@ -540,7 +502,7 @@ def use_internal_force(rng: np.random.Generator, count: int) -> Part:
                     "weighed_rms_n": rms(weighed_n[way]),
                     "saved_at_least_n": (weighed_n["without"] - weighed_n[way]).min(),
                     "hot_motor_rms_n": None if hot is None else rms(own[:, hot]),
-                    "least_squeeze_n": least_n if hot is None else None,
+                    "least_squeeze_n": squeeze_n if hot is None else None,
                     "internal_rms_n": rms(predicted @ direction),
                     "internal_simulated_rms_n": rms(legs @ direction),
                     "wrench_off_percent": percent(fixture - wrench, wrench),
@@ -555,7 +517,12 @@ def use_internal_force(rng: np.random.Generator, count: int) -> Part:
 # The study.
 
 
-def force(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+def force(
+    *,
+    seed: Annotated[int, seed_of("the directions of all forces")] = 0,
+    quick: Annotated[bool, Option(help="Only strut 1 fails.")] = False,
+    on_progress: OnProgress,
+) -> Result:
     """Simulate static forces commanded by the force mapping.
 
     Tests Theorems 7, 8 and 9 on the hexapod without failure, with a locked and with a free strut:
@@ -569,7 +536,7 @@ def force(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
     """
     rng = np.random.default_rng(seed)
     asked = draw(rng, DRAWS)
-    parts = [trade(asked[0, MAJOR], rng), use_internal_force(rng, DRAWS)]
+    parts = [trade(asked[0, MAJOR], rng), use_internal_force(rng)]
     kinds: tuple[FailureKind, ...] = ("locked", "free", "loose")
     struts = range(1 if quick else 6)
     conditions = [Condition(), *(Condition(kind, k) for kind in kinds for k in struts)]
@@ -596,20 +563,17 @@ def force(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
 def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
     """Forces and motions against the prediction, and the cost against that of other torques."""
     trials, uses = tables["theorems"], tables["internal_force"]
-    trials = trials.assign(theorem="theorem " + trials.theorem.astype(str))
-    trials = trials.set_index(["condition", "theorem"])
+    trials = trials.set_index(["condition", "theorem " + trials.theorem.astype(str)])
     # Clamped, a lock and the fixture share what no torque sees: no major force is claimed.
     claimed = trials[trials.kind != "locked"].pressed_major_off_percent
     first = tables["prescribed"].query("load == 1").set_index(["condition", "mapping"])
-    uses = uses.assign(internal_force="internal force " + uses.internal_force)
-    uses = uses.set_index(["name", "internal_force"])
+    uses = uses.set_index(["name", "internal force " + uses.internal_force])
     torques = tables["tradeoff"].set_index("way")
-    others, exact = torques.loc["others"], torques.drop("pseudo_inverse").major_off_percent
-    least = others.weighed_over_mapping.min(skipna=False)
+    exact = torques.drop("pseudo_inverse").major_off_percent
+    least = torques.weighed_over_mapping["others"].min(skipna=False)
     off = "difference between {} and the prediction [%]".format
     what = "weighted torque divided by the least of other torques with this major force"
     more = "weighted torque with internal force minus that without [N]"
-    place = "prescribed wrench"
     return [
         *check("closure residual [m]", trials.closure_residual_max_m, CLOSURE_LIMIT_M),
         *check("status other than exact", 1.0 - trials.exact, 0.5),
@@ -618,7 +582,7 @@ def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
         *check(off("the strut forces"), trials.held_off_percent, OFF_PERCENT),
         *check(off("the payload's position"), trials.moved_percent, OFF_PERCENT),
         *check(off("the major force"), claimed, OFF_PERCENT),
-        *check(off("the payload's position"), first.off_percent, OFF_PERCENT, place),
+        *check(off("the payload's position"), first.off_percent, OFF_PERCENT, "prescribed wrench"),
         *check(what, 1 / least, 1.0, "mapping"),
         *check(off("the major force"), exact, OFF_PERCENT),
         *check(more, -uses.saved_at_least_n, ROUND_OFF_N, "platform"),
@@ -629,18 +593,17 @@ def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
 
 def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
     """The printed tables."""
-    trials, first = tables["theorems"], "load == 1 and theorem == @PRESCRIBED"
+    trials, held = tables["theorems"], tables["prescribed"].query("load == 1")
     major = trials.pressed_major_off_percent.where(trials.kind != "locked")
     trials = trials.assign(major_percent=major).groupby("condition", sort=False, as_index=False)
     torques = tables["tradeoff"].groupby(["way", "major_weight_per_n_m"], dropna=False)
-    torque, held = torques.weighed_over_mapping, tables["prescribed"].query("load == 1")
+    torque = torques.weighed_over_mapping
     return [
         Shown(
             "Theorems 7, 8, 9: largest error of the simulation",
             trials.max().rename(columns=lambda name: name.replace("_off", "")),
             "condition major_percent:.2g pressed_percent:.2g held_percent:.2g moved_percent:.2g",
-            "major, pressed: major force and whole wrench on a fixture. held, moved: strut forces "
-            "and payload displacement when holding a wrench.",
+            "major, pressed: on a fixture. held, moved: strut forces, payload, holding a wrench.",
         ),
         Shown(
             "First prescribed wrench, and how the payload gives way",
@@ -650,7 +613,7 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
         ),
         Shown(
             "First prescribed wrench, reaction of the lock",
-            tables["reaction"].query(first),
+            tables["reaction"].query("load == 1 and theorem == @PRESCRIBED"),
             "condition simulated_n:.2f predicted_n:.2f",
         ),
         Shown(
@@ -662,66 +625,44 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
             "Over-actuated platform, without internal force and with it used",
             tables["internal_force"],
             "name internal_force weighed_rms_n:.1f hot_motor_rms_n:.1f least_squeeze_n:.1f",
-            f"weighed: norm of the torques, that of the hot motor weighted by {HOT:g}. "
-            "least_squeeze: least compression of a leg.",
+            f"weighed: norm of the torques, the hot motor's {HOT:g} times.",
         ),
     ]
 
 
 CAPTION = (
-    "Left: the hexapod without failure exerts one moment on a fixture. A weighted pseudo-inverse, "
-    f"its weight from {MAJOR_WEIGHTS[0]:g} to {MAJOR_WEIGHTS[-1]:g} per N m, gives up the moment "
-    "for less torque. Right: a platform of four legs presses with the same wrenches, one motor "
-    "three times as costly as the others."
+    "Left: the hexapod without failure exerts one moment on a fixture; weighted pseudo-inverses "
+    "give it up for less torque. Right: a platform of four legs presses with the same wrenches, "
+    "one motor three times as costly as the others."
 )
 ALT = (
-    "Left: the force mapping alone has the least torque and no error; a curve of pseudo-inverses "
-    "falls towards it from errors of up to all of the moment. Right: four pairs of bars; with "
-    "internal force the hot motor has a third of its force."
+    "Left: the force mapping alone has the least torque and no error, and pseudo-inverses fall "
+    "towards it. Right: with internal force the hot motor has a third of its force."
 )
-LOOKS: dict[str, dict[str, Any]] = {
-    "others": {"color": BLACK, "marker": ".", "ls": "", "label": f"{OTHERS} others"},
-    "pseudo_inverse": {"color": VERMILION, "marker": "s", "label": "weighted pseudo-inverse"},
-    "mapping": {"color": BLUE, "marker": "*", "ms": 10, "ls": "", "label": "force mapping"},
-}
 
 
 def figure(tradeoff: pd.DataFrame, internal_force: pd.DataFrame) -> Figure:
     """Torque against error of the moment; and the force of a hot motor. Blue: the library's."""
     figure = new_figure(PAGE_IN, 3.0)
     left, right = figure.subplots(1, 2)
-    torques = tradeoff.set_index("way")
-    for way, look in LOOKS.items():
-        tried = torques.loc[[way]]
-        left.semilogy(tried.weighed_over_mapping, tried.major_off_percent, **look)
-    off = torques.major_off_percent["mapping"]
-    left.set_title(f"The force mapping exerts the moment to {off:.1g} %\nwith the least torque")
-    left.set(xlabel="weighted torque, relative to the force mapping's", xlim=(-0.05, None))
-    left.set_ylabel("error of the moment, %")
-    left.legend(loc="upper right")
-    force_n = internal_force.pivot(
-        index="name", columns="internal_force", values="hot_motor_rms_n"
-    ).dropna()
-    for k, (way, label, color) in enumerate(
-        [("without", "without internal force", PURPLE), ("used", "with internal force", BLUE)]
+    for way, marker, color, size in (
+        ("others", ".", BLACK, 4),
+        ("pseudo_inverse", "s-", VERMILION, 4),
+        ("mapping", "*", BLUE, 9),
     ):
-        place = np.arange(len(force_n)) + 0.4 * k - 0.2
-        bars = right.bar(place, force_n[way], 0.38, color=color, label=label)
-        right.bar_label(bars, fmt="{:.1f}", padding=1)
-    less = 100 * (1 - (force_n.used / force_n.without).max())
-    right.set_title(f"Internal force takes {less:.0f} % off a hot motor,\nthe wrench unchanged")
-    right.set_xticks(range(len(force_n)), list(force_n.index))
-    right.set(ylabel="force of the hot motor, RMS, N", ylim=(0, 1.4 * force_n.without.max()))
-    right.grid(visible=False, axis="x")
-    right.legend(loc="upper right")
+        tried = tradeoff[tradeoff.way == way]
+        line = left.semilogy(tried.weighed_over_mapping, tried.major_off_percent, marker)[0]
+        line.set(color=color, markersize=size, label=way.replace("_", "-"))
+    left.set_title("The mapping exerts the moment with the least torque")
+    left.set_xlabel("weighted torque, relative to the mapping's")
+    left.set_ylabel("error of the moment, %")
+    hot = internal_force.dropna(subset="hot_motor_rms_n").groupby("internal_force")
+    for way, place, color in (("without", -0.2, PURPLE), ("used", 0.2, BLUE)):
+        motors = hot.get_group(way)
+        bars = right.bar(np.arange(len(motors)) + place, motors.hot_motor_rms_n, 0.4, color=color)
+        right.set_xticks(range(len(motors)), list(motors.name))
+        bars.set_label(f"internal force: {way}")
+    right.set_title("Internal force relieves a hot motor")
+    right.set_ylabel("force of the hot motor, RMS, N")
+    one_legend(figure, 5)
     return figure
-
-
-STUDY = Study(
-    name="force",
-    help=force.__doc__ or "",
-    runs="experiments.force:force",
-    results=None,
-    quick="Only strut 1 fails.",
-    seed="the directions of all forces",
-)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -27,13 +27,13 @@ from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.run import rms
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, BLUE, PURPLE, VERMILION
-from experiments.study.parallel import in_parallel
 from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from experiments.study.provenance import version_properties
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Study
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import in_parallel
 from sim import Array, load_model
 
 REFERENCE = "unlimited"
@@ -168,7 +168,12 @@ def strategies(seed: int, *, quick: bool) -> list[Strategy]:
     ]
 
 
-def goals(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+def goals(
+    *,
+    seed: Annotated[int, seed_of("the detector noise")] = 0,
+    quick: Annotated[bool, Option(help="Shorter runs, one weight of the pseudo-inverse.")] = False,
+    on_progress: OnProgress,
+) -> Result:
     """Pursue four secondary goals, and measure whether pointing changes.
 
     The goals are to keep coils cool, struts off their stops, the payload away from an obstacle,
@@ -462,12 +467,3 @@ def _changes(axes: Axes, changes: pd.DataFrame, runs: pd.DataFrame) -> None:
     axes.set_yticks(rows, [goal.title for goal in GOALS])
     axes.set(xlabel="change of the pointing, larger angle, over that by another noise seed")
     axes.set_ylim(len(changes) - 0.5, -0.5)
-
-
-STUDY = Study(
-    name="goals",
-    help=goals.__doc__ or "",
-    runs="experiments.goals:goals",
-    results=None,
-    quick="Shorter runs, one weight of the pseudo-inverse.",
-)

@@ -72,9 +72,7 @@ REACH_M = 1.0  # farther than anything here is
 # where the camera looks along the forearm. About this axis, from x_b towards y_b, the view passes
 # close beside the forearm just when the wrist's pitch axis is parallel to the elbow's.
 SHOULDER, AXIS_DEG, ANGLE_RAD = (0, 1, 2), 133.5, 2.2
-GAIN_PER_S = (
-    0.5  # of the manipulability's slope, about one: slow against servos, fast for the sweep
-)
+GAIN_PER_S = 0.5  # of the manipulability's slope, about one: slow for servos, fast for the sweep
 FADE_S = 2.0  # in which the goal sets in: desired rates that step would kick the servos
 PERIOD_S, REST_S = 5e-3, 1.0  # of the arm's controller; at the end of the sweep
 LOOP_GAIN_PER_S = 6.0  # a crossover of 1 Hz: a tenth of the slowest servo mode
@@ -342,12 +340,10 @@ def fly_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> Flown:
     testbed = Testbed(model, BENCH, loops)
     if not strategy.limited:
         testbed = testbed.scaled(stroke=LONGER)
-
-    def rates(displacements_m: Array, pose: Pose) -> Array:
-        return rates_from_stops(displacements_m, stroke_m)
-
     find = partial(controller_for, testbed, strategy.major_weight)
-    seeker = Seeker(find, rates=rates if strategy.pursues else no_rates)
+    seeker = Seeker(find)
+    if strategy.pursues:
+        seeker = replace(seeker, rates=lambda at_m, _: rates_from_stops(at_m, stroke_m))
     path = off_axis_path(FAR_TARGET_URAD, duration_s)
     run = hexapod_rig(testbed).fly(seeker, path, seed=strategy.seed)
     return _flown(run, 1e6 * (stroke_m - np.abs(run.displacement).max(axis=1)))
@@ -363,11 +359,9 @@ def fly_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Flown:
     now = controller.mapping.at(controller.mapping.nominal)
     # Strut rates that give the payload v_sd if pointing is left aside: J_s of them is v_sd.
     struts = now.expand @ np.linalg.pinv(now.J[SECONDARY])
-
-    def rates(displacements_m: Array, pose: Pose) -> Array:
-        return struts @ retreat(clearance, pose)
-
-    seeker = Seeker(find, OBSTRUCTED, rates if strategy.pursues else no_rates)
+    seeker = Seeker(find, OBSTRUCTED)
+    if strategy.pursues:
+        seeker = replace(seeker, rates=lambda _, pose: struts @ retreat(clearance, pose))
     path = off_axis_path(OBSTRUCTED_TARGET_URAD, duration_s)
     failures = [Failure(LOCKED_STRUT, "locked")]
     run = hexapod_rig(testbed).fly(seeker, path, failures=failures, seed=strategy.seed)

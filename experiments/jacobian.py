@@ -5,57 +5,41 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from scipy.optimize import differential_evolution, minimize
-from scipy.spatial.transform import Rotation
 
 from argument_checks.ties import exceeds, greatest
-from experiments.certificate import NORMS, Certificate, Norm, certify, size
+from experiments.certificate import NORMS, Norm, certify, size
 from experiments.recording.record import About, write_run
 from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.columns import COLUMNS, MAJOR, hexapod_arrays, secondary
-from experiments.rig.hexapod.controller import NO_COMMAND, StrutMapping
-from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.hexapod.columns import COLUMNS, hexapod_arrays, secondary
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.curvature import Visited, extra_percent, follow, loop_gain_error
+from experiments.rig.hexapod.metrics import plant_constants, recording_properties
 from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.options import JacobianChoice
 from experiments.rig.run import Run, rms
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
-from experiments.study.parallel import in_parallel
 from experiments.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.provenance import version_properties
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Option, Study
-from ftc.control.local_mapping import PreviousCommand
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import in_parallel
 from ftc.control.mapping import DisplacementForm
-from ftc.goal import Goal
 from prioritized import ConstrainedSystem
-from sim import (
-    NOMINAL,
-    Array,
-    Hexapod,
-    Pose,
-    forward_kinematics,
-    hexapod,
-    jacobians,
-    load_model,
-    pointing_angles,
-    secondary_motion,
-)
+from sim import Array, Hexapod, Pose, forward_kinematics, hexapod, jacobians, load_model
 
 CERTIFICATE_LIMIT = 1.02  # largest ratio of the certified bound to the value found
 SAME_JACOBIAN = 1e-9  # largest difference of eq. (39) from geometry and from the MJCF
 GEOMETRY_TOLERANCE = 0.15  # of the constant Jacobian's error against that of geometry and floor
 RANDOM_POINTS = 1000  # as many as the paper's fmincon had starts
-LOCAL_STARTS, QUICK_LOCAL_STARTS = 100, 4
 
 VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "constant": ("constant", "absolute"),
@@ -74,8 +58,10 @@ GROWN, AT_NOMINAL = "W_e", ("W_a", "W_d", "W_e")
 BY_NAME = {column.name: column for column in COLUMNS}
 STRIDE_S = 0.16  # between the instants at which a run is compared with the optimum, a dozen a turn
 VISITED_STRIDE_S = 0.008  # between those whose strut lengths count as visited
-MOST_STEPS = 20  # of Gauss-Newton
-TICKS_A_POINT = 4  # enough to settle: each leaves a part e, eq. (40), of the error before
+MOVED = (
+    *("alpha_rms_urad", "beta_rms_urad"),
+    *("gamma_rms_urad", "t_x_rms_um", "t_y_rms_um", "t_z_rms_um"),
+)
 COSTS = ("static_extra_percent", "loop_gain_error_percent")  # errors by a constant Jacobian
 COSTS_PERCENT = (1.0, 10.0)  # their values whose size of spiral is interpolated
 
@@ -100,24 +86,19 @@ def twist_in_payload_axes(pose: Pose, J: Array) -> Array:
     return np.concatenate([to_payload @ J[..., :3, :], to_payload @ J[..., 3:, :]], axis=-2)
 
 
-def euler_rates(sequence: str) -> Reading:
+def euler_rates(last: int) -> Reading:
     """Rates of three angles about x, y and z, one rotation after the other; v in base axes.
 
-    The sequence is "XYZ" for R = R_x R_y R_z, "ZYX" for R = R_z R_y R_x.
+    The last axis, 2 for R = R_x R_y R_z and 0 for R = R_z R_y R_x, turns with the payload; the
+    first of x and z does not, and that of y is perpendicular to both.
     """
 
     def reading(pose: Pose, J: Array) -> Array:
-        flat = Rotation.from_matrix(pose.rotation.reshape(-1, 3, 3))
-        angles = flat.as_euler(sequence)
-        omega_per_rate = np.empty((len(angles), 3, 3))
-        turned = Rotation.identity(len(angles))
-        for letter, angle in zip(sequence, angles.T, strict=True):
-            axis = np.eye(3)["XYZ".index(letter)]
-            omega_per_rate[:, :, "XYZ".index(letter)] = turned.apply(axis)
-            turned = turned * Rotation.from_rotvec(angle[:, None] * axis)
-        omega_per_rate = omega_per_rate.reshape(pose.rotation.shape)
-        rates = np.linalg.solve(omega_per_rate, J[..., :3, :])
-        return np.concatenate([rates, J[..., 3:, :]], axis=-2)
+        axes = np.zeros_like(pose.rotation) + np.eye(3)
+        axes[..., last] = pose.rotation[..., last]
+        across = np.cross(axes[..., 2], axes[..., 0])
+        axes[..., 1] = across / np.linalg.norm(across, axis=-1, keepdims=True)
+        return np.concatenate([np.linalg.solve(axes, J[..., :3, :]), J[..., 3:, :]], axis=-2)
 
     return reading
 
@@ -147,8 +128,8 @@ TWIST = "twist, base axes"
 READINGS: dict[str, Reading] = {
     TWIST: twist_in_base_axes,
     "twist, payload axes": twist_in_payload_axes,
-    "Euler rates, R = Rz Ry Rx": euler_rates("ZYX"),
-    "Euler rates, R = Rx Ry Rz": euler_rates("XYZ"),
+    "Euler rates, R = Rz Ry Rx": euler_rates(last=0),
+    "Euler rates, R = Rx Ry Rz": euler_rates(last=2),
 }
 """Readings of (38) itself."""
 
@@ -222,21 +203,17 @@ def elsewhere(
     start at the first of the random points.
     """
     points_m = np.random.default_rng(seed).uniform(-stroke_m, stroke_m, (RANDOM_POINTS, 6))
-
-    def e(struts_m: Array) -> Array:
-        return relative_change(geometry, struts_m, norm, reading)
-
-    def on_the_ball(x: Array) -> float:
-        """-e over the largest at random points, of strut displacements as long as the stroke."""
-        return -float(e(stroke_m * x / np.linalg.norm(x))) / random.max()
-
+    e = partial(relative_change, geometry, norm=norm, reading=reading)
+    random, alone = e(points_m), e(stroke_m * np.vstack([np.eye(6), -np.eye(6)]))
+    most = random.max()
     nominal = jacobian_at(geometry, np.zeros(6), reading)
     # Each entry is nearly linear in the strut lengths: its change is largest at a corner.
     entry = np.abs(jacobian_at(geometry, stroke_m * VERTICES, reading) - nominal).max()
-    alone, random = e(stroke_m * np.vstack([np.eye(6), -np.eye(6)])), e(points_m)
-    ball = -random.max() * min(
-        minimize(on_the_ball, x / stroke_m).fun for x in points_m[:starts][:8]
-    )
+    # On the ball strut displacements are as long as the stroke; e is scaled, for the tolerances.
+    ball = [
+        minimize(lambda x: -float(e(stroke_m * x / np.linalg.norm(x))) / most, x / stroke_m).fun
+        for x in points_m[:starts][:8]
+    ]
     box = [(-stroke_m, stroke_m)] * 6
     maxima = [
         -minimize(lambda x: -float(e(x)), x, method="SLSQP", bounds=box).fun
@@ -245,8 +222,8 @@ def elsewhere(
     return {
         "largest entry of the change": float(entry / size(nominal, norm)),
         "one strut at a time": alone.max(),
-        "struts within a ball": ball,
-        "largest of random points": random.max(),
+        "struts within a ball": -most * min(ball),
+        "largest of random points": most,
         "mean of random points": random.mean(),
         "median of random points": float(np.median(random)),
         "highest local maximum": max(maxima),
@@ -257,7 +234,11 @@ def elsewhere(
 def tried_rows(
     geometry: Hexapod, stroke_m: float, starts: int, seed: int, on_progress: OnProgress
 ) -> pd.DataFrame:
-    """A row for each reading of eq. (40): e in both norms, and where it is so large."""
+    """A row for each reading of eq. (40): e in both norms, where, and whether it is the paper's.
+
+    Between the fractions of the stroke a reading would give the paper's pair, rounding allowed for:
+    e grows in proportion to the stroke, to 1 % here.
+    """
     top_m, rows = float(geometry.top_m[:, 2].mean()), []
     readings = READINGS | {
         "inverse of J": inverse,
@@ -266,29 +247,19 @@ def tried_rows(
         "origin between the top nodes": at_height(top_m),
         "origin between the bottom nodes": at_height(-top_m),
     }
-    others: dict[str, Reading] = {"twist": twist_in_base_axes, "inverse": inverse}
-    steps = len(readings) + len(others) + 1  # the last is the certificate
     for done, (name, reading) in enumerate(readings.items()):
-        on_progress(done, steps)
+        on_progress(done, len(readings) + 2)
         found = {n: variation(geometry, stroke_m, n, reading, seed) for n in NORMS}
         at_m = {f"{n}_at_strut_m": one.at_strut_m.tolist() for n, one in found.items()}
         rows.append({"reading": name} | {n: one.value for n, one in found.items()} | at_m)
-    for done, (what, reading) in enumerate(others.items(), len(readings)):
-        on_progress(done, steps)
+    frames = [pd.DataFrame(rows)]
+    for done, (what, reading) in enumerate((("twist", twist_in_base_axes), ("inverse", inverse))):
+        on_progress(len(readings) + done, len(readings) + 2)
         by_norm = {n: elsewhere(geometry, stroke_m, n, reading, starts, seed) for n in NORMS}
-        for how in by_norm["two"]:
-            rows.append({"reading": f"{what}; {how}"} | {n: by_norm[n][how] for n in NORMS})
-    on_progress(steps - 1, steps)
-    return beside_the_paper(pd.DataFrame(rows))
-
-
-def beside_the_paper(tried: pd.DataFrame) -> pd.DataFrame:
-    """Whether e is the paper's pair, and between which parts of the stroke it would be.
-
-    Rounding allowed for; e grows in proportion to the stroke, to 1 % here.
-    """
-    e, half = tried[list(NORMS)], paper.JACOBIAN_VARIATION_TOLERANCE
-    printed = pd.Series(paper.JACOBIAN_VARIATION)
+        named = pd.DataFrame(by_norm).add_prefix(f"{what}; ", axis=0)
+        frames.append(named.reset_index(names="reading"))
+    tried, half = pd.concat(frames, ignore_index=True), paper.JACOBIAN_VARIATION_TOLERANCE
+    e, printed = tried[list(NORMS)], pd.Series(paper.JACOBIAN_VARIATION)
     low, high = ((printed - half) / e).max(axis=1), ((printed + half) / e).min(axis=1)
     return tried.assign(
         is_the_papers=((e - printed).abs() < half).all(axis=1),
@@ -298,97 +269,20 @@ def beside_the_paper(tried: pd.DataFrame) -> pd.DataFrame:
 
 
 def certified_row(
-    norm: Norm, found: pd.Series, certificate: Certificate, J_0: Array
+    geometry: Hexapod, stroke_m: float, norm: Norm, found: pd.Series
 ) -> dict[str, Any]:
     """Eq. (40) in one norm: the value found, its certified bound and the parts of that."""
-    parts = [*certificate.terms, certificate.remainder, certificate.upper_bound]
+    proof = certify(geometry, stroke_m, norm)
+    parts = [*proof.terms, proof.remainder, proof.upper_bound]
+    over = np.array(parts) / size(jacobian_at(geometry, np.zeros(6), twist_in_base_axes), norm)
     names = ["linear", "quadratic", "cubic", "remainder", "certified_upper_bound"]
-    over = np.array(parts) / size(J_0, norm)
     return {
         "norm": norm,
         "value": found[norm],
         "paper": paper.JACOBIAN_VARIATION[norm],
-        **dict(zip(names, np.where(np.isfinite(over), over, np.nan), strict=True)),
+        **dict(zip(names, over, strict=True)),
         "at_strut_m": found[f"{norm}_at_strut_m"],
     }
-
-
-# On the geometry alone: no inertia and no noise, and every strut goes where it is commanded.
-
-
-@dataclass(frozen=True)
-class Visited:
-    """Where a path leads: displacements (T, 6), (alpha, beta) (T, 2), secondary motion (T, 4)."""
-
-    strut_m: Array
-    pointing_rad: Array
-    secondary: Array
-
-
-def visit(geometry: Hexapod, strut_m: Array) -> Visited:
-    """Where strut displacements (T, 6) lead."""
-    pose = forward_kinematics(geometry, strut_m)
-    secondary = secondary_motion(pose.rotation, pose.translation_m)
-    return Visited(strut_m, pointing_angles(pose.rotation), secondary)
-
-
-def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
-    """The path of a pointing loop that settles at every desired (alpha, beta), (T, 2)."""
-    pose, pointing, last = NOMINAL, np.zeros(2), NO_COMMAND
-    visited_m = []
-    for desired in desired_rad:
-        for _ in range(TICKS_A_POINT):
-            pointing = pointing + desired - pointing_angles(pose.rotation)
-            commanded_m = mapping.displacements(pointing, pose, last.displacements, last)
-            last = PreviousCommand(pointing, commanded_m, last.secondary_reference)
-            pose = forward_kinematics(mapping.geometry, commanded_m, start=pose)
-        visited_m.append(last.displacements)
-    return visit(mapping.geometry, np.array(visited_m))
-
-
-def optimum(geometry: Hexapod, goal: Goal, pointing_rad: Array) -> Visited:
-    """The strut displacements that point exactly and meet the goal best, curvature and all.
-
-    Minimizes |W1 l|^2 + |W2 s|^2 over all poses with this pointing (T, 2), s the secondary motion:
-    Gauss-Newton, each step the mapping at the present pose.
-
-    Raises:
-        RuntimeError: It does not converge.
-    """
-    mapping = StrutMapping(geometry, goal, "analytic", form="gauss_newton")
-    strut_m, pose, best_m = np.zeros(6), NOMINAL, []
-    for pointing in pointing_rad:
-        for _ in range(MOST_STEPS):
-            change_m = mapping.displacements(pointing, pose, strut_m) - strut_m
-            strut_m = strut_m + change_m
-            pose = forward_kinematics(geometry, strut_m, start=pose)
-            if np.abs(change_m).max() < 1e-13:
-                break
-        else:
-            raise RuntimeError(f"no optimum found at (alpha, beta) = {pointing} rad")
-        best_m.append(strut_m)
-    return visit(geometry, np.array(best_m))
-
-
-def goal_vector(goal: Goal, visited: Visited) -> Array:
-    """What the goal keeps small: [W1 l; W2 s], shape (T, 10)."""
-    w1 = np.zeros(6) if goal.joint_weight is None else np.array(goal.joint_weight)
-    w2 = np.zeros(4) if goal.secondary_weight is None else np.array(goal.secondary_weight)
-    return np.hstack([w1 * visited.strut_m, w2 * visited.secondary[:, [1, 2, 3, 0]]])
-
-
-def extra_percent(geometry: Hexapod, goal: Goal, visited: Visited) -> float:
-    """RMS distance of a path from the optimum at the same pointing, in percent of its cost."""
-    least = goal_vector(goal, optimum(geometry, goal, visited.pointing_rad))
-    return 100 * float(np.linalg.norm(goal_vector(goal, visited) - least) / np.linalg.norm(least))
-
-
-def loop_gain_error(mapping: StrutMapping, strut_m: Array) -> float:
-    """Largest ||J_m(l) M - I|| over strut displacements (T, 6), M the constant mapping."""
-    pose = forward_kinematics(mapping.geometry, strut_m)
-    J_m = np.linalg.inv(mapping.geometry.inverse_jacobian(pose))[:, MAJOR]
-    off = J_m @ mapping.major_gain() - np.eye(2)
-    return float(np.linalg.norm(off, 2, axis=(-2, -1)).max())
 
 
 # In closed loop, as spiral and stroke grow.
@@ -396,23 +290,28 @@ def loop_gain_error(mapping: StrutMapping, strut_m: Array) -> float:
 
 @dataclass(frozen=True)
 class Case:
-    """One run to be simulated: a column of Table I, a key of VARIANTS, its size, the noise seed."""
+    """One run to be simulated: a column of Table I, a key of VARIANTS, the noise seed, its size."""
 
     column: str
     variant: str
     seed: int
-    stroke: float = 1
-    spiral: float = 1
+    stroke_factor: float = 1
+    spiral_factor: float = 1
 
     @property
     def name(self) -> str:
         """What its files are called."""
-        return f"{self.column}_x{self.spiral:g}_{self.variant}_seed{self.seed}"
+        return f"{self.column}_x{self.spiral_factor:g}_{self.variant}_seed{self.seed}"
 
     @property
     def is_recorded(self) -> bool:
         """Whether its data and recording are kept."""
-        return self.column == GROWN and (self.stroke, self.spiral) in RECORDED
+        return self.column == GROWN and (self.stroke_factor, self.spiral_factor) in RECORDED
+
+    @property
+    def testbed(self) -> Testbed:
+        """Stroke and spiral grown."""
+        return nominal_testbed().scaled(stroke=self.stroke_factor, spiral=self.spiral_factor)
 
 
 def cases(seed: int, quick: bool) -> list[Case]:
@@ -424,41 +323,33 @@ def cases(seed: int, quick: bool) -> list[Case]:
     return chosen + [Case(GROWN, v, seed, *growth) for growth in growths for v in VARIANTS]
 
 
-def fly(testbed: Testbed, duration_s: float, case: Case) -> tuple[Case, Run, dict[str, Any]]:
+def fly(duration_s: float, case: Case) -> tuple[Case, Run, dict[str, Any]]:
     """One run, and what its Jacobian cost.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     column, (jacobian, form) = BY_NAME[case.column], VARIANTS[case.variant]
-    grown, bench = testbed.scaled(stroke=case.stroke, spiral=case.spiral), testbed.bench
-    rig = hexapod_rig(grown, column.goal, jacobian=jacobian, form=form)
-    path, how = grown.bench.spiral_rad(duration_s), {"failures": column.failures, "seed": case.seed}
-    run = rig.fly(rig.controller(), path, **how)
-    geometry, goal = hexapod(testbed.model), column.goal
-    few = slice(None, None, round(STRIDE_S / bench.control_period_s))
-    visited_m = run.displacement[:: round(VISITED_STRIDE_S / bench.control_period_s)]
+    testbed, goal = case.testbed, column.goal
+    rig = hexapod_rig(testbed, goal, jacobian=jacobian, form=form)
+    path = testbed.bench.spiral_rad(duration_s)
+    run = rig.fly(rig.controller(), path, failures=column.failures, seed=case.seed)
+    geometry, period_s = hexapod(load_model()), testbed.bench.control_period_s
+    few = slice(None, None, round(STRIDE_S / period_s))
+    visited_m = run.displacement[:: round(VISITED_STRIDE_S / period_s)]
     seen = Visited(run.displacement[few], run.true[few], secondary(run)[few])
     static = follow(StrutMapping(geometry, goal, jacobian, form=form), path[few])
     constant = StrutMapping(geometry, goal, "constant")
-    e = {n: float(relative_change(geometry, visited_m, n).max()) for n in NORMS}
-    names = ("alpha_rms_urad", "beta_rms_urad", "gamma_rms_urad")
-    names += ("t_x_rms_um", "t_y_rms_um", "t_z_rms_um")
     moved = 1e6 * np.concatenate([run.rms(), rms(secondary(run))])
     row = {
         "name": case.name,
-        "column": case.column,
-        "variant": case.variant,
-        "seed": case.seed,
-        "stroke_factor": case.stroke,
-        "spiral_factor": case.spiral,
-        **dict(zip(names, moved, strict=True)),
+        **asdict(case),
+        **dict(zip(MOVED, moved, strict=True)),
         "strut_input_rms_percent": rms(run.inputs).tolist(),
         "extra_percent": extra_percent(geometry, goal, seen),
         "static_extra_percent": extra_percent(geometry, goal, static),
         "loop_gain_error_percent": 100 * loop_gain_error(constant, visited_m),
-        "e_visited_frobenius": e["frobenius"],
-        "e_visited_two": e["two"],
+        **{f"e_visited_{n}": relative_change(geometry, visited_m, n).max() for n in NORMS},
         "closure_residual_max_m": run.closure_max_m,
         "data": f"{case.name}.npz" if case.is_recorded else None,
         "recording": f"{case.name}.rrd" if case.is_recorded else None,
@@ -484,11 +375,13 @@ def compared(run: Run, analytic: Run, relinearized: Run) -> dict[str, Any]:
 
 def run_rows(done: Sequence[tuple[Case, Run, dict[str, Any]]], seed: int) -> pd.DataFrame:
     """A row for each run, beside those of its size with this seed; and eq. (40) over its stroke."""
-    flown, rows = {case: run for case, run, _ in done}, []
+    flown, rows, geometry = {case: run for case, run, _ in done}, [], hexapod(load_model())
     for case, run, row in done:
-        others = [replace(case, variant=each, seed=seed) for each in ("analytic", "relinearized")]
-        rows.append(row | compared(run, *(flown[other] for other in others)))
-    runs, geometry = pd.DataFrame(rows), hexapod(load_model())
+        analytic, relinearized = (
+            flown[replace(case, variant=each, seed=seed)] for each in ("analytic", "relinearized")
+        )
+        rows.append(row | compared(run, analytic, relinearized))
+    runs = pd.DataFrame(rows)
     for n in NORMS:
         strokes = runs.stroke_factor.unique()
         e = {each: variation(geometry, each * paper.STROKE_M, n).value for each in strokes}
@@ -504,19 +397,14 @@ def growth_of(runs: pd.DataFrame) -> pd.DataFrame:
 
 def cost_rows(runs: pd.DataFrame) -> pd.DataFrame:
     """Where the constant Jacobian begins to cost 1 % and 10 %, between the sizes that were run."""
-    constant = growth_of(runs).xs("constant", axis=1, level="variant")
-    places, rows = np.arange(len(constant)), []
-    sizes = {
-        "spiral_factor": constant.index.to_numpy(float),
-        "e_visited_frobenius": constant.e_visited_frobenius.to_numpy(float),
-    }
+    sizes = ["spiral_factor", "e_visited_frobenius"]
+    constant = growth_of(runs).xs("constant", axis=1, level="variant").reset_index()
+    log, rows = np.log(constant[[*sizes, *COSTS]].astype(float)), []
     for what, percent in product(COSTS, COSTS_PERCENT):
-        cost = constant[what].to_numpy(float)
-        if cost[0] <= percent <= cost[-1]:
-            place = np.interp(np.log(percent), np.log(cost), places)
-            there = {k: np.exp(np.interp(place, places, np.log(v))) for k, v in sizes.items()}
-            rows.append({"cost": what, "percent": percent} | there)
-    return pd.DataFrame(rows, columns=["cost", "percent", *sizes])
+        there = [np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes]
+        found = dict(zip(sizes, np.exp(there), strict=True))
+        rows.append({"cost": what, "percent": percent} | found)
+    return pd.DataFrame(rows).dropna(ignore_index=True)
 
 
 def record(
@@ -528,40 +416,41 @@ def record(
     folder: Path,
 ) -> None:
     """Write one run's data and its recording."""
-    (jacobian, form), testbed = VARIANTS[case.variant], nominal_testbed()
-    grown = testbed.scaled(stroke=case.stroke, spiral=case.spiral)
-    own = {"seed": case.seed, "model_sha256": settings["model_sha256"], "variant": case.variant}
-    own |= {"stroke_factor": case.stroke, "spiral_factor": case.spiral}
+    (jacobian, form), testbed = VARIANTS[case.variant], case.testbed
+    bench = asdict(testbed.bench) | plant_constants(testbed.model)
     about = About(
         study="jacobian",
         identity=f"jacobian-{case.name}",
         title=case.name,
         said=[
-            f"- {case.column}, strut 1 locked; seed {case.seed}, {settings['duration_s']:g} s; "
-            f"spiral x{case.spiral:g}, stroke x{case.stroke:g}.",
-            f"- {jacobian.capitalize()} Jacobian, {form} displacements: the secondary goal is "
-            f"{row['extra_percent']:.2f} % from its optimum.",
+            f"{case.column}, strut 1 locked. {jacobian.capitalize()} Jacobian, {form} "
+            f"displacements: {row['extra_percent']:.2f} % from the optimum of the secondary goal."
         ],
-        parameters=own
-        | version_properties(settings)
-        | asdict(grown.bench)
-        | plant_constants(grown.model),
+        parameters=recording_properties(settings | {"jacobian": jacobian, "bench": bench})
+        | asdict(case),
         checks=checks,
     )
+    arrays, known = hexapod_arrays(run), "known to the mapping"
     write_run(
-        folder / f"{case.name}.rrd",
-        hexapod_rig(grown),
-        run,
-        about,
-        arrays=hexapod_arrays(run),
-        known="known to the mapping",
+        folder / row["recording"], hexapod_rig(testbed), run, about, arrays=arrays, known=known
     )
 
 
 # The study.
 
 
-def jacobian(*, seed: int, quick: bool, loop: bool, on_progress: OnProgress) -> Result:
+def jacobian(
+    *,
+    seed: Annotated[int, seed_of("the searches and the detector noise")] = 0,
+    quick: Annotated[
+        bool,
+        Option(help="Fewer local searches; with --loop three sizes of the spiral, 4 s each."),
+    ] = False,
+    loop: Annotated[
+        bool, Option(help="Also simulate spirals of increasing size: 5 minutes.")
+    ] = False,
+    on_progress: OnProgress,
+) -> Result:
     """Compute how much the Jacobian varies over the stroke, eq. (40), with a proof.
 
     Finds the largest change of the Jacobian over the stroke and proves an upper bound, tries
@@ -574,23 +463,18 @@ def jacobian(*, seed: int, quick: bool, loop: bool, on_progress: OnProgress) -> 
 
     Example: fjh jacobian --loop --quick
     """
-    model, stroke_m = load_model(), paper.STROKE_M
+    model, stroke_m, starts = load_model(), paper.STROKE_M, 4 if quick else 100
     geometry = hexapod(model)
-    J_0 = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
-    starts = QUICK_LOCAL_STARTS if quick else LOCAL_STARTS
     tried = tried_rows(geometry, stroke_m, starts, seed, on_progress)
     found = tried.set_index("reading").loc[TWIST]
-    tables = {
-        "tried": tried,
-        "variation": pd.DataFrame(
-            [certified_row(n, found, certify(geometry, stroke_m, n), J_0) for n in NORMS]
-        ),
-    }
+    proven = pd.DataFrame([certified_row(geometry, stroke_m, n, found) for n in NORMS])
     on_progress(1, 1)
     jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
     from_mjcf = ConstrainedSystem(jac.J_T, jac.J_C, jac.active).kinematics().J
+    J_0 = jacobian_at(geometry, np.zeros(6), twist_in_base_axes)
+    bench = TestbedConfig()
     settings = origin(seed) | {
-        "bench": asdict(TestbedConfig()) | plant_constants(model),
+        "bench": asdict(bench) | plant_constants(model),
         "stroke_m": stroke_m,
         "J0": J_0,
         "J0_from_mjcf_largest_difference": np.abs(from_mjcf - J_0).max(),
@@ -598,19 +482,17 @@ def jacobian(*, seed: int, quick: bool, loop: bool, on_progress: OnProgress) -> 
         "condition_number": np.linalg.cond(J_0),
         "paper_condition_number": paper.CONDITION_NUMBER,
     }
-    corners = {n: relative_change(geometry, stroke_m * VERTICES, n) for n in NORMS}
-    pictures = [Picture("jacobian", CAPTION, ALT, partial(figure, corners, **tables))]
+    tables = {"tried": tried, "variation": proven}
+    pictures = [Picture("jacobian", CAPTION, ALT, partial(figure, tried, proven))]
     done: list[tuple[Case, Run, dict[str, Any]]] = []
     if loop:
-        testbed, chosen = nominal_testbed(), cases(seed, quick)
-        bench = testbed.bench
         duration_s = bench.quick_duration_s if quick else bench.duration_s
         settings |= {"duration_s": duration_s, "spiral_duration_s": bench.duration_s}
-        calls = [{"testbed": testbed, "duration_s": duration_s, "case": c} for c in chosen]
+        calls = [{"duration_s": duration_s, "case": case} for case in cases(seed, quick)]
         done = in_parallel(fly, calls, on_progress)
         tables["runs"] = run_rows(done, seed)
         tables["costs"] = cost_rows(tables["runs"])
-        drawn = partial(figure_loop, tables["runs"], tables["costs"])
+        drawn = partial(figure_loop, tables["runs"])
         pictures.append(Picture("jacobian_loop", LOOP_CAPTION, LOOP_ALT, drawn))
     checked = checks(tables, settings["J0_from_mjcf_largest_difference"])
     return Result(
@@ -670,26 +552,15 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
     ]
     if "runs" not in tables:
         return of_eq_40
-    runs = tables["runs"]
-    growth = growth_of(runs)
-    constant = growth.xs("constant", axis=1, level="variant")
-    extra = growth["extra_percent"].assign(
-        geometry=constant.static_extra_percent, loop_gain=constant.loop_gain_error_percent
-    )
     return [
         *of_eq_40,
         Shown(
-            "Closed loop, strut 1 locked: deviation of the secondary goal from its optimum, and "
-            "error of the loop gain, %",
-            extra.reset_index(names="spiral"),
-            f"spiral:g geometry:.2f {':.2f '.join(VARIANTS)}:.2f loop_gain:.2f",
-            "spiral: size over the paper's. geometry: expected for a constant Jacobian without "
-            "dynamics. constant to relinearized: simulated with each form of the mapping.",
-        ),
-        Shown(
-            "Nominal size: differences from the Jacobian of each tick, and of another noise seed",
-            runs[(runs.spiral_factor == 1) & (runs.pointing_rms_change_urad > 0)],
-            "column variant seed pointing_rms_change_urad:.1e gamma_change_rms_urad:.1e",
+            "Closed loop: deviation of the secondary goal from its optimum and error of the loop "
+            "gain, %; differences from the Jacobian of each tick",
+            tables["runs"],
+            "column variant seed spiral_factor:g extra_percent:.2f static_extra_percent:.2f "
+            "loop_gain_error_percent:.2f pointing_rms_change_urad:.1e gamma_change_rms_urad:.1e",
+            "spiral_factor: size over the paper's. extra: simulated; static: by geometry alone.",
         ),
         Shown(
             "Where a constant Jacobian costs 1 and 10 %, interpolated",
@@ -705,64 +576,45 @@ CAPTION = (
 )
 ALT = (
     "Left: the change in both norms at the 64 corners, up to the proven bounds and mostly above "
-    "the paper's values. Right: 2-norm against Frobenius norm of each reading of eq. (40); one "
-    "lies within the paper's pair."
+    "the paper's values. Right: all readings of eq. (40); one is within the paper's pair."
 )
 LOOP_CAPTION = (
-    "Strut 1 locked, weights of W_e. Marks are simulated, the line is of the constant Jacobian by "
-    "geometry alone. Beyond 100 times the spiral grows alone, the stroke not."
+    "Strut 1 locked, weights of W_e. Marks are simulated, the line is by geometry alone; beyond "
+    "100 times the spiral grows alone, the stroke not."
 )
 LOOP_ALT = (
-    "Deviation of the secondary motion from its optimum over the size of the spiral: it rises for "
-    "increments, to a seventh of that for a constant and for a re-evaluated Jacobian alike, and "
-    "stays at one percent for the Gauss-Newton step."
+    "Deviation of the secondary motion from its optimum over the size of the spiral: largest for "
+    "increments, a seventh of that for constant and re-evaluated Jacobians, one percent for the "
+    "Gauss-Newton step."
 )
-OURS: dict[str, Any] = {
-    "color": BLUE,
-    "marker": "o",
-    "mfc": "none",
-    "ls": "",
-    "label": "computed: 64 corners, and readings",
-}
-PAPER: dict[str, Any] = {
-    "color": VERMILION,
-    "alpha": 0.6,
-    "lw": 0,
-    "label": "the paper, with its rounding",
-}
 
 
-def figure(corners: dict[Norm, Array], tried: pd.DataFrame, variation: pd.DataFrame) -> Figure:
-    """E at the corners of the box, its certificate, and the search for the paper's numbers."""
+def figure(tried: pd.DataFrame, variation: pd.DataFrame) -> Figure:
+    """E at the corners of the box, its certificate, and all readings beside the paper's pair."""
     figure, half = new_figure(PAGE_IN, 3.2), 100 * paper.JACOBIAN_VARIATION_TOLERANCE
     left, right = figure.subplots(1, 2)
-    low = [100 * paper.JACOBIAN_VARIATION[norm] - half for norm in NORMS]
+    printed = [100 * paper.JACOBIAN_VARIATION[norm] for norm in NORMS]
     bounds = 100 * variation.certified_upper_bound
+    ours = {"color": BLUE, "mfc": "none", "label": "computed: 64 corners, and readings"}
+    theirs = {"color": VERMILION, "capsize": 3, "label": "the paper, with its rounding"}
     for row, norm in enumerate(NORMS):
-        left.plot(100 * corners[norm], np.full(64, row), **OURS)
-        bound = {"color": BLACK, "ms": 16, "mew": 1.5, "label": "proven upper bound"}
-        left.plot(bounds[row], row, "|", **bound)
-        left.add_patch(Rectangle((low[row], row - 0.2), 2 * half, 0.4, **PAPER))
-    most = np.ceil(1e3 * bounds.max()) / 1e3  # a bound is rounded up
-    left.set_title(f"The Jacobian changes by at most {most:.3f} %\nover the stroke: proven")
-    left.set_yticks(range(len(NORMS)), ["Frobenius\nnorm", "2-norm"])
-    left.set(xlabel="change of the Jacobian, eq. (40), %", ylim=(1.6, -0.6))
-    left.set_xlim(0, 1.05 * bounds.max())
-    right.add_patch(Rectangle((low[0], low[1]), 2 * half, 2 * half, **PAPER))
-    right.plot(100 * tried.frobenius, 100 * tried.two, **OURS)
-    ours = tried[tried.is_the_papers].reading.str.split("; ").str[-1]
-    right.set_title(
-        f"The paper's pair results from {len(ours)} of {len(tried)} readings:\n{' and '.join(ours)}"
-    )
-    right.set(xlabel="Frobenius norm, %", ylabel="2-norm, %", xscale="log", yscale="log")
-    for axis in (right.xaxis, right.yaxis):
-        axis.set_ticks([0.1, 0.2, 0.3, 0.4, 0.6], ["0.1", "0.2", "0.3", "0.4", "0.6"])
-    right.minorticks_off()
-    one_legend(figure, 4)
+        at_corners = relative_change(hexapod(load_model()), paper.STROKE_M * VERTICES, norm)
+        left.plot(100 * at_corners, np.full(64, row), "o", **ours)
+    left.plot(bounds, [0, 1], "|", color=BLACK, ms=9, mew=1.5, label="proven upper bound")
+    left.errorbar(printed, [0, 1], xerr=half, fmt="none", **theirs)
+    left.set_title("Changes of the Jacobian over the stroke\nare below a proven bound")
+    left.set_yticks([0, 1], ["Frobenius\nnorm", "2-norm"])
+    left.set(xlabel="change of the Jacobian, eq. (40), %", xlim=(0, None), ylim=(1.6, -0.6))
+    right.plot(100 * tried.frobenius, 100 * tried.two, "o", **ours)
+    right.errorbar(*printed, xerr=half, yerr=half, fmt="none", **theirs)
+    count = tried.is_the_papers.sum()
+    right.set_title(f"{count} of {len(tried)} readings of eq. (40)\ngives the paper's pair")
+    right.set(xlabel="Frobenius norm, %", ylabel="2-norm, %")
+    one_legend(figure, 3)
     return figure
 
 
-def figure_loop(runs: pd.DataFrame, costs: pd.DataFrame) -> Figure:
+def figure_loop(runs: pd.DataFrame) -> Figure:
     """What each form of the mapping costs the secondary goal, over the size of the spiral."""
     figure, growth = new_figure(COLUMN_IN, 3.5), growth_of(runs)
     axes, label = figure.subplots(), "constant Jacobian: geometry alone"
@@ -775,27 +627,9 @@ def figure_loop(runs: pd.DataFrame, costs: pd.DataFrame) -> Figure:
     ):
         extra = growth["extra_percent", variant]
         axes.plot(extra, marker, color=color, mfc="none", label=label)
-    at = costs[costs.cost == COSTS[0]]
-    axes.plot(at.spiral_factor, at.percent, "D", color=BLACK, label="1 and 10 % by geometry")
-    reached = ",\n".join(
-        f"{percent:g} % at {factor:.0f} times"
-        for percent, factor in zip(at.percent, at.spiral_factor, strict=True)
-    )
-    axes.set_title(f"A constant Jacobian costs {reached} the spiral of Table I")
+    axes.set(title="Strut 1 locked, spirals larger than that of Table I")
     axes.set(xlabel="size of the spiral, 1: that of Table I")
     axes.set(ylabel="secondary goal: deviation from optimum, %")
     logarithmic(axes, "xy")
     one_legend(figure, 2)
     return figure
-
-
-STUDY = Study(
-    name="jacobian",
-    help=jacobian.__doc__ or "",
-    runs="experiments.jacobian:jacobian",
-    results=None,
-    quick="Fewer local searches; with --loop three sizes of the spiral, 4 s each.",
-    seed="the searches and the detector noise",
-    options=(Option("loop", bool, False, "Also simulate spirals of increasing size: 5 minutes."),),
-    in_report={"loop": True},
-)

@@ -6,7 +6,7 @@ from functools import partial
 from itertools import product
 from math import inf
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
@@ -24,14 +24,14 @@ from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.run import Run, rms
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, BLUE, GREEN, VERMILION
-from experiments.study.parallel import call, in_parallel
 from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Study
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import call, in_parallel
 from ftc.control.anti_windup import circle_margin
-from ftc.controller import ControllerState, Measurement, PrioritizedController
+from ftc.controller import PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem, Kinematics, velocity_mapping, viable_rates
 from sim import (
@@ -39,7 +39,6 @@ from sim import (
     Array,
     Failure,
     JacobianReader,
-    Pose,
     advance,
     displacement_limits,
     failed_plant,
@@ -72,25 +71,17 @@ Limits = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Strategy:
-    """One way to obey the limits.
-
-    Attributes:
-        kind: A key of :data:`ALLOCATIONS`, or "unlimited".
-        weight: Of the major task in the one weighted problem.
-        slowness: Tracking time of the anti-windup, over 1/gain of the integrator; inf is none.
-    """
+    """One way to obey the limits; kind is a key of :data:`ALLOCATIONS`, or "unlimited"."""
 
     kind: str
-    weight: float | None = None
-    slowness: float = 1.0
+    weight: float | None = None  # of the major task in the one weighted problem
+    slowness: float = 1.0  # tracking time over the integrators' 1/gain; inf is no anti-windup
 
     @property
     def name(self) -> str:
         """As in `limits.json`."""
         weight = "" if self.weight is None else f"_{self.weight:g}"
-        if self.slowness == inf:
-            return f"{self.kind}{weight}_winding_up"
-        slow = "" if self.slowness == 1.0 else f"_tracking_{self.slowness:g}"
+        slow = {1.0: "", inf: "_winding_up"}.get(self.slowness, f"_tracking_{self.slowness:g}")
         return f"{self.kind}{weight}{slow}"
 
 
@@ -127,10 +118,10 @@ def strict(
 def clipping(
     kinematics: Kinematics, limits: Limits, major: Sequence[int], secondary: Sequence[int]
 ) -> Any:
-    """The mapping without limits; each rate is cut off at its own, whatever it is for."""
+    """The mapping without limits; each rate is cut off at its own."""
     mapping = kinematics.velocity_mapping(major, secondary, np.ones(len(kinematics.actuators)))
-    own = _of_survivors(kinematics, limits)
-    return _Allocation(lambda *velocities: mapping(*velocities).clip(*own))
+    own = np.array(limits)[:, kinematics.actuators]
+    return _solving(lambda *velocities: mapping(*velocities).clip(*own))
 
 
 def redistributed(
@@ -138,12 +129,11 @@ def redistributed(
 ) -> Any:
     """Redistributed pseudo-inverse: what saturated actuators lack, the others make up for.
 
-    Least |rates - desired rates| for the major task; rates beyond their limits are fixed there, and
-    the others solved again, until none is beyond (Virnig and Bodden 1994; Bodson, Evaluation of
-    Optimization Methods for Control Allocation, 2002). A rate once fixed is never released, so that
-    the result need not be the best within the limits.
+    Rates beyond their limits are fixed there for good, and the others solved again, until none is
+    beyond, so that the result need not be the best within the limits (Virnig and Bodden 1994;
+    Bodson, Evaluation of Optimization Methods for Control Allocation, 2002).
     """
-    J, (lower, upper) = kinematics.J[major], _of_survivors(kinematics, limits)
+    J, (lower, upper) = kinematics.J[major], np.array(limits)[:, kinematics.actuators]
 
     def rates_for(v: Any, desired: Any = None, _: Any = None) -> Array:
         (m1, n), rates = J.shape, np.zeros(J.shape[1])
@@ -159,7 +149,7 @@ def redistributed(
             moving &= ~beyond
         return rates
 
-    return _Allocation(rates_for)
+    return _solving(rates_for)
 
 
 def weighted(
@@ -185,17 +175,9 @@ ALLOCATIONS: dict[str, Callable[..., Any]] = {
 }
 
 
-class _Allocation(NamedTuple):
+def _solving(rates_for: Callable[..., Array]) -> Any:
     """Rates of the survivors for velocities, called as a mapping with limits is."""
-
-    rates_for: Callable[..., Array]
-
-    def solve(self, *velocities: Any) -> Any:
-        return SimpleNamespace(rates=self.rates_for(*velocities))
-
-
-def _of_survivors(kinematics: Kinematics, limits: Limits) -> Limits:
-    return limits[0][kinematics.actuators], limits[1][kinematics.actuators]
+    return SimpleNamespace(solve=lambda *velocities: SimpleNamespace(rates=rates_for(*velocities)))
 
 
 def allocation(strategy: Strategy) -> Callable[..., Any]:
@@ -225,25 +207,14 @@ class Condition:
         return {0: STUCK_M} if self.stuck else {}
 
     @property
+    def failures(self) -> list[Failure]:
+        """What happens to the plant."""
+        return [Failure(strut, "locked") for strut in self.locked_at]
+
+    @property
     def raised_m(self) -> Array:
         """The secondary reference, shape (6,)."""
         return np.full(6, HEAVE_M if self.heave else 0.0)
-
-
-@dataclass(frozen=True)
-class _Raising:
-    """The controller with a constant secondary goal."""
-
-    controller: PrioritizedController[Pose]
-    reference_m: Array
-
-    def start(self) -> ControllerState[Pose]:
-        return self.controller.start()
-
-    def step(
-        self, state: ControllerState[Pose], reference: Array, measurement: Measurement
-    ) -> ControllerState[Pose]:
-        return self.controller.step(state, reference, measurement, self.reference_m)
 
 
 def spiral_rad(duration_s: float, turn_s: float) -> Array:
@@ -261,28 +232,22 @@ def limits_of(testbed: Testbed) -> Limits:
 
 def outline(testbed: Testbed, condition: Condition) -> Array:
     """Corners of the attainable pointing [rad], a stuck strut where it is, shape (k, 2)."""
-    lower, upper = (each.copy() for each in limits_of(testbed))
+    box = np.array(limits_of(testbed))
     for strut, stands_m in condition.locked_at.items():
-        lower[strut] = upper[strut] = stands_m
+        box[:, strut] = stands_m
     J = np.linalg.inv(hexapod(testbed.model).inverse_jacobian(NOMINAL))
     kinematics = ConstrainedSystem(J, None, range(6)).kinematics()
-    return kinematics.attainable(MAJOR, (lower, upper)).vertices
+    return kinematics.attainable(MAJOR, tuple(box)).vertices
 
 
 def strut_mapping(testbed: Testbed, condition: Condition, strategy: Strategy) -> StrutMapping:
     """The strut mapping with equal weights, its limits obeyed by the strategy."""
     goal = Goal(joint_weight=(1.0,) * 6, locked_at=condition.locked_at)
-    geometry = hexapod(testbed.model)
-    if strategy.kind == "unlimited":
-        return StrutMapping(geometry, goal, "constant")
-    limits, find = limits_of(testbed), allocation(strategy)
-    return StrutMapping(
-        geometry,
-        goal,
-        "constant",
-        limits=limits,
-        allocate=lambda kinematics: find(kinematics, limits, MAJOR, SECONDARY),
-    )
+    limits, find = None, None
+    if strategy.kind != "unlimited":
+        limits, how = limits_of(testbed), allocation(strategy)
+        find = partial(how, limits=limits, major=MAJOR, secondary=SECONDARY)
+    return StrutMapping(hexapod(testbed.model), goal, "constant", limits=limits, allocate=find)
 
 
 def fly(
@@ -303,13 +268,12 @@ def fly(
         anti_windup=strategy.slowness < inf,
         tracking_slowness=strategy.slowness if strategy.slowness < inf else 1.0,
     )
-    start_m = np.zeros(6)
-    for strut, stands_m in condition.locked_at.items():
-        start_m[strut] = stands_m
-    return hexapod_rig(testbed, start_m=start_m).fly(
-        _Raising(controller, condition.raised_m),
+    raising = partial(controller.step, secondary_reference=condition.raised_m)
+    start_m = [condition.locked_at.get(strut, 0.0) for strut in range(6)]
+    return hexapod_rig(testbed, start_m=np.array(start_m)).fly(
+        SimpleNamespace(start=controller.start, step=raising),
         path_rad,
-        failures=[Failure(strut, "locked") for strut in condition.locked_at],
+        failures=condition.failures,
         seed=seed,
         lead_in_s=LEAD_IN_S,
     )
@@ -323,9 +287,8 @@ def spiral_row(
     off = np.linalg.norm(run.true - unlimited.true, axis=1)
     attainable = room(outline(testbed, condition), run.desired) > 0
     working = np.delete(np.arange(6), list(condition.locked_at))
-    tracking_s = [
-        strategy.slowness / (loop.numerator[-1] / loop.denominator[-2]) for loop in testbed.loops
-    ]
+    gains_per_s = [loop.numerator[-1] / loop.denominator[-2] for loop in testbed.loops]
+    tracking_s = np.mean(strategy.slowness / np.array(gains_per_s))
     lower, upper = (side[working] for side in limits_of(testbed))
     command_m = testbed.amplifier().displacements(run.inputs)[:, working]
     left_m = np.minimum(upper - command_m, command_m - lower)
@@ -337,15 +300,15 @@ def spiral_row(
         "strategy": strategy.name,
         "kind": strategy.kind,
         "major_weight": strategy.weight,
-        "tracking_time_s": float(np.mean(tracking_s)) if strategy.slowness < inf else None,
+        "tracking_time_s": tracking_s if np.isfinite(tracking_s) else None,
         "rms_urad": 1e6 * rms(error),
         "peak_urad": 1e6 * error.max(),
         "attainable_rms_urad": 1e6 * rms(error[attainable]),
         "recovery_s": longest((off > RECOVERED_RAD) & attainable) * period_s,
         "rest_peak_urad": 1e6 * error[-round(0.5 * REST_S / period_s) :].max(),
-        "secondary_rms_um": 1e6 * float(np.sqrt((moved_m**2).mean())),
+        "secondary_rms_um": 1e6 * rms(moved_m.ravel()),
         "at_limit_s": (left_m < AT_LIMIT_M).any(axis=1).sum() * period_s if is_limited else None,
-        "beyond_limit_um": 1e6 * float((-left_m).max()) if is_limited else None,
+        "beyond_limit_um": -1e6 * left_m.min() if is_limited else None,
         "closure_residual_max_m": run.closure_max_m,
     }
 
@@ -364,7 +327,7 @@ def condition_row(testbed: Testbed, condition: Condition, path_rad: Array) -> di
 
 def loop_margin(testbed: Testbed, condition: Condition, *, anti_windup: bool) -> float:
     """:func:`.circle_margin` of both loops on the linear model of the plant."""
-    plant = failed_plant(testbed.model, [Failure(strut, "locked") for strut in condition.locked_at])
+    plant = failed_plant(testbed.model, condition.failures)
     goal = Goal(joint_weight=(1.0,) * 6, locked_at=dict.fromkeys(condition.locked_at, 0.0))
     gain = StrutMapping(hexapod(testbed.model), goal, "constant").major_gain()
     pointing = sampled(linearize(plant.model, plant.data), gain, testbed.bench.control_period_s)
@@ -483,14 +446,21 @@ def arm_row(strategy: Strategy, motion: dict[str, Array]) -> dict[str, Any]:
 # The study.
 
 
-def limits(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+def limits(
+    *,
+    seed: Annotated[int, seed_of("the detector noise")] = 0,
+    quick: Annotated[
+        bool, Option(help="One secondary goal, fewer strategies, shorter spirals and path.")
+    ] = False,
+    on_progress: OnProgress,
+) -> Result:
     """Compare ways to keep actuators within their limits, in the loop.
 
     The hexapod follows a spiral beyond what stroke and coil current allow, without failure and with
     strut 1 stuck off centre. An arm with limited joints follows a long path, and a joint locks
-    halfway. Strict priority is compared with scaling, clipping, a redistributed pseudo-inverse and
-    one weighted problem; clipping with each of seven tracking times of the anti-windup, the problem
-    with each of eight weights. 6 min on two cores (estimated), 20 s with --quick.
+    halfway. Strict priority is compared with scaling, clipping (seven tracking times), a
+    redistributed pseudo-inverse and one weighted problem (eight weights). 6 min on two cores
+    (estimated), 20 s with --quick.
 
     Writes limits.json, its tables as limits.md and Parquet, a figure, and the data of all runs
     (spirals.npz, arm.npz).
@@ -509,34 +479,24 @@ def limits(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
     done = in_parallel(call, calls, on_progress)
     motions = {each.name: motion for each, motion in zip(arm, done, strict=False)}
     runs = dict(zip(flights, done[len(arm) :], strict=True))
+    flown = [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()]
+    limited = [each for each in loop if each.slowness == 1.0 and each.kind != "unlimited"]
     tables = {
-        "spirals": over_strict(
-            [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()],
-            "rms_urad",
-        ),
+        "spirals": over_strict(flown, "rms_urad"),
         "arm": over_strict([arm_row(each, motions[each.name]) for each in arm], "rms_mrad"),
         "conditions": pd.DataFrame([condition_row(testbed, each, path_rad) for each in conditions]),
         "out_of_reach": pd.DataFrame(
-            [
-                excess_row(testbed, conditions, each, seed)
-                for each in loop
-                if each.slowness == 1.0 and each.kind != "unlimited"
-            ]
+            [excess_row(testbed, conditions, each, seed) for each in limited]
         ),
     }
     spirals = {"time_s": BENCH.time_s(duration_s), "desired_rad": path_rad}
     for (condition, strategy), run in runs.items():
         name = f"{condition.name}_{strategy.name}"
         spirals |= {f"{name}_true_rad": run.true, f"{name}_strut_input_percent": run.inputs}
-    stuck = next(key for key in runs if key[0].stuck and key[1].name == "strict")
-    drawn = partial(
-        figure,
-        outline(testbed, stuck[0]),
-        path_rad,
-        runs[stuck].true,
-        tables["spirals"],
-        tables["arm"],
-    )
+    motion = {f"{name}_{key}": A for name, each in motions.items() for key, A in each.items()}
+    stuck = Condition(stuck=True, heave=heaves[0])
+    plane = outline(testbed, stuck), path_rad, runs[stuck, Strategy("strict")].true
+    drawn = partial(figure, *plane, tables["spirals"], tables["arm"])
     return Result(
         settings=origin(seed, arm=ARM_MJCF)
         | {
@@ -561,12 +521,7 @@ def limits(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
         checks=checks(**tables),
         shown=shown(**tables),
         pictures=[Picture("limits", CAPTION, ALT, drawn)],
-        arrays={
-            "spirals.npz": spirals,
-            "arm.npz": {
-                f"{k}_{key}": A for k, motion in motions.items() for key, A in motion.items()
-            },
-        },
+        arrays={"spirals.npz": spirals, "arm.npz": motion},
     )
 
 
@@ -607,7 +562,6 @@ def checks(
         *check("command beyond its limit [um]", limited.beyond_limit_um, 0.02),  # converter's step
         *check("pointing error at rest afterwards [urad]", settled.rest_peak_urad, 5.0),
         *check(what, 1 / moved.rms_over_strict["clipping"], 1.0, "arm"),
-        # While joints brake at their limits the line of sight lags behind.
         *check("peak error of strict priority [mrad]", moved.peak_mrad["strict"], 10.0, "arm"),
         *check("joint beyond its limit [rad]", beyond_rad, 1e-9, "arm"),
         *check("error of strict priority above the least [%]", excess, 1e-6, "out of reach"),
@@ -620,20 +574,16 @@ def shown(
     """The printed tables."""
     columns = "strategy rms_urad:.0f peak_urad:.0f attainable_rms_urad:.0f recovery_s:.2f "
     columns += "secondary_rms_um:.0f rms_over_strict:.3f"
-    flown = [
-        Shown(f"Hexapod: {str(name).replace('_', ', ')}", group, columns)
-        for name, group in spirals.groupby("condition", sort=False)
-    ]
+    flown = spirals.groupby("condition", sort=False)
     return [
-        *flown,
+        *(Shown(f"Hexapod: {name}", group, columns) for name, group in flown),
         Shown(
             "What is attainable in each condition",
             conditions,
             "condition least_rms_urad:.0f not_attainable_s:.2f circle_margin:.2f",
-            "stuck: strut 1, off centre. heave: the payload is to be raised. attainable_rms: while "
-            "the target is attainable. recovery: longest time for which an attainable target is "
-            f"missed by {1e6 * RECOVERED_RAD:.0f} urad more than without limits. secondary_rms: of "
-            "the struts from the secondary goal.",
+            "heave: the payload is to be raised. attainable_rms: while the target is attainable. "
+            "recovery: longest time for which an attainable target is missed by "
+            f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits.",
         ),
         Shown(
             "Arm: angle between desired and true line of sight",
@@ -649,9 +599,8 @@ def shown(
 
 
 CAPTION = (
-    "Limits in the loop. Left: the hexapod with strut 1 stuck on a spiral that leaves what stroke "
-    "and coil current allow. Right: the error of each strategy over that of strict priority, for "
-    "each tracking time of clipping and each weight of the one weighted problem."
+    "Left: the hexapod with strut 1 stuck on a spiral that leaves what stroke and coil current "
+    "allow. Right: the error of each strategy over that of strict priority."
 )
 ALT = (
     "Strict priority follows the outline of what is attainable. The best weight and the "
@@ -660,23 +609,18 @@ ALT = (
 )
 LOOKS = {
     "sound": {"color": BLUE, "marker": "o"},
-    "sound_heave": {"color": BLUE, "marker": "o", "markerfacecolor": "none"},
+    "sound_heave": {"color": BLUE, "marker": "+"},
     "stuck": {"color": VERMILION, "marker": "s"},
-    "stuck_heave": {"color": VERMILION, "marker": "s", "markerfacecolor": "none"},
+    "stuck_heave": {"color": VERMILION, "marker": "x"},
     "arm": {"color": GREEN, "marker": "D"},
 }
-"""Of the conditions, with a secondary goal hollow."""
 
 
 def figure(
     corners: Array, path_rad: Array, true: Array, spirals: pd.DataFrame, arm: pd.DataFrame
 ) -> Figure:
     """Strict priority with strut 1 stuck; errors over its own, by strategy and number chosen."""
-    figure, best = new_figure(PAGE_IN, 4.2), tuned_clipping(spirals)
-    figure.suptitle(
-        "Actuators at their limits: strict priority needs no tuning, and the best tuned clipping "
-        f"errs {best.min():.2f} to {best.max():.2f} times as much"
-    )
+    figure = new_figure(PAGE_IN, 4.2)
     plane, errors = figure.subplots(1, 2, width_ratios=[0.8, 1])
     plane.fill(*1e3 * corners.T, color=GREEN, alpha=0.2, lw=0, label="attainable")
     plane.plot(*1e3 * path_rad.T, color=BLACK, ls="--", lw=0.8, label="desired")
@@ -686,22 +630,11 @@ def figure(
     limited = pd.concat([spirals, arm]).query("kind != 'unlimited'")
     names = list(limited.strategy.unique())
     for condition, group in limited.groupby("condition", sort=False):
-        look, label = LOOKS[str(condition)], str(condition).replace("_heave", ", secondary goal")
-        rows = group.strategy.map(names.index)
-        errors.plot(group.rms_over_strict, rows, ls="", label=label, **look)
-    errors.axvline(1.0, color=BLACK, lw=0.8, label="strict priority: 1")
+        rows, look = group.strategy.map(names.index), LOOKS[str(condition)]
+        errors.plot(group.rms_over_strict, rows, ls="", label=condition, **look)
     logarithmic(errors, "x")
-    errors.set_yticks(range(len(names)), [each.replace("_", " ") for each in names])
+    errors.set_yticks(range(len(names)), names)
     errors.invert_yaxis()
-    errors.set(title="Left is better", xlabel="RMS error over that of strict priority")
+    errors.set(title="RMS error over that of strict priority", xlabel="less is better")
     one_legend(figure, 4)
     return figure
-
-
-STUDY = Study(
-    name="limits",
-    help=limits.__doc__ or "",
-    runs="experiments.limits:limits",
-    results=None,
-    quick="One secondary goal, fewer strategies, faster spirals, a shorter path of the arm.",
-)

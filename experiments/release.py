@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -26,12 +26,12 @@ from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from experiments.rig.prediction import loop_peak
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, GREEN
-from experiments.study.parallel import call, in_parallel
 from experiments.study.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Study
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import call, in_parallel
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from prioritized import Classes, FailureAtlas, failure_atlas
@@ -269,7 +269,14 @@ def atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
 # The study.
 
 
-def release(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+def release(
+    *,
+    seed: Annotated[int, seed_of("the detector noise")] = 0,
+    quick: Annotated[
+        bool, Option(help="Spirals of 4 s, and three values of the stiffness.")
+    ] = False,
+    on_progress: OnProgress,
+) -> Result:
     """Simulate a strut without coil force, then without coil force and spring.
 
     Strut 1 fails at the start or during the spiral, known or unknown to the mapping. Every spiral
@@ -466,12 +473,3 @@ def figure(sweep: pd.DataFrame, spirals: dict[str, Spiral]) -> Figure:
         axes.set(xlabel="time, s", ylabel="$t_x$, µm")
         axes.legend(loc="upper left")
     return figure
-
-
-STUDY = Study(
-    name="release",
-    help=release.__doc__ or "",
-    runs="experiments.release:release",
-    results=None,
-    quick="Spirals of 4 s, and three values of the stiffness.",
-)

@@ -1,9 +1,9 @@
 """Results of studies as data frames: what is in folders, and a run of a dataset once more."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,8 @@ import pandas as pd
 from experiments.recording.properties import properties_of
 from experiments.rig.run import Run
 from experiments.studies import study
-from experiments.study import parquet
+from experiments.study.errors import WrongInput
 from experiments.study.foreign import read_json
-from experiments.study.study import WrongInput
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,13 @@ def _named(
 def runs_of(folder: Path, content: Mapping[str, Any]) -> pd.DataFrame:
     """The runs of a study from the contents of its JSON file, and the dataset that this names."""
     if dataset := content.get("dataset"):
-        return parquet.read(folder / Path(dataset).name).to_pandas()
-    tables = [key for key, value in content.items() if is_table(value) and key != "checks"]
+        file = folder / Path(dataset).name
+        try:
+            return pd.read_parquet(file)
+        except (OSError, ValueError) as error:
+            raise WrongInput(f"{file} cannot be read: {' '.join(str(error).split())}") from None
+    others = {"checks", *content.get("settings", ())}
+    tables = [key for key, value in content.items() if is_table(value) and key not in others]
     if "settings" in content and tables:
         return pd.json_normalize(content[tables[0]])
     return pd.json_normalize([{k: v for k, v in content.items() if not isinstance(v, dict | list)}])
@@ -116,16 +120,17 @@ def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
     stored = rows[rows.case == case] if len(rows) else rows
     if summary is None or stored.empty:
         raise WrongInput(f"{folder} has no dataset with a case {case}")
-    entry = study(str(summary["experiment"])).again
-    if entry is None:
-        raise WrongInput(f"runs of fjh {summary['experiment']} cannot be flown again")
-    again = resolve_name(entry)(summary)
-    drawn, row = again.campaign.runs[case], stored.iloc[0]
+    name = str(summary["experiment"])
+    again = getattr(sys.modules[study(name).__module__], "again", None)
+    if again is None:
+        raise WrongInput(f"runs of fjh {name} cannot be flown again")
+    runs, fly = again(summary)
+    drawn, row = runs[case], stored.iloc[0]
     if others := [k for k, v in drawn.parameters().items() if not _is_same(row.get(k), v)]:
         raise WrongInput(
             f"case {case} cannot be flown again: this version draws another {others[0]}"
         )
-    columns, run, _ = again.fly(drawn)
+    columns, run = fly(drawn)
     beside = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]
     pairs = zip(beside.stored, beside.flown, strict=True)
     return run, beside.assign(same=[_is_same(stored, flown) for stored, flown in pairs])

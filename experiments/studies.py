@@ -4,16 +4,15 @@ What takes long comes late; the timings come last, when nothing else runs. A stu
 it is asked for: the list of commands does not wait for MuJoCo.
 """
 
-from functools import cache
 from importlib import import_module
 
-from experiments.study.study import Study
+from experiments.study.option import Study
 
 LINES = {
     "table1": "Reproduce Table I and Figures 4 to 6 of the paper.",
     "track": "Track a path with any robot while its actuators fail.",
     "survey": "Say what a robot, or an effectiveness matrix, can still do after each failure.",
-    "figures": "Draw the machine, its control loops and its failure conditions.",
+    "figures": "Compute margins of the control loops, and pointing in each failure condition.",
     "systems": "Compare the classification of four other mechanisms with their simulation.",
     "release": "Simulate a strut without coil force, then without coil force and spring.",
     "force": "Simulate static forces commanded by the force mapping.",
@@ -29,16 +28,9 @@ LINES = {
 }
 """The first line of each study's help, by its name."""
 
-_MODULES = {"atlas": "sweep", "bench": "benchmark"}
+_MODULES = {"atlas": "sweep", "bench": "benchmark.runs", "survey": "survey.survey"}
 
 
-@cache
 def study(name: str) -> Study:
-    """The study of a name; the import of its module takes up to a second."""
-    module = import_module(f".{_MODULES.get(name, name)}", __package__)
-    return module.ATLAS if name == "atlas" else module.STUDY
-
-
-def studies() -> tuple[Study, ...]:
-    """All of them."""
-    return tuple(map(study, LINES))
+    """The function of a study; the import of its module takes up to a second."""
+    return getattr(import_module(f".{_MODULES.get(name, name)}", __package__), name)

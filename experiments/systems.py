@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import cycle
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from experiments.recording.file import RecordingInfo
 from experiments.recording.layout import write_scenes
@@ -22,13 +21,13 @@ from experiments.recording.signals import Plot
 from experiments.rig.conditions import FREE, LOCKED, codes_of, failed, failures_of, in_words
 from experiments.rig.units import ROWS
 from experiments.rig.verdicts import left_of
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, LINES
-from experiments.study.parallel import in_parallel
 from experiments.study.plotting import PAGE_IN, new_figure
 from experiments.study.provenance import version_properties
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Study
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import in_parallel
 from prioritized import ConstrainedSystem, Kinematics, failure_atlas
 from sim import (
     HEXAPOD_MJCF,
@@ -48,9 +47,8 @@ CORNERS = 8  # of the polygon
 PUSH_S, TRIAL = 0.05, 1e-6  # a push, and the wrench of the first one, [N] or [N m]
 REST = 1e-6  # what is left of a motion when it counts as at rest
 COASTING_PER_S = 0.01  # slower than any servo; what decays no faster coasts
-# What counts as motion, per commanded step or as a fraction of the way after a push: what servos
-# and closures hold stands still to 1e-5, and the smallest motion there is comes to 0.015 (a rotor's
-# radian moves a hand's object that many metres).
+# What counts as motion, per commanded step or as a fraction of the way after a push: what is held
+# stands still to 1e-5, and the smallest motion is 0.015 [m] of a hand's object per [rad].
 VISIBLE = 1e-3
 LIMIT = 0.01  # largest relative distance between simulated and predicted motions and forces
 
@@ -140,9 +138,9 @@ class Probed:
 
 
 def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
-    """Displacements at rest after one step of each surviving actuator, divided by the step.
+    """Displacements at rest after one step of each surviving actuator, over the step, as columns.
 
-    Of the survivors, shape (n', n'), and of the task, shape (m, n'): a column a commanded step.
+    Of the survivors, shape (n', n'), and of the task, shape (m, n').
     """
     active, twist = [], []
     for k in survivors:
@@ -217,15 +215,15 @@ def drive_polygon(
 def hold_force(
     rig: Probed, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
 ) -> dict[str, float]:
-    """How far a force, exerted through the force mapping, is from what was predicted of it.
+    """How far a random force, exerted through the force mapping, is from what was predicted of it.
 
-    A random major force, and a random internal force where there is one.
+    With a random internal force where there is one.
 
     Returns:
         torque_error: Servo torques against the mapping's, relative.
-        closure_error: What the closures and locks do to the joints, against the constraint forces
-            that the kinematics derives from force and torques, relative to the largest of these and
-            of what force and torques do to the joints: closures may have nothing to bear.
+        closure_error: What closures and locks do to the joints against the constraint forces of
+            the kinematics, relative to the largest of these, of what the force does to the joints,
+            and of the torques: closures may have nothing to bear.
         yielded_steps: Payload displacement. One servo, alone with its torque, would move one step.
     """
     task, major = list(rig.mechanism.task), list(rig.mechanism.major)
@@ -280,9 +278,8 @@ def largest_angle(moved: Array, basis: Array) -> float:
 
 # Each condition, classified and simulated.
 
+# Always checked; `major_error` where no self-motion passes the motion of a corner on to the next.
 ERRORS = ("motion_error", "drift_error", "torque_error", "closure_error", "yielded_steps")
-"""Those that are always checked; `major_error` where no self-motion moves the major task: else each
-corner passes its motion on to the next."""
 FLAGS = ("unmanipulable", "unmanipulable_task", "irresolvable")
 FLAGS += ("unstable", "unstable_major", "unstable_secondary")
 
@@ -323,11 +320,10 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
     model, rng = load_model(mechanism.path), np.random.default_rng(seed)
     rig = Probed(model, mechanism, condition)
     system, kin = classified(model, mechanism, condition)
-    major, codes, numbers = list(mechanism.major), codes_of(condition), range(len(condition))
+    major, codes, numbers = list(mechanism.major), codes_of(condition), range(model.nu)
     report = kin.manipulability(major)
     bases = report.bases
-    active, moved = respond(rig, kin.actuators)
-    coasting = coast(rig)
+    (active, moved), coasting = respond(rig, kin.actuators), coast(rig)
     path, major_error = drive_polygon(rig, kin, rng)
     errors = {
         "motion_error": motion_error(kin, active, moved),
@@ -335,16 +331,14 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         "major_error": major_error,
         **hold_force(rig, system, kin, rng),
     }
-    checked_errors = ERRORS if report.unstable_major else [*ERRORS, "major_error"]
-    lost, drifts = bases["unmanipulable"].shape[1], bases["unstable_major"].shape[1]
-    forbidden = len(bases["constrained_active"])
+    judged = ERRORS if report.unstable_major else [*ERRORS, "major_error"]
     # Dimensions by the report, and in the simulation.
     rank = partial(np.linalg.matrix_rank, tol=VISIBLE)
     counts = {
-        "major_directions": (len(major) - lost, rank(moved[major])),
+        "major_directions": (len(major) - bases["unmanipulable"].shape[1], rank(moved[major])),
         "self_motion": (bases["unstable"].shape[1], rank(coasting)),
-        "self_motion_major": (drifts, rank(coasting[major])),
-        "constrained_active": (forbidden, len(kin.actuators) - rank(active)),
+        "self_motion_major": (bases["unstable_major"].shape[1], rank(coasting[major])),
+        "constrained_active": (len(bases["constrained_active"]), len(active) - rank(active)),
     }
     # The system's failures are part of every condition of its atlas.
     [verdict] = left_of(failure_atlas(system, major, codes=np.zeros((1, model.nu))))
@@ -365,7 +359,7 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         **{f"simulated_{what}": simulated for what, (_, simulated) in counts.items()},
         "agrees": all(predicted == simulated for predicted, simulated in counts.values()),
         **errors,
-        "largest_error": max(errors[name] for name in checked_errors),
+        "largest_error": max(errors[name] for name in judged),
         "recording": f"{mechanism.name}.rrd",
         "data": f"{mechanism.name}.npz",
     }
@@ -375,7 +369,12 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
 # The study.
 
 
-def systems(*, seed: int, quick: bool, on_progress: OnProgress) -> Result:
+def systems(
+    *,
+    seed: Annotated[int, seed_of("the random directions")] = 0,
+    quick: Annotated[bool, Option(help="Three conditions of each mechanism.")] = False,
+    on_progress: OnProgress,
+) -> Result:
     """Compare the classification of four other mechanisms with their simulation.
 
     An arm, a hand, two cooperating arms and a platform are simulated without and with failures:
@@ -446,8 +445,8 @@ def record(ours: Sequence[Examined], settings: dict[str, Any], found: str, folde
     """Write the recording of a mechanism, a scene for each condition."""
     mechanism, reports = ours[0].mechanism, {one.row["condition"]: one.report for one in ours}
     name, what = mechanism.name, "The payload follows an octagon in its major task."
-    properties = {key: settings[key] for key in ("seed", "step_m_or_rad")}
-    properties |= {"model_sha256": settings["model_sha256"][name], "period_s": PERIOD_S}
+    properties = {"seed": settings["seed"], "step_m_or_rad": STEP, "period_s": PERIOD_S}
+    properties["model_sha256"] = settings["model_sha256"][name]
     properties |= version_properties(settings)
     results = {"study": "systems", "robot": name, "verdict": what, "checks": found}
     results["failures"] = "; ".join(reports)
@@ -474,26 +473,20 @@ def scene(model: mujoco.MjModel, one: Examined) -> Scene:
 
 
 CAPTION = (
-    "Each mechanism's major task around an octagon, sound and failed, in simulation. Each "
-    "corner is commanded as a step, so that the task overshoots it before it comes to rest "
-    "(thin lines). The runs end at the eighth corner: the last side has no thin lines."
+    "Each mechanism's major task around an octagon, sound and failed, in simulation: thick lines "
+    "join where it rests at each commanded corner (dots), dashed where it is lost as classified. "
+    "Thin lines are the way from the first corner to the eighth, with the overshoot of each step."
 )
 ALT = (
     "A panel for each mechanism: at rest its task is at every corner of the octagon, but for "
     "the dashed lines, whose task is lost as classified."
 )
-LEGEND = (
-    Line2D([], [], color=BLACK, marker="o", ls="", ms=3, label="commanded corners"),
-    Line2D([], [], color=BLACK, lw=2, label="simulated: at rest at each corner, joined"),
-    Line2D([], [], color=BLACK, lw=2, ls="--", label="the same, task lost as classified"),
-    Line2D([], [], color=BLACK, lw=0.4, label="simulated: on the way; whiskers: overshoot"),
-)
 
 
 def figure(groups: Mapping[Mechanism, Sequence[Examined]]) -> Figure:
     """Each mechanism's major task around a polygon, in every condition."""
-    rows = -(-len(groups) // 2)
-    figure = new_figure(PAGE_IN, 2.6 * rows + 0.4)
+    rows, dots = -(-len(groups) // 2), []
+    figure = new_figure(PAGE_IN, 2.6 * rows + 0.2)
     figure.suptitle("Major task around an octagon, sound and with failed actuators, simulated")
     for place, (mechanism, ours) in enumerate(groups.items(), 1):
         axes = figure.add_subplot(rows, 2, place)
@@ -505,12 +498,12 @@ def figure(groups: Mapping[Mechanism, Sequence[Examined]]) -> Figure:
             axes.plot(*at_rest.T, style, color=color, lw=width, label=one.row["condition"])
             axes.plot(*on_the_way.T, style, color=color, lw=0.4)
         corners, _ = around(ours[0].polygon[0])
-        axes.plot(*corners.T, "o", color=BLACK, ms=3)
+        dots = axes.plot(*corners.T, "o", color=BLACK, ms=3)
         first, second = (f"{ROWS[row]}, µ{mechanism.unit}" for row in mechanism.rows[:2])
         axes.set(title=mechanism.title, xlabel=first, ylabel=second)
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(title="failed actuators", loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    figure.legend(handles=LEGEND, loc="outside lower center", ncols=2)
+    figure.legend(dots, ["commanded corners"], loc="outside lower center")
     return figure
 
 
@@ -520,13 +513,3 @@ def around(path: Array) -> tuple[Array, Array]:
     held = len(path) // (CORNERS + also)
     octagon = path[held - 1 : CORNERS * held, :2]
     return np.vstack([octagon[::held], octagon[:1]]), octagon
-
-
-STUDY = Study(
-    name="systems",
-    help=systems.__doc__ or "",
-    runs="experiments.systems:systems",
-    results=None,
-    quick="Only the first three conditions of each mechanism.",
-    seed="the random directions",
-)

@@ -4,14 +4,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording.plots import spiral
 from experiments.recording.record import About, write_run
 from experiments.rig.checks import CLOSURE_LIMIT_M
 from experiments.rig.hexapod import metrics, paper
@@ -27,17 +26,25 @@ from experiments.rig.hexapod.machine import detector_noise_rad
 from experiments.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
 from experiments.rig.hexapod.rig import hexapod_rig, pursuing
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.options import MACHINE_FILE, JacobianChoice
-from experiments.rig.other_controller import fly_with
+from experiments.rig.options import Controller, JacobianChoice, MachineFile
+from experiments.rig.other_controller import controller_factory, controller_label, fly_with
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run, rms
-from experiments.study.controllers import CONTROLLER, controller_label
+from experiments.study.option import Option, seed_of
 from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from experiments.study.parallel import in_parallel
-from experiments.study.plotting import COLUMN_IN, PAGE_IN, new_figure, one_legend
-from experiments.study.result import Result, Shown, check, origin
-from experiments.study.results import Check, Picture
-from experiments.study.study import OnProgress, Option, Study
+from experiments.study.plotting import (
+    COLUMN_IN,
+    DESIRED,
+    MEASURED,
+    PAGE_IN,
+    START,
+    new_figure,
+    one_legend,
+)
+from experiments.study.result import Check, Picture, Result, Shown, check, origin
+from experiments.study.spelling import check_file
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import call, in_parallel
 from sim import Array, ModelError, load_model, model_sha256
 
 ConfigurationName = Literal["calibrated", "demand-limit"]
@@ -67,13 +74,29 @@ MISMATCH_TOLERANCE = 0.1
 
 def table1(
     *,
-    seed: int,
-    quick: bool,
+    seed: Annotated[int, seed_of("the detector noise")] = 0,
+    quick: Annotated[
+        bool, Option(help="Only the first 4 s of the 16 s spiral, one mismatched plant.")
+    ] = False,
+    jacobian: Annotated[
+        JacobianChoice,
+        Option(
+            help="Jacobian of the mapping: analytic, at the estimated pose in every control tick, "
+            "or constant, at the nominal pose as in eq. (39). Both are simulated; the table shows "
+            "this one."
+        ),
+    ] = "analytic",
+    configuration: Annotated[
+        ConfigurationName,
+        Option(
+            help="Constants of the testbed: calibrated, fitted to columns W_a to W_e; "
+            "demand-limit, fitted to the last column as well by a clockwise spiral and a limit of "
+            "95 urad on the pointing that the compensators may demand (docs/uncorrected.md)."
+        ),
+    ] = "calibrated",
+    model: MachineFile = None,
+    controller: Controller = None,
     on_progress: OnProgress,
-    jacobian: JacobianChoice = "analytic",
-    configuration: ConfigurationName = "calibrated",
-    model: Path | None = None,
-    controller: str | None = None,
 ) -> Result:
     """Reproduce Table I and Figures 4 to 6 of the paper.
 
@@ -89,7 +112,9 @@ def table1(
 
     Example: fjh table1 --configuration demand-limit --seed 7 --out /tmp/mine
     """
-    machine, bench = load_model(model), CONFIGURATIONS[configuration]
+    if controller is not None:
+        controller_factory(controller)  # a wrong name is refused before anything runs
+    machine, bench = load_model(model and check_file(model)), CONFIGURATIONS[configuration]
     loops, constants = nominal_loops(machine, bench), metrics.plant_constants(machine)
     rig = hexapod_rig(Testbed(machine, bench, loops))
     path = bench.spiral_rad(bench.quick_duration_s if quick else bench.duration_s)
@@ -105,15 +130,14 @@ def table1(
     rigs["next seed", "W_a"] = own["W_a"]
     rigs |= {("controller", name): own[name] for name in REPRESENTATIVE if controller}
     rigs |= {("mismatched", name): each for name, each in mismatched.items()}
-    calls: list[dict[str, Any]] = [
-        {"work": predicted_rad, "rig": own[name], "column": column, "path": path, "seed": seed}
-        for name, column in BY_NAME.items()
+    calls: list[Callable[[], Any]] = [
+        partial(predicted_rad, own[name], column, path, seed) for name, column in BY_NAME.items()
     ]
     for (kind, name), each in rigs.items():
-        how = {"controller": controller if kind == "controller" else None}
-        how |= {"seed": seed + 1 if kind == "next seed" else seed}
-        calls.append({"work": _flown, "rig": each, "column": BY_NAME[name], "path": path} | how)
-    done = in_parallel(_done, calls, on_progress)
+        pilot = controller if kind == "controller" else None
+        noise = seed + 1 if kind == "next seed" else seed
+        calls.append(partial(_flown, each, BY_NAME[name], path, noise, pilot))
+    done = in_parallel(call, [{"work": each} for each in calls], on_progress)
     predicted = dict(zip(BY_NAME, done, strict=False))
     flown = dict(zip(rigs, done[len(BY_NAME) :], strict=True))
     runs = {key: run for key, (run, _) in flown.items()}
@@ -132,11 +156,8 @@ def table1(
     for name in REPRESENTATIVE if controller else ():
         run, failure = flown["controller", name]
         label = f"{controller_label(str(controller))}_{name}"
-        rows["controller", name] = column_row(BY_NAME[name], run, label, "other") | {
-            "controller": controller,
-            "compared_with": name,
-            "failure": failure,
-        }
+        said = {"controller": controller, "compared_with": name, "failure": failure}
+        rows["controller", name] = column_row(BY_NAME[name], run, label, "other") | said
     columns = pd.DataFrame([*rows.values()])
     margins = pd.DataFrame(map(metrics.loop_measures, loops)).drop(columns="sentence")
     margins.insert(0, "angle", ANGLES)
@@ -162,18 +183,13 @@ def table1(
     )
 
 
-def _done(work: Callable[..., Any], **call: Any) -> Any:
-    return work(**call)
-
-
 def _flown(
     rig: Rig, column: Column, path: Array, seed: int, controller: str | None
 ) -> tuple[Run, str | None]:
     """A run, and the failure of its controller if it is another one."""
-    how: dict[str, Any] = {"failures": column.failures, "seed": seed}
     if controller is not None:
-        return fly_with(rig, controller, path, **how)
-    return rig.fly(rig.controller(), path, **how), None
+        return fly_with(rig, controller, path, failures=column.failures, seed=seed)
+    return rig.fly(rig.controller(), path, failures=column.failures, seed=seed), None
 
 
 def mismatched_rigs(rigs: Mapping[str, Rig], seed: int, *, quick: bool) -> dict[str, Rig]:
@@ -267,22 +283,19 @@ def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> 
     With the other Jacobian, and of W_a with the next seed, from the columns; with mismatch from the
     linear model. `runs` are by kind and name of the column.
     """
-
-    def rms_urad(kind: str = "") -> Array:
-        ours = columns[columns.origin != "other"]
-        return ours[of_angles(f"{kind}*_rms_urad")].to_numpy(dtype=float)
-
-    off = "largest_rms_difference_urad"
-    by_jacobian = rms_urad("other_jacobian_") - rms_urad()
-    by_seed = 1e6 * runs["next seed", "W_a"].rms() - rms_urad()[0]
-    relative = rms_urad("mismatched_") / rms_urad("mismatched_predicted_") - 1
+    ours, off = columns[columns.origin != "other"], "largest_rms_difference_urad"
+    rms_urad, other, mismatched, expected = (
+        ours[of_angles(f"{kind}*_rms_urad")].to_numpy(dtype=float)
+        for kind in ("", "other_jacobian_", "mismatched_", "mismatched_predicted_")
+    )
+    reseeded = 1e6 * runs["next seed", "W_a"].rms()
     rows = [
-        {"runs": "other Jacobian", off: np.abs(by_jacobian).max()},
-        {"runs": "next seed", off: np.abs(by_seed).max()},
+        {"runs": "other Jacobian", off: np.abs(other - rms_urad).max()},
+        {"runs": "next seed", off: np.abs(reseeded - rms_urad[0]).max()},
     ]
+    relative = np.abs(mismatched / expected - 1)
     if not np.isnan(relative).all():
-        part = np.nanmax(np.abs(relative))
-        rows.append({"runs": "mismatched", "largest_relative_difference": part})
+        rows.append({"runs": "mismatched", "largest_relative_difference": np.nanmax(relative)})
     gaps_m = pd.Series({key: run.closure_max_m for key, run in runs.items()}).groupby(level=0).max()
     return pd.DataFrame(rows).assign(closure_residual_max_m=lambda found: found.runs.map(gaps_m))
 
@@ -356,11 +369,10 @@ def shown(
 ) -> list[Shown]:
     """The printed tables."""
     cut, theirs = metrics.is_cut(settings), columns[columns.origin == "other"]
-    title = f"Table I, configuration {settings['configuration']}: RMS of desired minus true angle"
-    title += f", first {settings['duration_s']:g} s of the spiral only" if cut else ""
     found = [
         Shown(
-            title,
+            f"Table I, configuration {settings['configuration']}: RMS of desired minus true angle, "
+            f"{settings['duration_s']:g} s of the spiral",
             printed(columns, *BY_NAME, cut=cut),
             " ".join(["quantity", *BY_NAME]),
             "Strut 1 is locked in the last three columns. origin: constants of the testbed were "
@@ -452,22 +464,21 @@ def pictures(runs: Mapping[tuple[str, str], Run], controller: str | None) -> lis
             "result",
             "What reconfiguring is worth, and what the secondary weights do, in simulation.",
             "Left, the pointing error with strut 1 locked: that of six healthy struts after "
-            "reconfiguration, larger without. Right, the translation t_x: large under equal "
-            "weights, almost none where it has ten times the weight.",
+            "reconfiguration, larger without. Right, t_x: almost none under ten times the weight.",
             partial(figure_result, ours),
         ),
         Picture(
             "figure4",
             "The paper's Fig. 4: weighted strut displacements minimized.",
-            "Above, the same small spiral of the pointing error under W_a, W_b and W_c. Below, six "
-            "strut inputs: those of struts 1, 3, 5 are small under W_b, of 2, 4, 6 under W_c.",
+            "The spiral of the pointing error is the same under W_a, W_b and W_c. Inputs of struts "
+            "1, 3, 5 are small under W_b, of 2, 4, 6 under W_c.",
             partial(figure_4, ours),
         ),
         Picture(
             "figure5",
             "The paper's Fig. 5: strut 1 locked, mapping not reconfigured.",
-            "A spiral of the detector reading beside the desired one; below, the errors of both "
-            "angles, larger than those of six healthy struts.",
+            "A spiral of the detector reading beside the desired one. Errors of both angles are "
+            "larger than those of six healthy struts.",
             partial(figure_5, ours),
         ),
         Picture(
@@ -477,15 +488,13 @@ def pictures(runs: Mapping[tuple[str, str], Run], controller: str | None) -> lis
             "almost vanish, and t_z and gamma are larger than under W_d.",
             partial(figure_6, ours),
         ),
-        Picture(
-            "controller",
-            f"This project's controller and {controller}, under the same failures and noise.",
-            "Pointing error above, largest strut input below, over time; both controllers without "
-            "failure, with strut 1 locked and known, and locked and not known.",
-            partial(figure_controller, ours, theirs, str(controller)),
-        ),
     ]
-    return found if controller else found[:-1]
+    if controller:
+        caption = f"This project's controller and {controller}, under the same failures and noise."
+        alt = "Pointing error over time under both controllers; one panel for each failure."
+        drawn = partial(figure_controller, ours, theirs, controller)
+        found.append(Picture("controller", caption, alt, drawn))
+    return found
 
 
 def figure_result(runs: Mapping[str, Run]) -> Figure:
@@ -494,15 +503,13 @@ def figure_result(runs: Mapping[str, Run]) -> Figure:
     left, right = figure.subplots(1, 2)
     for name, said, style in (
         ("W_a_uncorrected", "strut 1 locked, mapping not reconfigured", {"color": VERMILION}),
-        ("W_a", "six healthy struts", {"color": BLACK, "lw": 1.4}),
+        ("W_a", "six healthy struts", {"color": BLACK}),
         ("W_e", "strut 1 locked, mapping reconfigured", {"color": BLUE, "ls": "--"}),
     ):
         size_urad = np.linalg.norm(1e6 * runs[name].error, axis=1)
         label = f"{said}: RMS {rms(size_urad):.1f} µrad"
         left.plot(runs[name].time_s, size_urad, label=label, **style)
-    radius_urad = 1e6 * np.linalg.norm(runs["W_a"].desired, axis=1).max()
-    left.set_title(f"Major task: pointing along a spiral of {radius_urad:.0f} µrad")
-    left.set_ylabel("pointing error, µrad")
+    left.set(title="Major task: pointing along a spiral", ylabel="pointing error, µrad")
     for name, color, said in (
         ("W_d", ORANGE, "$W_d$, all secondary motions weighted alike"),
         ("W_e", BLUE, "$W_e$, $t_x$ and $t_y$ weighted ten times"),
@@ -538,8 +545,12 @@ def figure_5(runs: Mapping[str, Run]) -> Figure:
     """Tracking spiral with strut 1 locked and the mapping of six struts; its errors."""
     run, healthy = runs["W_a_uncorrected"], runs["W_a"]
     figure, limit_urad = new_figure(COLUMN_IN, 5.4), largest_urad([run, healthy])
-    tracking, *errors = figure.subplots(3, 1, height_ratios=[2.6, 1, 1])
-    spiral(tracking, run, "strut 1 locked, no correction", legend=False)
+    spiral, *errors = figure.subplots(3, 1, height_ratios=[2.6, 1, 1])
+    spiral.plot(*(1e6 * run.measured).T, color=MEASURED, lw=0.6, label="detector")
+    spiral.plot(*(1e6 * run.desired).T, color=DESIRED, lw=0.6, ls="--", label="desired")
+    spiral.plot(*(1e6 * run.desired[0]), "o", color=START, ms=4, label="start")
+    spiral.set(title="strut 1 locked, no correction", aspect="equal")
+    spiral.set(xlabel="$\\alpha$, µrad", ylabel="$\\beta$, µrad")
     for k, axes in enumerate(errors):
         axes.plot(run.time_s, 1e6 * run.error[:, k], color=GREEN, lw=0.8, label=ERROR)
         label, style = "six healthy struts, $W_a$", {"color": BLACK, "lw": 0.6, "ls": ":"}
@@ -575,22 +586,19 @@ def figure_6(runs: Mapping[str, Run]) -> Figure:
 def figure_controller(
     ours: Mapping[str, Run], theirs: Mapping[str, Run], controller: str
 ) -> Figure:
-    """Pointing error and largest strut input over time, both controllers."""
-    figure = new_figure(PAGE_IN, 4.2)
-    panels = figure.subplots(2, len(theirs), sharex=True, sharey="row")
+    """Pointing error over time, both controllers."""
+    figure = new_figure(PAGE_IN, 2.6)
     titles = "no failure", "strut 1 locked, known", "strut 1 locked, not known"
-    for (above, below), name, title in zip(panels.T, theirs, titles, strict=True):
-        for run, label, color in (
-            (ours[name], "prioritized mapping", BLACK),
-            (theirs[name], controller.partition(":")[2], VERMILION),
+    panels = figure.subplots(1, len(theirs), sharey=True)
+    for name, title, axes in zip(theirs, titles, panels, strict=True):
+        for label, runs, color in (
+            ("prioritized mapping", ours, BLACK),
+            (controller.partition(":")[2], theirs, VERMILION),
         ):
-            style = {"label": label, "color": color, "lw": 0.7, "alpha": 0.8}
-            above.plot(run.time_s, 1e6 * np.linalg.norm(run.error, axis=1), **style)
-            below.plot(run.time_s, np.abs(run.inputs).max(axis=1), **style)
-        above.set_title(title)
-        below.set_xlabel("time, s")
-    panels[0, 0].set_ylabel("pointing error, µrad")
-    panels[1, 0].set_ylabel("largest strut input, %")
+            error_urad = 1e6 * np.linalg.norm(runs[name].error, axis=1)
+            axes.plot(runs[name].time_s, error_urad, color=color, lw=0.7, label=label)
+        axes.set(title=title, xlabel="time, s")
+    panels[0].set_ylabel("pointing error, µrad")
     one_legend(figure, 2)
     return figure
 
@@ -612,32 +620,3 @@ def over_time(axes: Axes, run: Run) -> None:
 def largest_urad(runs: Iterable[Run]) -> float:
     """Where the axis of an error ends."""
     return 1.1 * max(abs(1e6 * run.error).max() for run in runs)
-
-
-STUDY = Study(
-    name="table1",
-    help=table1.__doc__ or "",
-    runs="experiments.table1:table1",
-    results=None,
-    quick="Only the first 4 s of the 16 s spiral, one mismatched plant.",
-    options=(
-        Option(
-            "jacobian",
-            JacobianChoice,
-            "analytic",
-            "Jacobian of the mapping: analytic, at the estimated pose in every control tick, or "
-            "constant, at the nominal pose as in eq. (39). Both are simulated; the table shows "
-            "this one.",
-        ),
-        Option(
-            "configuration",
-            ConfigurationName,
-            "calibrated",
-            "Constants of the testbed: calibrated, fitted to columns W_a to W_e; demand-limit, "
-            "fitted to the last column as well by a clockwise spiral and a limit of 95 urad on the "
-            "pointing that the compensators may demand (docs/uncorrected.md).",
-        ),
-        MACHINE_FILE,
-        CONTROLLER,
-    ),
-)

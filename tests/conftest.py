@@ -42,7 +42,7 @@ LONGEST = {
     *("live/test_other_robots", "live/test_page", "live/test_tour", "rig/test_copies"),
     *("prioritized/test_limited_mappings", "rig/test_other_controllers", "sim/test_plant"),
     *("studies/test_benchmark", "studies/test_figures", "studies/test_mechanism_events"),
-    *("studies/test_mechanism_flights", "studies/test_sweep", "studies/test_sweep_threads"),
+    *("studies/test_mechanism_flights", "studies/test_sweep"),
     *("studies/test_study_contract", "studies/test_track", "studies/test_track_command"),
 }
 """Files whose long tests take a minute or more, three quarters of the time of all of them: they
@@ -345,7 +345,7 @@ def atlas_folder(made_once, request):
     def make(folder: Path) -> int:
         scheduler = request.getfixturevalue("scheduler")
         with pytest.MonkeyPatch.context() as few:
-            few.setattr("experiments.sweep.runs.representatives", lambda: FLOWN)
+            few.setattr("experiments.sweep.representatives", lambda: [*FLOWN])
             return fjh("atlas", "--quick", "--scheduler", scheduler)(folder)
 
     return made_once("atlas", make)

@@ -1,11 +1,10 @@
 """A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
@@ -14,8 +13,9 @@ from experiments.recording.view import Change, RunView, as_run_arrays, stated_of
 from experiments.rig import Rig, Run
 from experiments.rig.hexapod.columns import hexapod_arrays
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study.results import Results
-from experiments.study.study import OnProgress, Option, Study
+from experiments.study.option import Option, Study, seed_of
+from experiments.study.result import Result
+from experiments.study.terminal import OnProgress
 from sim import NOMINAL, Failure, pointing_angles
 
 ABOUT = About("made", "made-seed0", said=["Made."], parameters={"seed": 0})
@@ -83,28 +83,21 @@ def made_view(
     return RunView(stated, as_run_arrays(own), rig.model)
 
 
-@dataclass(frozen=True)
-class MadeStudy(Study):
-    """A study whose runs are one function, called with `on_progress` and all options."""
+def made_study(name: str, make: Callable[..., Result]) -> Study:
+    """A study of this name: a function that is called with its options."""
 
-    make: Callable[..., Results] = Results
+    def study(
+        *,
+        seed: Annotated[int, seed_of("nothing")] = 0,
+        quick: Annotated[bool, Option(help="Less.")] = False,
+        times: Annotated[int, Option(help="How often.")] = 1,
+        on_progress: OnProgress,
+    ) -> Result:
+        """Ask something & <something> else.
 
-    @contextmanager
-    def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:
-        """What the function returns."""
-        yield self.make(on_progress=on_progress, **options)
+        By nothing.
+        """
+        return make(seed=seed, quick=quick, times=times, on_progress=on_progress)
 
-
-def made_study(
-    name: str, make: Callable[..., Results], options: tuple[Option, ...] = ()
-) -> MadeStudy:
-    """A study of this name."""
-    return MadeStudy(
-        name,
-        "Ask something & <something> else.",
-        runs="",
-        results="",
-        quick="Less.",
-        options=options,
-        make=make,
-    )
+    study.__name__ = name
+    return study

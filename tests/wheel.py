@@ -42,14 +42,14 @@ print(mapping.status.value)
 TYPED = """
 import fjh
 from fjh.ftc.goal import Goal
-from fjh.experiments.study.study import Study
+from fjh.experiments.study.result import Result
 from fjh.sim import Failure
 
 a: int = fjh.ConstrainedSystem([[1.0]], None, [0])
 b: int = Goal.__doc__
 c: int = Failure.__name__
 d: int = fjh.__version__
-e: int = Study.__name__
+e: int = Result.__name__
 """
 """A user's file whose last five lines a type checker refuses, if it sees the types."""
 

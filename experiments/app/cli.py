@@ -1,5 +1,6 @@
 """The command `fjh`: its studies, and the commands that show what they wrote."""
 
+import logging
 import os
 import re
 import shlex
@@ -11,16 +12,16 @@ from typing import Annotated
 import typer
 
 from experiments.app.animate import animate
-from experiments.app.command import command
 from experiments.app.live.command import live
 from experiments.app.refusals import INTERRUPTED, WRONG_INPUT, ending_of
 from experiments.app.report import report
 from experiments.studies import LINES, study
+from experiments.study.command import as_command, command
+from experiments.study.errors import Unsound
 from experiments.study.files import published, usable_file
 from experiments.study.interrupts import INTERRUPTION, interrupted, notice, printable
 from experiments.study.spelling import check_file
-from experiments.study.study import Unsound
-from experiments.study.terminal import Ending, print_ending, progress
+from experiments.study.terminal import print_ending, progress
 
 HELP = """Simulate the fault-tolerant hexapod of Chen, McInroy and Yi (2003) and other mechanisms.
 
@@ -38,6 +39,11 @@ Exit codes:
   2    wrong input
   130  interrupted (143 and 129 if told to end or to hang up); no file is left half-written
 """
+
+# What a warning of MuJoCo's means for a run, a sentence of the command's own says.
+logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim").addHandler(
+    logging.NullHandler()
+)
 
 _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 
@@ -74,7 +80,7 @@ def review(
         with published(folder, index=out.name) as staging:
             write_review(staging / out.name, runs, model)
     checked = "All runs agree with the numbers in the JSON beside them."
-    print_ending(Ending(checked, out, shlex.join(["rerun", str(out)])))
+    print_ending(checked, out, shlex.join(["rerun", str(out)]))
 
 
 _FORMER = typer.Argument(metavar="A", help="The former result: its folder or its JSON file.")
@@ -131,9 +137,9 @@ def render(
 
         picture = picture_of(file, time, (int(pixels[1]), int(pixels[2])))
         with published(folder, index=out.name) as staging:
-            (staging / out.name).write_bytes(picture)
+            picture.save(staging / out.name)
     checked = "The viewer gave no warning."
-    print_ending(Ending(checked, out, shlex.join(["rerun", str(file)])))
+    print_ending(checked, out, shlex.join(["rerun", str(file)]))
 
 
 def _print_version(wanted: bool) -> None:
@@ -152,7 +158,7 @@ _VERSION = typer.Option(
 def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
 
 
-_OTHERS = (report, live, compare, review, render, animate)
+_OTHERS = (as_command(report), as_command(live), compare, review, render, animate)
 
 
 def app_of(*names: str) -> typer.Typer:

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from typer.exceptions import TyperException
 
-from experiments.study.files import OutputError
+from experiments.study.errors import Interrupted, OutputError, Unsound, WrongInput
 from experiments.study.interrupts import INTERRUPTION, interrupted
-from experiments.study.study import Interrupted, Unsound, WrongInput
 
 UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 TRACEBACK = "FJH_TRACEBACK"
@@ -52,8 +51,9 @@ def ending_of(error: Exception) -> tuple[str, int]:
 
 def _origin(error: Exception) -> tuple[Path, str, str]:
     """File, line and statement that raised an error, here or in a worker."""
-    worker = getattr(error, "__notes__", [])
-    text = "\n".join(worker) + "".join(traceback.format_tb(error.__traceback__)) * (not worker)
+    # That of a worker comes as the text of a cause.
+    worker = str(error.__cause__ or "")
+    text = worker + "".join(traceback.format_tb(error.__traceback__)) * ("Traceback" not in worker)
     frames = _FRAME.findall(text) or [("nowhere", "0", "")]
     file, line, code = frames[-1]
     return Path(file), line, code

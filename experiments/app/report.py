@@ -1,81 +1,74 @@
 """The command `fjh report`: the main studies, one after another, on one page."""
 
+import inspect
+import json
+import re
 import shlex
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
-from experiments.app.command import show, with_options
-from experiments.studies import studies
-from experiments.study.files import published, usable_folder, write_index
+from experiments.studies import LINES, study
+from experiments.study.command import Json, Out, Quiet, conduct, words_of
+from experiments.study.errors import Interrupted, NotInstalled, Unsound
+from experiments.study.files import json_text, published, usable_folder, write_index
 from experiments.study.interrupts import INTERRUPTION
-from experiments.study.page import named_versions, rendered
-from experiments.study.results import Results
-from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
-from experiments.study.tables import Column, tabulate
-from experiments.study.terminal import Ending, print_ending, progress
+from experiments.study.option import Option, Study, seed_of
+from experiments.study.page import data_uri, named_versions, rendered
+from experiments.study.terminal import print_ending
 
 INDEX = "report.json"
 
-HELP = """Run the main studies and write one HTML page on all of them.
-
-For each study the page has tables, figures, the result of its checks, and the command that
-reproduces it; at the end computer, versions and commit. It needs no other file. An estimated two
-hours on two cores; track and atlas are left out. The last chapter, bench, measures times:
-do nothing else on the computer meanwhile. Where its packages are not installed it is left out, and
-the page says so.
-
-After Ctrl-C the same command continues, within a sweep with the missing runs. A chapter is run
-again only if its files, its options, the code, the package versions or the processor have changed.
-The page is rewritten after every chapter. If a check of a chapter fails, the other chapters are run
-nevertheless.
-
-Writes report.json, report.html, and a folder for each chapter with the files of its own command and
-chapter.json, from which a later report recognizes the chapter.
-
-Example: fjh report --quick --out /tmp/report
-"""
+CHAPTERS: dict[str, dict[str, Any]] = {
+    name: {} for name in LINES if name not in ("track", "atlas")
+} | {"jacobian": {"loop": True}}
+"""The studies of the report, in its order, with options that are not as by default."""
 
 
-def chapters() -> tuple[Chapter, ...]:
-    """The studies of the report, in its order."""
-    return tuple(Chapter(study) for study in studies() if study.in_report is not None)
+def report(
+    *,
+    seed: Annotated[int, seed_of("every study")] = 0,
+    quick: Annotated[bool, Option(help="Every study with its own --quick: 5 minutes.")] = False,
+    out: Out = Path("results", "report"),
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Run the main studies and write one HTML page on all of them.
 
+    For each study the page has tables, figures, the result of its checks, and the command that
+    reproduces it; at the end computer, versions and commit. It needs no other file. An estimated
+    two hours on two cores; track and atlas are left out. The last chapter, bench, measures times:
+    do nothing else on the computer meanwhile. Where its packages are not installed it is left out.
 
-def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> None:
-    edition = Edition(usable_folder(out), seed, quick, _origin())
-    summary = run_report(chapters(), edition, partial(progress, shown=not quiet))
-    columns = (
-        Column("", "name"),
-        Column("checks", lambda chapter: "failed" if chapter["complaint"] else "passed"),
-        Column("time", lambda chapter: span(chapter["wall_time_s"])),
-    )
-    entries = summary["chapters"]
-    tables = [tabulate("All studies", columns, entries)]
-    left_out = [f"{name} is left out, since {why}." for name, why in summary["left_out"].items()]
-    show(Results(summary, tables, left_out), quiet=quiet, json=json)
-    failed = [f"{each['name']}: {each['complaint']}" for each in entries if each["complaint"]]
-    if not (quiet or json):
-        checked = f"{len(failed)} of {len(entries)} studies failed: {'; '.join(failed)}."
-        if not failed:
-            checked = f"All checks passed ({len(entries)} studies)."
-        following = "fjh report" if quick else "fjh track --help"  # the whole; a robot of one's own
-        print_ending(Ending(checked, out / "report.html", following))
+    After Ctrl-C the same command continues, within a sweep with the missing runs. A finished
+    chapter is run again only if its files, the options, the code, the package versions or the
+    processor have changed. The page is rewritten after every chapter. If a check of a chapter
+    fails, the others are run nevertheless.
+
+    Writes report.json, report.html, and a folder for each chapter with the files of its command.
+
+    Example: fjh report --quick --out /tmp/report
+    """
+    usable_folder(out)
+    summary = run_report(CHAPTERS, out, seed=seed, quick=quick, shown=not quiet)
+    found = {each["name"]: each["complaint"] for each in summary["chapters"]}
+    failed = "; ".join(f"{name}: {complaint}" for name, complaint in found.items() if complaint)
+    if json:
+        print(json_text(summary), end="")
+    elif not quiet:
+        following = "fjh report" if quick else "fjh track --help"  # the whole; one's own robot
+        checked = f"Failed: {failed}." if failed else f"All checks passed ({len(found)} studies)."
+        print_ending(checked, out / "report.html", following)
     if failed:
-        raise Unsound(f"a study failed: {'; '.join(failed)}")
+        raise Unsound(f"a study failed: {failed}")
 
 
-QUICK = "Every study with its own --quick: 5 minutes."
-report = with_options(_report, "report", HELP, seed="every study", quick=QUICK)
-
-
-def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress) -> dict[str, Any]:
-    """Run every chapter that is not complete in its folder; `report.html` grows with each.
-
-    A chapter whose study needs a package that is not installed is left out.
+def run_report(
+    chapters: Mapping[str, Mapping[str, Any]], folder: Path, *, seed: int, quick: bool, shown: bool
+) -> dict[str, Any]:
+    """Run every chapter that is not complete in the folder; the page grows with each.
 
     Returns:
         The contents of `report.json`.
@@ -84,83 +77,109 @@ def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress
         Interrupted: By Ctrl-C; finished chapters are whole and on the page.
         OutputError: The disk or the folder refuses.
     """
-    former = {chapter.name: former_entry(chapter, edition) for chapter in chapters}
-    entries = {name: entry for name, entry in former.items() if entry}
-    left_out: dict[str, str] = {}
+    from experiments.study import provenance  # late: the help text does not wait for these imports
+
+    basis = {"seed": seed, "quick": quick, "code_sha256": provenance.code_sha256()}
+    basis |= {"versions": provenance.versions(), "machine": provenance.machine()}
+    entries, left_out = _former(folder, basis), dict[str, str]()
     summary: dict[str, Any] = {}
-    for k, chapter in enumerate(chapters, 1):
-        if chapter.name not in entries:
+    for k, (name, options) in enumerate(chapters.items(), 1):
+        if name not in entries:
+            given, label = {"seed": seed, "quick": quick, **options}, f"{k}/{len(chapters)} {name}"
             try:
-                entries[chapter.name] = run_chapter(
-                    chapter, edition, lambda work, k=k: progress(f"{k}/{len(chapters)} {work}")
-                )
+                entries[name] = _run(name, folder / name, given, label, shown)
             except NotInstalled as absent:
-                left_out[chapter.name] = str(absent)
+                left_out[name] = str(absent)
             except (KeyboardInterrupt, Interrupted):
-                raise Interrupted(
-                    f"{INTERRUPTION}; finished chapters stay, and the same command continues with "
-                    f"{chapter.name}, chapter {k} of {len(chapters)}"
-                ) from None
-        summary = _publish(chapters, entries, left_out, edition)
+                where = f"{name}, chapter {k} of {len(chapters)}"
+                again = f"finished chapters stay, and the same command continues with {where}"
+                raise Interrupted(f"{INTERRUPTION}; {again}") from None
+        summary = {
+            "experiment": "report",
+            "command": _command(report, basis, folder),
+            **basis,
+            "commit": provenance.commit(),
+            "written": datetime.now(UTC).isoformat(timespec="seconds"),
+            "missing": [each for each in chapters if each not in entries | left_out],
+            "left_out": left_out,
+            "chapters": [entries[each] for each in chapters if each in entries],
+        }
+        with published(folder, index=INDEX) as staging:
+            (staging / "report.html").write_text(page(summary, folder), encoding="utf-8")
+            summary = write_index(staging / INDEX, summary)
     return summary
 
 
-def _origin() -> dict[str, Any]:
-    """All that distinguishes one report from another with the same options."""
-    from experiments.study import provenance  # late: the help text does not wait for these imports
-    from sim import model_sha256
-
-    return {
-        "versions": provenance.versions(),
-        "model_sha256": model_sha256(),
-        "machine": provenance.machine(),
-        "commit": provenance.commit(),
-        "code_sha256": provenance.code_sha256(),
-    }
-
-
-def _publish(
-    chapters: Sequence[Chapter],
-    entries: dict[str, dict[str, Any]],
-    left_out: dict[str, str],
-    edition: Edition,
+def _run(
+    name: str, folder: Path, given: Mapping[str, Any], label: str, shown: bool
 ) -> dict[str, Any]:
-    """Write page and index of the chapters that are finished; returns the index."""
-    quick = ["--quick"] if edition.quick else []
-    options = [*quick, "--seed", str(edition.seed), "--out", str(edition.folder)]
-    summary = {
-        "experiment": "report",
-        "seed": edition.seed,
-        "quick": edition.quick,
-        "command": shlex.join(["fjh", "report", *options]),
-        **edition.origin,
-        "written": datetime.now(UTC).isoformat(timespec="seconds"),
-        "missing": [each.name for each in chapters if each.name not in entries | left_out],
-        "left_out": left_out,
-        "chapters": [entries[chapter.name] for chapter in chapters if chapter.name in entries],
+    """Run a study into its folder; its entry in `report.json`."""
+    function, start = study(name), time.perf_counter()
+    try:
+        # Unfinished runs of the same study are used.
+        more = {"resume": None, "shown": shown, "name": label}
+        result, summary = conduct(function, folder, **more, **given)
+        complaint, files = "; ".join(result.failed), summary["files"]
+    except Unsound as unsound:  # it diverged: there are no results
+        complaint, files = str(unsound), []
+    return {
+        "name": name,
+        "command": _command(function, given, folder),
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "wall_time_s": round(time.perf_counter() - start, 1),
+        "complaint": complaint,
+        "wrote": files,
     }
-    with published(edition.folder, index=INDEX) as staging:
-        (staging / "report.html").write_text(page(summary, edition.folder), encoding="utf-8")
-        return write_index(staging / INDEX, summary)
 
 
-def page(summary: dict[str, Any], folder: Path) -> str:
-    """The contents of `report.json` as HTML, with the figures that lie below `folder` inside."""
+def _command(function: Study, given: Mapping[str, Any], folder: Path) -> str:
+    """The command line that gives the same numbers."""
+    return shlex.join([*words_of(function, given), "--out", str(folder)])
+
+
+def _former(folder: Path, basis: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Chapters of a former report that running again would only repeat, by name."""
+    try:
+        former = json.loads((folder / INDEX).read_bytes())
+        same = {key: former[key] for key in basis} == json.loads(json.dumps(basis))
+        found = {each["name"]: each for each in former["chapters"] if same and each["wrote"]}
+        return {
+            name: each
+            for name, each in found.items()
+            if all((folder / name / file).is_file() for file in each["wrote"])
+        }
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}  # there is none, or it is not one that we wrote
+
+
+def page(summary: Mapping[str, Any], folder: Path) -> str:
+    """The contents of `report.json` as HTML: the pages of all studies, their figures inside."""
+    from markdown_it import MarkdownIt  # late, as above
+
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+
+    def body(name: str) -> str:
+        """The page NAME.md of a study, with its figures inside."""
+        its = folder / name
+        html = markdown.render((its / f"{name}.md").read_text()).replace("h2>", "h3>")
+        return re.sub(r'src="([^"/:]+)"', lambda found: f'src="{data_uri(its / found[1])}"', html)
+
+    def about(name: str) -> str:
+        """What the study does, and how long it takes: the second paragraph of its help."""
+        return inspect.cleandoc(study(name).__doc__ or "").split("\n\n")[1]
+
     machine = summary["machine"]
-    cores = f"{machine['cores']} cores, {machine['threads']} threads"
     origin = {
-        "processor": f"{machine['processor']}; {cores}",
+        "processor": f"{machine['processor']}; {machine['cores']} cores",
         "memory": f"{machine['memory_gib']} GiB",
         "system": machine["system"],
         "versions": named_versions(summary["versions"]),
         "commit": summary["commit"],
         "code": f"SHA-256 {summary['code_sha256']}",
-        "hexapod": f"SHA-256 of fjh.xml {summary['model_sha256']}",
         "seed": summary["seed"],
-        "written": when(summary["written"]),
     }
-    shown = {"report": summary, "folder": folder, "origin": origin, "span": span, "when": when}
-    return rendered("experiments.app", "report.html.j2", **shown)
+    shown = {"report": summary, "origin": origin, "lines": LINES, "about": about, "body": body}
+    return rendered("experiments.app", "report.html.j2", span=span, when=when, **shown)
 
 
 def when(moment: str) -> str:
@@ -170,6 +189,4 @@ def when(moment: str) -> str:
 
 def span(seconds: float) -> str:
     """A duration for people."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"

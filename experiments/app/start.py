@@ -1,14 +1,15 @@
 """The start of `fjh`: what is not installed is said before anything is imported that needs it."""
 
 import os
+import signal
 import sys
 from importlib.util import find_spec
 
-from experiments.study.interrupts import ignore_interrupts, interrupted, notice
+from experiments.study.interrupts import SIGNALS, interrupted, notice
 
 PACKAGES = (
-    *("distributed", "jinja2", "matplotlib", "mujoco", "pandas", "psutil", "pyarrow"),
-    *("rerun", "rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
+    *("distributed", "filelock", "jinja2", "markdown_it", "matplotlib", "mujoco", "pandas"),
+    *("psutil", "pyarrow", "rerun", "rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
 )
 """What the extra `testbed` installs, as it is imported."""
 
@@ -24,7 +25,8 @@ def run() -> None:
     from experiments.app.cli import main
 
     code = main()
-    ignore_interrupts()
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_IGN)  # all is written, and said
     if interrupted():  # Python may have noted the exception, and would end by Ctrl-C's signal
         os._exit(code)
     sys.exit(code)

@@ -25,10 +25,8 @@ from sim import MODELS, Array, Failure, Plant, Pose
 
 Pilot = TypeVar("Pilot", bound=Controller[Any])
 
-GOAL = COLUMNS[0].goal
-"""W_a, all struts sound."""
-_SAMPLED = 64
-"""Ticks of the monitor in one sample."""
+GOAL = COLUMNS[0].goal  # w_a, all struts sound
+_SAMPLED = 64  # ticks of the monitor in one sample
 
 
 @dataclass(frozen=True)
@@ -130,8 +128,7 @@ class RobotLoop:
         return {"mean_us": float(np.mean(timed.us)), "slowest_us": max(timed.us)}
 
 
-_STRUCK_S = 2.5
-"""After so long what is learned of the machine is known."""
+_STRUCK_S = 2.5  # after so long what is learned of the machine is known
 
 
 class _Timed:

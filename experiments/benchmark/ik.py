@@ -32,10 +32,8 @@ from sim import (
 )
 
 PERIOD_S = 0.01
-RATE_LIMIT = 3.0
-"""Of every slide and hinge."""
-TOLERANCE = 0.1
-"""Of what is achieved of the first tasks: the costs of mink are a hundred to one."""
+RATE_LIMIT = 3.0  # of every slide and hinge
+TOLERANCE = 0.1  # of what is achieved of the first tasks: the costs of mink are a hundred to one
 _WAY_M = 0.002
 _AWAY_RAD = 0.05
 

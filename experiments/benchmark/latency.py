@@ -4,18 +4,17 @@ import gc
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from typing import Any
 
 import numpy as np
 
-from experiments.study.study import OnProgress
+from experiments.study.terminal import OnProgress
 from sim import Array
 
 Clock = Callable[[], int]
 """In nanoseconds."""
-_TURNS = 5
-"""Everything has its turn so often, so that disturbances affect all alike."""
-_WARM_UP = 100
-"""Ticks before each turn that are not kept."""
+_TURNS = 5  # everything has its turn so often, so that disturbances affect all alike
+_WARM_UP = 100  # ticks before each turn that are not kept
 
 
 @contextmanager
@@ -52,8 +51,8 @@ def latencies(
     count: int,
     on_progress: OnProgress,
     clocks_ns: tuple[Clock, Clock] = (time.perf_counter_ns, time.thread_time_ns),
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Distribution of the time of each single tick, by name and by setting of the collector.
+) -> list[dict[str, Any]]:
+    """Distribution of the time of each single tick, a row for each setting of the collector.
 
     Args:
         ticks: A call is one tick.
@@ -70,10 +69,10 @@ def latencies(
                 _timed(tick, _WARM_UP, clocks_ns)
                 kept.append(_timed(tick, count // _TURNS, clocks_ns))
             on_progress(turn * len(taken) + k, _TURNS * len(taken))
-    return {
-        name: {setting: _distribution(np.hstack(taken[name, setting])) for setting in COLLECTORS}
-        for name in ticks
-    }
+    return [
+        {"tick": name, "collector": setting} | _distribution(np.hstack(kept))
+        for (name, setting), kept in taken.items()
+    ]
 
 
 def _timed(tick: Callable[[], object], count: int, clocks_ns: tuple[Clock, Clock]) -> Array:

@@ -28,15 +28,12 @@ from sim import Array
 
 STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-14}
 """With daqp's defaults its levels are met to 6e-3 of these rates only; these cost no time."""
-_SECOND = SECONDARY[:2]
-"""Task rows of the second level of the hierarchy."""
+_SECOND = SECONDARY[:2]  # task rows of the second level of the hierarchy
 COUNT = 200
-FACTORS = (10.0, 0.1, 10.0, 0.1)
-"""Of the secondary weights: the change whose effect is measured."""
+FACTORS = (10.0, 0.1, 10.0, 0.1)  # of the secondary weights: the change whose effect is measured
 _INFEASIBLE = -1
 """daqp's exit flag."""
-_OUT_OF_REACH = 0.1
-"""Norm of the least major residual from which on a task counts as out of reach."""
+_OUT_OF_REACH = 0.1  # norm of the least major residual from which on a task counts as out of reach
 
 
 @dataclass(frozen=True)
@@ -172,12 +169,13 @@ def entry(problems: list[LimitedProblem]) -> Entry:
     return Entry(contenders(problems), agreements(problems), active_limits(problems))
 
 
-def compared(seed: int) -> dict[str, Any]:
-    """Change and excess of the norm of the major residual, by solver, as fractions.
+def compared(seed: int) -> list[dict[str, Any]]:
+    """Change and excess of the norm of the major residual, a row for each solver, as fractions.
 
     `change` is by the weights, of the former residual; `excess` is over the least residual within
     the limits, by scipy's bounded-variable least squares, for both weights. daqp has its default
-    settings, which keep its limits to 1e-6; its levels are the limits, the major rows, and H.
+    settings, which keep its limits to 1e-6; its levels are the limits, the major rows, and H. Its
+    flat program is infeasible.
     """
     rng = np.random.default_rng(seed)
     problems = [_out_of_reach(rng) for _ in range(COUNT)]
@@ -189,21 +187,17 @@ def compared(seed: int) -> dict[str, Any]:
         "prioritized": [solve_limited(one) for one in both],
         "daqp_hierarchy": [daqp.solve(*soft_program(one))[0] for one in both],
     }
-    found = {}
+    flat = {"problems": len(flags), "infeasible": flags.count(_INFEASIBLE)}
+    rows: list[dict[str, Any]] = [{"solver": "daqp", **flat}]
     for name, rates in answers.items():
         norm = np.array([_residual(*each) for each in zip(both, rates, strict=True)])
         before, after = norm.reshape(2, COUNT)
-        found[name] = {
-            "change": _median_and_largest(np.abs(after - before) / before),
-            "excess": _median_and_largest(norm / least - 1.0),
-        }
-    return {
-        "problems": COUNT,
-        "weight_factors": list(FACTORS),
-        "flat_infeasible": flags.count(_INFEASIBLE),
-        "flat": len(flags),
-        "solvers": found,
-    }
+        row = {"solver": name, "problems": len(both)}
+        changed = np.abs(after - before) / before
+        for key, part in {"change": changed, "excess": norm / least - 1.0}.items():
+            row |= {f"{key}_median": np.median(part), f"{key}_largest": part.max()}
+        rows.append(row)
+    return rows
 
 
 def _out_of_reach(rng: np.random.Generator) -> LimitedProblem:
@@ -223,7 +217,3 @@ def _least_residual(problem: LimitedProblem) -> float:
 
 def _residual(problem: LimitedProblem, rates: Array) -> float:
     return float(np.linalg.norm(problem.major - problem.J[MAJOR] @ rates))
-
-
-def _median_and_largest(values: Array) -> dict[str, float]:
-    return {"median": float(np.median(values)), "largest": float(values.max())}

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
-from experiments.study.study import OnProgress, Unsound
+from experiments.study.errors import Unsound
+from experiments.study.terminal import OnProgress
 from sim import Array
 
 

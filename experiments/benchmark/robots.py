@@ -24,14 +24,11 @@ from experiments.benchmark.measurement import Agreement, Contender, Entry, compa
 from prioritized import ConstrainedSystem, canonical_basis
 from sim import MODELS, Array, CenterOfMass, JacobianReader, Jacobians, Pin, jacobians, load_model
 
-LIMIT = 1.0
-"""Of each actuated joint, [rad]/[s]."""
+LIMIT = 1.0  # of each actuated joint, [rad]/[s]
 TOLERANCE = 1e-5
 """Of the answers, as a fraction of the rates: mink also closes what the loops sag by, 0.7 nm."""
-_INSIDE = 0.7
-"""The task is that of rates within this fraction of the limits."""
-_AWAY_RAD = 0.3
-"""How far joints are from the posture of the model, at most."""
+_INSIDE = 0.7  # the task is that of rates within this fraction of the limits
+_AWAY_RAD = 0.3  # how far joints are from the posture of the model, at most
 _UR5E = (
     (0.0, 0, 0.1625), (0.0, 90, 0.0), (-0.425, 0, 0.0), (-0.3922, 0, 0.1333), (0.0, 90, 0.0997),
     (0.0, -90, 0.0996),
@@ -192,8 +189,7 @@ def _mapped(
     return failed.expand(mapping(case.major, case.desired[failed.actuators]))
 
 
-WAYS = {"tick": fastest, "system": by_system, "readme": as_in_readme}
-"""By name of what is timed."""
+WAYS = {"tick": fastest, "system": by_system, "readme": as_in_readme}  # by name of what is timed
 
 
 # mink.

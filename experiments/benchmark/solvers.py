@@ -31,10 +31,8 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     placo: Any = import_module("placo")  # not as a statement: its type stubs are wrong
 
-TOLERANCE = 1e-9
-"""Of the answers, as a fraction of the rates."""
-BATCHED = "batched"
-"""Name of the largest batch."""
+TOLERANCE = 1e-9  # of the answers, as a fraction of the rates
+BATCHED = "batched"  # name of the largest batch
 EQUALITY = 5
 """daqp's mark of a constraint that holds with equality."""
 _STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-8}

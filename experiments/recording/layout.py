@@ -3,11 +3,9 @@
 Sizes are those of a window of 1600 x 900 pixels.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import rerun as rr
 import rerun.blueprint as rrb
 
 from experiments.recording.file import RecordingInfo, recording_file, screen
@@ -32,22 +30,33 @@ def write_scenes(
     path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], *, pages: bool = True
 ) -> None:
     """Write scenes, by their names, as one `.rrd` file; conditions of a machine without pages."""
-    with scenes_file(path, about, scenes, pages=pages):
-        pass
-
-
-@contextmanager
-def scenes_file(
-    path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], *, pages: bool = True
-) -> Iterator[rr.RecordingStream]:
-    """A recording of scenes, to log more below the entities of each."""
     single = next(iter(scenes.values())) if pages and len(scenes) == 1 else None
     views = _side_by_side(scenes, pages) if single is None else _single(single)
+    _write(path, about, scenes, views, single is None)
+
+
+def write_film(path: Path, about: RecordingInfo, scenes: Mapping[str, Scene]) -> None:
+    """Write scenes for small pictures: each is a column of its machine, its plane, its error."""
+    columns = []
+    for number, (name, scene) in enumerate(scenes.items()):
+        under = entity_of(number)
+        views = list[rrb.View]([_machine(under, scene, name)])
+        if scene.plane is not None:
+            views.append(plane_view(f"{under}plane", "Path", scene.plane))
+        for error in scene.panels[:1]:
+            axis = scene.axes[error.entity]
+            views.append(plot_view(error, axis, under, legend=False, is_wide=False))
+        columns.append(rrb.Vertical(*views))
+    _write(path, about, scenes, rrb.Horizontal(*columns), True)
+
+
+def _write(
+    path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], views: rrb.Container, apart: bool
+) -> None:
     with recording_file(path, about, screen(views)) as recording:
         for number, (name, scene) in enumerate(scenes.items()):
-            under = entity_of(number) if single is None else ""
+            under = entity_of(number) if apart else ""
             log_scene(recording, under, scene, name if len(scenes) > 1 else "")
-        yield recording
 
 
 def entity_of(number: int) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 from rerun.chunk import RrdReader
 
-from experiments.study.results import Check
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
+from experiments.study.result import Check
 
 GROUPS = ("run", "results")
 """Groups of properties: how the run was made, and what came out."""

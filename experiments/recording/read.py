@@ -20,9 +20,9 @@ from experiments.recording.view import PUBLISHED, Change, RunView, Stated, as_ru
 from experiments.rig import Rig
 from experiments.rig.bodies import body_name
 from experiments.rig.units import ROWS
+from experiments.study.errors import WrongInput
 from experiments.study.foreign import read_arrays
 from experiments.study.spelling import LARGEST_FILE
-from experiments.study.study import WrongInput
 from sim import MODELS, hexapod, load_model, model_sha256
 
 LARGEST = 1e6

@@ -18,7 +18,7 @@ from experiments.recording.view import RunView, as_run_arrays, stated_of
 from experiments.rig import Rig, Run
 from experiments.study.files import published, usable_file, write_arrays
 from experiments.study.provenance import version_properties, versions
-from experiments.study.results import Check
+from experiments.study.result import Check
 
 FLIGHT = "flight"
 """The property from which a run is read back: JSON of :class:`.view.Stated`."""

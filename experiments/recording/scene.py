@@ -66,10 +66,11 @@ class Scene:
         return any(line.time_s > begin_s for line in self.lines)
 
 
-def scenes_of(runs: Mapping[str, RunView]) -> dict[str, Scene]:
+def scenes_of(runs: Mapping[str, RunView], *, paths: bool = False) -> dict[str, Scene]:
     """Runs on scales that those of one robot and task have in common.
 
-    One alone has its path in the plane, several have their errors there: their paths are one line.
+    One alone has its path in the plane, several have their errors there: their paths are one line,
+    unless `paths` are wanted.
     """
     scenes, room = {}, _NARROW if 1 < len(runs) <= FEW else _ROOM
     for name, run in runs.items():
@@ -77,7 +78,7 @@ def scenes_of(runs: Mapping[str, RunView]) -> dict[str, Scene]:
         axes = axes_of([plot for other in alike for plot in other.panels], room)
         plane = None
         if len(run.drawn) > 1:
-            plane = _path(run) if len(runs) == 1 else _errors(run, alike)
+            plane = (_path if paths or len(runs) == 1 else _errors)(run, alike)
         scenes[name] = Scene(_picture(run, alike), run.signals, axes, plane, run.lines, run.lanes)
     return scenes
 
@@ -144,12 +145,13 @@ def _picture(run: RunView, alike: Sequence[RunView]) -> Picture:
     )
 
 
-def _path(run: RunView) -> Plane:
+def _path(run: RunView, alike: Sequence[RunView]) -> Plane:
     columns, unit = run.drawn[:2], f"u{run.stated.row_units[0]}"
     desired, true = (1e6 * run.arrays[name][:, columns] for name in ("desired", "true"))
     right, up = (run.rows[k] for k in columns)
     title = f"Path: {up} over {right}; desired orange, true blue"
-    return Plane(title, (right, up), unit, desired, true, np.concatenate([desired, true]))
+    curves = [1e6 * each.arrays[name][:, columns] for each in alike for name in ("desired", "true")]
+    return Plane(title, (right, up), unit, desired, true, np.concatenate(curves))
 
 
 def _errors(run: RunView, alike: Sequence[RunView]) -> Plane:

@@ -1,71 +1,321 @@
-"""Unannounced failures and events: detection, isolation and recovery."""
+"""The study `recover`: unannounced failures and events; docs/recover.md."""
 
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
+from typing import Annotated, Any
 
-from experiments.rig.options import DITHER, LOOPS, PATH, TASK
-from experiments.study.controllers import CONTROLLER
+import numpy as np
+import pandas as pd
+
+from experiments.recording.record import About, write_run
+from experiments.recover import plan, predictions
+from experiments.recover.figure import pictures
+from experiments.recover.plan import BENCH, Case, exact_rig, sizes_of
+from experiments.recover.row import (
+    COLUMNS,
+    INFORMED_LATE,
+    dither_cost,
+    fly,
+    fly_other,
+    informed_late,
+    row_of,
+)
+from experiments.recover.tables import WORST, checks, grouped, noise_of, notes, printed
+from experiments.rig.checks import CLOSURE_LIMIT_M
+from experiments.rig.events import EVENTS
+from experiments.rig.hexapod.columns import hexapod_arrays
+from experiments.rig.hexapod.fault_tolerance import DITHER
+from experiments.rig.hexapod.metrics import plant_constants, recording_properties
+from experiments.rig.mismatch import EXACT
+from experiments.rig.options import (
+    DEFAULT_OPTIONS,
+    Controller,
+    Dither,
+    RobotOptions,
+    Turn,
+    check_bounds,
+)
+from experiments.rig.other_controller import controller_factory, controller_label, controller_sha256
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run
+from experiments.rig.units import by_unit
+from experiments.rig.within import check_within
+from experiments.study.errors import WrongInput
+from experiments.study.option import Option, seed_of
+from experiments.study.result import Check, Result, origin
+from experiments.study.rows import HERE, Row, Where, basis_of, rows_of
 from experiments.study.spelling import check_file
-from experiments.study.study import Option, Study
-from experiments.study.where import SCHEDULER, WHERE
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import call, in_parallel
+from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from sim import CLOSURE_TOLERANCE, Failure, model_sha256
 
-MODEL = Option(
-    "model",
-    Path | None,
-    None,
-    "Another robot: an MJCF file whose actuators move single joints; the options of fjh track.",
-    "MODEL.xml",
-    parse=check_file,
-)
-HOURS = Option(
-    "hours", float, 2.0, "Simulated without failures, in runs of 16 s, unless --quick.", "H"
-)
-EVENTS = Option(
-    "events",
-    bool,
-    False,
-    "Only events: whatever happens to actuators, supply, machine and sensors, against a controller "
-    "that does nothing; an estimated 30 minutes on two idle cores.",
-)
-HEXAPOD_ALONE = (HOURS, CONTROLLER, SCHEDULER)
-OTHERS_ALONE = (*TASK, *PATH, *LOOPS, replace(DITHER, default="designed"))
+HOURS, TURN_S = 2.0, 4.0
+"""By default: without failures; of a turn of another robot's circle."""
 
-STUDY = Study(
-    name="recover",
-    help="""Simulate unannounced actuator failures; measure detection, isolation and recovery.
+SHOWN = {
+    "locked": (Failure(0, "locked", 8.25),),
+    "free": (Failure(0, "free", 8.25),),
+    "cascade": (
+        Failure(0, "locked", 4.0),
+        Failure(3, "free", 6.0),
+        Failure(1, "locked", 8.0),
+        Failure(4, "locked", 10.0),
+    ),
+}
+"""Failures of the runs that are kept whole, by name. The cascade leaves struts 3 and 6 in the end,
+which pull in one direction of the (alpha, beta) plane."""
+
+
+def recover(
+    *,
+    seed: Annotated[int, seed_of("the random failures and plants, and the detector noise")] = 0,
+    quick: Annotated[bool, Option(help="A few runs of each sort.")] = False,
+    model: Annotated[
+        Path | None,
+        Option(
+            metavar="MODEL.xml",
+            help="Another robot: an MJCF file whose actuators move single joints; each locks, goes "
+            "limp and weakens on a circle, seen by a sensor of the task, by encoders, and by both.",
+        ),
+    ] = None,
+    hours: Annotated[
+        float,
+        Option(metavar="H", help="Simulated without failures, in runs of 16 s, unless --quick."),
+    ] = HOURS,
+    events: Annotated[
+        bool,
+        Option(
+            help="Only events: whatever happens to actuators, supply, machine and sensors, at any "
+            "time, on several paths, on plants of a family that the diagnosis does not assume; "
+            "against a controller that does nothing. An estimated 30 minutes on two idle cores."
+        ),
+    ] = False,
+    controller: Controller = None,
+    where: Where = HERE,
+    robot: RobotOptions = DEFAULT_OPTIONS,
+    turn: Turn = TURN_S,
+    dither: Dither = "designed",
+    folder: Path,
+    on_progress: OnProgress,
+) -> Result:
+    """Simulate unannounced actuator failures; measure detection, isolation and recovery.
 
     Struts lock, or lose their coil force or a part of it, at random times and in random postures,
     on plants that differ from the controller's model: gains, stiffness, damping, inertia, delay,
     floor vibration, drift, hysteresis and integrator step, each by itself, all together, and in
     several sizes. Runs are compared with a controller that is informed of the failure at once, and
     with one that continues without noticing it. On two idle cores an estimated 40 minutes, of which
-    eight for each of the --hours without failures; half a minute with --quick.
+    eight for each of the --hours without failures; half a minute with --quick. --events and --model
+    run other cases instead: five minutes for a robot of four actuators.
 
-    Rows are written to a Parquet dataset, OUT/unfinished, as runs finish; Ctrl-C keeps them, and
-    --resume continues, with more or fewer --hours as well. The rows are identical to the bit for
-    any number of workers and interruptions, on processors of one kind.
+    Rows are written to OUT/unfinished.jsonl as runs finish; Ctrl-C keeps them, and --resume
+    continues, with more or fewer --hours as well. They are identical to the bit for any number of
+    workers and interruptions, on processors of one kind.
 
-    Writes recover.json, the rows as recover.parquet, the tables as recover.md, a figure, and for
-    some runs their data (.npz) and their recordings (.rrd). With --controller that controller runs
-    in the same cases; it is told of no failure.
-
-    With --events, in place of all these, other things happen to actuators, supply, machine and
-    sensors at any time in a run, on several paths, and on plants of a family that the diagnosis
-    does not assume; beside them a continuous hour without events. A check for each event says
-    whether the error stays below 1.1 times that of a controller that does nothing.
-
-    With --model, every actuator of another robot locks, goes limp and weakens on a circle, on
-    plants that differ from the model, seen by a sensor of the task, by encoders, and by both: five
-    minutes on two cores with four actuators. With --model and --events each of these events
-    happens twice to the robot, on its circle.
+    Writes recover.json, the rows as recover.parquet, tables of them as recover.md and Parquet, a
+    figure, and for some runs their data (.npz) and their recordings (.rrd).
 
     Example: fjh recover --quick --seed 3
-    """,
-    runs="experiments.recover.command:run",
-    results="experiments.recover.results:results",
-    quick="A few runs of each sort.",
-    seed="the random failures and plants, and the detector noise",
-    options=(MODEL, HOURS, EVENTS, CONTROLLER, *WHERE, *OTHERS_ALONE),
-    streams=True,
-    again="experiments.recover.command:again",
-)
+    """
+    check_within("hours", hours, 1e-3, 1e6)
+    check_bounds("turn", turn)
+    of_hexapod = {"hours": hours != HOURS, "controller": controller, "scheduler": where.scheduler}
+    of_robot = {"turn": turn != TURN_S, "dither": dither != "designed"}
+    of_robot |= {
+        each.name: getattr(robot, each.name) != each.default for each in fields(RobotOptions)
+    }
+    refuse_others(of_hexapod, of_robot, is_robot=model is not None, events=events)
+    if controller is not None:
+        controller_factory(controller)  # a wrong name is refused before anything runs
+    jobs = list[Job]()
+    if model is None:
+        drawn_from = hexapod_basis(seed, quick, events, controller)
+        cases = plan.hexapod_cases(drawn_from, 1 if quick else plan.healthy_for(hours))
+        jobs = [] if events else beside(cases[0], controller, seed, quick)
+        dithers = {"task": asdict(DITHER)}
+    else:
+        file = check_file(model).resolve()
+        names = () if not events else plan.QUICK_ROBOT_EVENTS if quick else tuple(EVENTS)
+        how = {"turn_s": turn, "dither": dither, "seed": seed, "quick": quick}
+        drawn_from = {"robot": asdict(robot), "robot_sha256": model_sha256(file), **how}
+        drawn_from |= {"events": names} if events else {}
+        cases, dithers = plan.robot_cases(file, robot, events=names, **how)
+
+    def progress(first: int) -> OnProgress:
+        return lambda done, _: on_progress(first + done, len(cases) + len(jobs))
+
+    basis, rig = basis_of(**drawn_from), exact_rig(cases[0].model, cases[0].options)
+    rows = rows_of(
+        cases, row_of, basis, where, name="recover", folder=folder, on_progress=progress(0)
+    )
+    rows = rows.reindex(columns=[*dict.fromkeys((*COLUMNS, *rows))])
+    found = {name: list[Any]() for name, _ in jobs}
+    made = in_parallel(call, [{"work": work} for _, work in jobs], progress(len(cases)))
+    for (name, _), entries in zip(jobs, made, strict=True):
+        found[name] += entries
+    shown, noise = found.pop("shown", []), noise_of(rig)
+    found |= {"shown": [row for row, _ in shown]} if shown else {}
+    tables = grouped(rows, noise)
+    tables |= {name: pd.DataFrame(entries) for name, entries in found.items()}
+    if controller is not None:
+        tables["controller"] = controller_table(controller, rows, tables["shown"])
+    settings = settings_of(rig, dithers, cases, basis) | {"sorts": dict(Counter(rows.sort))}
+    checked = checks(settings, rows, tables)
+    return Result(
+        settings,
+        tables,
+        checked,
+        printed(tables),
+        notes(rows, tables),
+        pictures(rows, tables, noise),
+        records=[partial(record, settings, checked, row, run) for row, run in shown],
+        rows=rows,
+    )
+
+
+def refuse_others(
+    of_hexapod: Mapping[str, Any], of_robot: Mapping[str, Any], *, is_robot: bool, events: bool
+) -> None:
+    """Refuse options that are for other cases; those that are not as by default are true.
+
+    Raises:
+        WrongInput: One is given.
+    """
+    for name in (name for name, given in (of_hexapod if is_robot else of_robot).items() if given):
+        for_whom = "does not go with" if is_robot else "needs"
+        raise WrongInput(f"--{name.replace('_', '-')} {for_whom} --model")
+    if of_robot["sense"]:
+        raise WrongInput("--sense does not go with --model: each sensing is simulated")
+    for name in ("hours", "controller") if events else ():
+        if of_hexapod[name]:
+            raise WrongInput(f"--{name} does not go with --events")
+    if of_hexapod["controller"] and of_hexapod["scheduler"]:
+        raise WrongInput("--controller does not go with --scheduler: its module is here alone")
+
+
+def hexapod_basis(seed: int, quick: bool, events: bool, controller: str | None) -> dict[str, Any]:
+    """What failures or events of the hexapod are drawn from."""
+    if events:
+        names, each = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
+        healthy_s = 2.0 if quick else 3600.0
+        return {"seed": seed, "events": {"names": names, "each": each, "healthy_s": healthy_s}}
+    blocks, healthy_s = (plan.QUICK, 2.0) if quick else (plan.WHOLE, BENCH.duration_s)
+    flights = {"blocks": blocks, "healthy_s": healthy_s, "controller": controller}
+    own = {} if controller is None else {"controller_sha256": controller_sha256(controller)}
+    return {"seed": seed, "flights": flights} | own
+
+
+Job = tuple[str, Callable[[], list[Any]]]
+"""A table, and what makes rows of it, on any machine."""
+
+
+def beside(first: Case, controller: str | None, seed: int, quick: bool) -> list[Job]:
+    """What is done beside failures of the hexapod, with --quick a little of it."""
+    few, flies = 1 if quick else None, dict.fromkeys((None, controller))
+    struts, late = range(6)[:few], () if quick else INFORMED_LATE
+    names, settings = [*SHOWN][:few], [*predictions.SETTINGS][:few]
+    jobs: list[Job] = [
+        *(("shown", partial(kept, name, seed, quick, own)) for own in flies for name in names),
+        *(("informed_late", partial(informed_late, failure)) for failure in late),
+        *(("ambiguity", partial(predictions.lookalikes, name, struts)) for name in settings),
+        ("dither_cost", partial(dither_cost, first, 1.0 if quick else BENCH.duration_s)),
+        ("beliefs", partial(predictions.beliefs, struts)),
+    ]
+    return jobs if quick else [("dither_design", predictions.dither_design), *jobs]
+
+
+def kept(name: str, seed: int, quick: bool, controller: str | None) -> list[tuple[Row, Run]]:
+    """Row and run of one of those that are shown, with all mismatches: the spiral from its start.
+
+    Or, if `quick`, from shortly before the failures.
+    """
+    begin_s = SHOWN[name][0].time_s - plan.BEFORE_S if quick else 0.0
+    duration_s = SHOWN[name][-1].time_s + 2.0 - begin_s
+    case = Case("pair", plant_seed=seed, seed=seed, dither=plan.about(0.0), failures=SHOWN[name])
+    case = replace(case, begin_s=begin_s, duration_s=duration_s, controller=controller)
+    row, run = fly(case) if controller is None else fly_other(case, controller)
+    label = name if controller is None else f"{controller_label(controller)}_{name}"
+    row["closure_residual_max_m"] = run.closure_max_m
+    return [({"name": label, "controller": controller} | case.parameters() | row, run)]
+
+
+def controller_table(name: str, rows: pd.DataFrame, shown: pd.DataFrame) -> pd.DataFrame:
+    """Somebody else's controller in the cases with all mismatches, and in the shown runs."""
+    flown, theirs = rows[rows.rms_other_after.notna()], shown[shown.controller.notna()]
+    square = [(flown[f"rms_{who}_after"] ** 2).mean() for who in ("other", "informed")]
+    failures = [*flown.controller_failure.dropna(), *theirs.controller_failure.dropna()]
+    counts = {"runs": len(flown) + len(theirs), "failed": len(failures)}
+    over = {"name": name, "after_over_informed": np.sqrt(square[0] / square[1])}
+    return pd.DataFrame([over | counts | {"failure": [*failures, None][0]}])
+
+
+def settings_of(
+    rig: Rig, dithers: Mapping[Any, Any], cases: Sequence[Case], basis: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What numbers depend on: errors are in sizes of the path, other units in the names."""
+    sizes = {each.mismatch: asdict(sizes_of(rig, each.mismatch)) for each in cases}
+    settings = origin(basis["seed"]) | {
+        "basis": basis,
+        "runs": len(cases),
+        "robot": rig.title,
+        "actuators": rig.actuators,
+        "major": rig.major,
+        "path_size": rig.size,
+        **by_unit("path_size", rig.size, rig.row_units),
+        **by_unit("sensor_noise", rig.noise, rig.row_units),
+        **by_unit("encoder_noise", rig.encoder_noise, rig.units),
+        "control_period_s": rig.period_s,
+        "mismatch": {
+            name: {key: size for key, size in own.items() if size != getattr(EXACT, key)}
+            for name, own in sizes.items()
+        },
+        "rules": asdict(DEFAULT_CONFIG),
+        "dither": dithers,
+        "recovered_from_s": max(each.recovered_s for each in cases),
+        "noise": noise_of(rig),
+        "worst_allowed": WORST,
+        "separation_required": predictions.ISOLABLE,
+        "alike_below": predictions.ALIKE,
+        "evidence_s": predictions.EVIDENCE_S,
+        "closure_limit_m": CLOSURE_LIMIT_M if rig.file is None else CLOSURE_TOLERANCE,
+    }
+    if rig.file is None:
+        bench = asdict(BENCH) | plant_constants(rig.model)
+        return settings | {"bench": bench, "jacobian": "constant"}
+    return settings | {"model_sha256": basis["robot_sha256"]}
+
+
+def record(
+    settings: Mapping[str, Any], checks: Sequence[Check], row: Row, run: Run, folder: Path
+) -> None:
+    """Write data and recording of a run that is kept whole."""
+    name, controller = row["name"], row["controller"]
+    own = {} if controller is None else {"controller": controller}
+    about = About(
+        study="recover",
+        identity=f"recover-{name}-seed{settings['seed']}",
+        title=name,
+        said=["Nothing announces the failures, and the plant differs from the model."],
+        parameters=recording_properties(dict(settings)) | own,
+        checks=checks,
+        verdict=row.get("controller_failure") or "",
+    )
+    write_run(folder / f"{name}.rrd", exact_rig(), run, about, arrays=hexapod_arrays(run))
+
+
+def again(summary: Mapping[str, Any]) -> tuple[tuple[Case, ...], Callable[[Case], tuple[Row, Run]]]:
+    """The runs that a `recover.json` is of, and what flies one.
+
+    Another controller is not run again: its columns are not among those of the dataset.
+
+    Raises:
+        WrongInput: They are of another robot, whose file its results do not have.
+    """
+    basis = summary["basis"]
+    if "robot" in basis:
+        raise WrongInput("runs of another robot cannot be repeated without its file")
+    return plan.hexapod_cases(basis, summary["sorts"].get("healthy", 0)), fly

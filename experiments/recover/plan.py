@@ -1,15 +1,16 @@
 """Cases of the study as numbers and words alone, each drawn from a seed and its place."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from math import inf
+from math import ceil, inf
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
+from experiments.rig.dither import dither_entry, rig_dither
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.hexapod.fault_tolerance import DITHER
 from experiments.rig.hexapod.mismatch import ALONE, OTHER
@@ -17,7 +18,8 @@ from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.mismatch import EXACT, Mismatch
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions
+from experiments.rig.options import RobotOptions, Sensing
+from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import DitherDesign
@@ -25,78 +27,42 @@ from ftc.fdi.fault_model import KINDS, Fault
 from sim import Array, Failure, FailureKind
 
 BENCH = TestbedConfig()
-MISMATCHES = ("exact", *ALONE, "all", "other family")
-"""Names of differences of plant and model, in the order of the tables."""
-
 Sort = Literal["failure", "size", "pair", "healthy", "event"]
 """What a case is for: one failure, beside an informed controller; the supervised controller alone,
 against the size of a mismatch; two failures; no failure; an event, beside an unaware controller."""
 
 
 @dataclass(frozen=True)
-class Course:
-    """A path of the major rows.
-
-    Attributes:
-        shape: The testbed's spiral, from any time on; a circle from rest; steps out and back, each
-            held for a quarter of a turn; or none.
-        turn_s: Time of one turn.
-        radius: In sizes of the robot's path.
-        plane_seed: Of the plane of the major rows in which it lies; None: the first two rows.
-    """
-
-    shape: Literal["spiral", "circle", "steps", "rest"] = "spiral"
-    turn_s: float = BENCH.spiral_period_s
-    radius: float = 1.0
-    plane_seed: int | None = None
-
-
-@dataclass(frozen=True)
 class Case:
     """One run with all controllers that are compared; so small that it can be sent anywhere.
 
-    Attributes:
-        sort: What it is for.
-        number: In the study; column `case` of the dataset.
-        draw: Cases of one draw have the same failure, path, noise and plant, as far as they can.
-        mismatch: Of plant and model, a name in `MISMATCHES`.
-        factor: By which its sizes are multiplied.
-        plant_seed: Of the plant.
-        seed: Of the sensors' noise, and of what is drawn of events.
-        begin_s: Time of its first tick; on the spiral, where it begins.
-        duration_s: How long it lasts.
-        dither: Secondary motion, about where the actuators stand; None is none.
-        failures: What happens, in the order of time.
-        events: What else happens; one at most.
-        course: Path of the major rows.
-        compared: Controllers beside the supervised one, "informed" and "unaware".
-        transient_s: Start of the run that its errors do not count.
-        recovered_s: What counts as recovery begins so long after what happens.
-        isolable: Whether the dither separates the failure in half a second, by the uncertain linear
-            model; None: that is not known.
-        model: MJCF file; None is the hexapod.
-        options: Of the robot of a file.
+    Its path is the testbed's spiral, from any time on; a circle from rest; steps out and back, each
+    held for a quarter of a turn; or none.
     """
 
     sort: Sort
-    number: int = 0
-    draw: int = 0
-    mismatch: str = "all"
-    factor: float = 1.0
+    number: int = 0  # in the study; column `case` of the dataset
+    draw: int = 0  # of one draw are the same failure, path, noise and plant, as far as can be
+    mismatch: str = "all"  # of plant and model, a name of :func:`sizes_of`
+    factor: float = 1.0  # by which its sizes are multiplied
     plant_seed: int = 0
-    seed: int = 0
-    begin_s: float = 0.0
+    seed: int = 0  # of the sensors' noise, and of what is drawn of events
+    begin_s: float = 0.0  # time of its first tick; on the spiral, where it begins
     duration_s: float = 0.0
-    dither: Dither | None = None
-    failures: tuple[Failure, ...] = ()
-    events: tuple[Event, ...] = ()
-    course: Course = Course()
-    compared: tuple[str, ...] = ()
-    transient_s: float = 0.5
-    recovered_s: float = 0.5
-    isolable: bool | None = None
-    model: Path | None = None
-    options: RobotOptions | None = None
+    course: Literal["spiral", "circle", "steps", "rest"] = "spiral"
+    turn_s: float = BENCH.spiral_period_s
+    radius: float = 1.0  # in sizes of the robot's path
+    plane_seed: int | None = None  # of the plane of the path; None: the first two major rows
+    dither: Dither | None = None  # about where the actuators stand
+    failures: tuple[Failure, ...] = ()  # in the order of time
+    events: tuple[Event, ...] = ()  # what else happens; one at most
+    compared: tuple[str, ...] = ()  # controllers beside the supervised one: informed, unaware
+    controller: str | None = None  # somebody else's, package.module:factory
+    transient_s: float = 0.5  # start of the run that its errors do not count
+    recovered_s: float = 0.5  # what counts as recovery begins so long after what happens
+    isolable: bool | None = None  # in half a second by the uncertain linear model, if that is known
+    model: Path | None = None  # MJCF file; None is the hexapod
+    options: RobotOptions | None = None  # of the robot of a file
 
     @property
     def happens_s(self) -> float:
@@ -110,26 +76,25 @@ class Case:
 
     def path(self, rig: Rig) -> Array:
         """Desired displacements of the major rows, shape (N, m1)."""
-        course, rows = self.course, len(rig.major)
-        if course.shape == "spiral":
-            size_urad = course.radius * BENCH.spiral_radius_urad
-            bench = replace(BENCH, spiral_period_s=course.turn_s, spiral_radius_urad=size_urad)
+        if self.course == "spiral":
+            size_urad = self.radius * BENCH.spiral_radius_urad
+            bench = replace(BENCH, spiral_period_s=self.turn_s, spiral_radius_urad=size_urad)
             return bench.spiral_rad(self.duration_s, self.begin_s)
-        if course.shape == "rest":
+        rows = len(rig.major)
+        if self.course == "rest":
             return np.zeros((round(self.duration_s / rig.period_s), rows))
-        sized = replace(rig, size=course.radius * rig.size)
-        path = sized.path(course.shape, duration_s=self.duration_s, turn_s=course.turn_s)
-        if course.plane_seed is None:
+        sized = replace(rig, size=self.radius * rig.size)
+        path = sized.path(self.course, duration_s=self.duration_s, turn_s=self.turn_s)
+        if self.plane_seed is None:
             return path
-        normal = np.random.default_rng([course.plane_seed, 1]).normal(size=(rows, rows))
+        normal = np.random.default_rng([self.plane_seed, 1]).normal(size=(rows, rows))
         return path @ np.linalg.qr(normal)[0]
 
     def parameters(self) -> dict[str, Any]:
         """The columns in which cases differ before they are simulated."""
-        rig, course = exact_rig(self.model, self.options), self.course
-        row = {name: getattr(self, name) for name in _PARAMETERS}
-        row |= {"case": self.number, "sense": self.options.sense if self.options else "task"}
-        row |= {"course": course.shape, "turn_s": course.turn_s, "radius": course.radius}
+        rig = exact_rig(self.model, self.options)
+        row = {"case": self.number} | {name: getattr(self, name) for name in _DRAWN}
+        row["sense"] = self.options.sense if self.options else "task"
         if self.isolable is not None:
             row["isolable"] = self.isolable
         for place, failure in zip(("", "second_"), self.failures, strict=False):
@@ -142,9 +107,9 @@ class Case:
         return row
 
 
-_PARAMETERS = (
-    *("sort", "draw", "mismatch", "factor", "plant_seed", "seed"),
-    *("begin_s", "duration_s"),
+_DRAWN = (
+    *("sort", "draw", "mismatch", "factor", "plant_seed", "seed", "begin_s", "duration_s"),
+    *("course", "turn_s", "radius"),
 )
 
 
@@ -155,12 +120,12 @@ def exact_rig(model: Path | None = None, options: RobotOptions | None = None) ->
 
 
 def sizes_of(rig: Rig, mismatch: str) -> Mismatch:
-    """How far a plant of a name in `MISMATCHES` is from the model."""
+    """How far a plant of a name is from the model."""
     named = {"exact": EXACT, "all": rig.machine.everything, "other family": OTHER, **ALONE}
     return named[mismatch]
 
 
-# The four campaigns.
+# The cases: failures and events, of the hexapod and of other robots.
 
 BEFORE_S, AFTER_S = 1.2, 2.5
 """Of a run of the hexapod, before and after its failure."""
@@ -213,8 +178,31 @@ EVENTS_EACH, ROBOT_EVENTS_EACH = 12, 2
 QUICK_EVENTS, QUICK_ROBOT_EVENTS = ("locked", "hard_over", "sag", "bias"), ("locked", "sag", "bias")
 
 
+def hexapod_cases(drawn_from: Mapping[str, Any], healthy: int) -> tuple[Case, ...]:
+    """Cases of the hexapod from what they are drawn from, with so many healthy runs if they fail.
+
+    Args:
+        drawn_from: The seed, and the arguments of :func:`hexapod_events` as "events" or those of
+            :func:`hexapod_failures` as "flights", as in the basis of the dataset.
+        healthy: More runs without failures can be simulated later.
+    """
+    seed = drawn_from["seed"]
+    if "events" in drawn_from:
+        return hexapod_events(**drawn_from["events"], seed=seed)
+    return hexapod_failures(**drawn_from["flights"], healthy=healthy, seed=seed)
+
+
+def healthy_for(hours: float) -> int:
+    """How many runs without failures last at least so many hours."""
+    return ceil(round(hours * 3600 / BENCH.duration_s, 6))
+
+
 def hexapod_failures(
-    blocks: Sequence[Block], healthy: int, healthy_s: float, seed: int
+    blocks: Sequence[Block],
+    healthy: int,
+    healthy_s: float,
+    seed: int,
+    controller: str | None = None,
 ) -> tuple[Case, ...]:
     """Struts fail at random times and in random postures on the spiral; then so many healthy runs.
 
@@ -223,9 +211,11 @@ def hexapod_failures(
     cases = list[Case]()
     last: Block = ("healthy", "all", 1.0, healthy)
     for sort, mismatch, factor, count in (*blocks, last):
-        compared = ("informed", *(["unaware"] if mismatch == "all" else []))
-        how = {"mismatch": mismatch, "factor": factor}
-        how["compared"] = compared if sort == "failure" else ()
+        how: dict[str, Any] = {"mismatch": mismatch, "factor": factor}
+        if sort == "failure" and mismatch == "all":
+            how |= {"compared": ("informed", "unaware"), "controller": controller}
+        elif sort == "failure":
+            how["compared"] = ("informed",)
         cases += [replace(_on_spiral(sort, seed, draw, healthy_s), **how) for draw in range(count)]
     return numbered(cases)
 
@@ -291,7 +281,7 @@ def hexapod_events(
     plant_seed, own_seed = rng.integers(2**32, size=2).tolist()
     dither = about(rng.normal(scale=_STANDING_M, size=6))
     healthy = Case("healthy", plant_seed=plant_seed, seed=own_seed, dither=dither)
-    healthy = replace(healthy, duration_s=healthy_s, course=Course("circle"))
+    healthy = replace(healthy, duration_s=healthy_s, course="circle")
     return numbered([healthy, *(_eventful(n, seed, k) for n, k in product(names, range(each)))])
 
 
@@ -306,10 +296,11 @@ def _eventful(name: str, seed: int, draw: int) -> Case:
     early, turns = draw % (2 * COURSES) in _EARLY, draw // COURSES
     after_s = round(float(np.exp(rng.uniform(*np.log(_EARLY_S if early else _LATER_S)))), 3)
     turn_s, radius = np.exp(rng.uniform(*np.log([(1.0, 4.0), (0.5, 2.0)]).T)).tolist()
+    sized = {"turn_s": turn_s, "radius": radius}
+    steps = {"course": "steps", "turn_s": 4.0, "radius": 0.5}
+    courses = ({}, sized, sized, {"course": "circle", **sized}, steps, {"course": "rest"})
     latest_s = BENCH.duration_s - after_s - _AFTER_EVENT_S
     begin_s = 0.0 if early else round(float(rng.uniform(0, latest_s)), 3)
-    spiral, circle = Course("spiral", turn_s, radius), Course("circle", turn_s, radius)
-    courses = (Course(), spiral, spiral, circle, Course("steps", 4.0, 0.5), Course("rest"))
     strut = (draw + turns) % 6 if EVENTS[name].of == "actuator" else None
     return replace(
         case,
@@ -318,16 +309,10 @@ def _eventful(name: str, seed: int, draw: int) -> Case:
         begin_s=begin_s,
         duration_s=round(after_s + _AFTER_EVENT_S, 3),
         events=(Event(name, round(begin_s + after_s, 3), strut),),
-        course=courses[draw % COURSES],
         compared=("unaware", *(["informed"] if name in get_args(FailureKind) else [])),
         transient_s=min(0.5, after_s / 2),
+        **courses[draw % COURSES],
     )
-
-
-def on_circle(case: Case, turn_s: float, design: DitherDesign | None) -> Case:
-    """A case of another robot, of which others are made: on a circle in a plane of their own."""
-    dither, course = None if design is None else design.dither, Course("circle", turn_s)
-    return replace(case, dither=dither, course=course, transient_s=_LEARNED_S)
 
 
 def recovered_s(rig: Rig) -> float:
@@ -336,6 +321,46 @@ def recovered_s(rig: Rig) -> float:
     Not less than on the hexapod, whose loops are faster.
     """
     return max(0.5, 1 / min(each.crossover_hz for each in rig.margins))
+
+
+def robot_cases(
+    file: Path,
+    robot: RobotOptions,
+    turn_s: float,
+    dither: str,
+    events: Sequence[str],
+    *,
+    seed: int,
+    quick: bool,
+) -> tuple[tuple[Case, ...], dict[Sensing, dict[str, Any] | None]]:
+    """Failures of any robot, or these events, on a circle; and its dither for each sensing.
+
+    Raises:
+        WrongInput: Something that the robot does not have or cannot do.
+        sim.ModelError: The file, or what it says.
+    """
+    cases, dithers = list[Case](), dict[Sensing, dict[str, Any] | None]()
+    senses: tuple[Sensing, ...] = ("both",) if quick or events else get_args(Sensing)
+    for sense in senses:
+        options = replace(robot, sense=sense)
+        design = rig_dither(rig := exact_rig(file, options), dither)
+        dithers[sense] = dither_entry(design, rig)
+        first = Case(
+            "event" if events else "failure",
+            model=file,
+            options=options,
+            dither=None if design is None else design.dither,
+            course="circle",
+            turn_s=turn_s,
+            transient_s=_LEARNED_S,
+        )
+        if events:
+            cases += robot_events(first, events, 1 if quick else ROBOT_EVENTS_EACH, seed)
+        else:
+            cases += robot_failures(first, design, seed, quick)
+    for case in {(case.options, case.plane_seed, case.duration_s): case for case in cases}.values():
+        check_reach(rig := exact_rig(file, case.options), case.path(rig))
+    return numbered(cases), dithers
 
 
 def robot_failures(
@@ -380,5 +405,4 @@ def robot_events(first: Case, names: Iterable[str], each: int, seed: int) -> Ite
 
 
 def _of_robot(first: Case, draw: int, seed: int) -> Case:
-    course = replace(first.course, plane_seed=seed)
-    return replace(first, draw=draw, plant_seed=seed, seed=seed, course=course)
+    return replace(first, draw=draw, plant_seed=seed, seed=seed, plane_seed=seed)

@@ -1,6 +1,6 @@
 """What must hold in every study of a robot."""
 
-from experiments.study.results import Check
+from experiments.study.result import Check
 
 CLOSURE_LIMIT_M = 1e-8
 """A larger closure residual affects the hexapod's angles: 10 nm is about 0.03 urad."""

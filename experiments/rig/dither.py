@@ -10,8 +10,8 @@ import argument_checks as check
 from argument_checks.ties import greatest
 from experiments.rig.options import COST_PART, DITHER_SIZE
 from experiments.rig.units import by_unit
+from experiments.study.errors import WrongInput
 from experiments.study.spelling import nearest
-from experiments.study.study import WrongInput
 from ftc.fdi.design.signatures import fault_responses
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither

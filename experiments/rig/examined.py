@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from experiments.rig.conditions import FREE, LOCKED, SOUND, Codes
 from experiments.rig.verdicts import left_of
-from experiments.study.study import OnProgress
+from experiments.study.terminal import OnProgress
 from prioritized import Classes, ConstrainedSystem, failure_atlas
 from sim import Array
 

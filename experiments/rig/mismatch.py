@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from experiments.study.draw import Draw, Family
-from experiments.study.study import WrongInput
-from experiments.study.within import check_within
+from experiments.rig.draw import Draw, Family
+from experiments.rig.within import check_within
+from experiments.study.errors import WrongInput
 from sim import Array, Drive
 
 LIMITS: dict[str, tuple[float, float]] = {

@@ -7,11 +7,12 @@ import mujoco
 import numpy as np
 
 from experiments.rig.bodies import body_name, model_name
-from experiments.rig.options import OF_ROBOT, RobotOptions
+from experiments.rig.options import RobotOptions
 from experiments.rig.rig import Rig
 from experiments.rig.robot import Robot, robot_of, warnings_of
 from experiments.rig.robot_machine import RobotMachine
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
+from experiments.study.spelling import check_file
 from ftc.control_task import ControlTask
 from ftc.controller import DirectDrive
 from ftc.tracking import TaskLost, Tracking, tracking
@@ -32,11 +33,11 @@ def rig_of(model: Path | None, options: RobotOptions) -> Rig:
         sim.ModelError: The file, or what it says.
     """
     if model is not None:
-        return robot_rig(model, options)
+        return robot_rig(check_file(model), options)
     for option in fields(options):
         its_own = option.name not in ("size", "feedforward")
         if its_own and getattr(options, option.name) != option.default:
-            flag = OF_ROBOT[option.name].flag
+            flag = f"--{option.name.replace('_', '-')}"
             raise WrongInput(f"{flag} needs a MODEL.xml: the hexapod of the testbed has its own")
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 

@@ -1,16 +1,17 @@
-"""Options that several studies have of their robot: each declared, bounded and parsed here alone.
+"""How a robot is controlled: each option declared, checked and parsed once, for commands and code.
 
 Nothing is imported that takes time: the help text does not wait for it.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from experiments.rig.units import ROW_NAMES, ROWS
-from experiments.study.spelling import check_file
-from experiments.study.study import Option
+from experiments.study.errors import WrongInput
+from experiments.study.option import Option
 
 Sensing = Literal["task", "joints", "both"]
 """A sensor of the task frame; encoders of the actuators and forward kinematics; or both sensors."""
@@ -38,52 +39,229 @@ standard deviation of a sample of its sensor."""
 
 LARGEST_WEIGHT = 1e12
 
-TURN_S, DURATION_S = (1e-3, 1e6), (1e-6, 1e4)
-"""Least and largest time of a turn, and of a run."""
+BOUNDS = {
+    "size": (1e-12, 1e3),
+    "servo": (1e-3, 1e6),
+    "noise": (1e-15, 1e3),
+    "crossover": (1e-6, 1e6),
+    "period": (1e-7, 1.0),
+    "turn": (1e-3, 1e6),
+    "duration": (1e-6, 1e4),
+}
+"""Least and largest value of each number, in its unit."""
+
+Model = Annotated[
+    Path | None,
+    Option(metavar="MODEL.xml", help="The robot, MJCF.  [default: the hexapod]", positional=True),
+]
+MachineFile = Annotated[
+    Path | None,
+    Option(metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod]"),
+]
+Site = Annotated[
+    str, Option(metavar="NAME", help="Task frame: a site, or a body, by name or number.")
+]
+Axes = Annotated[
+    str | None, Option(metavar="NAME", help="Site that gives the axes.  [default: world]")
+]
+MAJOR = Option(
+    metavar="ROWS",
+    help="Major rows of the twist [rx, ry, rz, x, y, z], turns about axes and then motions along "
+    "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
+)
+Keyframe = Annotated[
+    str | None,
+    Option(
+        metavar="KEY",
+        help="Where the robot starts: name or number.  [default: the first, or qpos0]",
+    ),
+]
+Pinned = Annotated[
+    tuple[str, ...] | None,
+    Option(
+        metavar="NAME,...",
+        help="Sites or bodies that stand, such as feet: welded where the robot starts, or "
+        "NAME:point, which may turn.",
+    ),
+]
+Turn = Annotated[
+    float,
+    Option(metavar="S", help="Time of one turn of a circle or spiral, in seconds."),
+]
+Dither = Annotated[
+    str,
+    Option(
+        metavar="HZ",
+        help="A small motion in the null space of the major rows, for the diagnosis: none, "
+        "designed (the direction and frequency that separate failures best, at 2, 5, 10 or 20 "
+        f"Hz), or a frequency in Hz. No actuator moves further than {DITHER_SIZE:g} of what the "
+        f"path moves one, and by dynamics no major row further than {DITHER_SIZE:g} of the path's "
+        "size. default: designed at 10 or 20 Hz, and no major row moves further than "
+        f"{COST_PART:g} of the noise of a sample; none where no failure is separated by it.",
+    ),
+]
+Controller = Annotated[
+    str | None,
+    Option(
+        metavar="NAME",
+        help="A controller to compare with, package.module:factory; it runs under the same "
+        "failures and noise (docs/other-controllers.md). Modules in this folder are found.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """How a robot is controlled; `major`, weights and `pinned` may be text with commas between.
+
+    Raises:
+        WrongInput: A value that no robot can have; what a robot lacks is found when it is read.
+    """
+
+    site: Site = "payload"
+    axes: Axes = None
+    major: Annotated[tuple[int, ...], MAJOR] = (0, 1)
+    size: Annotated[
+        float | None,
+        Option(
+            metavar="R",
+            help="Radius of the path, [rad] or [m].  [default: 1 mrad, or a thousandth of the "
+            "model's extent; the hexapod's 0.1 mrad]",
+        ),
+    ] = None
+    sense: Annotated[
+        Sensing,
+        Option(
+            help="task: a sensor of the major rows; joints: encoders, and forward kinematics; "
+            "both: the diagnosis looks at both."
+        ),
+    ] = "both"
+    noise: Annotated[
+        float | None,
+        Option(
+            metavar="SIGMA",
+            help="Standard deviation of one sample of each sensor, [rad] or [m].  [default: a "
+            "hundredth of what a path of the default size moves it: of a row 0.01 mrad, or 1e-5 "
+            "of the model's extent]",
+        ),
+    ] = None
+    crossover: Annotated[
+        float | None,
+        Option(
+            metavar="HZ",
+            help="Gain crossover of the loops.  [default: the highest with a sensitivity peak of "
+            "1.7]",
+        ),
+    ] = None
+    feedforward: Annotated[
+        Feedforward,
+        Option(
+            help="Whether the path is demanded through the inverse of the linear model, and the "
+            "loops add to it. By default on; off for the hexapod, as in the paper."
+        ),
+    ] = "default"
+    period: Annotated[
+        float, Option(metavar="S", help="Control period, in whole physics steps.")
+    ] = 1e-3
+    joint_weight: Annotated[
+        tuple[float, ...] | None,
+        Option(
+            metavar="W,...",
+            help="W1, one number or one an actuator.  [default: 1, unless there is a secondary "
+            "weight]",
+        ),
+    ] = None
+    secondary_weight: Annotated[
+        tuple[float, ...] | None,
+        Option(metavar="W,...", help="W2, one number a secondary row."),
+    ] = None
+    limits: Annotated[
+        Limited,
+        Option(
+            help="Displacements of the actuators: within the ranges that the file states, or "
+            "unlimited."
+        ),
+    ] = "stated"
+    keyframe: Keyframe = None
+    pinned: Pinned = None
+    servo: Annotated[
+        float | None,
+        Option(
+            metavar="HZ",
+            help="Natural frequency of the position servos that torque motors get.",
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        """Check all values, and parse text."""
+        parsed: dict[str, Any] = {"major": rows_of("major", self.major)}
+        for name in ("joint_weight", "secondary_weight"):
+            if (given := getattr(self, name)) is not None:
+                parsed[name] = weights_of(name, given)
+        parsed["pinned"] = pinned_of(self.pinned)
+        for name, value in parsed.items():
+            object.__setattr__(self, name, value)
+        for name in ("size", "noise", "crossover", "period", "servo"):
+            if (value := getattr(self, name)) is not None or name == "period":
+                check_bounds(name, value)
+        kinds = {"sense": Sensing, "feedforward": Feedforward, "limits": Limited}
+        for name, kind in kinds.items():
+            if (value := getattr(self, name)) not in get_args(kind):
+                expected = ", ".join(get_args(kind))
+                raise WrongInput(f"{name} must be one of {expected}, got {value!r:.80}")
+
+
+def check_bounds(name: str, value: Any, of: str | None = None) -> None:
+    """Raise a `WrongInput` unless a value is a number within :data:`BOUNDS` of its option."""
+    low, high = BOUNDS[of or name]
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not low <= float(value) <= high:
+        raise WrongInput(f"{name} must be a number from {low:g} to {high:g}, got {value!r:.80}")
+
 
 _ROWS = {each: k for k in range(6) for each in (ROW_NAMES[k], ROWS[k], str(k))}
 """Rows of a twist, by what each may be called."""
 
 
-def rows_of(text: str | Sequence[int | str]) -> tuple[int, ...]:
-    """Parse major rows: names or numbers, as text with commas between.
+def rows_of(name: str, given: Any) -> tuple[int, ...]:
+    """Major rows by name or number, as a sequence or as text with commas between.
 
     Raises:
-        ValueError: There are none, others, or one twice.
+        WrongInput: There are none, others, or one twice; the argument's name is `name`.
     """
-    parts = _parts(text)
+    parts = _parts(given)
     found = tuple(_ROWS[part] for part in parts if part in _ROWS)
     if not found or len(set(found)) < len(parts):
         expected = f"different rows from 0 to 5 or of {','.join(ROW_NAMES)}"
-        raise ValueError(f"text must be {expected}, got {text!s:.80}")
+        raise WrongInput(f"{name} must be {expected}, got {given!s:.80}")
     return found
 
 
-def weights_of(text: str | float | Iterable[float]) -> tuple[float, ...]:
-    """Parse weights, as text with commas between.
+def weights_of(name: str, given: Any) -> tuple[float, ...]:
+    """Weights, as a number, a sequence, or text with commas between.
 
     Raises:
-        ValueError: They are no numbers, negative, or larger than :data:`LARGEST_WEIGHT`.
+        WrongInput: They are no numbers, negative, or larger than :data:`LARGEST_WEIGHT`.
     """
     try:
-        values = tuple(float(part) for part in _parts(text))
+        values = tuple(float(part) for part in _parts(given))
     except ValueError:
-        raise ValueError(f"text must be numbers with commas between, got {text!s:.80}") from None
+        raise WrongInput(f"{name} must be numbers with commas between, got {given!s:.80}") from None
     if not all(0 <= value <= LARGEST_WEIGHT for value in values):
-        raise ValueError(f"text must be from 0 to {LARGEST_WEIGHT:g}, got {text!s:.80}")
+        raise WrongInput(f"{name} must be from 0 to {LARGEST_WEIGHT:g}, got {given!s:.80}")
     return values
 
 
-def pinned_of(text: str | Sequence[str]) -> tuple[str, ...]:
-    """Parse frames that stand, NAME or NAME:point, as text with commas between.
+def pinned_of(given: Any) -> tuple[str, ...] | None:
+    """Frames that stand, NAME or NAME:point, likewise; None of none.
 
     Raises:
-        ValueError: One has no name.
+        WrongInput: One has no name.
     """
-    names = tuple(_parts(text))
+    names = () if given is None else tuple(_parts(given))
     if not all(name.removesuffix(":point") for name in names):
-        raise ValueError(f"text must be NAME or NAME:point,..., got {text}")
-    return names
+        raise WrongInput(f"pinned must be NAME or NAME:point,..., got {given!s:.80}")
+    return names or None
 
 
 def _parts(given: Any) -> list[str]:
@@ -91,172 +269,5 @@ def _parts(given: Any) -> list[str]:
     return [str(part).strip() for part in (parts if isinstance(parts, Iterable) else [parts])]
 
 
-MAJOR = Option(
-    "major",
-    str,
-    "0,1",
-    "Major rows of the twist [rx, ry, rz, x, y, z], turns about axes and then motions along "
-    "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
-    "ROWS",
-    parse=rows_of,
-)
-TASK = (
-    Option("site", str, "payload", "Task frame: a site, or a body, by name or number.", "NAME"),
-    Option("axes", str | None, None, "Site that gives the axes.  [default: world]", "NAME"),
-    MAJOR,
-)
-START = (
-    Option(
-        "keyframe",
-        str | None,
-        None,
-        "Where the robot starts: name or number.  [default: the first, or qpos0]",
-        "KEY",
-    ),
-    Option(
-        "pinned",
-        str | None,
-        None,
-        "Sites or bodies that stand, such as feet: welded where the robot starts, or NAME:point, "
-        "which may turn.",
-        "NAME,...",
-        parse=pinned_of,
-    ),
-)
-SIZE = Option(
-    "size",
-    float | None,
-    None,
-    "Radius of the path, [rad] or [m].  [default: 1 mrad, or a thousandth of the model's "
-    "extent; the hexapod's 0.1 mrad]",
-    "R",
-    bounds=(1e-12, 1e3),
-)
-_TURN = "Time of one turn of a circle or spiral, in seconds."
-TURN = Option("turn", float, 4.0, _TURN, "S", bounds=TURN_S)
-PATH = (SIZE, TURN)
-DURATION = Option("duration", float, 8.0, "Of the run, in seconds.", "S", bounds=DURATION_S)
-SENSE = Option(
-    "sense",
-    Sensing,
-    "both",
-    "task: a sensor of the major rows; joints: encoders, and forward kinematics; both: the "
-    "diagnosis looks at both.",
-)
-SERVO = Option(
-    "servo",
-    float | None,
-    None,
-    "Natural frequency of the position servos that torque motors get.",
-    "HZ",
-    bounds=(1e-3, 1e6),
-)
-LOOPS = (
-    Option(
-        "noise",
-        float | None,
-        None,
-        "Standard deviation of one sample of each sensor, [rad] or [m].  [default: a hundredth "
-        "of what a path of the default size moves it: of a row 0.01 mrad, or 1e-5 of the model's "
-        "extent]",
-        "SIGMA",
-        bounds=(1e-15, 1e3),
-    ),
-    Option(
-        "crossover",
-        float | None,
-        None,
-        "Gain crossover of the loops.  [default: the highest with a sensitivity peak of 1.7]",
-        "HZ",
-        bounds=(1e-6, 1e6),
-    ),
-    Option(
-        "feedforward",
-        Feedforward,
-        "default",
-        "Whether the path is demanded through the inverse of the linear model, and the loops add "
-        "to it. By default on; off for the hexapod, as in the paper.",
-    ),
-    Option(
-        "period",
-        float,
-        1e-3,
-        "Control period, in whole physics steps.",
-        "S",
-        bounds=(1e-7, 1.0),
-    ),
-    Option(
-        "joint_weight",
-        str | None,
-        None,
-        "W1, one number or one an actuator.  [default: 1, unless there is a secondary weight]",
-        "W,...",
-        parse=weights_of,
-    ),
-    Option(
-        "secondary_weight",
-        str | None,
-        None,
-        "W2, one number a secondary row.",
-        "W,...",
-        parse=weights_of,
-    ),
-    Option(
-        "limits",
-        Limited,
-        "stated",
-        "Displacements of the actuators: within the ranges that the file states, or unlimited.",
-    ),
-    *START,
-    SERVO,
-)
-OF_ROBOT = {option.name: option for option in (*TASK, SIZE, SENSE, *LOOPS)}
-"""The options that :class:`RobotOptions` has values of."""
-
-DITHER = Option(
-    "dither",
-    str,
-    "default",
-    "A small motion in the null space of the major rows, for the diagnosis: none, designed (the "
-    "direction and frequency that separate failures best, at 2, 5, 10 or 20 Hz), or a frequency in "
-    f"Hz. No actuator moves further than {DITHER_SIZE:g} of what the path moves one, and by "
-    f"dynamics no major row further than {DITHER_SIZE:g} of the path's size. default: designed at "
-    f"10 or 20 Hz, and no major row moves further than {COST_PART:g} of the noise of a sample; "
-    "none where no failure is separated by it.",
-    "HZ",
-)
-ROBOT = Option(
-    "model",
-    Path | None,
-    None,
-    "The robot, MJCF.  [default: the hexapod]",
-    "MODEL.xml",
-    positional=True,
-    parse=check_file,
-)
-"""The file, of a command that takes the hexapod without one."""
-
-_MACHINE = "Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
-MACHINE_FILE = Option("model", Path | None, None, _MACHINE, "FILE", parse=check_file)
-"""The file, of studies that run on any hexapod."""
-
-
-@dataclass(frozen=True)
-class RobotOptions:
-    """How a robot is controlled: values of the options above, as these parse them."""
-
-    site: str = "payload"
-    axes: str | None = None
-    major: tuple[int, ...] = (0, 1)
-    size: float | None = None
-    noise: float | None = None
-    crossover: float | None = None
-    period: float = 1e-3
-    joint_weight: tuple[float, ...] | None = None
-    secondary_weight: tuple[float, ...] | None = None
-    limits: Limited = "stated"
-    keyframe: str | None = None
-    servo: float | None = None
-    sense: Sensing = "both"
-    feedforward: Feedforward = "default"
-    pinned: tuple[str, ...] | None = None
+DEFAULT_OPTIONS = RobotOptions()
+"""Those of a command that is given none."""

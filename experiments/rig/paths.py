@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 import argument_checks as check
+from experiments.study.errors import WrongInput
 from experiments.study.foreign import read_arrays
 from experiments.study.spelling import nearest
-from experiments.study.study import WrongInput
 from sim import Array, spiral
 
 PATHS = ("spiral", "circle", "steps")

@@ -16,20 +16,20 @@ from experiments.rig.events import Event
 from experiments.rig.events.hooks import events_of
 from experiments.rig.mismatch import Known, Mismatch, sizes_of
 from experiments.rig.options import (
-    DURATION_S,
-    OF_ROBOT,
-    SIZE,
-    TURN_S,
+    BOUNDS,
     Limited,
     RobotOptions,
     Sensing,
+    check_bounds,
+    pinned_of,
+    rows_of,
 )
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
 from experiments.rig.run import Run, simulate, tick_of
 from experiments.rig.units import ROWS
+from experiments.study.errors import WrongInput
 from experiments.study.spelling import nearest
-from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
 from ftc.control.mapping import PrioritizedMapping
 from ftc.control_task import ControlTask
@@ -137,7 +137,8 @@ class Rig:
 
         check.flag("feedforward", feedforward)
         check.index("seed", seed)
-        size = SIZE.checked(size, "size")
+        if size is not None:
+            check_bounds("size", size)
         return hexapod_rig(size=size, feedforward=feedforward).drawn(mismatch, seed)
 
     def __repr__(self) -> str:
@@ -198,20 +199,25 @@ class Rig:
         check.flag("feedforward", feedforward)
         check.index("seed", seed)
         check.choice("limits", loops.get("limits", "stated"), get_args(Limited))
+        if servo_hz is not None:
+            check_bounds("servo_hz", servo_hz, "servo")
         if not isinstance(pinned, str):
             check.members("pinned", pinned, str)
         for name in loops:
             if name not in _LOOPS:
                 near = nearest(name, _LOOPS, listed=True)
                 raise TypeError(f"there is no argument {name}{near}")
-        given = {"major": major, "sense": sense, "noise": noise, "pinned": pinned, **loops}
         options = RobotOptions(
             site=str(site.name if isinstance(site, Body) else site),
             axes=axes,
-            servo=OF_ROBOT["servo"].checked(servo_hz, "servo_hz"),
+            servo=servo_hz,
             keyframe=str(start) if isinstance(start, str | int) else None,
             feedforward="on" if feedforward else "off",
-            **{name: OF_ROBOT[name].checked(value, name) for name, value in given.items()},
+            major=rows_of("major", major),
+            sense=sense,
+            noise=noise,
+            pinned=pinned_of(pinned),
+            **loops,
         )
         at = None
         if start is not None and not isinstance(start, str | int):
@@ -356,13 +362,13 @@ class Rig:
             turn_s: Time of one turn.
         """
         check.instance("name", name, str, Path)
-        ticks = self._ticks("duration_s", duration_s, DURATION_S[0])
-        check.within("turn_s", turn_s, TURN_S[0], 1e9, " s")
+        ticks = self._ticks("duration_s", duration_s, BOUNDS["duration"][0])
+        check.within("turn_s", turn_s, BOUNDS["turn"][0], 1e9, " s")
         time_s = np.arange(max(2, ticks)) * self.period_s
         return path_of(str(name), len(self.major), self.size, time_s, turn_s, self.period_s)
 
     def _ticks(self, name: str, seconds: float, least: float) -> int:
-        most = min(DURATION_S[1], MOST_TICKS * self.period_s)
+        most = min(BOUNDS["duration"][1], MOST_TICKS * self.period_s)
         return round(check.within(name, seconds, least, most, " s") / self.period_s)
 
     def _checked_path(self, path: ArrayLike) -> Array:

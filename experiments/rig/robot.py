@@ -11,8 +11,8 @@ import numpy as np
 
 import argument_checks as check
 from experiments.rig.options import RobotOptions
+from experiments.study.errors import WrongInput
 from experiments.study.spelling import nearest
-from experiments.study.study import WrongInput
 from ftc.goal import Goal
 from ftc.reconfiguration import Unused
 from ftc.tracking import is_possible, mapping_for

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from experiments.rig.draw import Draw
 from experiments.rig.mismatch import EXACT, Mismatch, sampled_model, without
 from experiments.rig.robot import Robot
-from experiments.study.draw import Draw
 from sim import Array, Bench, Failure, JointSensors, Pose, Reading, Sensors, TaskSensor
 
 ALL = Mismatch(gain=0.03, damping=0.2, inertia=0.02, delay_ticks=1, drift_per_s=0.1, steps=2)

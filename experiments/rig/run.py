@@ -1,7 +1,7 @@
 """A run of a robot: what happened at every tick, and what its controller made of it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import ceil
 from typing import TYPE_CHECKING, Any
@@ -312,6 +312,25 @@ def entry_of(rig: "Rig", happened: Failure | Event) -> dict[str, Any]:
     name = None if actuator is None else rig.actuators[rig.number(actuator)]
     kind = {"kind": happened.kind} if isinstance(happened, Failure) else {"name": happened.name}
     return {"actuator": name, **kind, "time_s": happened.time_s}
+
+
+def called(rig: "Rig", failure: Failure) -> str:
+    """A failure in words: "motor4 locked"."""
+    return f"{rig.actuators[failure.number]} {failure.kind}"
+
+
+def diagnosis_entries(rig: "Rig", run: Run) -> list[dict[str, Any]]:
+    """All diagnoses of a run as JSON has them; of a false alarm `delay_s` is None."""
+    since_s = {
+        rig.actuators[int(each.actuator)]: each.time_s
+        for each in (*run.events, *run.failures)
+        if each.actuator is not None
+    }
+    delays_s = [each.time_s - since_s.get(each.actuator, np.inf) for each in run.diagnoses]
+    return [
+        asdict(each) | {"delay_s": delay_s if delay_s >= 0 else None}
+        for each, delay_s in zip(run.diagnoses, delays_s, strict=True)
+    ]
 
 
 _UNEXPLAINED = "there was an alarm that no single failure explains"

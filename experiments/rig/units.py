@@ -1,6 +1,6 @@
 """Rows of a twist, their units and those of actuators, in published numbers and in sentences."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from math import hypot
 from typing import Any
 
@@ -26,40 +26,10 @@ def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
     return entries
 
 
-def sizes_said(entries: Mapping[str, Any]) -> str:
-    """A sentence on the sizes of path and noise, from the entries of :func:`by_unit`."""
-    path, task, encoders = (
-        " and ".join(
-            said(entries[f"{name}_{unit}"], unit)
-            for unit in ("rad", "m")
-            if f"{name}_{unit}" in entries
-        )
-        for name in ("path_size", "sensor_noise", "encoder_noise")
-    )
-    return (
-        f"Path of {path}, sensors with noise of {task}, encoders of {encoders} (standard deviation "
-        "of a sample)."
-    )
-
-
-def largest_by_unit(values: Sequence[float], units: Sequence[str]) -> str:
-    """The largest number in each unit that there is: "1 mrad, 20 µm"."""
-    entries = by_unit("", list(values), units)
-    return ", ".join(said(max(own), unit[1:]) for unit, own in entries.items())
-
-
 def norms_said(values: Iterable[float], units: Sequence[str]) -> str:
     """The norm of the values of each unit together: "3.2 µrad and 1.5 mm"."""
     entries = by_unit("", list(values), units)
     return " and ".join(said(hypot(*own), unit[1:]) for unit, own in entries.items())
-
-
-def loops_said(major: Sequence[int], margins: Sequence[Any]) -> list[str]:
-    """A sentence on the loops of rows with the same margins: "Loops of x, y: crossover 8 Hz."."""
-    rows = dict[str, list[str]]()
-    for row, margin in zip(major, margins, strict=True):
-        rows.setdefault(str(margin), []).append(ROWS[row])
-    return [f"Loop{'s' * (len(of) > 1)} of {', '.join(of)}: {text}." for text, of in rows.items()]
 
 
 def said(value: float, unit: str) -> str:

@@ -1,9 +1,7 @@
 """Results on disk: a set of files appears whole or not at all."""
 
-import fcntl
 import json
 import os
-import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -11,17 +9,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from filelock import FileLock, Timeout
+
+from experiments.study.errors import OutputError, WrongInput
 from experiments.study.interrupts import uninterrupted
 
 if TYPE_CHECKING:  # the help text does not wait for NumPy's import
     from numpy.typing import NDArray
 
-PREFIX = ".fjh-"
-_STAGING = re.compile(rf"{re.escape(PREFIX)}\w{{8}}")  # as tempfile completes the prefix
+LOCK, STAGING = ".fjh.lock", ".fjh-staging-"
 
-
-class OutputError(Exception):
-    """The output folder cannot be used; the message says why."""
+UNFINISHED = "unfinished.jsonl"
+"""Rows of finished runs, until all are published (experiments.study.rows)."""
 
 
 def usable_folder(path: Path, option: str = "--out") -> Path:
@@ -70,6 +69,29 @@ def made(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other studies out of a folder; the system takes the lock back however this one ends.
+
+    Raises:
+        WrongInput: Another study is at work there.
+        OutputError: The disk or the folder refuses.
+    """
+    with ExitStack() as held:
+        try:
+            held.enter_context(made(folder))
+            held.enter_context(FileLock(folder / LOCK, timeout=0))
+        except Timeout:
+            raise WrongInput(f"{folder} is in use by another study: wait for its end") from None
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OutputError(f"{folder} could not be written: {reason}") from None
+        held.callback((folder / LOCK).unlink, missing_ok=True)
+        for left in folder.glob(f"{STAGING}*"):  # by a study that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+
+
+@contextmanager
 def published(folder: Path, index: str) -> Iterator[Path]:
     """A temporary folder to write into; at the end of the block its files move to `folder`.
 
@@ -82,10 +104,10 @@ def published(folder: Path, index: str) -> Iterator[Path]:
         OutputError: The disk or the folder refuses; what was there before is still whole.
     """
     try:
-        with made(folder), staging_folder(folder) as staging:
-            yield staging
+        with made(folder), tempfile.TemporaryDirectory(dir=folder, prefix=STAGING) as staging:
+            yield Path(staging)
             with uninterrupted():  # all of them, or none
-                _move_all(staging, folder, index)
+                _move_all(Path(staging), folder, index)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{folder} could not be written: {reason}") from None
@@ -137,46 +159,3 @@ def _listed(index: Path) -> set[str]:
         return {name for name in plain if (index.parent / name).is_file()}
     except (OSError, ValueError, LookupError, TypeError):
         return set()
-
-
-@contextmanager
-def staging_folder(folder: Path) -> Iterator[Path]:
-    """A new folder below `folder`, removed on leaving; those of dead processes are removed before.
-
-    Its process keeps it locked (`flock`). The system releases the lock when the process ends,
-    however it ends, so a staging folder that can be locked has no owner any more.
-    """
-    _remove_abandoned(folder)
-    while True:
-        with ExitStack() as held:
-            with uninterrupted():  # until it is known, and will be removed
-                name = held.enter_context(tempfile.TemporaryDirectory(dir=folder, prefix=PREFIX))
-            held.enter_context(_locked(Path(name), wait=True))
-            # Before it was locked, another process may have taken it for abandoned.
-            if Path(name).is_dir():
-                yield Path(name)
-                return
-
-
-def _remove_abandoned(folder: Path) -> None:
-    for place in [each for each in folder.iterdir() if _STAGING.fullmatch(each.name)]:
-        with _locked(place, wait=False) as ours, suppress(OSError):
-            if ours:
-                shutil.rmtree(place)
-
-
-@contextmanager
-def _locked(folder: Path, *, wait: bool) -> Iterator[bool]:
-    """Whether it is locked for this process: not if it is another's, gone, or cannot be locked.
-
-    Where the file system has no locks, nothing is ever taken for abandoned.
-    """
-    with ExitStack() as stack:
-        try:
-            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            stack.callback(os.close, handle)
-            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-            locked = True
-        except OSError:
-            locked = False
-        yield locked

@@ -8,8 +8,8 @@ import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from experiments.study.errors import WrongInput
 from experiments.study.spelling import LARGEST_FILE, check_file
-from experiments.study.study import WrongInput
 
 if TYPE_CHECKING:  # the help text does not wait for NumPy's import
     from numpy.typing import NDArray

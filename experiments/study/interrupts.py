@@ -1,4 +1,4 @@
-"""What Ctrl-C and the signals to end and to hang up do, at any moment: one sentence and its code.
+"""What Ctrl-C and the signals to end and to hang up do: one sentence and an exit code.
 
 Nothing but the standard library, and little of it: this is ready before any package is imported.
 """
@@ -6,32 +6,26 @@ Nothing but the standard library, and little of it: this is ready before any pac
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTION = "interrupted: no file was left half-written"
 
-_PATIENCE_S = 10.0
-"""How long files and workers may take to be cleared away, before the process ends without."""
-_SOON_S = 0.01
-
 _LONGEST = 2000
 
-_came: list[int] = []
-"""The signal that ends this process, once it has come."""
-_held: list[bool] = []
-"""Blocks that none may interrupt, and the signals that have come within."""
-_waiting: list[int] = []
-_lost: list[bool] = []
-"""Whether Python had to drop its exception."""
+_TWICE_S = 2.0
+"""Terminals and `timeout` send a signal twice; a person who sends another later means it."""
+
+_came: list[tuple[int, float]] = []
+"""The signal that ends this process, and when it came."""
 
 
 def interrupted() -> int:
     """The exit code of the signal that has come, 130 of Ctrl-C; 0 if none has."""
-    return 128 + _came[0] if _came else 0
+    return 128 + _came[0][0] if _came else 0
 
 
 def printable(text: str) -> str:
@@ -40,10 +34,7 @@ def printable(text: str) -> str:
 
 
 def notice(sentence: str) -> None:
-    """A sentence on standard error, whatever is left out or shown beside it: one line.
-
-    What it quotes may be anybody's, and would fill the terminal.
-    """
+    """Print a sentence on standard error, on one line; what it quotes may be anybody's."""
     short = sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST - 3]}..."
     with suppress(OSError):  # the terminal may have gone
         print(f"fjh: {printable(short)}", file=sys.stderr, flush=True)
@@ -61,63 +52,30 @@ def exit_on_interrupt() -> None:
 
 
 def raise_on_interrupt() -> None:
-    """From now on it is a KeyboardInterrupt: there are workers to end and files to remove."""
+    """From now on a signal is a KeyboardInterrupt: there are workers to end and files to remove."""
     for each in SIGNALS:
         if signal.getsignal(each) is _exit:
             signal.signal(each, _raise)
-            sys.unraisablehook = _unraisable
-
-
-def ignore_interrupts() -> None:
-    """From now on there is nothing to interrupt: all is written, and said."""
-    for each in (*SIGNALS, signal.SIGALRM):
-        signal.signal(each, signal.SIG_IGN)
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """A signal that comes within the block is raised at its end: it is short, and makes a thing."""
-    _held.append(True)
+    """Hold signals back until the end of the block, and from processes that are started in it."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:
-        _held.pop()
-        if _waiting and not _held:
-            _raise(_waiting[0], None)
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def _exit(number: int, _frame: FrameType | None) -> None:
-    code = interrupted() or 128 + number
     notice(INTERRUPTION)
-    os._exit(code)
+    os._exit(interrupted() or 128 + number)
 
 
-def _raise(number: int, _frame: FrameType | None) -> None:
-    """Raise, once: `timeout` and terminals send a signal twice, and clearing away takes a while."""
-    if _held:
-        _waiting.append(number)
-        return
-    _came.append(number)
-    for each in SIGNALS:
-        signal.signal(each, signal.SIG_IGN)
-    signal.signal(signal.SIGALRM, _late)
-    signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S)
-    raise KeyboardInterrupt
-
-
-def _late(number: int, frame: FrameType | None) -> None:
-    """Raise again what Python dropped; or end without clearing away."""
-    if not _lost:
+def _raise(number: int, frame: FrameType | None) -> None:
+    if not _came:
+        _came.append((number, time.monotonic()))
+        raise KeyboardInterrupt
+    if time.monotonic() > _came[0][1] + _TWICE_S:
         _exit(number, frame)
-    _lost.clear()
-    signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S)
-    raise KeyboardInterrupt
-
-
-def _unraisable(dropped: Any) -> None:
-    """A KeyboardInterrupt that came in a finalizer, from where none can be raised, comes again."""
-    if dropped.exc_type is KeyboardInterrupt and _came:
-        _lost.append(True)
-        signal.setitimer(signal.ITIMER_REAL, _SOON_S)
-    elif not _came:  # what is dropped while all is cleared away is of no interest
-        sys.__unraisablehook__(dropped)

@@ -17,6 +17,8 @@ SOURCES = (
     "argument_checks/**/*.py",
     "experiments/**/*.py",
     "ftc/**/*.py",
+    "kernels/*.[ch]",
+    "kernels/*.py",
     "models/*.xml",
     "prioritized/**/*.py",
     "sim/**/*.py",

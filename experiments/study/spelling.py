@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 
 _LISTED = 12
 LARGEST_FILE = 1_000_000_000
@@ -38,7 +38,7 @@ def check_file(path: Path) -> Path:
             return path
         if path.exists():
             raise WrongInput(f"{shown} is no file but a folder, a pipe or a device")
-        others = (each for each in path.parent.iterdir() if each != path)
+        others = (each for each in path.parent.iterdir() if each != path and each.is_file())
         beside = [str(each) for each in others if each.suffix == path.suffix]
     except (OSError, ValueError):  # there is no such folder; or it is no path at all
         beside = []

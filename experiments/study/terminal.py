@@ -1,17 +1,22 @@
-"""What a person at a terminal sees: progress and tables."""
+"""What a person at a terminal sees: progress, tables, and what was written."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from experiments.study.interrupts import raise_on_interrupt
-from experiments.study.tables import Table
+
+if TYPE_CHECKING:
+    from experiments.study.result import Shown
+
+OnProgress = Callable[[int, int], None]
+"""To be called with the finished and total steps of some work."""
 
 
 @contextmanager
-def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int, int], None]]:
+def progress(description: str, *, shown: bool = True) -> Iterator[OnProgress]:
     """A progress bar on standard error, if that is a terminal.
 
     It says that the work is being prepared until a first number of steps is known, and that its
@@ -41,7 +46,7 @@ def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int,
         yield update
 
 
-def print_table(table: Table) -> None:
+def print_table(table: "Shown") -> None:
     """A table on standard output, its legend below; a wide one goes on below itself."""
     import pandas as pd  # late, as above
     from rich.console import Console
@@ -49,8 +54,8 @@ def print_table(table: Table) -> None:
     # Units stand in brackets, where markup would.
     console = Console(markup=False, emoji=False, highlight=False)
     first, *headings = table.headings
-    cells = [[*row[1:]] for row in table.rows]
-    frame = pd.DataFrame(cells, [row[0] for row in table.rows], headings)
+    cells = table.cells()
+    frame = pd.DataFrame([row[1:] for row in cells], [row[0] for row in cells], headings)
     if table.title:
         console.print(table.title, style="italic")
     text = frame.rename_axis(columns=first).to_string(line_width=console.width)
@@ -67,28 +72,17 @@ def print_notes(notes: Sequence[str]) -> None:
         Console().print(note, emoji=False, highlight=False, markup=False)
 
 
-@dataclass(frozen=True)
-class Ending:
-    """What a command says last.
+def print_ending(checked: str, written: Path, following: str) -> None:
+    """Three lines on standard output; paths and commands are not broken, so as to be copied.
 
-    Attributes:
+    Args:
         checked: What was checked, and with which result; a sentence.
         written: The file to open first.
         following: The command that a user would type next.
     """
-
-    checked: str
-    written: Path
-    following: str
-
-
-def print_ending(ending: Ending) -> None:
-    """Three lines on standard output; paths and commands are not broken, so as to be copied."""
     from rich.console import Console
 
     console = Console(highlight=False, markup=False)
-    console.print(f"\n{ending.checked}")
-    folder, file = ending.written.parent, ending.written
-    where = f"Files are in {folder}; open {file} first."
-    console.print(where, soft_wrap=True)
-    console.print(f"Next: {ending.following}", soft_wrap=True)
+    console.print(f"\n{checked}")
+    console.print(f"Files are in {written.parent}; open {written} first.", soft_wrap=True)
+    console.print(f"Next: {following}", soft_wrap=True)

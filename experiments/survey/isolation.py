@@ -1,151 +1,196 @@
-"""Which failures can be told apart, as numbers, a table and sentences."""
+"""Which failures of one actuator can be told apart: of a robot by its sensors, of a matrix by it.
 
-from collections.abc import Iterator
-from dataclasses import asdict
+Of a robot by the steady response to a dither that the major task does not feel, at the robot's
+start, as docs/diagnosis-design.md says. By the linear model alone: nothing is simulated.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
-from experiments.rig.conditions import listed
-from experiments.rig.dither import CONDITIONS
-from experiments.rig.units import by_unit, sizes_said
-from experiments.study.tables import Column, Table, tabulate
-from experiments.survey.alike import Columns
-from experiments.survey.sensors import Sensed, Sensors
-from experiments.survey.survey import Subject
-from ftc.fdi.fault_model import KINDS, Fault
+import mujoco
+import numpy as np
+import pandas as pd
+from scipy.sparse.csgraph import connected_components
+
+from argument_checks.ties import least
+from experiments.rig.dither import CONDITIONS, rig_dither
+from experiments.rig.mjcf import robot_rig
+from experiments.rig.options import Sensing, Switch
+from experiments.rig.rig import Rig
+from experiments.rig.units import ROWS, by_unit
+from experiments.study.errors import WrongInput
+from experiments.survey.subject import Subject
+from ftc.fdi.dither_design import DitherDesign
+from ftc.fdi.fault_model import Fault
+from ftc.fdi.sensor_choice import ranked_sensors
+from ftc.fdi.separation import separations
+from ftc.fdi.uncertainty import CERTAIN
+from sim import HEXAPOD_MJCF, Array
+
+SENSES: tuple[Sensing, ...] = ("task", "joints", "both")
+MOST_ADDED = 3  # further sensors that are looked for
+MOST_ACTUATORS = 12  # with more the search of a dither takes minutes
 
 _ERRORS = ("gain", "stiffness", "damping", "inertia", "delay_s")
 """Of the model, that change signatures."""
-_SENSES = {"task": "a sensor of the task", "joints": "encoders", "both": "both"}
+_STILL = 1e-9  # part of the largest motion that is round-off
+_ONE_VELOCITY = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def isolation_entry(subject: Subject, found: Sensors | Columns | str) -> dict[str, Any]:
-    """What can be told apart, ready for JSON; `refused` is a sentence where nothing can be said."""
-    if isinstance(found, str):
-        return {"refused": found}
-    if isinstance(found, Columns):
-        names = subject.actuators
-        return {
-            "isolable": [names[k] for k in found.isolable(len(names))],
-            "alike": [[names[k] for k in group] for group in found.groups],
-            "without_effect": [names[k] for k in found.unseen],
-            "nearest": None if found.nearest is None else [names[k] for k in found.nearest],
-            "smallest_angle_deg": found.angle_deg,
-        }
-    of_task, of_encoders = found.noise
-    rows = [subject.row_units[row] for row in subject.major]
-    known = asdict(CONDITIONS.uncertainty)
-    return {
+def isolation_of(
+    subject: Subject, model: Path | None, sensors: Switch, servo: float | None
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """A row for each set of sensors, and settings: under what, or why nothing can be said."""
+    robot, refused = subject.robot, "isolation_refused"
+    if robot is None:
+        alike = alike_columns(subject.system.J_T, subject.actuators, subject.system.rank_tolerance)
+        return pd.DataFrame([alike]), {refused: None}
+    if sensors == "off":
+        return pd.DataFrame(), {refused: "it was not asked for"}
+    if (count := len(subject.actuators)) > MOST_ACTUATORS:
+        said = f"it takes minutes for more than {MOST_ACTUATORS} actuators; there are {count}"
+        return pd.DataFrame(), {refused: said}
+    at = None if subject.instead is None else robot.scene.start.qpos
+    # The loops are of position servos; all else takes the file as it is.
+    options = replace(robot.options, servo=servo, sense="both")
+    try:
+        rig = robot_rig(model or HEXAPOD_MJCF, options, at)
+        sensed = [told_apart(rig, sense)[1] for sense in SENSES]
+    except (WrongInput, ValueError) as error:
+        return pd.DataFrame(), {refused: str(error)}
+    rows, known = [subject.row_units[row] for row in subject.major], asdict(CONDITIONS.uncertainty)
+    return pd.DataFrame(sensed), {
+        refused: None,
         "measuring_time_s": CONDITIONS.time_s,
-        "model_uncertainty": {name: known[name] for name in _ERRORS},
-        **by_unit("path_size", found.size, rows),
-        **by_unit("sensor_noise", of_task, rows),
-        **by_unit("encoder_noise", of_encoders, subject.units),
-        "actuators": list(found.actuators),
-        "failures": len(KINDS) * len(found.actuators),
-        "with": {each.sense: _entry(each, found.actuators) for each in found.sensed},
+        **{f"uncertainty_{name}": known[name] for name in _ERRORS},
+        **by_unit("path_size", rig.size, rows),
+        **by_unit("sensor_noise", rig.noise, rows),
+        **by_unit("encoder_noise", rig.encoder_noise, subject.units),
     }
 
 
-def _entry(sensed: Sensed, names: tuple[str, ...]) -> dict[str, Any]:
-    apart, dither = sensed.separations, sensed.design.dither
+def alike_columns(B: Array, names: Sequence[Any], tolerance: float) -> dict[str, Any]:
+    """Which inputs of an effectiveness matrix no sensor of its effects tells apart.
 
-    def entries(faults: tuple[Fault, ...]) -> list[dict[str, str]]:
-        return [{"actuator": names[each.actuator], "kind": each.kind} for each in faults]
+    A failure of an input changes the effects along its column. Two failures whose columns are
+    parallel look alike, however well the effects are measured and whatever the inputs do; any
+    others differ in direction. Inputs without effect are not seen at all. The `nearest` others have
+    the least angle, each effect in units of its row's norm.
 
-    return {
-        "isolable": entries(apart.isolable()),
-        "isolable_with_exact_model": sensed.exactly,
-        "alike": [[names[k] for k in group] for group in apart.alike_actuators()],
-        "undetected": entries(apart.undetected()),
+    Args:
+        B: Effects per input, shape (m, n).
+        names: Of the inputs.
+        tolerance: Fraction of the scale below which a singular value is zero, as of the rank
+            decisions of a :class:`prioritized.ConstrainedSystem`: of two columns of norm one.
+    """
+    rows = np.linalg.norm(B, axis=1, keepdims=True)
+    scaled = np.divide(B, rows, out=np.zeros_like(B), where=rows > 0.0)
+    size = np.linalg.norm(scaled, axis=0)
+    seen = np.flatnonzero(size > tolerance * size.max(initial=0.0))
+    unit = (scaled / np.where(size > 0.0, size, 1.0))[:, seen]
+    # Of [a, b] the singular values are |a - b| and |a + b| over the root of two.
+    apart, sums = (
+        np.linalg.norm(unit[:, :, None] + sign * unit[:, None, :], axis=0) for sign in (-1, 1)
+    )
+    small, large = np.minimum(apart, sums), np.maximum(apart, sums)
+    count, of_group = connected_components(small <= tolerance * large, directed=False)
+    groups = [[names[k] for k in seen[of_group == group]] for group in range(count)]
+    found = {
+        "sensors": "effects",
+        "isolable": sum(len(group) == 1 for group in groups),
+        "alike": [group for group in groups if len(group) > 1],
+        "without_effect": [names[k] for k in np.setdiff1d(np.arange(B.shape[1]), seen)],
+        "nearest": [],
+        "smallest_angle_deg": None,
+    }
+    if count > 1:
+        between = np.where(of_group[:, None] == of_group, np.inf, small)
+        i, j = divmod(least(between.ravel()), len(seen))
+        angle = float(np.rad2deg(2 * np.arctan2(small[i, j], large[i, j])))
+        found |= {"nearest": [names[seen[i]], names[seen[j]]], "smallest_angle_deg": angle}
+    return found
+
+
+def with_sensors(rig: Rig, sense: Sensing) -> Rig:
+    """The same robot whose diagnosis looks at these sensors; task rows come first."""
+    noise = None if sense == "task" else rig.control.encoder_noise
+    return replace(rig, control=replace(rig.control, sense=sense, encoder_noise=noise))
+
+
+def told_apart(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
+    """The dither that is best for some sensors, and the row of what they tell apart with it.
+
+    Single failures: each actuator locked, free and with half its force. Further sensors are each
+    the best beside those before it; there are none where none helps.
+
+    Raises:
+        ValueError: Nothing can move beside the major task.
+    """
+    looking = with_sensors(rig, sense)
+    watched, design = looking.watched, rig_dither(looking, "designed")
+    if design is None:
+        raise ValueError("the major task leaves no motion by which failures could be told apart")
+    apart, dither = design.separations, design.dither
+    exact = separations(watched, dither, replace(CONDITIONS, uncertainty=CERTAIN))
+    left, added, isolable = candidates(rig, sense), dict[str, int](), apart.isolable()
+    most = len(isolable)
+    while left and len(added) < MOST_ADDED and most < len(apart.faults):
+        best = ranked_sensors(watched, left, dither, CONDITIONS)[0]
+        if (with_it := len(best.separations.isolable())) <= most:
+            break
+        added[best.name] = most = with_it
+        row, noise = left.pop(best.name)
+        watched = watched.measured(np.vstack([watched.plant.C, row]), [*watched.noise, noise])
+
+    def named(faults: Iterable[Fault]) -> list[str]:
+        return [f"{rig.actuators[each.actuator]} {each.kind}" for each in faults]
+
+    return design, {
+        "sensors": sense,
+        "failures": len(apart.faults),
+        "isolable": len(isolable),
+        "isolable_with_exact_model": len(exact.isolable()),
+        "not_isolable": named(each for each in apart.faults if each not in isolable),
+        "undetected": named(apart.undetected()),
+        "alike": [[rig.actuators[k] for k in group] for group in apart.alike_actuators()],
         "least_separation": apart.least,
         "dither_hz": dither.frequency_hz,
         "dither_amplitude": dither.amplitude,
         "dither_direction": list(dither.direction),
-        "further_sensors": [vars(each) for each in sensed.added],
+        "further_sensors": list(added),
+        "isolable_with_further": list(added.values()),
     }
 
 
-def isolation_tables(entry: dict[str, Any]) -> list[Table]:
-    """One row for each set of sensors of a robot; of a matrix there is none."""
-    if "with" not in entry:
-        return []
-    columns = (
-        Column("sensors", lambda each: _SENSES[each["sense"]]),
-        Column("told apart", lambda each: f"{len(each['isolable'])} of {entry['failures']}"),
-        Column("exact model", "isolable_with_exact_model"),
-        Column("dither, Hz", "dither_hz", "g"),
-        Column("further sensors", lambda each: _further(each) or "-"),
-    )
-    rows = [{"sense": sense} | each for sense, each in entry["with"].items()]
-    legend = (
-        "told apart: single failures (each actuator locked, free, half weak) that look like no "
-        f"failure of another actuator and not like none, in {entry['measuring_time_s']:g} s of the "
-        "dither. exact model: the same without errors of the model. further sensors: the best "
-        "ones, one after another, and how many are told apart with them; -: none helps."
-    )
-    return [tabulate("Failures that sensors tell apart", columns, rows, legend)]
+def candidates(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
+    """Rows per state of what a further sensor may measure, and its noise, by its name.
+
+    Encoders of the actuators, the other rows of the twist, and encoders of hinges and slides that
+    nothing drives; those that the robot does not have. All are as precise as forward kinematics
+    from encoders of the actuators.
+    """
+    linear, model = rig.machine.robot.linear, rig.machine.robot.scene.own
+    assert linear.motion is not None  # that of a plant
+    encoders, twist, moves = linear.C_active, linear.C_twist, linear.motion
+    found = {} if sense != "task" else _named("encoder of", rig.actuators, encoders)
+    for k, name in enumerate(ROWS):
+        if k not in rig.major or sense == "joints":
+            found[f"sensor of {name}"] = twist[k]
+    driven = {drive.joint for drive in rig.machine.robot.alone.drives}
+    free = [k for k in range(model.njnt) if k not in driven and model.jnt_type[k] in _ONE_VELOCITY]
+    at = model.jnt_dofadr[free]
+    positions = np.hstack([moves[at], np.zeros_like(moves[at])])
+    found |= _named("encoder of", [linear.joints[k] for k in at], positions)
+    per_encoder = np.linalg.pinv(encoders[:, : moves.shape[1]])
+    moved = {k: np.abs(row[: len(per_encoder)] @ per_encoder).max() for k, row in found.items()}
+    return {
+        name: (row, float(rig.encoder_noise * moved[name]))
+        for name, row in found.items()
+        if moved[name] > _STILL * max(moved.values())
+    }
 
 
-def _further(each: dict[str, Any], joined: str = ", ") -> str:
-    return joined.join(f"{one['name']} ({one['isolable']})" for one in each["further_sensors"])
-
-
-def _not_isolable(each: dict[str, Any], entry: dict[str, Any]) -> str:
-    """Failures that are not isolable, by their kinds."""
-    isolable = {(one["actuator"], one["kind"]) for one in each["isolable"]}
-    left = {kind: [k for k in entry["actuators"] if (k, kind) not in isolable] for kind in KINDS}
-    return "; ".join(f"{listed(names)} {kind}" for kind, names in left.items() if names)
-
-
-def isolation_sentences(entry: dict[str, Any]) -> list[str]:
-    """The same for a reader, from the entry alone."""
-    if "refused" in entry:
-        said = entry["refused"]
-        return [f"Which failures sensors tell apart is not said: {said.removesuffix('.')}."]
-    if "with" not in entry:
-        return list(_of_columns(entry))
-    return list(_of_sensors(entry))
-
-
-def _of_columns(entry: dict[str, Any]) -> Iterator[str]:
-    if entry["without_effect"]:
-        yield f"No sensor of the effects sees a failure of {listed(entry['without_effect'], 'or')}."
-    for group in entry["alike"]:
-        yield (
-            f"No sensor of the effects tells failures of {listed(group)} apart, because their "
-            "columns are parallel: one sensor at each of them but one would."
-        )
-    if entry["nearest"] is not None:
-        other = "other " if entry["alike"] else ""
-        yield (
-            f"Sensors of all effects can tell failures of any {other}two inputs apart; the nearest "
-            f"are {listed(entry['nearest'])}, {entry['smallest_angle_deg']:.3g} degrees from each "
-            "other with each effect in units of its row's norm."
-        )
-
-
-def _of_sensors(entry: dict[str, Any]) -> Iterator[str]:
-    total, found = entry["failures"], entry["with"]
-    isolable = {sense: len(each["isolable"]) for sense, each in found.items()}
-    parts = [f"{isolable[sense]} with {words}" for sense, words in _SENSES.items()]
-    yield (
-        f"Of the {total} single failures (each actuator locked, free or with half its force) can "
-        f"be told apart: {', '.join(parts[:-1])} and {parts[-1]}."
-    )
-    for sense, words in _SENSES.items():
-        if further := _further(found[sense], ", then "):
-            yield f"Besides {words}, these would separate more: {further}."
-    if isolable["both"] < total:
-        yield f"With both, these are not told apart: {_not_isolable(found['both'], entry)}."
-        if not found["both"]["further_sensors"]:
-            yield (
-                "No further sensor of the task, of an actuator or of a joint separates more; with "
-                f"an exact model {found['both']['isolable_with_exact_model']} are told apart."
-            )
-    known = entry["model_uncertainty"]
-    yield (
-        f"That is in {entry['measuring_time_s']:g} s of a dither that the major task does not "
-        f"feel, by the linear model at the start, whose forces are known to {known['gain']:.0%}, "
-        f"stiffness to {known['stiffness']:.0%}, damping to {known['damping']:.0%} and delay to "
-        f"{1e3 * known['delay_s']:g} ms (standard deviations). {sizes_said(entry)}"
-    )
+def _named(kind: str, names: Sequence[str], rows: Array) -> dict[str, Array]:
+    return {f"{kind} {name}": row for name, row in zip(names, rows, strict=True)}

@@ -17,58 +17,43 @@ from experiments.recording.scene import Scene, condition_scene
 from experiments.recording.signals import Plot
 from experiments.rig.bodies import body_name
 from experiments.rig.conditions import KINDS, listed
-from experiments.rig.examined import directions_in_words
-from experiments.rig.robot import Robot
-from experiments.study.tables import literal
-from experiments.survey.quantities import common
-from experiments.survey.sentences import headline
-from experiments.survey.survey import Survey
+from experiments.rig.examined import Examined, directions_in_words
+from experiments.study.result import literal
+from experiments.survey.subject import Subject, common
 from prioritized import Kinematics
 from sim import Array
 from sim.mjcf.transmission import drives
 
-MOST = 6
-"""Cells that a screen has room for, one recording."""
-_SIZE = 1e-3
-"""Largest joint velocity times time, [rad] or [m]: loops stay closed to first order."""
+MOST = 6  # cells that a screen has room for, one recording
+_SIZE = 1e-3  # largest joint velocity times time, [rad] or [m]: loops stay closed to first order
 _PERIOD_S, _RATE_HZ = 2.0, 25
-_PART = 0.05
-"""Smallest part of a direction that counts for its unit."""
+_PART = 0.05  # smallest part of a direction that counts for its unit
 _SAME = 0.02
 """Difference of unit vectors that a reader takes for one direction: springs give way a little."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """A direction of the task, and the failures that cost it or let the robot drift along it.
+    """A direction of the task, and the failures that cost it or let the robot drift along it."""
 
-    Attributes:
-        direction: Of the task rows, a unit vector (m,).
-        velocities: Along it, of all joints, then of drives that are no joints: of the sound robot,
-            or of the one that drifts, (N,).
-        drifts: Whether it is a self-motion.
-        rows: Of the conditions.
-    """
-
-    direction: Array
-    velocities: Array
-    drifts: bool
-    rows: tuple[int, ...]
+    direction: Array  # of the task rows, a unit vector (m,)
+    velocities: Array  # along it, of all joints, then of drives that are no joints, (N,)
+    drifts: bool  # whether it is a self-motion of the failed robot
+    rows: tuple[int, ...]  # of the conditions
 
 
-def losses(survey: Survey) -> list[Loss]:
+def losses(subject: Subject, start: Examined) -> list[Loss]:
     """Each direction once, with all single failures that cost it, in the order of these."""
-    if survey.subject.robot is None or not survey.start.survived[0]:
+    if subject.robot is None or not start.survived[0]:
         return []
     found: list[Loss] = []
-    for row in survey.start.singles.T.ravel().tolist():
-        for loss in _of_condition(survey, row):
-            same = [k for k, other in enumerate(found) if _are_same(loss, other)]
-            if same:
-                known = found[same[0]]
-                found[same[0]] = replace(known, rows=(*known.rows, row))
-            else:
+    for row in start.singles.T.ravel().tolist():
+        for loss in _of_condition(subject, start, row):
+            same = next((k for k, other in enumerate(found) if _are_same(loss, other)), None)
+            if same is None:
                 found.append(loss)
+            else:
+                found[same] = replace(found[same], rows=(*found[same].rows, row))
     return found
 
 
@@ -78,28 +63,27 @@ def _are_same(one: Loss, other: Loss) -> bool:
     )
 
 
-def _of_condition(survey: Survey, row: int) -> list[Loss]:
+def _of_condition(subject: Subject, start: Examined, row: int) -> list[Loss]:
     """Lost major directions, lost secondary ones if the major task is kept, and self-motions."""
-    subject, codes = survey.subject, survey.start.codes[row]
     major, secondary = list(subject.major), list(subject.secondary)
+    failures = {word: np.flatnonzero(start.codes[row] == kind) for kind, word in KINDS.items()}
     sound = subject.system.kinematics()
-    failures = {word: np.flatnonzero(codes == kind) for kind, word in KINDS.items()}
     failed = subject.system.with_failures(**failures).kinematics()
     bases = failed.manipulability(major).bases
     mapping = sound.velocity_mapping(major, secondary_weight=np.ones(len(secondary)))
+    lost = [(major, part) for part in bases["unmanipulable"].T]
+    if start.survived[row]:
+        lost += [(secondary, part) for part in start.lost(row).T]
     found = []
-    for rows, lost in (
-        (major, bases["unmanipulable"]),
-        (secondary, survey.start.lost(row) if survey.start.survived[row] else np.zeros((0, 0))),
-    ):
-        for part in lost.T:
-            direction = np.zeros(len(subject.rows))
-            direction[rows] = part
-            rates = mapping(direction[major], secondary_velocity=direction[secondary])
-            found.append(Loss(direction, sound.velocities(rates), False, (row,)))
-    drifting = (self_motion(failed, subject.system.J_T, each) for each in bases["unstable"].T)
-    pairs = zip(bases["unstable"].T, drifting, strict=True)
-    return found + [Loss(each, velocities, True, (row,)) for each, velocities in pairs]
+    for rows, part in lost:
+        direction = np.zeros(len(subject.rows))
+        direction[rows] = part
+        rates = mapping(direction[major], secondary_velocity=direction[secondary])
+        found.append(Loss(direction, sound.velocities(rates), False, (row,)))
+    return found + [
+        Loss(each, self_motion(failed, subject.system.J_T, each), True, (row,))
+        for each in bases["unstable"].T
+    ]
 
 
 def self_motion(kin: Kinematics, J_T: Array, direction: Array) -> Array:
@@ -110,36 +94,35 @@ def self_motion(kin: Kinematics, J_T: Array, direction: Array) -> Array:
     return velocities
 
 
-def write_losses(survey: Survey, folder: Path) -> None:
+def write_losses(
+    subject: Subject, start: Examined, command: str, verdict: str, folder: Path
+) -> None:
     """Write `survey.rrd`, and `survey_2.rrd` and so on where a screen is too small for all.
 
     Nothing is written where nothing is lost.
     """
-    found, robot, subject = losses(survey), survey.subject.robot, survey.subject
-    if robot is None:
-        return
-    results = {"study": "survey", "robot": subject.title, "verdict": headline(survey)}
-    properties = {"model_sha256": subject.sha256, "command": survey.command}
+    found = losses(subject, start)
+    results = {"study": "survey", "robot": subject.title, "verdict": verdict}
+    properties = {"model_sha256": subject.sha256, "command": command}
     for part, begin in enumerate(range(0, len(found), MOST), start=1):
         shown = found[begin : begin + MOST]
-        scenes = {title(survey, loss): _scene(survey, robot, loss) for loss in shown}
+        scenes = {title(subject, start, loss): _scene(subject, start, loss) for loss in shown}
         notes = [
             f"# {literal(subject.title)}",
             "",
-            "Motions that single failures cost, and self-motions:",
+            *(f"- {literal(title(subject, start, loss, most=99))}" for loss in shown),
+            "",
+            f"{len(shown)} of {len(found)} directions. Made by `{command}`.",
         ]
-        notes += ["", *(f"- {literal(title(survey, loss, most=99))}" for loss in shown), ""]
-        notes += [f"{len(shown)} of {len(found)} directions. Made by `{survey.command}`."]
         number = "" if part == 1 else f"_{part}"
         identity, name = f"survey-{subject.title}{number}", f"Survey of {subject.title}{number}"
         about = RecordingInfo(identity, name, "\n".join(notes), properties, results)
         write_scenes(folder / f"survey{number}.rrd", about, scenes, pages=False)
 
 
-def title(survey: Survey, loss: Loss, most: int = 3) -> str:
+def title(subject: Subject, start: Examined, loss: Loss, most: int = 3) -> str:
     """The failures, of many the first, and the direction."""
-    subject, codes = survey.subject, survey.start.codes[list(loss.rows)]
-    parts = []
+    codes, parts = start.codes[list(loss.rows)], []
     for kind, word in KINDS.items():
         if names := [subject.actuators[k] for k in np.nonzero(codes == kind)[1]]:
             parts.append(f"{listed(names, 'or', most)} {word}")
@@ -147,9 +130,10 @@ def title(survey: Survey, loss: Loss, most: int = 3) -> str:
     return f"{', or '.join(parts)}: {what} {'drifts' if loss.drifts else 'is lost'}"
 
 
-def _scene(survey: Survey, robot: Robot, loss: Loss) -> Scene:
-    """A slow oscillation of all joints about the start."""
-    model, nominal = robot.scene.own, np.array(robot.scene.own_start.qpos)
+def _scene(subject: Subject, start: Examined, loss: Loss) -> Scene:
+    """All joints swing slowly about the start; bodies that failed actuators move are named."""
+    assert subject.robot is not None  # a matrix has no losses
+    model, nominal = subject.robot.scene.own, np.array(subject.robot.scene.own_start.qpos)
     joints = loss.velocities[: model.nv]  # behind them: of drives that are no joints
     # It ends at its largest: the viewer opens there.
     time_s = np.arange(round(1.25 * _PERIOD_S * _RATE_HZ) + 1) / _RATE_HZ
@@ -159,23 +143,16 @@ def _scene(survey: Survey, robot: Robot, loss: Loss) -> Scene:
         mujoco.mj_integratePos(model, each, joints, size)
     still = np.zeros_like(wave)
     values = 1e6 * np.column_stack([still, wave] if loss.drifts else [wave, still])
-    subject = survey.subject
     along = np.flatnonzero(np.abs(loss.direction) > _PART)
     unit = common(tuple(subject.row_units[k] for k in along))
     names = ("without failures", "after the failure")
     unit = "1e-6 rad, m" if unit == "mixed" else f"u{unit}"
     plot = Plot("along", f"along the direction [{unit}]", names, time_s, values)
-    failing = _failing(survey, robot, loss)
-    return condition_scene(model, time_s, qpos, [plot], nominal=nominal, failing=failing)
-
-
-def _failing(survey: Survey, robot: Robot, loss: Loss) -> list[Failing]:
-    """Bodies that failed actuators move, and how these fail."""
-    model, found, driven = robot.scene.own, [], drives(robot.scene.own)
-    codes, names = survey.start.codes[list(loss.rows)], survey.subject.actuators
+    failing, driven, codes = list[Failing](), drives(model), start.codes[list(loss.rows)]
     for actuator in np.flatnonzero(codes.any(axis=0)).tolist():
         if (joint := driven[actuator].joint) is not None:
             kinds = [word for kind, word in KINDS.items() if (codes[:, actuator] == kind).any()]
             body = body_name(model, int(model.jnt_bodyid[joint]))
-            found.append(([body], [(0.0, f"{names[actuator]} {listed(kinds, 'or')}")]))
-    return found
+            said = f"{subject.actuators[actuator]} {listed(kinds, 'or')}"
+            failing.append(([body], [(0.0, said)]))
+    return condition_scene(model, time_s, qpos, [plot], nominal=nominal, failing=failing)

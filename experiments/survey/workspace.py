@@ -1,33 +1,101 @@
-"""Postures over the workspace of a robot, and what failures leave at each of them."""
+"""How much of a subject is examined; and what failures leave over the workspace of a robot."""
 
 import copy
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, log2, pi
+from math import ceil, comb, log2, pi
 from time import perf_counter
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from argument_checks.ties import least
-from experiments.rig.conditions import few_failures
+from experiments.rig.conditions import KINDS, few_failures
 from experiments.rig.examined import Examined, examine
 from experiments.rig.robot import Robot
-from experiments.study.parallel import in_parallel
-from experiments.study.study import OnProgress
-from experiments.survey.extent import Extent
-from experiments.survey.survey import Subject, Workspace
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import in_parallel
+from experiments.survey.subject import Subject
 from sim import Array, ClosureError, JacobianReader, assemble, ranges
 from sim.mjcf.ranges import joint_positions, one_axis
 from sim.mjcf.transmission import drives
 
-_SLIDES = 0.5
-"""Of the model's extent, either way: range of a slide that has no limits."""
-_BEYOND = 1e-6
-"""[rad] or [m], by which round-off may put a joint outside its range."""
-_ALONE_S = 4.0
-"""Work that starting further processes is not worth."""
+MOST_CONDITIONS = 20_000  # of one posture: a second or two for ten actuators
+MOST_SETS = 1_000_000
+"""Sets of actuators that are tried for the worst directions of all conditions: a few seconds."""
+BOTH_UP_TO = 12
+"""Actuators; with more, other postures than the start are examined for single failures alone."""
+_SLIDES = 0.5  # of the model's extent, either way: range of a slide that has no limits
+_BEYOND = 1e-6  # [rad] or [m], by which round-off may put a joint outside its range
+_ALONE_S = 4.0  # work that starting further processes is not worth
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What can be examined within seconds: up to how many failures at once, and which numbers."""
+
+    listed: int  # every condition is in the table
+    counted: int  # conditions are counted
+    elsewhere: int  # at other postures than the start
+    speed: bool  # whether the worst speed is computed
+    force: bool  # whether the worst force is
+
+    def left_out(self, subject: Subject) -> Iterator[str]:
+        """What is not examined, a sentence each."""
+        n = len(subject.actuators)
+        if self.counted < n:
+            few = f"at most {self.counted} failures ({conditions_up_to(n, self.counted):,})"
+            yield f"Of the {len(KINDS) + 1}^{n} conditions those with {few} were examined."
+        wanted = {subject.measure: self.speed}
+        if subject.torques is not None:
+            wanted["force"] = self.force
+        for what, computed in wanted.items():
+            if not computed:
+                yield (
+                    f"The {what} left in the worst direction was not computed: too many sets of "
+                    "actuators would have to be tried; fewer major rows need fewer."
+                )
+        if not self.speed:
+            yield f"Limits of the {subject.measure} did not decide whether a failure is survived."
+        if subject.robot is not None and self.elsewhere < self.listed:
+            yield "At other postures than the start single failures alone were examined."
+
+
+def extent_of(subject: Subject) -> Extent:
+    """What is examined, from the numbers of actuators, rows and constraints."""
+    n, m1, kin = len(subject.actuators), len(subject.major), subject.system.kinematics()
+    possible = (k for k in range(n, 1, -1) if conditions_up_to(n, k) <= MOST_CONDITIONS)
+    counted = next(possible, min(n, 1))
+    listed = min(counted, 2)
+    # Of the torques so many are held by forces at the task and inside the loops.
+    held = int(np.linalg.matrix_rank(np.vstack([kin.J, kin.active_constraint])))
+    speed, force = (
+        # A facet is orthogonal to all but one of the columns' independent directions.
+        conditions_up_to(n, listed) * comb(n, max(rank - 1, 0)) <= MOST_SETS
+        for rank in (m1 + len(kin.active_constraint), m1 + n - held)
+    )
+    return Extent(listed, counted, listed if n <= BOTH_UP_TO else min(listed, 1), speed, force)
+
+
+def conditions_up_to(n: int, failures: int) -> int:
+    """Number of conditions with at most so many failures, the sound one among them."""
+    return sum(comb(n, count) * len(KINDS) ** count for count in range(failures + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """The first C conditions of the start at P other postures."""
+
+    qpos: Array  # of the model that the task involves, shape (P, nq)
+    survived: NDArray[np.bool_]  # (P, C)
+    speed: Array | None  # worst major speed, (P, C); None where it is not computed
+    speed_left: Array  # the same over that of the sound robot, NaN where that has none, (P, C)
+    relative: Array  # manipulability; NaN where the sound robot cannot do the task, (P, C)
+    largest_gain: Array  # infinite where the task is lost, (P, C)
+    tried: int  # postures drawn; the others could not be closed within the joint ranges
 
 
 def workspace_of(
@@ -55,7 +123,18 @@ def workspace_of(
     )
     systems = [{"system": subject.system.at_pose(reader.at(data))} for data in closed]
     found = _all(examined_at, systems, on_progress)
-    return _stacked(found, [data.qpos for data in closed], count) if found else None
+    if not found:
+        return None
+    computed = found[0].left.worst_speed is not None
+    return Workspace(
+        qpos=np.array([data.qpos for data in closed]),
+        survived=np.array([each.survived for each in found]),
+        speed=np.array([each.left.worst_speed for each in found]) if computed else None,
+        speed_left=np.array([each.speed_left for each in found]),
+        relative=np.array([each.relative_manipulability for each in found]),
+        largest_gain=np.array([each.largest_gain for each in found]),
+        tried=count,
+    )
 
 
 def drawn(robot: Robot, count: int, seed: int) -> Array:
@@ -139,17 +218,3 @@ def _all(
             break
         found.append(examined_at(**system))
     return found + in_parallel(examined_at, systems[len(found) :], on_progress)
-
-
-def _stacked(found: list[Examined], qpos: list[Array], tried: int) -> Workspace:
-    computed = found[0].left.worst_speed is not None
-    return Workspace(
-        qpos=np.array(qpos),
-        survived=np.array([each.survived for each in found]),
-        speed=np.array([each.left.worst_speed for each in found]) if computed else None,
-        speed_left=np.array([each.speed_left for each in found]),
-        relative=np.array([each.relative_manipulability for each in found]),
-        largest_gain=np.array([each.largest_gain for each in found]),
-        tried=tried,
-        unusable=tried - len(found),
-    )

@@ -8,8 +8,9 @@ import typer
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import app_of, main
-from experiments.studies import LINES, studies
-from experiments.study.files import OutputError, published
+from experiments.studies import LINES
+from experiments.study.errors import OutputError
+from experiments.study.files import published
 from sim.mjcf.model import HEXAPOD_MJCF
 
 
@@ -56,19 +57,6 @@ def test_wrong_input_is_one_sentence_that_names_it(capsys, tmp_path, arguments, 
     assert main(arguments) == 2
     assert named in sentence(capsys)
     assert not out.exists()
-
-
-def test_a_study_offers_no_option_that_does_nothing(capsys):
-    """Where nothing is random there is no seed, where nothing can be shorter no quick run."""
-    for study in studies():
-        assert main([study.name, "--help"]) == 0
-        text = capsys.readouterr().out
-        assert ("--seed" in text) == (study.seed is not None) and "nothing" not in (
-            study.seed or ""
-        )
-        assert ("--quick" in text) == (study.quick is not None) and "No effect" not in text
-        again = study.words(seed=3, quick=True)
-        assert ("--seed" in again, "--quick" in again) == ("--seed" in text, "--quick" in text)
 
 
 def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):

@@ -16,7 +16,8 @@ from experiments.recording.file import (
     screen,
     time_column,
 )
-from experiments.study.files import OutputError, published, write_arrays, write_json
+from experiments.study.errors import OutputError
+from experiments.study.files import published, write_arrays, write_json
 from experiments.study.plotting import new_figure, save_figure
 from tests.made import keep_made
 

@@ -10,30 +10,33 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import typer
 
 from experiments.app.cli import app_of, main
-from experiments.app.command import command
-from experiments.studies import LINES, studies
-from experiments.study.files import OutputError, json_text, published, write_index
-from experiments.study.results import Check, Results
-from experiments.study.study import OnProgress, Option, Unsound
-from experiments.study.tables import Table
+from experiments.studies import LINES, study
+from experiments.study.command import command, words_of
+from experiments.study.errors import OutputError, Unsound
+from experiments.study.files import json_text, published, write_index
+from experiments.study.result import Check, Result, Shown
 from experiments.study.terminal import print_table
 from tests.made import made_study
 
 ROOT = Path(__file__).parents[2]
 GROUP = typer.main.get_group(app_of(*LINES))
-NAMES = [*(study.name for study in studies()), "report"]
-SOUND = Results(
+NAMES = [*LINES, "report"]
+HEIGHTS = pd.DataFrame({"hill": ["Hohe <Acht>"], "m": [747.0]})
+SOUND = Result(
     {"seed": 3},
-    [Table("Heights", ("", "m"), [("hill", "7.25")], "Above the sea.")],
-    ["So it is."],
+    {"heights": HEIGHTS},
     [Check("height [m]", "hill", 7.25, 8.0)],
+    [Shown("Heights", HEIGHTS, "hill m:.2f", "Above the sea.")],
+    ["So it is."],
 )
-CHECKED = {"what": "height [m]", "where": "hill", "value": 7.25, "limit": 8.0, "passed": True}
-WRITTEN = {"checks": [CHECKED], "seed": 3, "files": ["measure.json", "measure.md"]}
+WRITTEN = SOUND.summary("measure") | {
+    "files": ["measure.json", "measure.md", "measure_heights.parquet"]
+}
 """The contents of its JSON file."""
 
 
@@ -44,22 +47,22 @@ def elsewhere(tmp_path, monkeypatch):
 
 
 def test_units_in_brackets_are_printed_wherever_they_stand(capsys):
-    print_table(Table("Heights [m]", ("of [m]", "above [urad]"), [("hill [km]", "7")]))
+    frame = pd.DataFrame({"of": ["hill [km]"], "above": [7]})
+    print_table(Shown("Heights [m]", frame, "of above", "Above [urad]"))
     printed = capsys.readouterr().out
-    assert all(unit in printed for unit in ("Heights [m]", "of [m]", "above [urad]", "hill [km]"))
+    assert all(unit in printed for unit in ("Heights [m]", "above", "[urad]", "hill [km]"))
 
 
-def run(results: Results, *arguments: str) -> None:
-    """A study of these results as `fjh measure` runs it."""
+def run(result: Result, *arguments: str) -> None:
+    """A study of this result as `fjh measure` runs it."""
 
-    def make(*, times: int, on_progress: OnProgress, seed: int, quick: bool) -> Results:
+    def make(*, times: int, on_progress, seed: int, quick: bool) -> Result:
         for k in range(times):
             on_progress(k + 1, times)
-        return results
+        return result
 
-    study = made_study("measure", make, (Option("times", int, 2, "How often."),))
     study_app = typer.Typer()
-    study_app.command()(command(study))
+    study_app.command()(command(made_study("measure", make)))
     study_app(list(arguments), standalone_mode=False)
 
 
@@ -72,7 +75,7 @@ def terminal() -> io.StringIO:
 def test_a_person_sees_tables_legends_and_notes(capsys):
     run(SOUND)
     out, err = capsys.readouterr()
-    for word in ("Heights", "hill", "7.25", "Above the sea.", "So it is."):
+    for word in ("Heights", "Hohe <Acht>", "747.00", "Above the sea.", "So it is."):
         assert word in out
     assert err == ""
 
@@ -145,8 +148,8 @@ def test_a_failed_check_is_raised_in_every_mode_after_the_output(capsys, argumen
     out = capsys.readouterr().out
     assert (out == "") == (arguments == ["--quiet"])
     if "--json" in arguments:
-        failed = CHECKED | {"value": None, "passed": False}
-        assert json.loads(out) == WRITTEN | {"checks": [failed]}
+        [failed] = json.loads(out)["checks"]
+        assert (failed["value"], failed["passed"]) == (None, False)
 
 
 @pytest.fixture
@@ -182,8 +185,8 @@ def test_the_list_of_commands_has_whole_sentences_and_the_exit_codes(capsys, now
     assert main(["--help"]) == 0
     whole = capsys.readouterr().out
     text = re.sub(r"\s+", " ", whole)
-    for study in studies():
-        assert study.help.partition("\n")[0] in text
+    for name, line in LINES.items():
+        assert line in text and (study(name).__doc__ or "").startswith(line)
     for code in (0, 1, 2, 130):
         assert re.search(rf"^ +{code} +\w", whole, re.MULTILINE)
     assert main([]) == 0
@@ -224,6 +227,31 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
     for slow in ("mujoco", "matplotlib", "numpy", "scipy", "rerun", "distributed", "pyarrow"):
         assert "--" in words or not re.search(rf"\| +{slow}$", imported, re.MULTILINE), slow
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("table1", {"jacobian": "constant", "quick": True, "seed": 3}),
+        ("survey", {"major": "x,y", "sensors": "off", "postures": 0}),
+        (
+            "track",
+            {
+                "crossover": 0.5,
+                "joint_weight": "1.0,2.0",
+                "diagnosis": "off",
+                "fail": ["a:locked@1", "b:free@2"],
+            },
+        ),
+        ("sweep", {"workers": 2, "resume": True}),
+    ],
+)
+def test_the_words_of_options_are_read_as_these_options(name, given):
+    """Those of a dataclass among the parameters, too; what is as by default is left out."""
+    words = words_of(study(name), given)
+    assert words[:2] == ["fjh", name] and len(words) <= 4 + 2 * len(given)
+    read = GROUP.commands[name].make_context(name, words[2:]).params
+    assert {key: read[key] for key in given} == given
 
 
 @pytest.mark.parametrize(
@@ -298,17 +326,15 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "study",
-    [each for each in studies() if each.name not in {"figures", "force", "uncorrected", "bench"}],
-    ids=lambda study: study.name,
+    "name", [name for name in LINES if name not in {"figures", "force", "uncorrected", "bench"}]
 )
-def test_a_study_lists_its_files_and_is_checked_by_its_json(request, study):
+def test_a_study_lists_its_files_and_is_checked_by_its_json(request, name):
     """What the checks say needs nothing but the file; no row of a table is short."""
-    folder = request.getfixturevalue(f"{study.name}_folder")
-    summary = json.loads((folder / f"{study.name}.json").read_text())
+    folder = request.getfixturevalue(f"{name}_folder")
+    summary = json.loads((folder / f"{name}.json").read_text())
     assert set(summary["files"]) == contents(folder)
     assert summary["checks"] and all(check["passed"] for check in summary["checks"])
-    tables = re.findall(r"(?:^\|.*\n)+", (folder / f"{study.name}.md").read_text(), re.MULTILINE)
+    tables = re.findall(r"(?:^\|.*\n)+", (folder / f"{name}.md").read_text(), re.MULTILINE)
     assert tables
     for table in tables:
         assert len({line.count("|") for line in table.splitlines()}) == 1

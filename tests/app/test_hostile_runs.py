@@ -13,8 +13,8 @@ from experiments.app.review import check_stated
 from experiments.recording import read as read_module
 from experiments.recording.read import read_run
 from experiments.rig.hexapod.columns import hexapod_arrays
+from experiments.study.errors import WrongInput
 from experiments.study.files import write_arrays
-from experiments.study.study import WrongInput
 from tests.made import keep_made, made_run, made_view
 
 

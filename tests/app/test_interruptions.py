@@ -77,7 +77,7 @@ from tests.made import made_study
 {setting}
 def make(**options):
     {work}
-cli.LINES["measure"], cli.study = "", lambda name: made_study(name, make, ())
+cli.LINES["measure"], cli.study = "", lambda name: made_study(name, make)
 sys.argv[1:] = ["measure", "--out", {out!r}]
 experiments.__main__.run()
 """
@@ -121,20 +121,6 @@ def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
 
 
 @EVERY
-def test_in_a_finalizer_where_python_drops_the_exception(number, tmp_path):
-    setting = """
-import time
-class Last:
-    def __del__(self):
-        print("here", flush=True)
-        time.sleep(60)
-"""
-    process = running(tmp_path / "out", setting, "Last(); time.sleep(60)")
-    process.send_signal(number)
-    ended(process, number)
-
-
-@EVERY
 def test_an_error_that_a_signal_causes_is_the_signal(number, tmp_path):
     """A library that is interrupted may say anything."""
     work = """
@@ -164,7 +150,7 @@ def workers(process: subprocess.Popen[str]) -> int:
 def test_while_workers_start(number, later_s, whom, tmp_path):
     setting = """
 import time
-from experiments.study.parallel import in_parallel
+from experiments.study.workers import in_parallel
 """
     work = """
     print("here", flush=True)

@@ -13,13 +13,7 @@ import rerun.blueprint as rrb
 from PIL import Image
 
 from experiments.app.cli import main
-from experiments.app.render import (
-    complaints,
-    headless_viewer,
-    photograph,
-    show,
-    software_driver,
-)
+from experiments.app.render import DRIVER, complaints, headless_viewer, photograph, show
 from experiments.recording.file import (
     RecordingInfo,
     log_series,
@@ -27,13 +21,13 @@ from experiments.recording.file import (
     screen,
     time_column,
 )
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 
 # On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
 pytestmark = [
     pytest.mark.long,
     pytest.mark.skipif(
-        software_driver() is None and "CI" not in os.environ,
+        DRIVER is None and "CI" not in os.environ,
         reason="Mesa's Vulkan driver is not installed",
     ),
 ]

@@ -1,18 +1,16 @@
 """Runs side by side: every column of Table I, and any other set."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.app.review import about_runs
-from experiments.recording.read import RecordedRun
-from experiments.rig.hexapod import paper
+from experiments.app.review import names_of
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.conftest import fjh
-from tests.made import made_view
 from tests.recording.test_recording import SIGNALS
 
 EVERY = 5
@@ -56,23 +54,6 @@ def test_the_plane_of_each_run_has_its_error_on_the_errors_own_scale(review, tab
     assert not any(entity.endswith("/path/desired") for entity in rrd.entities(review))
 
 
-def test_the_papers_numbers_stand_beside_ours(review, table1):
-    told = rrd.notes(review)
-    for column in table1["columns"]:
-        ours = column["alpha_rms_urad"], column["beta_rms_urad"]
-        said = [
-            f"alpha {alpha:.4f} urad, beta {beta:.4f} urad"
-            for alpha, beta in (ours, paper.TABLE_I_URAD[column["name"]])
-        ]
-        assert f"| {column['name']} | {said[0]} | {said[1]} |" in told
-
-
-@pytest.mark.parametrize(("ticks", "beside"), [(16000, True), (4000, False)])
-def test_the_papers_numbers_stand_beside_whole_spirals_only(ticks, beside):
-    kept = RecordedRun(made_view(ticks=ticks), "table1", {})
-    assert (f"{paper.TABLE_I_URAD['W_a'][0]:.4f}" in about_runs({"W_a": kept}).notes) == beside
-
-
 def test_what_the_runs_have_in_common_are_the_recordings_properties(review, table1):
     held = rrd.properties(review)
     assert held["seed"] == table1["seed"]
@@ -93,12 +74,10 @@ def test_single_runs_of_several_folders(table1_folder, recover_folder, tmp_path)
     assert [told.index(f"| {file.stem} |") for file in files] == sorted(
         told.index(f"| {file.stem} |") for file in files
     )
-    # Only Table I is the paper's.
-    assert told.count(f"{paper.TABLE_I_URAD['W_a'][0]:.4f}") == 1
 
 
 @pytest.mark.long
-def test_the_review_of_a_tracked_run_has_its_numbers_and_the_name_of_its_model(made_once, tmp_path):
+def test_the_review_of_a_tracked_run_has_its_numbers_and_the_name_of_its_robot(made_once, tmp_path):
     """Digit by digit those of the table that `fjh track` prints, before and after the failure."""
     words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
     arm, fails = str(HEXAPOD_MJCF.with_name("arm.xml")), ("--fail", "joint2:locked@0.3")
@@ -106,11 +85,24 @@ def test_the_review_of_a_tracked_run_has_its_numbers_and_the_name_of_its_model(m
     out = tmp_path / "review.rrd"
     assert main(["review", str(folder), "--out", str(out)]) == 0
     [row] = [line for line in rrd.notes(out).splitlines() if "turn x" in line]
-    assert row.startswith("| redundant serial arm, pointing | ")
+    assert row.startswith("| track | redundant serial arm, pointing | ")
     printed = (folder / "track.md").read_text().splitlines()
     for name in ("turn x", "turn y"):
         [(before, _, after)] = [line.split(" | ")[1:4] for line in printed if f"| {name} |" in line]
         assert f"{name} {before}" in row.split(";")[0] and f"{name} {after}" in row.split(";")[1]
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (["a/W_a", "b/W_e"], ["W_a", "W_e"]),
+        (["a/track", "b/track"], ["a", "b"]),
+        (["a/W_a", "b/W_a", "b/W_e"], ["a/W_a", "b/W_a", "b/W_e"]),
+        (["x/a/W_a", "y/a/W_a"], ["x/a/W_a", "y/a/W_a"]),
+    ],
+)
+def test_names_of_runs_are_short_and_different(files, names):
+    assert names_of([Path(f"{file}.npz") for file in files]) == names
 
 
 @pytest.mark.parametrize("place", ["nowhere", "empty", "other.npz", "twice"])

@@ -3,12 +3,12 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from experiments.app.cli import main
 from experiments.app.refusals import TRACEBACK
-from experiments.study.results import Results
 from experiments.study.spelling import LARGEST_FILE
 from sim import MODELS
 from tests.made import made_study
@@ -50,7 +50,7 @@ def out(tmp_path):
 )
 def test_a_number_that_no_robot_has_any_use_for_is_refused_by_its_option(capfd, out, option, value):
     said = refused(capfd, "track", ARM, f"{option}={value}", "--out", str(out))
-    assert option in said
+    assert option.removeprefix("--").replace("-", "_") in said
 
 
 @pytest.mark.parametrize("option", ["--keyframe", "--site", "--pinned"])
@@ -83,12 +83,11 @@ def test_the_sentence_commands_no_terminal(capfd, out, tmp_path):
     assert said[:-1].isprintable()
 
 
-def measuring(monkeypatch, out: Path, perform: Callable[..., None]) -> list[str]:
+def measuring(monkeypatch, out: Path, perform: Callable[..., Any]) -> list[str]:
     """A command of a study that does this."""
     from experiments.app import cli
 
-    study = made_study("measure", lambda **_: Results({}), ())
-    monkeypatch.setattr("tests.made.MadeStudy.perform", perform)
+    study = made_study("measure", perform)
     monkeypatch.setattr(cli, "LINES", {"measure": ""})
     monkeypatch.setattr(cli, "study", lambda _: study)
     return ["measure", "--out", str(out)]

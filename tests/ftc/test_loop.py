@@ -5,22 +5,17 @@ import pandas as pd
 import pytest
 from scipy.optimize import minimize
 
-from experiments.jacobian import (
-    GROWN,
-    GROWTHS,
-    RECORDED,
-    VARIANTS,
+from experiments.jacobian import GROWN, GROWTHS, RECORDED, VARIANTS, checks, growth_of
+from experiments.rig.hexapod.columns import COLUMNS, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.curvature import (
     Visited,
-    checks,
     extra_percent,
     follow,
     goal_vector,
-    growth_of,
     loop_gain_error,
     optimum,
 )
-from experiments.rig.hexapod.columns import COLUMNS, SECONDARY
-from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.rig import nominal_testbed
 from ftc.control.local_mapping import PreviousCommand
 from ftc.goal import Goal

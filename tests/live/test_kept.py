@@ -10,7 +10,7 @@ from experiments.app.live.kept import keep
 from experiments.app.live.session import Session
 from experiments.recording.properties import properties_of
 from experiments.rig import Rig
-from experiments.study.files import OutputError
+from experiments.study.errors import OutputError
 from tests import rrd
 
 

@@ -11,7 +11,7 @@ from experiments.app.live.flight import Flight
 from experiments.app.live.page import LocalServer, Page, local_server, stop
 from experiments.rig import Rig
 from experiments.rig.events import Event
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from ftc.fdi.fault_model import Fault
 from sim import ModelError, SimulationDiverged
 from tests.ftc.test_handover import diagnosis

@@ -17,8 +17,7 @@ from rerun.chunk import RrdReader
 
 import experiments
 from experiments import studies
-from experiments.app.chapter import Chapter
-from experiments.app.command import command
+from experiments.study.command import command
 from experiments.systems import systems
 from sim import Plant, jacobians, load_model
 from tests.pages import assert_prints, blocks, run
@@ -303,7 +302,7 @@ def seeds(tmp_path_factory):
 @pytest.mark.long
 def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(seeds, tmp_path, capsys):
     app = typer.Typer()
-    app.command()(command(seeds.STUDY))
+    app.command()(command(seeds.seeds))
     app(["--quick", "--out", str(tmp_path)], standalone_mode=False)
     names = {"seeds.json", "seeds.md", "seeds_runs.parquet"}
     summary = json.loads((tmp_path / "seeds.json").read_text())
@@ -319,12 +318,6 @@ def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(seeds, t
         found = seeds.checks(spoilt)
         assert [k for k, each in enumerate(found) if not each.passed] == [failed]
         assert found[failed].where == f"seed, {summary['seed'] + 1}"
-
-
-def test_the_study_of_the_page_could_be_a_chapter(seeds):
-    question, how = Chapter(seeds.STUDY).question
-    assert question == "Measure what the detector noise alone changes."
-    assert "two seeds" in how
 
 
 def test_the_page_on_studies_is_short():

@@ -167,8 +167,14 @@ def test_the_packages_that_the_sentences_speak_of_are_those_of_the_extras():
     extras = PROJECT["optional-dependencies"]
     assert names(PROJECT["dependencies"]) == {"cffi", "control", "numpy", "scipy"}
     assert names(extras["sim"]) == {"mujoco"}
-    distributions = {name.replace("_", "-") for name in PACKAGES} - {"mujoco", "rerun"}
-    assert names(extras["testbed"]) == distributions | {"fault-tolerant-hexapod[sim]", "rerun-sdk"}
+    distributions = {name.replace("_", "-") for name in PACKAGES} - {
+        "mujoco",
+        "rerun",
+        "markdown-it",
+    }
+    assert names(extras["testbed"]) == distributions | {
+        *("fault-tolerant-hexapod[sim]", "markdown-it-py", "rerun-sdk")
+    }
     peers = set(BENCH_PACKAGES) - {"qpsolvers"}  # which mink installs
     assert names(extras["bench"]) == peers | {"fault-tolerant-hexapod[testbed]"}
 

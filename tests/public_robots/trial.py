@@ -25,8 +25,8 @@ from experiments.rig import Rig, Run
 from experiments.rig.dither import dither_of
 from experiments.rig.reach import learnt_s, uncompared
 from experiments.rig.run import rms
+from experiments.study.errors import WrongInput
 from experiments.study.provenance import commit
-from experiments.study.study import WrongInput
 from ftc.tracking import is_possible
 from prioritized import ConstrainedSystem
 from sim import (
@@ -223,7 +223,7 @@ class Trial:
             "measured": measured.tolist(),
             "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
             "of_path": float(np.linalg.norm(measured)) / rig.size,
-            "uncompared": uncompared(rig, run, failures),
+            "uncompared": uncompared(rig, run, predicted),
             "leaves": predicted.leaves,
             "status": run.status,
         } | _named(run, [rig.actuators[each.number] for each in failures])

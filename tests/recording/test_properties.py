@@ -9,8 +9,8 @@ import pytest
 from experiments.recording.properties import properties_of
 from experiments.recording.record import results_of
 from experiments.recording.view import Change
-from experiments.study.results import Check
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
+from experiments.study.result import Check
 from tests.made import ABOUT, keep_made, made_run, made_view
 
 RUN = made_run()

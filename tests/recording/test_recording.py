@@ -23,8 +23,8 @@ from experiments.recording.file import (
 from experiments.recording.read import read_run
 from experiments.recording.view import Change
 from experiments.rig.hexapod import paper
+from experiments.study.errors import WrongInput
 from experiments.study.files import published, write_arrays
-from experiments.study.study import WrongInput
 from tests import rrd
 
 SIGNALS = {

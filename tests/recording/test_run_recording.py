@@ -19,8 +19,8 @@ from experiments.recording.record import record
 from experiments.recording.view import Change, view_of
 from experiments.rig import Diagnosed
 from experiments.rig.events import Event
-from experiments.study.files import OutputError, write_arrays
-from experiments.study.study import WrongInput
+from experiments.study.errors import OutputError, WrongInput
+from experiments.study.files import write_arrays
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.made import keep_made
@@ -205,7 +205,7 @@ def test_runs_of_different_robots_are_reviewed_side_by_side(kept, model, tmp_pat
     out, runs = tmp_path / "review.rrd", [str(file.with_suffix(".npz")), str(tmp_path)]
     assert main(["review", *runs, "--out", str(out)]) == 0
     assert {"/run_0/machine/bodies/hand", "/run_1/machine/bodies/payload"} <= rrd.entities(out)
-    assert "| arm | x " in rrd.notes(out) and "| made | alpha " in rrd.notes(out)
+    assert "| run | arm | x " in rrd.notes(out) and "hexapod | alpha " in rrd.notes(out)
 
 
 def test_every_event_is_a_line_over_the_axis_of_every_plot_and_in_the_list(kept, tmp_path):
@@ -289,4 +289,4 @@ def test_the_list_of_events_of_several_runs_says_whose_they_are(kept, tmp_path):
     assert main(["review", *runs, str(tmp_path / "again.npz"), "--out", str(out)]) == 0
     for number, name in enumerate(("run", "again")):
         _, texts = rrd.rows(out, f"/run_{number}/events", "TextLog:text")
-        assert texts == [[f"arm, {name}: b locked"]]
+        assert texts == [[f"{name}: b locked"]]

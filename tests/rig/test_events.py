@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.recover.simulate import Holding
+from experiments.recover.row import Holding
 from experiments.rig import Rig, Run
 from experiments.rig.events import EVENTS, Event, effects
 from experiments.rig.events.hooks import events_of
 from experiments.rig.run import tick_of
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from ftc.oracle import NEVER
 from sim import HEXAPOD_MJCF, Failure, Reading
 from sim.mjcf.transmission import drives

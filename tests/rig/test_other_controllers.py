@@ -1,7 +1,6 @@
 """Somebody else's controller on the testbed: the page, its columns, its failures."""
 
 import contextlib
-import copy
 import importlib
 import io
 import json
@@ -14,22 +13,18 @@ from typing import Any
 import control
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.recover import plan
-from experiments.recover.command import failures_of
-from experiments.recover.results import checks
-from experiments.recover.row import other_columns, row_of
+from experiments.recover import hexapod_basis, plan
+from experiments.recover.row import row_of
+from experiments.recover.tables import goals
 from experiments.rig import Rig
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.rig import hexapod_rig, pursuing
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.other_controller import fly_with
-from experiments.study.controllers import controller_factory, controller_label
-from experiments.study.results import Results
-from experiments.study.study import WrongInput
+from experiments.rig.other_controller import controller_factory, controller_label, fly_with
+from experiments.study.errors import WrongInput
 from experiments.table1 import BY_NAME, CONFIGURATIONS, printed
 from experiments.table1 import checks as table1_checks
 from ftc.controller import Measurement
@@ -256,8 +251,8 @@ def test_our_columns_are_those_without_another_controller(compared, rig):
 @pytest.mark.long
 def test_another_controller_recovers_or_not_in_the_same_case():
     """Told of no failure, the integrator of the page is about a fault-unaware one."""
-    case = plan.hexapod_failures(LEAST, 0, 1.0, 0)[1]
-    row = row_of(case) | other_columns(case, "page_examples:PseudoInverse")
+    case = plan.hexapod_failures(LEAST, 0, 1.0, 0, "page_examples:PseudoInverse")[1]
+    row = row_of(case)
     assert row["status"] == "flown" and row["controller_failure"] is None
     for span in ("before", "during", "after"):
         assert 0.3 < row[f"rms_other_{span}"] / row[f"rms_unaware_{span}"] < 3
@@ -265,32 +260,31 @@ def test_another_controller_recovers_or_not_in_the_same_case():
 
 @pytest.mark.long
 def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
-    """With the least of everything: table, notes, JSON, figure and recording."""
+    """With the least of everything: notes, JSON, dataset, figure and recording."""
     monkeypatch.setattr(plan, "QUICK", LEAST)
     words = ["--quick", "--quiet", "--out", str(tmp_path)]
     main(["recover", *words, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
-    entry = summary["controller"]
-    assert entry["name"] == "page_examples:LQG" and entry["failures"] == []
+    names = ("beliefs", "by_mismatch", "by_kind", "healthy", "pairs", "shown", "controller")
+    tables = {name: pd.DataFrame(summary[name]) for name in names}
+    [entry] = tables["controller"].itertuples()
+    assert entry.name == "page_examples:LQG" and entry.failed == 0
     assert {"LQG_locked.npz", "LQG_locked.rrd"} <= set(summary["files"])
-    page = (tmp_path / "recover.md").read_text()
-    assert "| errors other after rms |" in page and "With page_examples:LQG" in page
-    rows = pq.read_table(tmp_path / "recover.parquet").to_pylist()
-    [row] = [row for row in rows if (row["sort"], row["mismatch"]) == ("failure", "all")]
-    [locked] = summary["by_kind"]
-    ratio = locked["errors"]["other"]["after"]["rms"] / row["rms_informed_after"]
-    assert entry["after_over_informed"] == pytest.approx(ratio, rel=1e-9)
-    assert checks(summary)[-1].passed
-    spoilt = copy.deepcopy(summary)
-    spoilt["controller"]["failures"] = ["it raised"]
-    assert "it raised" in str(Results(spoilt, checks=checks(spoilt)[-1:]).failed_check)
+    assert "RMS error of page_examples:LQG" in (tmp_path / "recover.md").read_text()
+    rows = pd.read_parquet(tmp_path / "recover.parquet")
+    [row] = rows.query("sort == 'failure' and mismatch == 'all'").itertuples()
+    assert entry.after_over_informed == pytest.approx(row.rms_other_after / row.rms_informed_after)
+    assert goals(tables)[-1].passed
+    spoilt = tables["controller"].assign(failed=1, failure="it raised")
+    found = goals(tables | {"controller": spoilt})[-1]
+    assert not found.passed and "it raised" in str(found)
 
 
 def test_a_controller_whose_module_has_changed_is_another(folder):
     """Runs of both must not be mixed by --resume."""
 
     def basis() -> dict[str, Any]:
-        return failures_of(LEAST, 1, 0.1, 0, "page_examples:LQG").basis
+        return hexapod_basis(0, True, False, "page_examples:LQG")
 
     before = basis()
     page = folder / "page_examples.py"

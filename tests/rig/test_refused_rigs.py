@@ -12,7 +12,7 @@ from experiments.recording.record import record
 from experiments.rig import Mismatch, Rig
 from experiments.rig.events import Event
 from experiments.rig.rig import LARGEST_DISPLACEMENT
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from sim import HEXAPOD_MJCF, Failure, SimulationDiverged
 from tests.hostile import Target, refusals
 from tests.rig.test_rig import rig as known_rig

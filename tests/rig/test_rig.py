@@ -12,7 +12,7 @@ import pytest
 from experiments.rig import Rig
 from experiments.rig.dither import rig_dither
 from experiments.rig.mismatch import Known, Mismatch
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.oracle import NEVER, OracleController
@@ -294,7 +294,7 @@ def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_o
     ("wrong", "said"),
     [
         ({"joint_weight": "1,2,3"}, "joint_weight must be one number or 2"),
-        ({"size": -1.0}, "size must be from"),
+        ({"size": -1.0}, "size must be a number from"),
         ({"start": "home"}, 'the model has no keyframe "home"; it has none'),
         ({"pinned": ["tool", ""]}, "pinned must be NAME or NAME:point"),
     ],

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from experiments.rig.draw import Draw
 from experiments.rig.mismatch import EXACT, Mismatch, sampled_model
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
 from experiments.rig.robot import Robot, robot_of
 from experiments.rig.robot_machine import ALL, SIZES, RobotMachine
-from experiments.study.draw import Draw
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from sim import HEXAPOD_MJCF, Bench, JointSensors, Mechanism, Plant, TaskSensor, load_model
 
 ARM = HEXAPOD_MJCF.with_name("arm.xml")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.recover.simulate import Holding
+from experiments.recover.row import Holding
 from experiments.rig import Rig
 from experiments.rig.run import Run
 from ftc.guarded_controller import GuardedController

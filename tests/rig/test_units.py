@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from experiments.rig import Rig
 from experiments.rig.bodies import model_name
-from experiments.rig.units import by_unit, largest_by_unit, said, sizes_said
+from experiments.rig.units import by_unit, said
 from sim.mjcf.transmission import drives
 
 _ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
@@ -23,16 +23,6 @@ def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
     assert [next(left[f"rms_{unit}"]) for unit in units] == [value for _, value in rows]
     assert all(list(own) == [] for own in left.values())
     assert by_unit("rms", None, units) == dict.fromkeys(entries)
-
-
-def test_sentences_name_the_units_that_there_are():
-    sizes = by_unit("path_size", 1e-3, ["rad", "m"]) | by_unit("sensor_noise", 1e-6, ["rad", "m"])
-    text = sizes_said(sizes | by_unit("encoder_noise", 2e-6, ["rad", "rad"]))
-    assert text == (
-        "Path of 1 mrad and 1 mm, sensors with noise of 1 µrad and 1 µm, encoders of "
-        "2 µrad (standard deviation of a sample)."
-    )
-    assert largest_by_unit([1.0, 3.0, 2.0], ["m", "rad", "rad"]) == "1 m, 3 rad"
 
 
 @given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))

@@ -12,7 +12,7 @@ from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.rig import hexapod_rig
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.study.parallel import in_parallel
+from experiments.study.workers import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
 from sim.mjcf.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of

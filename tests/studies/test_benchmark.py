@@ -1,6 +1,5 @@
 """The benchmark: its arithmetic and its honesty. Clocks and times are made up, none is asserted."""
 
-import copy
 import gc
 import re
 import sys
@@ -9,6 +8,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 
 if sys.version_info >= (3, 14):
@@ -28,16 +28,13 @@ from experiments.benchmark import (
     runs,
     solvers,
 )
-from experiments.benchmark.figure import WORDS, comparison, headline
 from experiments.benchmark.measurement import Contender, by_turns, compare, power_law
-from experiments.benchmark.ratios import RATIOS, checks
-from experiments.benchmark.results import results
+from experiments.benchmark.ratios import RATIOS, Ratio
+from experiments.benchmark.results import WORDS, checks, comparisons
 from experiments.benchmark.solvers import SOLVERS
-from experiments.benchmark.tables import notes, tables
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.study.results import Results
-from experiments.study.study import Unsound
+from experiments.study.errors import Unsound
 from sim import MODELS, load_model
 from tests.pages import assert_prints, assert_says
 
@@ -138,7 +135,9 @@ def test_latency_is_of_single_ticks_in_wall_time_with_each_setting_of_the_collec
     assert enabled == {(True, False), (True, True), (False, True)}
     assert gc.isenabled()
     assert gc.get_freeze_count() == frozen
-    for one in found["tick"].values():
+    assert [one.pop("collector") for one in found] == list(latency.COLLECTORS)
+    for one in found:
+        assert one.pop("tick") == "tick"
         assert one == pytest.approx(
             {"median_us": 10.0, "p999_us": 1000.0, "worst_us": 1000.0, "worst_processor_us": 300.0}
         )
@@ -147,73 +146,20 @@ def test_latency_is_of_single_ticks_in_wall_time_with_each_setting_of_the_collec
 # Ratios, exponents, comparison.
 
 
-def samples(**by_name: float) -> dict[str, np.ndarray]:
-    """Seven rounds of three samples; one sample in each round was disturbed."""
-    return {name: np.tile([us, us, 100 * us], (7, 1)) for name, us in by_name.items()}
-
-
 def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
-    us = samples(
-        mj_step=160,
-        closed_loop=200,
-        fjh_mink=100,
-        fjh_mink_update=20,
-        fjh_tick=12,
-        hexapod_tick=25,
-        **{f"{robot}_tick": 20 for robot in ROBOTS},
-        **{f"{robot}_mink": 90 for robot in ROBOTS},
-        **{f"{robot}_mink_update": 10 for robot in ROBOTS},
-        **{f"ik_{robot.name}": 30 for robot in ik.ROBOTS},
-        **{f"ik_{robot.name}_mink": 60 for robot in ik.ROBOTS},
-        **{f"{robot}_{name}": us for robot in LOOPED for name, us in LOOP_US.items()},
-        diagnosis=30,
-        diagnosis_worst=60,
-        prioritized=6,
-        daqp=3,
-        placo=2,
-        placo_with_build=12,
-        batched=1.5,
-        limited=10,
-        daqp_limited=5,
-        daqp_limited_with_build=20,
-        hierarchy3=16,
-        daqp_hierarchy3=8,
-        prioritized_n200=30,
-        daqp_n200=1200,
-        tied_loops=30,
-        square_loops=20,
-        manipulability=50,
-    )
-    us["hexapod_tick"][2] *= 2  # a whole round disturbed
-    found = {ratio.name: ratio.measured(us) for ratio in RATIOS}
-    assert {name: one["ratio"] for name, one in found.items()} == pytest.approx(
-        {
-            "closed_loop_over_mj_step": 1.25,
-            **{f"{robot}_loop_over_physics": 4.0 for robot in LOOPED},
-            **{f"{robot}_supervised_over_physics": 8.0 for robot in LOOPED},
-            "loop_overhead_over_mink": 0.4,
-            "tick_over_mink": 0.1,  # from joint positions to displacements, on both sides
-            **{f"{robot}_tick_over_mink": 0.2 for robot in ROBOTS if robot != "ur5e"},
-            **{f"ik_{robot.name}_over_mink": 0.5 for robot in ik.ROBOTS},
-            "hexapod_tick_over_mink": 0.25,
-            "diagnosis_over_mj_step": 0.1875,
-            "diagnosis_worst_over_mj_step": 0.375,
-            "solve_over_daqp": 2.0,
-            "solve_over_placo": 3.0,
-            "solve_over_placo_built": 0.5,
-            "limited_over_daqp": 0.5,  # daqp's program is built within the time
-            "limited_over_daqp_given": 2.0,  # and here before
-            "hierarchy3_over_daqp": 2.0,
-            "batched_over_daqp": 0.5,
-            "growth_over_daqp": 0.025,
-            "tied_over_square": 1.5,
-            "manipulability_over_tick": 2.5,
-        }
-    )
-    assert found["solve_over_daqp"]["p5"] == found["solve_over_daqp"]["p95"] == 2.0
-    by_round = [0.25] * 6 + [0.5]
-    assert found["hexapod_tick_over_mink"]["p5"] == 0.25
-    assert found["hexapod_tick_over_mink"]["p95"] == pytest.approx(np.percentile(by_round, 95))
+    """Seven rounds of three samples; one sample in each round was disturbed."""
+    us = {
+        name: np.tile([us, us, 100 * us], (7, 1))
+        for name, us in {"loop": 200, "physics": 160, "tick": 25, "solve": 80, "update": 20}.items()
+    }
+    found = Ratio("overhead", "loop -physics", "solve update", None, 0.3, 0.2, True).row(us)
+    assert (found["ratio"], found["p5"], found["p95"]) == (0.4, 0.4, 0.4)
+    assert (found["met"], found["check_bound"]) == ("no", pytest.approx(0.9))
+    us["tick"][2] *= 2  # a whole round disturbed
+    found = Ratio("tick", "tick", "solve update", "tick / solver", 0.3, 0.26).row(us)
+    assert (found["ratio"], found["p5"], found["met"]) == (0.25, 0.25, "goal")
+    assert found["p95"] == pytest.approx(np.percentile([0.25] * 6 + [0.5], 95))
+    assert found["check_bound"] is None
 
 
 def test_a_power_law_gives_its_exponent_and_the_slopes_on_the_way():
@@ -227,103 +173,67 @@ def test_a_power_law_gives_its_exponent_and_the_slopes_on_the_way():
 # What the file says.
 
 
+def table(bench: dict, name: str, index: str = "name") -> pd.DataFrame:
+    return pd.DataFrame(bench[name]).set_index(index)
+
+
 def test_the_file_has_every_ratio_as_it_follows_from_its_medians(bench):
-    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    timings, ratios = table(bench, "timings"), table(bench, "ratios")
     for ratio in RATIOS:
-        one = bench["ratios"][ratio.name]
-        assert bench[ratio.name] == one["ratio"] == pytest.approx(ratio.of(us))
-        assert (one["bound"], one["goal"]) == ASKED[ratio.name]
-        assert one["p5"] <= one["p95"]
-        if one["bound"] is not None:
-            assert one["within_bound"] == (one["ratio"] < one["bound"])
-        if one["goal"] is not None:
-            assert one["reaches_goal"] == (one["ratio"] <= one["goal"])
-    assert set(ASKED) == set(bench["ratios"])
-    for one in bench["timings"].values():
-        assert 0 < one["p5_us"] <= one["median_us"] <= one["p95_us"]
-    assert bench["real_time_factor"] == pytest.approx(1000 / us["closed_loop"])
+        one = ratios.loc[ratio.name]
+        assert one.ratio == pytest.approx(ratio.of(timings.median_us))
+        assert (ratio.bound, ratio.goal) == ASKED[ratio.name]
+        if ratio.bound is not None:
+            assert (one.bound, one.goal) == ASKED[ratio.name]
+            met = "goal" if one.ratio <= one.goal else "bound" if one.ratio < one.bound else "no"
+            assert one.met == met
+    assert set(ASKED) == set(ratios.index) and (ratios.p5 <= ratios.p95).all()
+    assert (timings.p5_us > 0).all()
+    assert (timings.p5_us <= timings.median_us).all() and (
+        timings.median_us <= timings.p95_us
+    ).all()
     assert {"mink", "placo", "daqp", "numpy", "mujoco"} <= set(bench["versions"])
     assert bench["numerical_threads"] == 1
 
 
-def test_every_ratio_to_mink_says_which_path_it_uses(bench, bench_folder):
-    told = (bench_folder / "bench.md").read_text()
-    for name, path in {
-        "hexapod_tick_over_mink": "hexapod's closed form",
-        "tick_over_mink": "for any MJCF",
-        **{f"{robot}_tick_over_mink": "for any MJCF" for robot in ROBOTS if robot != "ur5e"},
-    }.items():
-        means = bench["ratios"][name]["means"]
-        assert path in means
-        assert f"- {name}: {means}\n" in told
-
-
-@pytest.mark.parametrize(
-    ("p5", "p95", "said"), [(0.2, 0.9, "less"), (0.9, 1.1, "about"), (1.1, 2.0, "more")]
-)
-def test_a_ratio_whose_rounds_lie_on_both_sides_of_one_is_neither_won_nor_lost(p5, p95, said):
-    assert comparison({"p5": p5, "p95": p95}).startswith(said)
-
-
-def test_the_headline_counts_every_ratio_once(bench):
-    shown = [bench["ratios"][name] for name in WORDS]
-    low, high = np.array([[one["p5"], one["p95"]] for one in shown]).T
-    less, more = int((high < 1).sum()), int((low > 1).sum())
-    count = f"{less} of {len(low)} comparisons, about as much in {len(low) - less - more}, more"
-    assert f"{count} in {more}." in headline(bench)
-    with_itself = {each.name for each in RATIOS if each.words is None}
-    assert {*WORDS} | with_itself == set(bench["ratios"]) == {ratio.name for ratio in RATIOS}
+def test_a_ratio_whose_rounds_lie_on_both_sides_of_one_is_neither_won_nor_lost():
+    rounds = pd.DataFrame({"name": list(WORDS)[:3], "p5": [0.2, 0.9, 1.1], "p95": [0.9, 1.1, 2.0]})
+    assert comparisons(rounds).comparison.tolist() == ["less time", "about as much", "more time"]
 
 
 def test_growth_is_made_of_the_same_medians(bench):
-    us = {name: one["median_us"] for name, one in bench["timings"].items()}
-    actuators, batch = bench["growth"]["actuators"], bench["growth"]["batch"]
-    assert set(actuators) == {"prioritized", "daqp", "placo", "pinv_formula", "dgglse"}
-    for name, one in actuators.items():
-        assert one["median_us"] == [us[f"{name}_n{n}"] for n in one["size"]]
-    assert batch["median_us"][-1] == us["batched"]
-    whole = np.multiply(batch["median_us"], batch["size"])
-    assert batch["exponent"] == pytest.approx(power_law(batch["size"], whole)["exponent"])
+    timings, growth = table(bench, "timings"), table(bench, "growth", "by")
+    of_actuators = growth.loc["actuators"].set_index("contender")
+    solved = ("prioritized", "daqp", "placo", "pinv_formula", "dgglse")
+    assert set(of_actuators.index) == set(solved)
+    for name in solved:
+        sizes = {f"{name}_n{n}": n for n in (6, 10, 200)}
+        assert timings.actuators[list(sizes)].to_dict() == sizes
+        law = power_law(list(sizes.values()), timings.median_us[list(sizes)])
+        assert of_actuators.exponent[name] == pytest.approx(law["exponent"])
+    batch = timings.dropna(subset="batch")
+    assert batch.index[-1] == "batched" and batch.batch.tolist() == [1, 10, 100]
+    law = power_law(batch.batch, batch.median_us * batch.batch)
+    assert growth.exponent["batch"] == pytest.approx(law["exponent"])
 
 
-def test_files_are_listed_and_told_from_the_json_alone(bench, bench_folder):
-    assert set(bench["files"]) == {file.name for file in bench_folder.iterdir()}
-    told = Results(bench, tables(bench), notes(bench))
-    assert (bench_folder / "bench.md").read_text() == told.markdown()
-    assert {"bench.png", "bench.pdf"} <= set(bench["files"])
-    for table in told.tables:
-        assert {len(row) for row in table.rows} == {len(table.headings)}
-
-
-def test_a_slow_run_is_unsound_only_where_that_is_asked_and_stable(bench):
-    assert [check.where for check in checks(bench)] == [each.name for each in RATIOS if each.stable]
-    slow = copy.deepcopy(bench)
-    for one in slow["ratios"].values():
-        one["ratio"] = 1e6
-    stable = [check.where for check in checks(slow)]
-    assert stable
-    for name in stable:
-        failed = Results(slow, checks=checks(slow)).failed_check
-        limit = slow["ratios"][name]["check_bound"]
-        assert failed == f"{name}: ratio of medians is 1e+06, expected below {limit:.3g}"
-        assert limit >= slow["ratios"][name]["bound"]
-        slow["ratios"][name]["ratio"] = 0.01
-    # What is left scatters too much, or has no bound.
-    assert Results(slow, checks=checks(slow)).failed_check is None
+def test_a_slow_run_is_unsound_only_where_that_is_stable(bench):
+    ratios = pd.DataFrame(bench["ratios"])
+    stable = [each.name for each in RATIOS if each.stable]
+    for found, passed in ((ratios.assign(ratio=1e6), False), (ratios.assign(ratio=0.01), True)):
+        checked = checks(found)
+        assert [check.where for check in checked] == stable
+        assert {check.passed for check in checked} == {passed}
+        assert all(check.limit >= ASKED[check.where][0] for check in checked)
 
 
 @pytest.mark.parametrize("check", [False, True])
 def test_times_are_checked_only_where_that_is_asked(timed, check):
     slow_us = {"prioritized": 3e6 * timed.samples_us["prioritized"]}
-    for robot in ("fjh", *ROBOTS):  # the other ratios are met
-        slow_us[f"{robot}_mink"] = 30 * timed.samples_us[f"{robot}_mink"]
-    slow_us["diagnosis_worst"] = 0.1 * timed.samples_us["diagnosis_worst"]
-    slow_us["daqp"] = 3 * timed.samples_us["daqp"]
-    slow_us["diagnosis"] = 0.1 * timed.samples_us["diagnosis"]
-    found = results(replace(timed, samples_us=timed.samples_us | slow_us, check=check))
-    assert (found.failed_check is None) == (not check)
-    if check:
-        assert str(found.failed_check).startswith("solve_over_daqp: ratio of medians is 1e+06")
+    found = runs.result_of(replace(timed, samples_us=timed.samples_us | slow_us), 0, check=check)
+    failed = {each.where for each in found.checks if not each.passed}
+    slow = {each.name for each in RATIOS if each.over == "prioritized" and each.stable}
+    assert failed >= slow if check else not found.checks
 
 
 # The same steps, the same task.
@@ -381,9 +291,13 @@ def timed(asked) -> runs.Timed:
     active, weights = {"question": [1, 2, 3]}, limited.compared(seed=0)
     numbers = {"median_us": 1.0, "p999_us": 2.0, "worst_us": 3.0, "worst_processor_us": 2.5}
     ticks = ("controller", "supervisor", *runs.LATENCY)
-    waited = {name: dict.fromkeys(latency.COLLECTORS, numbers) for name in ticks}
-    slow = {robot: {"mean_us": 1.0, "slowest_us": 9.0} for robot in LOOPED}
-    return runs.Timed(0, LEAST, agreed, samples_us, active, weights, waited, slow)
+    waited = [
+        {"tick": name, "collector": setting} | numbers
+        for name in ticks
+        for setting in latency.COLLECTORS
+    ]
+    slow = [{"robot": robot, "mean_us": 1.0, "slowest_us": 9.0} for robot in LOOPED]
+    return runs.Timed(LEAST, agreed, samples_us, active, weights, waited, slow)
 
 
 def test_the_random_problems_are_those_of_the_seed(asked):
@@ -469,11 +383,10 @@ def test_one_who_answers_otherwise_under_limits_is_named(limits, question):
 
 def test_weights_do_not_move_a_major_task_that_limits_hold_back(timed):
     """The major residual is the least that the limits leave; daqp's levels trade it for H."""
-    found = timed.out_of_reach
-    ours, daqp = (found["solvers"][name] for name in ("prioritized", "daqp_hierarchy"))
-    assert max(ours["change"]["largest"], ours["excess"]["largest"]) < 1e-9
-    assert min(daqp["change"]["largest"], daqp["excess"]["largest"]) > 0.01
-    assert found["flat_infeasible"] == found["flat"] == 2 * found["problems"]
+    flat, ours, daqp = timed.out_of_reach
+    assert max(ours["change_largest"], ours["excess_largest"]) < 1e-9
+    assert min(daqp["change_largest"], daqp["excess_largest"]) > 0.01
+    assert flat["infeasible"] == flat["problems"] == ours["problems"] == 2 * limited.COUNT
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,9 @@
 """Figures: drawn from what runs, printable, and the same file every time."""
 
-import json
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,28 +14,34 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from experiments.app.cli import main
-from experiments.figures.block_diagram import figure_3
-from experiments.figures.figure import figure_atlas, figure_bode, pictures
-from experiments.figures.geometry import figure_2
-from experiments.figures.results import notes, pointing_after_failures
-from experiments.figures.runs import Portrait, portray
-from experiments.rig.hexapod.controller import nominal_plant
+from experiments.figures import OpenLoop, counted, figure_atlas, figure_bode, open_loop
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import ANGLES, design, nominal_plant
+from experiments.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
+from experiments.rig.hexapod.metrics import loop_measures
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.palette import BLACK, BLUE, SKY, YELLOW
 from experiments.study.plotting import COLUMN_IN, new_figure, save_figure
-from experiments.study.results import Results
 from experiments.table1 import figure_4, figure_5, figure_6, figure_result
-from sim import hexapod, load_model
+from prioritized import FailureAtlas, failure_atlas
+from sim import hexapod
 from sim.mjcf.model import HEXAPOD_MJCF
-from tests.figure_checks import overlapping_texts
 from tests.made import run_of
-from tests.on_paper import is_printed, text_box, touches
 from tests.printed import faults
+
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 
 
 @pytest.fixture(scope="module")
-def portrait() -> Portrait:
-    return portray(None, TestbedConfig(), 0)
+def loops(model) -> dict[str, OpenLoop]:
+    plant, pointing = nominal_plant(model)
+    designed = enumerate(zip(ANGLES, design(plant, pointing, TestbedConfig()), strict=True))
+    return {angle: open_loop(plant, pointing, loop, row) for row, (angle, loop) in designed}
+
+
+@pytest.fixture(scope="module")
+def atlas(model) -> FailureAtlas:
+    return failure_atlas(elastic_system(model), MAJOR)
 
 
 # What every figure keeps.
@@ -57,43 +62,10 @@ def test_the_law_of_print_sees_small_text_strange_colours_widths_and_fonts(tmp_p
         assert fault in seen
 
 
-def test_a_figure_is_the_same_file_every_time(figures_folder, portrait, tmp_path):
-    save_figure(figure_2(portrait.model), tmp_path, "figure2", ("png", "pdf", "svg"))
-    save_figure(figure_atlas(portrait.atlas), tmp_path, "atlas")
-    written = sorted(tmp_path.iterdir())
-    assert len(written) == 5
-    for path in written:
-        assert path.read_bytes() == (figures_folder / path.name).read_bytes(), path.name
-
-
-def test_the_command_leaves_figures_and_their_numbers(figures_folder, portrait):
-    names = {
-        f"{name}.{kind}"
-        for name in ("machine", "figure2", "figure3", "bode", "atlas")
-        for kind in ("png", "pdf")
-    }
-    assert {file.name for file in figures_folder.iterdir()} == names | {
-        "figure2.svg",
-        "figures.json",
-        "figures.md",
-    }
-    summary = json.loads((figures_folder / "figures.json").read_text())
-    assert summary["loops"]["alpha"]["gain_margin_db"] == portrait.loops[0].loop.gain_margin_db
-    atlas = summary["atlas"]
-    assert (atlas["possible_rigid"], atlas["possible_elastic"]) == (54, 425)
-    counts = [one["by_number_of_failures"] for one in atlas["verdicts"].values()]
-    # So many conditions have 0..6 failures: each failed strut is locked or free.
-    np.testing.assert_array_equal(np.sum(counts, axis=0), [1, 12, 60, 160, 240, 192, 64])
-
-
-def test_the_page_is_made_of_the_json_alone(figures_folder, portrait):
-    summary = json.loads((figures_folder / "figures.json").read_text())
-    drawn = {f"{picture.name}.png" for picture in pictures(portrait)}
-    assert drawn == {file for file in summary["files"] if file.endswith(".png")}
-    table = pointing_after_failures(summary)
-    page = Results(summary, tables=[table], notes=notes(summary)).markdown()
-    assert (figures_folder / "figures.md").read_text() == page
-    assert {len(row) for row in table.rows} == {len(table.headings)}
+def test_a_figure_is_the_same_file_every_time(figures_folder, atlas, tmp_path):
+    save_figure(figure_atlas(pointing_verdicts(atlas)), tmp_path, "atlas")
+    for name in ("atlas.png", "atlas.pdf"):
+        assert (tmp_path / name).read_bytes() == (figures_folder / name).read_bytes(), name
 
 
 def test_a_machine_that_is_no_hexapod_is_refused(capsys, tmp_path):
@@ -103,127 +75,46 @@ def test_a_machine_that_is_no_hexapod_is_refused(capsys, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-# Fig. 2.
+# Fig. 2, a drawing that is kept.
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def points_on_paper(svg, gid: str) -> np.ndarray:
-    """Where the line or marker of that name is in an SVG file, shape (., 2)."""
-    (group,) = (each for each in svg.iter(f"{SVG}g") if each.get("id") == gid)
-    if uses := list(group.iter(f"{SVG}use")):
-        return np.array([[float(use.get(axis)) for axis in "xy"] for use in uses])
-    (path,) = group.iter(f"{SVG}path")
-    return np.array(re.findall(r"[ML] (\S+) (\S+)", path.get("d")), dtype=float)
-
-
-@pytest.mark.parametrize("moved", [False, True])
-def test_the_geometry_reads_back_as_its_mjcf(tmp_path, moved):
+def test_the_kept_drawing_is_of_the_machine(model):
     """All twelve ends of struts in both views, up to one scale and one shift for each view."""
-    text = HEXAPOD_MJCF.read_text()
-    if moved:
-        before, after = 'name="housing1" pos="0 0.3318', 'name="housing1" pos="0.05 0.2918'
-        assert before in text
-        text = text.replace(before, after)
-    (tmp_path / "machine.xml").write_text(text)
-    model = load_model(tmp_path / "machine.xml")
-    save_figure(figure_2(model), tmp_path, "figure2", ("svg",))
-    svg, machine = ET.parse(tmp_path / "figure2.svg"), hexapod(model)
-    scales = []
+    groups = ET.parse(PICTURES / "figure2.svg").iter(f"{SVG}g")
+    lines = {each.get("id"): each for each in groups if "-strut" in str(each.get("id"))}
+    machine, scales = hexapod(model), []
     for view, plane in (("top", [0, 1]), ("front", [0, 2])):
-        paper = np.stack([points_on_paper(svg, f"{view}-strut{k}") for k in range(1, 7)])
-        truth = np.stack([machine.bottom_m, machine.top_m], axis=1)[..., plane]
-        paper, truth = paper.reshape(-1, 2), truth.reshape(-1, 2)
-        centred = truth - truth.mean(axis=0)
-        scale = (centred * paper).sum() / (centred**2).sum()
-        off = paper - paper.mean(axis=0) - scale * centred
-        assert abs(off).max() < 1e-3 * scale  # a millimetre of the machine
-        scales.append(scale)
-        nodes = {"p1": machine.top_m[0], "q2": machine.bottom_m[2 if not moved else 1]}
-        for name, node in nodes.items():
-            place = points_on_paper(svg, f"{view}-{name}")[0] - paper.mean(axis=0)
-            np.testing.assert_allclose(place / scale, node[plane] - truth.mean(axis=0), atol=1e-3)
+        drawn = [next(lines[f"{view}-strut{k}"].iter(f"{SVG}path")) for k in range(1, 7)]
+        ends = [re.findall(r"[ML] (\S+) (\S+)", str(each.get("d"))) for each in drawn]
+        paper = np.array(ends, dtype=float).reshape(-1, 2)
+        truth = np.stack([machine.bottom_m, machine.top_m], axis=1)[..., plane].reshape(-1, 2)
+        paper, truth = paper - paper.mean(axis=0), truth - truth.mean(axis=0)
+        scales.append((truth * paper).sum() / (truth**2).sum())
+        np.testing.assert_allclose(paper / scales[-1], truth, atol=1e-3)
     assert scales[0] == pytest.approx(scales[1], rel=1e-3)
-    # Strut 1 of the moved machine no longer starts where strut 2 does.
-    assert np.ptp(machine.bottom_m[:2], axis=0).max() == pytest.approx(
-        0.05 if moved else 0, abs=1e-9
-    )
-
-
-def test_the_title_of_the_picture_has_the_papers_strut_length(model):
-    """And no label lies on a strut, in either view."""
-    figure = figure_2(model)
-    assert "The struts are 0.4064 m long" in " ".join(text.get_text() for text in figure.texts)
-    figure.draw_without_rendering()
-    assert overlapping_texts(figure) == []
-    for axes in figure.axes[1:]:
-        struts = [line for line in axes.lines if "strut" in str(line.get_gid())]
-        assert len(struts) == 6
-        for text in filter(is_printed, axes.texts):
-            assert not any(touches(line, axes, text_box(text)) for line in struts), text
-
-
-# Fig. 3.
-
-
-def said(figure: Figure) -> str:
-    return "\n".join(text.get_text() for axes in figure.axes for text in axes.texts)
-
-
-def numbers(polynomial: str) -> np.ndarray:
-    """Coefficients of a printed polynomial in s, highest power first."""
-    found = np.zeros(4)
-    for term in polynomial.split(" + "):
-        number, _, power = term.partition("s")
-        number = number.replace("\\,", "").replace("\\cdot 10^{", "e").replace("}", "")
-        place = 0 if not _ else int(power.removeprefix("^") or 1)
-        found[3 - place] = float(number or 1)
-    return found
-
-
-@pytest.mark.parametrize(
-    "bench",
-    [
-        TestbedConfig(),
-        replace(
-            TestbedConfig(),
-            alpha_crossover_hz=5.0,
-            roll_off_hz=30.0,
-            dac_bits=12,
-            detector_noise_m=5e-7,
-        ),
-    ],
-    ids=["the bench", "another"],
-)
-def test_the_block_diagram_prints_the_loop_that_runs(model, bench):
-    """The printed G(s), and the plant's own matrices, have the printed crossover and margins."""
-    text = said(figure_3(portray(None, bench, 0)))
-    plant, pointing = nominal_plant(model)
-
-    def response(w: float, row: int) -> complex:
-        moved = np.linalg.solve(1j * w * np.eye(12) - plant.A, plant.B @ pointing[:, row])
-        return complex(plant.C_twist[row] @ moved)
-
-    compensators = re.findall(r"dfrac\{(.*)\}\{(.*)\}\$", text)
-    printed = re.findall(r"crossover (\S+) Hz, margins\n(\S+) dB and (\S+)°", text)
-    assert len(compensators) == len(printed) == 2
-    for row, (G, margins) in enumerate(zip(compensators, printed, strict=True)):
-        crossover_hz, _, phase_margin_deg = map(float, margins)
-        assert crossover_hz == pytest.approx(bench.crossover_hz[row], rel=2e-3)
-        s = 2j * np.pi * bench.crossover_hz[row]
-        L = np.polyval(numbers(G[0]), s) / np.polyval(numbers(G[1]), s) * response(abs(s), row)
-        assert abs(L) == pytest.approx(1, rel=1e-3)
-        held = np.rad2deg(abs(s) * bench.control_period_s / 2)  # the zero-order hold's delay
-        assert 180 + np.rad2deg(np.angle(L)) - held == pytest.approx(phase_margin_deg, abs=0.2)
-    assert f"{bench.dac_bits}-bit DAC" in text
-    assert f"{635e3 / 2 ** (bench.dac_bits - 1):.1f} nm" in text  # full stroke is 635 µm
-    assert f"noise {1e6 * bench.detector_noise_m:g} µrad" in text
 
 
 # Bode plot.
 
 
-def test_the_margins_lie_on_the_curve_of_the_sampled_loop(model, portrait):
+@pytest.mark.parametrize("row", [0, 1], ids=ANGLES)
+def test_the_published_compensator_has_the_published_margins(model, loops, row):
+    """G(s) as in figures.json, and the plant's own matrices, without the sampled system."""
+    measures = loop_measures(loops[ANGLES[row]].loop)
+    plant, pointing = nominal_plant(model)
+    s = 2j * np.pi * measures["crossover_hz"]
+    moved = np.linalg.solve(s * np.eye(len(plant.A)) - plant.A, plant.B @ pointing[:, row])
+    G = np.polyval(measures["numerator"], s) / np.polyval(measures["denominator"], s)
+    L = G * complex(plant.C_twist[row] @ moved)
+    assert abs(L) == pytest.approx(1, rel=1e-3)
+    held_deg = np.rad2deg(abs(s) * TestbedConfig().control_period_s / 2)  # by the zero-order hold
+    margin_deg = 180 + np.rad2deg(np.angle(L)) - held_deg
+    assert margin_deg == pytest.approx(measures["phase_margin_deg"], abs=0.2)
+
+
+def test_the_margins_lie_on_the_curve_of_the_sampled_loop(model, loops):
     """L(e^jwT) by matrix exponential and inverses: the curves, and both ends of each arrow."""
     plant, pointing = nominal_plant(model)
     T, n = TestbedConfig().control_period_s, len(plant.A)
@@ -232,13 +123,13 @@ def test_the_margins_lie_on_the_curve_of_the_sampled_loop(model, portrait):
         both = np.zeros((n + 1, n + 1))
         both[:n, :n], both[:n, n] = plant.A, plant.B @ pointing[:, row]
         held = scipy.linalg.expm(T * both)
-        z, loop = np.exp(2j * np.pi * frequency_hz * T), portrait.loops[row].loop
+        z, loop = np.exp(2j * np.pi * frequency_hz * T), loops[ANGLES[row]].loop
         P = plant.C_twist[row] @ np.linalg.solve(z * np.eye(n) - held[:n, :n], held[:n, n])
         inner = np.linalg.solve(z * np.eye(len(loop.A)) - loop.A, loop.B)
         return complex(P * (loop.C @ inner + loop.D)[0, 0])
 
-    axes = figure_bode(portrait.loops).axes
-    for row, one in enumerate(portrait.loops):
+    axes = figure_bode(loops).axes
+    for row, one in enumerate(loops.values()):
         magnitude, phase = axes[row], axes[2 + row]
         curve = np.asarray(magnitude.lines[0].get_xydata())
         for frequency_hz, decibels in curve[::100]:
@@ -284,23 +175,25 @@ def cells(axes: Axes) -> list[str]:
     return [to_hex(color).upper() for color in mesh.to_rgba(values).tolist()]
 
 
-def test_the_map_counts_what_the_atlas_counts(portrait):
-    atlas = portrait.atlas
-    figure = figure_atlas(atlas)
+def test_the_map_counts_what_the_atlas_counts(atlas):
+    found = pointing_verdicts(atlas)
+    figure = figure_atlas(found)
     counts = Counter(cells(figure.axes[0]))
     assert counts[BLUE] == atlas.possible.sum() == 54
     assert counts[BLUE] + counts[SKY] == atlas.elastic.possible.sum() == 425
     # Two states of failure for each strut: six lost, 2^6; all but one lost, 6 * 2^5.
     assert counts[BLACK] == 64
     assert counts[YELLOW] == 729 - 425 - 64
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert [int(text.split()[0]) for text in legend] == [54, 371, 240, 64]
+    table = counted(found)
+    assert table.conditions[table.conditions > 0].tolist() == [54, 371, 240, 64]
+    # So many conditions have 0..6 failures: each failed strut is locked or free.
+    by_failures = table.filter(like="failures_").sum()
+    assert by_failures.tolist() == [1, 12, 60, 160, 240, 192, 64]
 
 
-def test_a_cell_of_the_map_is_the_condition_that_its_letters_say(portrait):
+def test_a_cell_of_the_map_is_the_condition_that_its_letters_say(atlas):
     """Letters above and beside the map, by their places, against the atlas' rows."""
-    atlas = portrait.atlas
-    axes = figure_atlas(atlas).axes[0]
+    axes = figure_atlas(pointing_verdicts(atlas)).axes[0]
     colors = cells(axes)
     letters = {
         tuple(np.round(text.get_position(), 6)): text.get_text()

@@ -1,53 +1,44 @@
 """Cases of `fjh recover`: drawn from a seed and a place, each a row; and no row is lost."""
 
-import math
 import pickle
-from contextlib import nullcontext
 from dataclasses import replace
 from math import sqrt
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
+import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from experiments.app.cli import main
-from experiments.recover import command, plan
+from experiments.recover import hexapod_basis, plan
 from experiments.recover import row as rows
-from experiments.recover.command import events_of, failures_of, healthy_for
-from experiments.recover.plan import BENCH, MISMATCHES, Block, Case, Course, exact_rig, sizes_of
-from experiments.recover.row import SCHEMA, row_of, supervised_columns
-from experiments.recover.simulate import Holding, supervised, tick_at, unaware
+from experiments.recover.plan import BENCH, Case, exact_rig, healthy_for, sizes_of
+from experiments.recover.row import (
+    COLUMNS,
+    Holding,
+    fly,
+    row_of,
+    supervised,
+    supervised_columns,
+    tick_at,
+    unaware,
+)
+from experiments.rig.draw import CORRELATION, Draw
 from experiments.rig.events import EVENTS, Event
-from experiments.rig.hexapod.mismatch import ALL, DRAWN, OTHER, differing
+from experiments.rig.hexapod.mismatch import ALL, ALONE, DRAWN, OTHER, differing
 from experiments.rig.mismatch import Mismatch
 from experiments.rig.run import Diagnosed
-from experiments.study import parquet
-from experiments.study.campaign import table_of
-from experiments.study.draw import CORRELATION, Draw
-from experiments.study.resumable import UNFINISHED, run_missing
-from experiments.study.study import Interrupted, WrongInput
-from experiments.study.where import Where
+from experiments.study.errors import Interrupted, WrongInput
+from experiments.study.rows import Where, basis_of, rows_of
 from ftc.controller import Measurement
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.causes import Cause
 from ftc.oracle import NEVER
 from sim import Failure, FailureKind, SimulationDiverged
-from tests.profiles import examples
 
 WHOLE = plan.hexapod_failures(plan.WHOLE, healthy_for(2.0), BENCH.duration_s, 7)
 EVENTFUL = plan.hexapod_events(EVENTS, plan.EVENTS_EACH, 3600.0, 1)
-
-
-def drawn(blocks: list[Block], seed: int, healthy: int = 0, healthy_s: float = 0.1):
-    """Cases of some blocks, and of healthy runs of a tenth of a second."""
-    return plan.hexapod_failures(blocks, healthy, healthy_s, seed)
 
 
 # Which cases there are.
@@ -75,7 +66,7 @@ def test_the_failures_are_those_that_were_published():
     for number, expected in first.items():
         case = cases[number]
         assert (round(case.begin_s, 9), case.plant_seed) == expected
-        assert (case.events, case.course) == ((), Course())
+        assert (case.events, case.course) == ((), "spiral")
         spiral = BENCH.spiral_rad(case.duration_s, case.begin_s)
         np.testing.assert_array_equal(case.path(exact_rig()), spiral)
 
@@ -86,27 +77,34 @@ def test_every_size_is_one_that_a_plant_can_have():
         assert count > 0
         sizes_of(exact_rig(), mismatch).scaled(factor)
     failing = {mismatch for sort, mismatch, _, _ in plan.WHOLE if sort == "failure"}
-    assert failing == set(MISMATCHES) - {"other family"}
+    assert failing == {"exact", "all", *ALONE}
 
 
-@pytest.mark.parametrize("hours", [1e-3, 0.25, 1.0, 10.0])
-def test_so_many_hours_are_run_and_not_a_run_more(hours):
-    assert 0 <= healthy_for(hours) * BENCH.duration_s - 3600 * hours < BENCH.duration_s
-
-
-@pytest.mark.parametrize("hours", [0.0, -1.0, math.nan, math.inf])
-def test_hours_that_cannot_be_are_refused(hours):
-    with pytest.raises(WrongInput, match="--hours must be positive and finite"):
-        healthy_for(hours)
-
-
-def test_a_study_goes_on_with_more_hours_or_fewer():
+@pytest.mark.long
+def test_a_study_goes_on_with_more_hours_or_fewer(tmp_path):
     """The cases before them are the same, and so is what the dataset depends on."""
-    short, long = (failures_of(plan.WHOLE, healthy, 16.0, 3) for healthy in (9, 12))
-    assert short.runs == long.runs[: len(short.runs)] and len(long.runs) == len(short.runs) + 3
-    assert short.basis == long.basis
-    assert failures_of(plan.WHOLE[1:], 9, 16.0, 3).basis != short.basis
-    assert events_of(["sag"], 1, 2.0, 3).basis != events_of(["sag"], 2, 2.0, 3).basis
+    basis = hexapod_basis(3, False, False, None)
+    short, long = (plan.hexapod_cases(basis, healthy) for healthy in (9, 12))
+    assert plan.healthy_for(1.0) == 225 and plan.healthy_for(1e-3) == 1
+    assert short == long[: len(short)] and len(long) == len(short) + 3
+    basis, where = basis_of(**basis), Where(workers=1, resume=None)
+
+    def done(count: int, stop_at: int = -1, **changed: Any) -> pd.DataFrame:
+        def interrupt(done: int, _total: int) -> None:
+            if done == stop_at:
+                raise KeyboardInterrupt
+
+        own = replace(where, resume=True) if changed else where
+        how: dict[str, Any] = {"name": "recover", "folder": tmp_path, "on_progress": interrupt}
+        return rows_of(short[:count], Case.parameters, basis | changed, own, **how)
+
+    with pytest.raises(Interrupted, match="4 of 6 runs are kept; --resume continues"):
+        done(6, stop_at=4)
+    with pytest.raises(WrongInput, match="another seed"):
+        done(6, seed=1)
+    assert list(done(8).case) == list(range(8)) and len(done(3)) == 3
+    expected = pd.DataFrame([case.parameters() for case in short[:8]])
+    pd.testing.assert_frame_equal(done(8), expected)
 
 
 def test_a_failure_is_the_same_whatever_the_plant_and_all_are_drawn():
@@ -133,12 +131,6 @@ def test_second_failures_are_of_another_strut_some_time_later():
         assert case.begin_s + case.duration_s == pytest.approx(second.time_s + 2.0)
 
 
-def test_a_quick_study_has_every_sort_of_case():
-    cases = drawn(plan.QUICK, 0, healthy=1)
-    assert {case.sort for case in cases} == {"failure", "size", "healthy", "pair"}
-    assert {case.failures[0].kind for case in cases[1:4]} == {"locked", "free", "weak"}
-
-
 def test_every_event_has_its_cases_and_those_of_one_draw_differ_in_it_alone():
     cases = EVENTFUL[1:]
     assert len(cases) == 12 * len(EVENTS) and len(EVENTS) >= 30
@@ -156,7 +148,7 @@ def test_all_courses_and_struts_are_run_with_either_family_some_before_all_is_le
     assert sum(each < 0.8 for each in after_s) == 2 and max(after_s) > 2.0
     for mismatch in ("all", "other family"):
         own = [case for case in cases if case.mismatch == mismatch]
-        assert len({case.course for case in own}) == plan.COURSES
+        assert len({(case.course, case.turn_s, case.radius) for case in own}) == plan.COURSES
         assert {case.events[0].actuator for case in own} == set(range(6))
     for case in cases:
         assert case.begin_s + case.duration_s <= 16.0
@@ -165,8 +157,8 @@ def test_all_courses_and_struts_are_run_with_either_family_some_before_all_is_le
 
 def test_a_circle_begins_at_rest_steps_are_held_and_rest_is_rest():
     circle, steps, rest = (
-        Case("event", duration_s=2.0, course=Course(shape, 2.0, 0.5)).path(exact_rig())
-        for shape in ("circle", "steps", "rest")
+        Case("event", duration_s=2.0, course=course, turn_s=2.0, radius=0.5).path(exact_rig())
+        for course in ("circle", "steps", "rest")
     )
     assert np.abs(circle[0]).max() == 0 and np.abs(np.diff(circle, axis=0)[0]).max() < 1e-9
     assert np.linalg.norm(circle - [0, 50e-6], axis=1) == pytest.approx(50e-6)
@@ -198,29 +190,12 @@ def test_the_other_family_is_log_normal_correlated_and_as_wide_as_stated():
 # A row.
 
 
-def test_a_case_repeats_to_the_bit_and_its_row_has_only_columns_of_the_schema():
-    one, two = drawn([], 5, healthy=2)
+def test_a_case_repeats_to_the_bit_and_its_row_has_only_columns_of_the_dataset():
+    one, two = plan.hexapod_failures([], 2, 0.1, 5)
     row = row_of(one)
     assert row_of(one) == row
-    assert row["status"] == "flown" and row["case"] == 0 and set(row) <= set(SCHEMA.names)
+    assert row["status"] == "flown" and row["case"] == 0 and set(row) <= set(COLUMNS)
     assert row_of(two)["closure_residual_max_m"] != row["closure_residual_max_m"]
-
-
-VALUES = {
-    pa.int64(): st.integers(-(2**63), 2**63 - 1),
-    pa.float64(): st.floats(allow_nan=False),
-    pa.bool_(): st.booleans(),
-    pa.string(): st.text(max_size=9),
-}
-
-
-@examples(15)
-@given(st.fixed_dictionaries({each.name: st.none() | VALUES[each.type] for each in SCHEMA}))
-def test_a_row_comes_back_from_its_file_as_it_was(tmp_path_factory, row):
-    path = tmp_path_factory.mktemp("rows") / "row.parquet"
-    row |= {"case": row["case"] or 0}
-    parquet.write(path, [table_of([row], SCHEMA)])
-    assert parquet.read(path).to_pylist() == [row]
 
 
 def test_a_run_that_ends_early_is_a_row(monkeypatch):
@@ -234,7 +209,7 @@ def test_a_run_that_ends_early_is_a_row(monkeypatch):
     monkeypatch.setattr(rows, "unaware", diverges)
     row = row_of(plan.hexapod_events(["locked"], 1, 2.0, 0)[1])
     assert row["status"] == "ended" and row["message"] == "ValueError: no such number"
-    assert "non-finite" in row["unaware_ended"] and set(row) <= set(SCHEMA.names)
+    assert "non-finite" in row["unaware_ended"] and set(row) <= set(COLUMNS)
     assert row["actuator"] == "strut1" and "rms_unaware_since" not in row
 
 
@@ -245,20 +220,20 @@ def test_a_lock_is_not_taken_for_the_opposite_strut_nor_for_the_floor(seed, draw
 
     And without an autoregression of order 10 the floor would leave an alarm unexplained.
     """
-    case = drawn([("failure", "all", 1.0, draw + 1)], seed)[draw]
-    row = supervised_columns(rig := case.rig(), case, supervised(rig, case))
+    case = plan.hexapod_failures([("failure", "all", 1.0, draw + 1)], 0, 0.1, seed)[draw]
+    row, _ = fly(case)
     assert row["right"] and not row["healthy_named"] and not row["alarm_before"]
 
 
 @pytest.mark.long
 def test_a_plant_is_learned_long_enough_to_raise_no_alarm_thereafter():
     """After 0.2 s instead of 0.8 s of learning a healthy strut would be named."""
-    case = drawn([], 1, healthy=2, healthy_s=4.0)[1]
-    assert supervised_columns(rig := case.rig(), case, supervised(rig, case))["alarms"] == 0
+    case = plan.hexapod_failures([], 2, 4.0, 1)[1]
+    assert fly(case)[0]["alarms"] == 0
 
 
 def test_without_an_alarm_the_supervised_controller_sends_the_commands_of_the_unaware_one():
-    [case] = drawn([], 0, healthy=1)
+    [case] = plan.hexapod_failures([], 1, 0.1, 0)
     run = supervised(exact_rig(), case)
     assert run.state.watch.alarm_ticks == ()
     np.testing.assert_array_equal(run.inputs, unaware(exact_rig(), case).inputs)
@@ -266,7 +241,7 @@ def test_without_an_alarm_the_supervised_controller_sends_the_commands_of_the_un
 
 @pytest.mark.parametrize("moved", [0.0, 1e-12])
 def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch, moved):
-    [case] = drawn([], 0, healthy=1)
+    [case] = plan.hexapod_failures([], 1, 0.1, 0)
     run = supervised(rig := case.rig(), case)
     watch = replace(run.state.watch, alarm_ticks=(5,))
     alarmed = replace(run, inputs=run.inputs + moved, state=replace(run.state, watch=watch))
@@ -313,6 +288,9 @@ def said(strut: int, kind: Any, tick: int, withdrawn_s: float | None = None) -> 
     return Diagnosed(f"strut{strut + 1}", kind, tick / 1e3, withdrawn_s)
 
 
+LOCKED = said(0, "locked", 1070)
+
+
 @pytest.mark.parametrize(
     ("named", "right", "healthy_named", "all_right"),
     [
@@ -338,9 +316,9 @@ def test_without_a_failure_every_alarm_is_false_and_every_actuator_healthy():
     found = columns_of(said(2, "weak", 40), sort="healthy")
     assert found["alarm_before"] and found["healthy_named"] and found["right"] is None
     assert not columns_of(sort="healthy")["alarm_before"]
-
-
-LOCKED = said(0, "locked", 1070)
+    for name in ("sag", "push", "hum"):
+        row = columns_of(LOCKED, events=(Event(name, 1.0),))
+        assert row["healthy_named"] and not row["right"]
 
 
 def test_after_an_event_an_actuator_is_rightly_named_and_no_other_is():
@@ -378,95 +356,3 @@ def test_what_is_no_failure_is_rightly_told_by_kind_and_actuator(event, cause, r
     assert columns_of(events=(event,), causes=(None, cause))["right"] == right
     assert columns_of(events=(event,), causes=(None,))["right"] is False
     assert columns_of(events=(Event("bias", 1.0),), causes=(cause,))["right"] is None
-
-
-@pytest.mark.parametrize("name", ["sag", "push", "hum"])
-def test_where_no_actuator_fails_every_name_is_of_a_healthy_one(name):
-    row = columns_of(LOCKED, events=(Event(name, 1.0),))
-    assert row["healthy_named"] and not row["right"]
-
-
-# Interrupted and resumed.
-
-
-def cheap(case: Case) -> dict[str, Any]:
-    """A row as a case would give, at no cost."""
-    return case.parameters() | {"status": "flown", "alarms": case.number % 3}
-
-
-@pytest.fixture
-def here(monkeypatch):
-    """Numbers of cases, done in this process, at no cost, in parts of four."""
-    done: list[int] = []
-
-    def in_this_process(campaign, numbers, _where):
-        for number in numbers:
-            done.append(number)
-            yield cheap(campaign.runs[number])
-
-    monkeypatch.setattr("experiments.study.dataset.PART", 4)
-    monkeypatch.setattr(
-        "experiments.study.resumable.rows_of", lambda *of: nullcontext(in_this_process(*of))
-    )
-    return done
-
-
-HERE = Where()
-
-
-def flown(folder: Path, *, resume: bool, seed: int = 0, where: Where = HERE, stop_at: int = 99):
-    def interrupt(done: int, _total: int) -> None:
-        if done == stop_at:
-            raise KeyboardInterrupt
-
-    campaign = failures_of([], 10, 0.1, seed)
-    return run_missing(folder, campaign, where=where, resume=resume, on_progress=interrupt)
-
-
-def bytes_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in (folder / UNFINISHED).glob("part-*")}
-
-
-@pytest.mark.parametrize("stop_at", [0, 3, 4, 9])
-def test_a_resumed_study_has_the_bytes_of_an_uninterrupted_one(here, tmp_path, stop_at):
-    assert flown(tmp_path / "whole", resume=False).took["runs"] == 10
-    folder = tmp_path / "resumed"
-    if stop_at:
-        with pytest.raises(Interrupted, match=f"{stop_at} of 10 runs are kept; --resume continues"):
-            flown(folder, resume=False, stop_at=stop_at)
-        with pytest.raises(WrongInput, match="--resume continues it"):
-            flown(folder, resume=False)
-        with pytest.raises(WrongInput, match="another seed"):
-            flown(folder, resume=True, seed=1)
-    here.clear()
-    assert flown(folder, resume=True).took["runs"] == 10 - stop_at
-    assert here == list(range(stop_at, 10))
-    assert bytes_of(folder) == bytes_of(tmp_path / "whole")
-
-
-@pytest.mark.long
-def test_runs_on_workers_are_interrupted_and_resumed_to_the_bit(scheduler, tmp_path):
-    where = Where(scheduler)
-    flown(tmp_path / "whole", resume=False, where=where)
-    with pytest.raises(Interrupted, match="4 of 10"):
-        flown(tmp_path / "resumed", resume=False, where=where, stop_at=4)
-    assert flown(tmp_path / "resumed", resume=True, where=where).took["runs"] == 6
-    assert bytes_of(tmp_path / "resumed") == bytes_of(tmp_path / "whole")
-    [part] = (tmp_path / "whole" / UNFINISHED).glob("part-*")
-    row = row_of(failures_of([], 10, 0.1, 0).runs[7])
-    assert pq.read_table(part).to_pylist()[7] == dict.fromkeys(SCHEMA.names) | row
-
-
-def test_ctrl_c_beside_the_runs_keeps_all_of_them(here, monkeypatch, tmp_path, capsys):
-    def interrupt(*_arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(plan, "QUICK", [("failure", "all", 1.0, 9)])
-    monkeypatch.setattr(command, "in_parallel", interrupt)
-    for words in ([], ["--resume"]):
-        assert main(["recover", "--quick", "--quiet", *words, "--out", str(tmp_path)]) == 130
-        text = capsys.readouterr().err
-        assert text == "fjh: interrupted: all 10 runs are kept; --resume continues\n"
-        assert len(bytes_of(tmp_path)) == 3
-    assert main(["recover", "--quick", "--quiet", "--out", str(tmp_path)]) == 2
-    assert "holds an unfinished study" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from experiments.app.cli import main
 from experiments.comparison import LEVEL, Comparison, compare, shifted
 from experiments.results import fly_again, results
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 TABLE1 = json.loads((DATA / "table1.json").read_text())
@@ -131,10 +131,17 @@ def test_timings_changed_where_their_ranges_have_nothing_in_common(low, high, ch
 
 
 def test_bounds_of_confidence_count_where_the_draws_differ():
-    one = {"seed": 0, "of": {"cases": 60, "right": 60, "rate": 1.0, "low": 0.94, "high": 1.0}}
-    other = {"seed": 1, "of": {"cases": 60, "right": 55, "rate": 0.92, "low": 0.82, "high": 0.97}}
+    one = {"seed": 0, "right_count": 60, "right_rate": 1.0, "right_low": 0.94, "right_high": 1.0}
+    other = {
+        "seed": 1,
+        "right_count": 55,
+        "right_rate": 0.92,
+        "right_low": 0.82,
+        "right_high": 0.97,
+    }
     assert not len(compared(one, other).changed)
-    assert set(compared(one, other | {"seed": 0}).changed.place) == {"of.right", "of.rate"}
+    assert set(compared(one, other | {"seed": 0}).changed.place) == {"right_count", "right_rate"}
+    assert len(compared(one, other | {"right_high": 0.9}).changed) == 2
 
 
 def test_round_off_files_and_sentences_are_not_compared():

@@ -1,22 +1,26 @@
 """Which failures can be told apart: of a matrix by its columns, of a robot by `ftc.fdi`."""
 
 import itertools
-import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.app.cli import main
 from experiments.rig.dither import CONDITIONS, rig_dither
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
-from experiments.survey.alike import alike_columns
-from experiments.survey.isolation import isolation_entry, isolation_sentences
-from experiments.survey.matrix import matrix_subject
-from experiments.survey.sensors import candidates, sensors_of, with_sensors
+from experiments.survey.isolation import (
+    SENSES,
+    alike_columns,
+    candidates,
+    isolation_of,
+    told_apart,
+    with_sensors,
+)
+from experiments.survey.subject import matrix_subject, robot_subject
 from ftc.control.minimal import minimal
 from ftc.fdi.separation import separations
 from ftc.tracking import tracking
@@ -35,26 +39,24 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
     some = rng.normal(size=(rows, 3))
     B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
     B = rng.uniform(0.1, 10, (rows, 1)) * B
-    found = alike_columns(B, TOLERANCE)
+    found = alike_columns(B, range(columns), TOLERANCE)
     ranks = {
         (i, j): np.linalg.matrix_rank(B[:, [i, j]], tol=1e-9)
         for i, j in itertools.combinations(range(columns), 2)
     }
-    assert set(found.unseen) == {k for k in range(columns) if not B[:, k].any()}
-    seen = set(range(columns)) - set(found.unseen)
-    alike = {pair for group in found.groups for pair in itertools.combinations(group, 2)}
+    assert set(found["without_effect"]) == {k for k in range(columns) if not B[:, k].any()}
+    seen = set(range(columns)) - set(found["without_effect"])
+    alike = {pair for group in found["alike"] for pair in itertools.combinations(group, 2)}
     assert alike == {pair for pair, rank in ranks.items() if rank == 1 and seen.issuperset(pair)}
     apart = [pair for pair, rank in ranks.items() if rank == 2]
-    assert (found.nearest is None) == (not apart)
+    assert (found["nearest"] == []) == (not apart)
     if apart:
         unit = B / np.linalg.norm(B, axis=1, keepdims=True)
         angles = {pair: angle_deg(*unit[:, pair].T) for pair in apart}
-        assert found.angle_deg == pytest.approx(min(angles.values()), rel=1e-6)
-        assert found.nearest is not None and angles[found.nearest] == pytest.approx(
-            found.angle_deg, rel=1e-6
-        )
+        least = pytest.approx(found["smallest_angle_deg"], rel=1e-6)
+        assert min(angles.values()) == least and angles[tuple(found["nearest"])] == least
     lonely = [k for k in sorted(seen) if all(k not in pair for pair in alike)]
-    assert found.isolable(columns) == lonely
+    assert found["isolable"] == len(lonely)
 
 
 def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
@@ -65,43 +67,42 @@ def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_units_of_the_effects_change_no_verdict_and_no_angle():
     B = np.random.default_rng(5).normal(size=(3, 5))
-    angle = alike_columns(B, TOLERANCE).angle_deg
-    assert alike_columns(np.diag([1e6, 1.0, 1e-6]) @ B, TOLERANCE).angle_deg == pytest.approx(angle)
+    one = alike_columns(B, range(5), TOLERANCE)
+    other = alike_columns(np.diag([1e6, 1.0, 1e-6]) @ B, range(5), TOLERANCE)
+    assert one == other | {"smallest_angle_deg": pytest.approx(other["smallest_angle_deg"])}
 
 
-def test_rotors_on_one_arm_look_alike_and_the_sentence_says_so(tmp_path):
+def test_rotors_on_one_arm_look_alike(tmp_path):
     """Two rotors above each other, in the same sense: one column twice."""
     (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
     subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
-    entry = isolation_entry(subject, alike_columns(subject.system.J_T, TOLERANCE))
-    assert entry["alike"] == [["top", "bottom"]] and entry["without_effect"] == ["idle"]
-    assert entry["isolable"] == ["side"]
-    said = " ".join(isolation_sentences(entry))
-    assert "top and bottom apart, because their columns are parallel" in said
-    assert "No sensor of the effects sees a failure of idle." in said
+    rows, settings = isolation_of(subject, None, "on", None)
+    [row] = rows.to_dict("records")
+    assert row["alike"] == [["top", "bottom"]] and row["without_effect"] == ["idle"]
+    assert row["isolable"] == 1 and settings == {"isolation_refused": None}
 
 
 @pytest.fixture(scope="module")
 def hand():
     """Two fingers that place an object, and what sensors tell apart of its motors' failures."""
-    found = sensors_of(HAND, PLACING)
-    assert not isinstance(found, str)
-    return robot_rig(HAND, replace(PLACING, sense="both")), found
+    rig = robot_rig(HAND, replace(PLACING, sense="both"))
+    return rig, {sense: told_apart(rig, sense) for sense in SENSES}
 
 
 @pytest.mark.long
 def test_what_is_told_apart_is_what_the_library_says_of_each_rig(hand):
     """The command's own rig for these sensors, its designed dither, and separations."""
     _, found = hand
-    for sensed in found.sensed:
-        rig = robot_rig(HAND, replace(PLACING, sense=sensed.sense))
+    for sense, (ours, row) in found.items():
+        rig = robot_rig(HAND, replace(PLACING, sense=sense))
         design = rig_dither(rig, "designed")
         assert design is not None
         np.testing.assert_allclose(
-            sensed.separations.distance, design.separations.distance, rtol=1e-6, atol=1e-6
+            ours.separations.distance, design.separations.distance, rtol=1e-6, atol=1e-6
         )
-        apart = separations(rig.watched, sensed.design.dither, CONDITIONS)
-        assert sensed.separations.isolable() == apart.isolable()
+        apart = separations(rig.watched, ours.dither, CONDITIONS)
+        assert ours.separations.isolable() == apart.isolable()
+        assert row["isolable"] == len(apart.isolable()) == 12 - len(row["not_isolable"])
 
 
 def with_output(nominal, row, noise):
@@ -112,17 +113,17 @@ def with_output(nominal, row, noise):
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has(hand):
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
     rig, found = hand
-    joints = next(each for each in found.sensed if each.sense == "joints")
-    assert joints.added
-    watched, before = with_sensors(rig, "joints").watched, len(joints.separations.isolable())
-    for added in joints.added:
+    design, row = found["joints"]
+    assert row["further_sensors"]
+    watched, before = with_sensors(rig, "joints").watched, row["isolable"]
+    for name, with_it in zip(row["further_sensors"], row["isolable_with_further"], strict=True):
         told = {}
-        for name, (row, noise) in candidates(rig, "joints").items():
-            more = with_output(watched, row, noise)
-            told[name] = len(separations(more, joints.design.dither, CONDITIONS).isolable())
-        assert told[added.name] == added.isolable > before
-        row, noise = candidates(rig, "joints")[added.name]
-        watched, before = with_output(watched, row, noise), added.isolable
+        for each, (C, noise) in candidates(rig, "joints").items():
+            more = with_output(watched, C, noise)
+            told[each] = len(separations(more, design.dither, CONDITIONS).isolable())
+        assert told[name] == with_it > before
+        C, noise = candidates(rig, "joints")[name]
+        watched, before = with_output(watched, C, noise), with_it
 
 
 @pytest.mark.long
@@ -149,6 +150,24 @@ def test_sensors_of_a_survey_are_those_of_the_library(hand):
 
 
 @pytest.mark.long
+def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
+    """All legs move alike, and with an exact model every sensor tells all twelve failures apart."""
+    rig = robot_rig(HEXAPOD_MJCF.with_name("platform.xml"), replace(PLACING, sense="both"))
+    for sense in SENSES:
+        design, row = told_apart(rig, sense)
+        assert row["isolable_with_exact_model"] == 12
+        np.testing.assert_allclose(design.dither.direction, np.ones(4), atol=1e-3)
+        assert design.separations.alike_actuators() == ((0, 1, 2, 3),)
+
+
+def refused(file: Path, options: RobotOptions) -> str:
+    """Why nothing is said of a robot's sensors."""
+    rows, settings = isolation_of(robot_subject(file, options, None, None), file, "on", None)
+    assert rows.empty
+    return settings["isolation_refused"]
+
+
+@pytest.mark.long
 def test_of_many_actuators_a_sentence_says_that_sensors_are_left_out(tmp_path):
     """A train of thirteen slides."""
     body = '<body><joint name="j{0}" type="slide" axis="1 {0} 0"/><geom size=".1"/>'
@@ -156,37 +175,18 @@ def test_of_many_actuators_a_sentence_says_that_sensors_are_left_out(tmp_path):
     motors = "".join(f'<position joint="j{k}" kp="9"/>' for k in range(13))
     file = tmp_path / "train.xml"
     file.write_text(f"<mujoco><worldbody>{train}</worldbody><actuator>{motors}</actuator></mujoco>")
-    words = ["survey", str(file), "--major", "3", "--postures", "0", "--quiet"]
-    assert main([*words, "--out", str(tmp_path)]) == 0
-    told = json.loads((tmp_path / "survey.json").read_text())
     said = "it takes minutes for more than 12 actuators; there are 13"
-    assert told["isolation"] == {"refused": said}
-    assert f"Which failures sensors tell apart is not said: {said}." in told["sentences"]
-
-
-@pytest.mark.long
-def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
-    """All legs move alike, and with an exact model every sensor tells all twelve failures apart."""
-    found = sensors_of(HEXAPOD_MJCF.with_name("platform.xml"), PLACING)
-    assert not isinstance(found, str)
-    assert [each.exactly for each in found.sensed] == [12, 12, 12]
-    for each in found.sensed:
-        np.testing.assert_allclose(each.design.dither.direction, np.ones(4), atol=1e-3)
-        assert each.separations.alike_actuators() == ((0, 1, 2, 3),)
+    assert refused(file, RobotOptions(major=(3,))) == said
 
 
 @pytest.mark.parametrize(
     ("name", "task", "said"),
     [
-        ("quadruped", {"site": "trunk", "major": (3, 4, 5)}, "no actuator moves trunk"),
         ("hand", {"major": (2, 3, 4)}, "leaves no motion"),
         ("humanoid", {"site": "left_hand"}, "is a torque motor"),
-        ("mobile", {"site": "nothing"}, 'no site or body "nothing"'),
     ],
 )
 def test_where_nothing_can_be_said_a_sentence_says_why(name, task, said):
-    """A free base, a task that leaves no motion, torque motors, a wrong name."""
-    found = sensors_of(HEXAPOD_MJCF.with_name(f"{name}.xml"), RobotOptions(**task))
-    assert isinstance(found, str) and "\n" not in found and said in found
-    [sentence] = isolation_sentences({"refused": found})
-    assert sentence.startswith("Which failures sensors tell apart is not said")
+    """A task that leaves no motion, torque motors."""
+    found = refused(HEXAPOD_MJCF.with_name(f"{name}.xml"), RobotOptions(**task))
+    assert "\n" not in found and said in found

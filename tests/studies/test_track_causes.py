@@ -3,14 +3,12 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from experiments.rig import Rig, Run
-from experiments.track.results import limited_by
+from experiments.rig.reach import limited_by, predictor
 from ftc.decision import Outlook
 from sim import Failure
 from tests.arms import ARMS
@@ -19,10 +17,7 @@ pytestmark = pytest.mark.long
 
 
 def cause(rig: Rig, run: Run, told: bool = True) -> str | None:
-    noise = np.nan_to_num(run.measured - run.true)
-    predicted = rig.predict(run.desired, failures=run.failures, noise=noise, told=told)
-    tracked: Any = SimpleNamespace(rig=rig, run=run, predicted=predicted)
-    return limited_by(tracked)
+    return limited_by(rig, run, predictor(rig, run, None)(told=told))
 
 
 def said(

@@ -18,6 +18,7 @@ from experiments.rig.prediction import open_loop, pole_radius
 from experiments.rig.run import Run, rms
 from experiments.uncorrected import (
     CANDIDATES,
+    EXPLAINS,
     Candidate,
     at_crossover,
     checks,
@@ -67,7 +68,9 @@ def test_who_has_the_columns_of_the_paper_explains_them_and_is_marked(study, run
     found = judged(pd.DataFrame(study["candidates"]), as_in_the_paper(runs))
     assert found.name[found.explains].tolist() == ["off_centre"]
     drawn = figure(found)
-    assert drawn.get_suptitle().startswith("1 of 2 explanations")
+    row = list(found.name[found.ratio_distance.notna()]).index("off_centre")
+    (green,) = [each for each in drawn.axes[0].patches if each.get_label() == EXPLAINS]
+    assert green.get_window_extent().containsy(drawn.axes[0].transData.transform((2, row))[1])
     assert faults(drawn) == []
 
 

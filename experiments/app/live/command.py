@@ -3,15 +3,39 @@
 import shlex
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from experiments.app.command import as_command
-from experiments.rig.options import LOOPS, ROBOT, SENSE, SIZE, TASK, RobotOptions
+from experiments.rig.options import DEFAULT_OPTIONS, Model, RobotOptions
+from experiments.study.errors import WrongInput
 from experiments.study.files import usable_file, usable_folder
-from experiments.study.study import Option, WrongInput
-from experiments.study.terminal import Ending, print_ending, progress
+from experiments.study.option import Option, seed_of
+from experiments.study.terminal import print_ending, progress
 
-_HELP = """Break a machine in the browser, and see what its controller does about it.
+_PACKAGES = ("viser", "mjviser")
+
+
+def live(
+    *,
+    model: Model = None,
+    robot: RobotOptions = DEFAULT_OPTIONS,
+    port: Annotated[
+        int | None,
+        Option(
+            metavar="PORT",
+            help="To listen at.  [default: 8080, or the next that is free]",
+            bounds=(1, 65535),
+        ),
+    ] = None,
+    seed: Annotated[int, seed_of("all noise, and of what is drawn of disturbances")] = 0,
+    tour: Annotated[
+        Path | None,
+        Option(metavar="FILE.html", help="Write a page of all that can happen, and end."),
+    ] = None,
+    out: Annotated[
+        Path, Option(metavar="FOLDER", help="Folder for recordings that are asked for.")
+    ] = Path("results", "live"),
+) -> None:
+    """Break a machine in the browser, and see what its controller does about it.
 
     Two machines fly side by side, in real time as far as this computer keeps up: one is supervised,
     the other's controller does nothing about failures. Buttons lock, release or weaken each
@@ -27,40 +51,20 @@ _HELP = """Break a machine in the browser, and see what its controller does abou
 
     Example: fjh live arm.xml --site tool --major x,y,z
     """
-_OPTIONS = (
-    ROBOT,
-    *TASK,
-    SIZE,
-    SENSE,
-    *LOOPS,
-    Option("port", int | None, None, "To listen at.  [default: 8080, or the next that is free]",
-           "PORT", bounds=(1, 65535)),
-    Option("seed", int, 0, "Seed of all noise, and of what is drawn of disturbances.", "N",
-           bounds=(0, 2**32 - 1)),
-    Option("tour", Path | None, None, "Write a page of all that can happen, and end.", "FILE.html"),
-    Option("out", Path, Path("results", "live"), "Folder for recordings that are asked for.",
-           "FOLDER"),
-)  # fmt: skip
-_PACKAGES = ("viser", "mjviser")
-
-
-def _live(
-    *, model: Path | None, port: int | None, seed: int, tour: Path | None, out: Path, **robot: Any
-) -> None:
     if absent := [name for name in _PACKAGES if find_spec(name) is None]:
         raise WrongInput(
             f"fjh live needs packages that are not installed, {' and '.join(absent)}: "
             'pip install "fault-tolerant-hexapod[live]"'
         )
     if tour is not None:
-        _tour(tour, model, RobotOptions(**robot), seed)
+        _tour(tour, model, robot, seed)
         return
     usable_folder(out)
     with progress("live"):
         from experiments.app.live.page import HOST, Page, local_server, stop
         from experiments.rig.mjcf import rig_of
 
-        rig = rig_of(model, RobotOptions(**robot))
+        rig = rig_of(model, robot)
         server = local_server(port)
         try:
             page = Page(server, rig, out, seed)
@@ -82,7 +86,4 @@ def _tour(file: Path, model: Path | None, options: RobotOptions, seed: int) -> N
         films = write_tour(file, stops(model, options), seed, on_progress)
     robot = [] if model is None else [str(model)]
     checked = f"{len(films)} pairs of flights; every number on the page is of them."
-    print_ending(Ending(checked, file, shlex.join(["fjh", "live", *robot])))
-
-
-live = as_command(_live, "live", _HELP, _OPTIONS)
+    print_ending(checked, file, shlex.join(["fjh", "live", *robot]))

@@ -19,7 +19,7 @@ from experiments.app.live.panel import Panel
 from experiments.app.live.session import LONGEST_S, Session
 from experiments.app.live.stage import FRAME_S, NAMES, Stage
 from experiments.rig import Rig
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from sim import ModelError, SimulationDiverged
 
 HOST = "127.0.0.1"

@@ -12,8 +12,8 @@ from experiments.app.live.stage import COLORS, NAMES
 from experiments.rig.options import RobotOptions
 from experiments.study.files import published
 from experiments.study.page import rendered
-from experiments.study.parallel import in_parallel
-from experiments.study.study import OnProgress
+from experiments.study.terminal import OnProgress
+from experiments.study.workers import in_parallel
 from sim import MODELS
 
 _ARM = (MODELS / "arm.xml", RobotOptions(major=(3, 4, 5)))

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from experiments.rig.draw import Draw
 from experiments.rig.events.effects import EVENTS, Effect, Event
 from experiments.rig.run import tick_of
-from experiments.study.draw import Draw
-from experiments.study.study import WrongInput
+from experiments.study.errors import WrongInput
 from sim import Array, Drive, Failure, Reading
 from sim.mjcf.transmission import drives
 from sim.plant.actuators import locks_of, switch_off

@@ -1,4 +1,4 @@
-"""Measures of a run (errors, inputs, margins), their checks, and the plant's constants."""
+"""Measures of a run (errors, margins), how far they may be off, and the plant's constants."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,10 +6,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.rig.hexapod.controller import ANGLES, Loop
+from experiments.rig.hexapod.controller import Loop
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import version_properties
-from experiments.study.quantity import Quantity, of_each
 from sim import Array, element_id
 
 
@@ -55,11 +54,6 @@ def prediction_tolerance(duration_s: float) -> float:
     spiral is, and the noise is averaged less: 1.13 % at the most over 4 s.
     """
     return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
-
-
-def each_angle(*quantities: Quantity) -> tuple[Quantity, ...]:
-    """The quantities of alpha, then those of beta."""
-    return of_each(ANGLES, *quantities)
 
 
 def is_cut(summary: Mapping[str, Any]) -> bool:

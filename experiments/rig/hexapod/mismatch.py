@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from experiments.rig.draw import Draw
 from experiments.rig.mismatch import Mismatch, sampled_model
-from experiments.study.draw import Draw
 from sim import Array, MaxwellSlip, ModelError, Plant
 from sim.mjcf.transmission import drives
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from experiments.study.within import check_within
+from experiments.rig.within import check_within
 from ftc.control.compensator import Compensator
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
 

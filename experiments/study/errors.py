@@ -1,0 +1,21 @@
+"""What ends a command: each kind has one sentence and an exit code (experiments.app.refusals)."""
+
+
+class WrongInput(Exception):
+    """The command cannot do what it is asked to; the message says why."""
+
+
+class NotInstalled(WrongInput):
+    """A package that the study needs is not installed; the message says how to install it."""
+
+
+class OutputError(Exception):
+    """The output folder cannot be used; the message says why."""
+
+
+class Interrupted(Exception):
+    """Ctrl-C, by a command that has more to say of it than all others."""
+
+
+class Unsound(Exception):
+    """The run ended, but its numbers cannot be trusted."""

@@ -1,0 +1,385 @@
+"""Runs in parallel whose rows are kept: none is lost, and none depends on how it came about."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import active_children
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from threadpoolctl import threadpool_info
+
+from experiments.study import provenance, workers
+from experiments.study.errors import Interrupted, OutputError, Unsound, WrongInput
+from experiments.study.files import LOCK, STAGING, UNFINISHED, alone_in
+from experiments.study.result import Result
+from experiments.study.rows import Where, basis_of, rows_of
+from experiments.study.workers import finished, in_parallel, processes
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _all_end():
+    """Whatever happens, no process is left."""
+    before = active_children()  # of a cluster that other tests share
+    yield
+    assert set(active_children()) <= set(before)
+
+
+def nothing(_done: int, _total: int) -> None:
+    """No progress is shown."""
+
+
+# Work in parallel.
+
+
+def square(number: int) -> int:
+    return number**2
+
+
+def test_results_are_in_the_order_of_the_calls_and_progress_is_told():
+    told = []
+    found = in_parallel(square, [{"number": k} for k in range(5)], lambda *of: told.append(of))
+    assert found == [0, 1, 4, 9, 16]
+    assert told == [(done, 5) for done in range(6)]
+
+
+def threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info()}
+
+
+def test_a_process_computes_on_one_thread_whatever_the_parent_does(monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    assert in_parallel(threads, [{}], nothing) == [{1}]
+
+
+def refuse(what: str) -> None:
+    raise ValueError(what)
+
+
+def unprintable() -> object:
+    return lambda: None
+
+
+def fall() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def wait_for_a_signal() -> None:
+    signal.pause()
+
+
+@pytest.mark.parametrize(
+    ("work", "given", "error", "said"),
+    [
+        (refuse, {"what": "too much"}, ValueError, "too much"),
+        (unprintable, {}, Exception, "pickle"),
+        (fall, {}, Unsound, "a worker was killed"),
+    ],
+)
+def test_what_goes_wrong_in_a_process_is_raised(work, given, error, said):
+    with pytest.raises(error, match=said):
+        in_parallel(work, [given] * 3, nothing)
+
+
+def test_all_processes_end_with_their_block_whatever_they_are_at():
+    with processes(2) as pool:
+        waiting = finished(pool, workers.call, [{"work": square, "number": 3}] * 2)
+        assert next(waiting)[1] == 9
+        pool.submit(wait_for_a_signal)
+
+
+def test_calls_are_taken_when_there_is_room_for_them():
+    taken = []
+    calls = (taken.append(k) or {"number": k} for k in range(100))
+    with processes(1) as pool:
+        next(finished(pool, square, calls))
+    assert len(taken) < 20
+
+
+# Rows.
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A run that costs nothing."""
+
+    number: int
+    seed: int = 0
+
+
+def row(run: Drawn) -> dict[str, Any]:
+    """Numbers that are hard to write, and cells that are missing."""
+    rng = np.random.default_rng([run.seed, run.number])
+    return {
+        "case": run.number,
+        "value": np.float64(rng.standard_normal() * 10.0 ** rng.integers(-300, 300)),
+        "whole": int(rng.integers(100)) if run.number % 2 else None,
+        "flag": bool(run.number % 3),
+        "word": "ended" if run.number % 4 else None,
+        "nothing": None,
+        "infinite": float("inf"),
+    }
+
+
+TEN = [Drawn(number) for number in range(10)]
+BASIS = basis_of(seed=0)
+
+
+def table(folder: Path, runs=TEN, basis=BASIS, resume: bool | None = True, work=row, **more):
+    how = {"name": "many", "folder": folder, "on_progress": nothing} | more
+    return rows_of(runs, work, basis, Where(resume=resume), **how)
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Runs are done in this process."""
+
+    def done(pool, function, calls):
+        for number, each in enumerate(calls):
+            yield number, function(**each)
+
+    @contextmanager
+    def none(_count):
+        yield None
+
+    monkeypatch.setattr("experiments.study.rows.finished", done)
+    monkeypatch.setattr("experiments.study.rows.processes", none)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> pd.DataFrame:
+    """All rows, undisturbed, by two processes."""
+    return table(tmp_path_factory.mktemp("whole"), resume=False)
+
+
+def test_rows_are_what_was_returned_and_what_is_missing_is_nan(whole):
+    expected = [row(run) for run in TEN]
+    assert whole["value"].tolist() == [each["value"] for each in expected]
+    assert whole["whole"].isna().tolist() == [each["whole"] is None for each in expected]
+    assert whole["word"].isna().tolist() == [each["word"] is None for each in expected]
+    assert whole["nothing"].isna().all() and whole["nothing"].dtype == float
+    assert np.isinf(whole["infinite"]).all()
+    assert whole["case"].tolist() == list(range(10)) and whole["case"].dtype == int
+
+
+def stop_after(count: int):
+    def progress(done: int, _total: int) -> None:
+        if done == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_neither_interruption_nor_order_changes_a_bit(here, tmp_path, whole, count):
+    said = f"interrupted: {count} of 10 runs are kept; --resume continues"
+    with pytest.raises(Interrupted, match=said):
+        table(tmp_path, resume=False, on_progress=stop_after(count))
+    with pytest.raises(WrongInput, match="has unfinished runs: --resume"):
+        table(tmp_path, resume=False)
+    asked = []
+    found = table(tmp_path, work=lambda run: asked.append(run.number) or row(run))
+    assert asked == list(range(count, 10))
+    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+    lines = (tmp_path / UNFINISHED).read_text().splitlines()
+    shuffled = [lines[0], *np.random.default_rng(0).permutation(lines[1:])]
+    (tmp_path / UNFINISHED).write_text("\n".join(shuffled) + "\n")
+    pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+
+
+@pytest.mark.parametrize("torn", ["{", '{"case": 9', '{"case": 9, "value": 1e'])
+def test_a_line_that_was_not_written_to_its_end_is_done_again(here, tmp_path, whole, torn):
+    with pytest.raises(Interrupted):
+        table(tmp_path, on_progress=stop_after(9))
+    with (tmp_path / UNFINISHED).open("a") as lines:
+        lines.write(torn)
+    for _ in range(2):
+        pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+
+
+def test_published_rows_go_on_with_more_runs_and_with_nothing_else(here, tmp_path, whole):
+    five = table(tmp_path, TEN[:5], resume=False)
+    Result({"basis": BASIS}, rows=five).publish("many", tmp_path)
+    (tmp_path / UNFINISHED).unlink()
+    asked = []
+    found = table(tmp_path, work=lambda run: asked.append(run.number) or row(run))
+    assert asked == [5, 6, 7, 8, 9]
+    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+    (tmp_path / UNFINISHED).unlink()
+    with pytest.raises(WrongInput, match="it has another seed"):
+        table(tmp_path, basis=BASIS | {"seed": 1})
+
+
+def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
+    table(tmp_path)
+    other = BASIS | {"seed": 1, "code_sha256": "0"}
+    with pytest.raises(WrongInput, match="it has another seed, code_sha256"):
+        table(tmp_path, basis=other)
+    again = [replace(each, seed=1) for each in TEN]
+    found = table(tmp_path, again, basis=other, resume=None)
+    assert found["value"].tolist() == [row(each)["value"] for each in again]
+    assert json.loads((tmp_path / UNFINISHED).read_text().splitlines()[0]) == other
+
+
+@pytest.mark.parametrize("text", ["", "[]\n", "5\n", "nothing that we wrote\n", "\0" * 300 + "\n"])
+def test_a_file_that_is_not_what_was_written_is_refused_and_stays(here, tmp_path, text):
+    (tmp_path / UNFINISHED).write_text(text)
+    with pytest.raises(WrongInput, match=rf"remove {tmp_path / UNFINISHED}|it has another"):
+        table(tmp_path)
+    assert (tmp_path / UNFINISHED).read_text() == text
+
+
+def failing(run: Drawn) -> dict[str, Any]:
+    if run.number == 6:
+        raise ValueError("no such\n number")
+    return row(run)
+
+
+@pytest.mark.long
+def test_a_run_that_fails_is_named_and_the_others_are_kept(tmp_path, whole):
+    said = "run 6 failed: ValueError in test_rows.py, line [0-9]+: no such number"
+    with pytest.raises(Unsound, match=said):
+        table(tmp_path, work=failing)
+    assert len((tmp_path / UNFINISHED).read_text().splitlines()) > 4
+    pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+
+
+def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(here, tmp_path, whole):
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1500, limit[1]))
+    try:
+        with pytest.raises(OutputError, match=r"could not be written: File too large"):
+            table(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+
+
+def test_where_is_one_place():
+    with pytest.raises(WrongInput, match="must be an address, got 'a b'"):
+        Where(scheduler="a b")
+    with pytest.raises(WrongInput, match="omit it with --scheduler"):
+        Where(scheduler="tcp://127.0.0.1:8786", workers=2)
+
+
+# The folder.
+
+HOLD = """
+import sys
+from pathlib import Path
+from experiments.study.files import alone_in
+with alone_in(Path(sys.argv[1])):
+    print(flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_folder_is_one_studys_until_that_has_ended_however_it_did(tmp_path):
+    folder, command = tmp_path / "out", [sys.executable, "-c", HOLD, str(tmp_path / "out")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, cwd=ROOT, **pipes) as first:
+        assert first.stdout and first.stdout.readline() == "\n"
+        with pytest.raises(WrongInput, match="is in use by another study"), alone_in(folder):
+            pass
+        first.kill()
+    (folder / f"{STAGING}x").mkdir()  # what it had begun to write
+    assert (folder / LOCK).exists()
+    with alone_in(folder):
+        pass
+    assert list(folder.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_locked_is_one_sentence(tmp_path):
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(OutputError, match="could not be written"), alone_in(tmp_path / "out"):
+        pass
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+# A cluster.
+
+
+@pytest.mark.long
+def test_a_scheduler_gives_the_same_rows(scheduler, tmp_path, whole):
+    where = Where(scheduler=scheduler)
+    how = {"name": "many", "folder": tmp_path, "on_progress": nothing}
+    found = rows_of(TEN, row, BASIS, where, **how)
+    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+
+
+@pytest.mark.long
+def test_workers_of_another_release_and_none_at_all_are_refused(scheduler, monkeypatch, tmp_path):
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    with pytest.raises(WrongInput, match="it has another release"), workers.cluster(scheduler):
+        pass
+    monkeypatch.setattr(workers, "ANSWERS_IN_S", 0.5)
+    nobody = "tcp://127.0.0.1:9"
+    with pytest.raises(WrongInput, match=f"{nobody} does not answer"), workers.cluster(nobody):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("address", "warned"),
+    [
+        *((each, True) for each in ("tcp://head:8786", "head:8786", "tcp://10.0.0.1:1")),
+        *((each, False) for each in ("tls://head:8786", "tcp://127.0.0.1:1", "tcp://localhost:1")),
+    ],
+)
+def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys, monkeypatch):
+    def refuses(*_: object, **__: object) -> None:
+        raise OSError("no client here")
+
+    monkeypatch.setattr("distributed.Client", refuses)
+    with pytest.raises(WrongInput, match="no client here"), workers.cluster(address):
+        pass
+    said = capsys.readouterr().err
+    assert ("is not encrypted" in said) == warned and said.count("\n") == warned
+
+
+TLS = """
+from distributed import LocalCluster, Security
+from experiments.study.rows import Where, rows_of
+from experiments.study.errors import WrongInput
+from pathlib import Path
+from tests.studies.test_rows import BASIS, TEN, nothing, row
+if __name__ == "__main__":
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, host="tls://127.0.0.1", dashboard_address=None,
+        protocol="tls://", security=Security(), silence_logs=50,
+    ) as crew:
+        for address in (crew.scheduler_address, crew.scheduler_address.replace("tls", "tcp")):
+            how = {"name": "many", "folder": Path("out"), "on_progress": nothing}
+            try:
+                print(len(rows_of(TEN, row, BASIS, Where(scheduler=address, resume=None), **how)))
+                Path("out/unfinished.jsonl").unlink()
+            except WrongInput:
+                print("refused")
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not shutil.which("openssl"), reason="certificates are made by openssl")
+def test_a_cluster_over_tls_with_a_certificate_made_as_documented(tmp_path):
+    page = (ROOT / "docs" / "security.md").read_text()
+    [made] = [block.split("```")[0] for block in page.split("```sh\n") if "openssl" in block[:9]]
+    (tmp_path / "tls.py").write_text(TLS)
+    done = subprocess.run(
+        ["bash", "-ec", f"{made}\nexec {sys.executable} tls.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.splitlines()[-2:] == ["10", "refused"], done.stderr
