@@ -141,7 +141,7 @@ def _former(folder: Path, basis: Mapping[str, Any]) -> dict[str, dict[str, Any]]
     """Chapters of a former report that running again would only repeat, by name."""
     try:
         former = json.loads((folder / INDEX).read_bytes())
-        same = {key: former[key] for key in basis} == json.loads(json.dumps(basis))
+        same = {key: former[key] for key in basis} == basis
         found = {each["name"]: each for each in former["chapters"] if same and each["wrote"]}
         return {
             name: each

@@ -5,11 +5,11 @@ Nothing is imported that takes time: the help text does not wait for it.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from experiments.rig.units import ROW_NAMES, ROWS
+from experiments.rig.within import check_within
 from experiments.study.errors import WrongInput
 from experiments.study.option import Option
 
@@ -213,10 +213,10 @@ class RobotOptions:
 
 def check_bounds(name: str, value: Any, of: str | None = None) -> None:
     """Raise a `WrongInput` unless a value is a number within :data:`BOUNDS` of its option."""
-    low, high = BOUNDS[of or name]
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not low <= float(value) <= high:
-        raise WrongInput(f"{name} must be a number from {low:g} to {high:g}, got {value!r:.80}")
+    try:
+        check_within(name, value, *BOUNDS[of or name])
+    except ValueError as error:
+        raise WrongInput(str(error)) from None
 
 
 _ROWS = {each: k for k in range(6) for each in (ROW_NAMES[k], ROWS[k], str(k))}

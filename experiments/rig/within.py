@@ -1,10 +1,7 @@
-"""Numbers within limits."""
+"""Numbers within limits; only the standard library, as long as they are."""
 
+from numbers import Integral, Real
 from typing import Any
-
-import numpy as np
-
-from argument_checks.shown import shown
 
 
 def check_within(name: str, value: Any, low: float, high: float) -> None:
@@ -14,8 +11,10 @@ def check_within(name: str, value: Any, low: float, high: float) -> None:
         ValueError: It is not.
     """
     whole = isinstance(low, int)
-    kinds = (int, np.integer) if whole else (int, float, np.integer, np.floating)
+    kind: type = Integral if whole else Real
     # To Python a truth value is a whole number. Of NaN neither comparison holds.
-    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
+    if not isinstance(value, kind) or isinstance(value, bool) or not low <= value <= high:
+        from argument_checks.shown import shown  # late: the help text does not wait for NumPy
+
         said = "a whole number" if whole else "a number"
         raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {shown(value)}")

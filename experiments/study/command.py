@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 from typer.models import ArgumentInfo
 
-from experiments.study.errors import Unsound
+from experiments.study.errors import Interrupted, Unsound
 from experiments.study.files import (
     UNFINISHED,
     alone_in,
@@ -81,8 +81,14 @@ def conduct(
         arguments["folder"] = folder
     with alone_in(folder), ExitStack() as running:
         arguments["on_progress"] = running.enter_context(progress(its_name, shown=shown))
-        with diverged_into(folder):
-            result = study(**arguments)
+        try:
+            with diverged_into(folder):
+                result = study(**arguments)
+        except KeyboardInterrupt:
+            if not (folder / UNFINISHED).exists():
+                raise
+            said = "interrupted: finished runs are kept, and --resume continues"
+            raise Interrupted(said) from None
         running.close()  # there is one bar at a time
         with progress(f"{its_name}: files", shown=shown) as on_progress:
             summary = result.publish(study.__name__, folder, on_progress)

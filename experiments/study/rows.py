@@ -69,7 +69,7 @@ def basis_of(**drawn_from: Any) -> dict[str, Any]:
     """All that rows depend on, ready for JSON: what runs are drawn from, code and versions."""
     numbers = {"pyarrow": version("pyarrow"), "pandas": version("pandas"), **versions()}
     own = {"code_sha256": code_sha256(), "model_sha256": model_sha256(), "processor": processor()}
-    return json.loads(json.dumps(plain({**drawn_from, **own, "versions": numbers})))
+    return plain({**drawn_from, **own, "versions": numbers})
 
 
 def rows_of(
@@ -115,8 +115,9 @@ def rows_of(
     except KeyboardInterrupt:
         done = f"{len(rows)} of {len(runs)} runs are kept; --resume continues"
         raise Interrupted(f"interrupted: {done}") from None
-    except OSError as error:
-        raise OutputError(f"{file} could not be written: {error.strerror}") from None
+    except Unsound as error:
+        kept_too = "; finished runs are kept, and --resume continues" if file.exists() else ""
+        raise Unsound(f"{error}{kept_too}") from None
     return frame_of([rows[number] for number in sorted(rows)])
 
 
@@ -127,9 +128,12 @@ def frame_of(rows: Sequence[Row]) -> pd.DataFrame:
 
 
 def _append(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("a", encoding="utf-8") as lines:
-        lines.writelines(f"{json.dumps(row)}\n" for row in rows)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("a", encoding="utf-8") as lines:
+            lines.writelines(f"{json.dumps(row)}\n" for row in rows)
+    except OSError as error:
+        raise OutputError(f"{file} could not be written: {error.strerror}") from None
 
 
 def _made(
@@ -141,8 +145,7 @@ def _made(
     calls = ({"row_of": row_of, "run": runs[number]} for number in numbers)
     with cluster(where.scheduler) if where.scheduler else processes(count) as pool:
         for _, row in finished(pool, row_of_run, calls):
-            # As it is read again: no row shall depend on whether it was kept.
-            yield json.loads(json.dumps(plain(row)))
+            yield plain(row)  # as it is read again: no row shall depend on whether it was kept
 
 
 def row_of_run(row_of: Callable[[Any], Row], run: Any) -> Row:

@@ -2,7 +2,6 @@
 
 import logging
 import os
-import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -17,7 +16,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from experiments.study.errors import Unsound, WrongInput
-from experiments.study.interrupts import SIGNALS, notice
+from experiments.study.interrupts import notice, uninterrupted
 from experiments.study.provenance import code_sha256
 from experiments.study.terminal import OnProgress
 
@@ -64,12 +63,8 @@ def finished(
 
     def submit(count: int) -> None:
         for number, arguments in islice(waiting, count):
-            # Ctrl-C goes to the whole process group: workers, which inherit this, must not see it.
-            former = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-            try:
+            with uninterrupted():  # nor may workers, which inherit this, see their group's Ctrl-C
                 running[pool.submit(_on_one_thread, function, arguments)] = number
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
     try:
         submit(IN_FLIGHT if not isinstance(pool, ProcessPoolExecutor) else 2 * CORES)
@@ -144,9 +139,9 @@ def cluster(scheduler: str) -> Iterator[Executor]:
         except TimeoutError:
             why = f"the scheduler has had no workers for {PATIENCE_S:g} s"
             raise WrongInput(f"{why}: start some with dask worker") from None
-        answers: Any = client.run(code_sha256, on_error="return")
-        for worker, answer in answers.items():
-            if answer != code_sha256():
+        ours, answers = code_sha256(), client.run(code_sha256, on_error="return")
+        for worker, answer in answers.items():  # type: ignore[union-attr]
+            if answer != ours:
                 said = answer if isinstance(answer, Exception) else "it has another release"
                 raise WrongInput(f"worker {worker} cannot run this package: {said}")
         yield client.get_executor()

@@ -223,7 +223,7 @@ BY_COMMANDS = [
     (
         MADE + LOADED,
         "size",
-        [*(each for each in NUMBERS if each is not None), 0.0, -1],
+        [*(each for each in NUMBERS if each is not None), 0.0, -1, 10**400],
         "^size must",
     ),
     (LOADED, "noise", [NAN, "x", [1, 2], True], "^noise must"),

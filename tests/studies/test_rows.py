@@ -19,10 +19,12 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from experiments.study import provenance, workers
+from experiments.study.command import conduct
 from experiments.study.errors import Interrupted, OutputError, Unsound, WrongInput
 from experiments.study.files import LOCK, STAGING, UNFINISHED, alone_in
 from experiments.study.result import Result
 from experiments.study.rows import Where, basis_of, rows_of
+from experiments.study.terminal import OnProgress
 from experiments.study.workers import finished, in_parallel, processes
 
 ROOT = Path(__file__).parents[2]
@@ -248,11 +250,24 @@ def failing(run: Drawn) -> dict[str, Any]:
 
 @pytest.mark.long
 def test_a_run_that_fails_is_named_and_the_others_are_kept(tmp_path, whole):
-    said = "run 6 failed: ValueError in test_rows.py, line [0-9]+: no such number"
+    said = "run 6 failed: ValueError in test_rows.py, line [0-9]+: no such number; finished "
+    said += "runs are kept, and --resume continues"
     with pytest.raises(Unsound, match=said):
         table(tmp_path, work=failing)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) > 4
     pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+
+
+def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
+    """A study may compute for minutes beside its rows."""
+
+    def slow(*, folder: Path, on_progress: OnProgress) -> Result:
+        table(folder)
+        raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted, match="finished runs are kept, and --resume continues"):
+        conduct(slow, tmp_path, shown=False)
+    assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
 
 
 def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(here, tmp_path, whole):
