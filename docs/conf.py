@@ -4,6 +4,9 @@ import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
+from pygments.lexers.special import TextLexer
+from sphinx.highlighting import lexers
+
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 project = "fjh: fault-tolerant control"
@@ -27,7 +30,7 @@ exclude_patterns = ["_extensions"]
 # the build needs no network.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:.*", r"(?!argument_checks|experiments|prioritized|ftc|sim)\w+(\..*)?"),
+    ("py:.*", r"(?!argument_checks|experiments|fjh|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
     ("py:class", r"sim\.kinematics\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
     ("py:class", r"sim\.mjcf\.frame\.Located"),
@@ -63,6 +66,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 toc_object_entries_show_parents = "hide"
 python_maximum_signature_line_length = 80
+
+lexers["mermaid"] = TextLexer()  # the drawing of imports, which GitHub draws
 
 html_theme = "furo"
 html_title = project

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import fjh
-from fjh.experiments.recording.properties import properties_of  # pyright: ignore[reportMissingImports]
+from fjh.recording.properties import properties_of  # pyright: ignore[reportMissingImports]
 
 task = {"axes": "base", "major": [0, 1], "size": 0.1}  # [rad]
 rig = fjh.Rig.of_mjcf(fjh.MODELS / "arm.xml", **task)

@@ -10,8 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import fjh
-from fjh.experiments.rig import conditions  # pyright: ignore[reportMissingImports]
-from fjh.experiments.rig.examined import examine  # pyright: ignore[reportMissingImports]
+from fjh.rig import conditions  # pyright: ignore[reportMissingImports]
+from fjh.rig.examined import examine  # pyright: ignore[reportMissingImports]
 
 model = fjh.load_model(fjh.MODELS / "arm.xml")
 system = fjh.ConstrainedSystem.of(fjh.jacobians(model, fjh.assemble(model), site="payload"))

@@ -1,6 +1,6 @@
 """`python -m experiments` is `fjh`."""
 
-from experiments.study.interrupts import exit_on_interrupt
+from fjh.study.interrupts import exit_on_interrupt
 
 exit_on_interrupt()  # before all others: the imports take a second
 

@@ -13,21 +13,22 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from experiments.rig.conditions import LETTERS
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
-from experiments.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
-from experiments.rig.hexapod.metrics import loop_measures, plant_constants
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.options import MachineFile
-from experiments.rig.verdicts import Verdict
-from experiments.study.palette import BLACK, BLUE, ORANGE, VERMILION
-from experiments.study.plotting import PAGE_IN, new_figure
-from experiments.study.result import Picture, Result, Shown, origin
-from experiments.study.spelling import check_file
-from experiments.study.terminal import OnProgress
+from fjh.rig.conditions import LETTERS
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
+from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
+from fjh.rig.hexapod.metrics import loop_measures, plant_constants
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.options import MachineFile
+from fjh.rig.verdicts import Verdict
+from fjh.study.option import OnProgress
+from fjh.study.palette import BLACK, BLUE, ORANGE, VERMILION
+from fjh.study.plotting import PAGE_IN, new_figure
+from fjh.study.result import Picture, Result, Shown, origin
+from fjh.study.spelling import check_file
 from prioritized import failure_atlas
-from sim import Array, LinearPlant, hexapod, load_model, model_sha256
+from sim import Array, LinearPlant, load_model, model_sha256
 
 
 class OpenLoop(NamedTuple):
@@ -48,7 +49,7 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
     Writes figures.json, its tables as figures.md and Parquet, and bode and atlas, each as .png and
     .pdf.
 
-    Example: fjh figures --model mine.xml --out /tmp/mine
+    Example: fjh paper figures --model mine.xml --out /tmp/mine
     """
     machine, bench = load_model(model and check_file(model)), TestbedConfig()
     geometry, (plant, pointing) = hexapod(machine), nominal_plant(machine)

@@ -13,18 +13,18 @@ import pandas as pd
 import scipy.linalg
 from matplotlib.figure import Figure
 
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.compromise import weighted_pseudo_inverse
-from experiments.rig.hexapod.columns import MAJOR, SECONDARY
-from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.rig.hexapod.metrics import percent, plant_constants
-from experiments.rig.run import rms
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, BLUE, PURPLE, VERMILION
-from experiments.study.plotting import PAGE_IN, new_figure, one_legend
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import in_parallel
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.compromise import weighted_pseudo_inverse
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, SECONDARY
+from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from fjh.rig.hexapod.metrics import percent, plant_constants
+from fjh.rig.run import rms
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
+from fjh.study.plotting import PAGE_IN, new_figure, one_legend
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import in_parallel
 from prioritized import (
     ConstrainedSystem,
     Kinematics,
@@ -40,7 +40,6 @@ from sim import (
     FailureKind,
     Plant,
     failed_plant,
-    hexapod,
     jacobians,
     load_model,
     weightless,
@@ -532,7 +531,7 @@ def force(
     Writes force.json, its tables as force.md and Parquet, a figure, and all commanded and measured
     forces (force.npz).
 
-    Example: fjh force --quick --json --quiet
+    Example: fjh paper force --quick --quiet
     """
     rng = np.random.default_rng(seed)
     asked = draw(rng, DRAWS)

@@ -14,26 +14,25 @@ from matplotlib.figure import Figure
 from argument_checks.ties import greatest
 from experiments import goals_physics as physics
 from experiments.goals_physics import Flown, Loops, Strategy
-from experiments.recording.file import RecordingInfo
-from experiments.recording.layout import write_scenes
-from experiments.recording.properties import checked, constants
-from experiments.recording.record import About, write_views
-from experiments.recording.scene import condition_scene
-from experiments.recording.signals import Plot
-from experiments.recording.view import Change, RunView, as_run_arrays, stated_of
-from experiments.rig.arm import ARM_MJCF
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.metrics import plant_constants
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.run import rms
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, BLUE, PURPLE, VERMILION
-from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.provenance import version_properties
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import in_parallel
+from fjh.recording.file import RecordingInfo
+from fjh.recording.layout import write_scenes
+from fjh.recording.properties import checked, constants
+from fjh.recording.record import About, write_views
+from fjh.recording.scene import condition_scene
+from fjh.recording.signals import Plot
+from fjh.recording.view import Change, RunView, as_run_arrays, stated_of
+from fjh.rig.arm import ARM_MJCF
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod.controller import nominal_loops
+from fjh.rig.hexapod.metrics import plant_constants
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.run import rms
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
+from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
+from fjh.study.provenance import version_properties
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import in_parallel
 from sim import Array, load_model
 
 REFERENCE = "unlimited"
@@ -184,7 +183,7 @@ def goals(
     Writes goals.json, its tables as goals.md and Parquet, a figure, and for each goal its data
     (.npz) and its recording (.rrd).
 
-    Example: fjh goals --seed 2 --out /tmp/goals
+    Example: fjh paper goals --seed 2 --out /tmp/goals
     """
     loops, ways = nominal_loops(load_model(), physics.BENCH), strategies(seed, quick=quick)
     calls = [

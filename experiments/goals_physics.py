@@ -9,13 +9,16 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
-from experiments.rig.compromise import compromising, weighted_pseudo_inverse
-from experiments.rig.hexapod.columns import MAJOR, SECONDARY, hexapod_arrays
-from experiments.rig.hexapod.controller import Loop, StrutMapping
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.run import Run
+from fjh.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
+from fjh.rig.compromise import compromising, weighted_pseudo_inverse
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, SECONDARY, hexapod_arrays
+from fjh.rig.hexapod.controller import Loop, StrutMapping
+from fjh.rig.hexapod.detector import pointing_angles
+from fjh.rig.hexapod.forward import forward_kinematics
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.run import Run
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.loop import run_loop
@@ -31,10 +34,7 @@ from sim import (
     Plant,
     Pose,
     Reading,
-    forward_kinematics,
-    hexapod,
     load_model,
-    pointing_angles,
 )
 
 BENCH = TestbedConfig()

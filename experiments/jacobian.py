@@ -14,27 +14,28 @@ from matplotlib.figure import Figure
 from scipy.optimize import differential_evolution, minimize
 
 from argument_checks.ties import exceeds, greatest
-from experiments.certificate import NORMS, Norm, certify, size
-from experiments.recording.record import About, write_run
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.columns import COLUMNS, hexapod_arrays, secondary
-from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.curvature import Visited, extra_percent, follow, loop_gain_error
-from experiments.rig.hexapod.metrics import plant_constants, recording_properties
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.options import JacobianChoice
-from experiments.rig.run import Run, rms
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
-from experiments.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import in_parallel
+from experiments.jacobian_certificate import NORMS, Norm, certify, size
+from fjh.recording.record import About, write_run
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod import paper
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.columns import COLUMNS, hexapod_arrays, secondary
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.curvature import Visited, extra_percent, follow, loop_gain_error
+from fjh.rig.hexapod.forward import forward_kinematics
+from fjh.rig.hexapod.metrics import plant_constants, recording_properties
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.options import JacobianChoice
+from fjh.rig.run import Run, rms
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from fjh.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import in_parallel
 from ftc.control.mapping import DisplacementForm
 from prioritized import ConstrainedSystem
-from sim import Array, Hexapod, Pose, forward_kinematics, hexapod, jacobians, load_model
+from sim import Array, Pose, jacobians, load_model
 
 CERTIFICATE_LIMIT = 1.02  # largest ratio of the certified bound to the value found
 SAME_JACOBIAN = 1e-9  # largest difference of eq. (39) from geometry and from the MJCF
@@ -461,7 +462,7 @@ def jacobian(
     Writes jacobian.json, its tables as jacobian.md and Parquet, and a figure; with --loop a second
     figure, and for some runs their data (.npz) and their recordings (.rrd).
 
-    Example: fjh jacobian --loop --quick
+    Example: fjh paper jacobian --loop --quick
     """
     model, stroke_m, starts = load_model(), paper.STROKE_M, 4 if quick else 100
     geometry = hexapod(model)

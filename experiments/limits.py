@@ -14,22 +14,22 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from argument_checks.ties import exceeds
-from experiments.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
-from experiments.rig.arm import SECONDARY as NOT_POINTING
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.compromise import Compromise
-from experiments.rig.hexapod.columns import MAJOR, SECONDARY
-from experiments.rig.hexapod.controller import StrutMapping, sampled
-from experiments.rig.hexapod.metrics import plant_constants
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.run import Run, rms
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, BLUE, GREEN, VERMILION
-from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import call, in_parallel
+from fjh.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
+from fjh.rig.arm import SECONDARY as NOT_POINTING
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.compromise import Compromise
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, SECONDARY
+from fjh.rig.hexapod.controller import StrutMapping, sampled
+from fjh.rig.hexapod.metrics import plant_constants
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.run import Run, rms
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, BLUE, GREEN, VERMILION
+from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import call, in_parallel
 from ftc.control.anti_windup import circle_margin
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
@@ -42,7 +42,6 @@ from sim import (
     advance,
     displacement_limits,
     failed_plant,
-    hexapod,
     linearize,
     load_model,
 )
@@ -465,7 +464,7 @@ def limits(
     Writes limits.json, its tables as limits.md and Parquet, a figure, and the data of all runs
     (spirals.npz, arm.npz).
 
-    Example: fjh limits --quick --out /tmp/limits
+    Example: fjh paper limits --quick --out /tmp/limits
     """
     testbed = nominal_testbed(BENCH)
     duration_s, turn_s, arm_s = (3.0, TURN_S / 2, 16.0) if quick else (9.0, TURN_S, 40.0)

@@ -11,31 +11,31 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.recording.record import About, write_run
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod.columns import MAJOR, hexapod_arrays, secondary
-from experiments.rig.hexapod.controller import ANGLES
-from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.rig.hexapod.metrics import (
+from fjh.recording.record import About, write_run
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, hexapod_arrays, secondary
+from fjh.rig.hexapod.controller import ANGLES
+from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from fjh.rig.hexapod.metrics import (
     percent,
     plant_constants,
     prediction_tolerance,
     recording_properties,
 )
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.prediction import loop_peak
-from experiments.rig.rig import Rig
-from experiments.rig.run import Run
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, GREEN
-from experiments.study.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import call, in_parallel
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.prediction import loop_peak
+from fjh.rig.rig import Rig
+from fjh.rig.run import Run
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, GREEN
+from fjh.study.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import call, in_parallel
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from prioritized import Classes, FailureAtlas, failure_atlas
-from sim import Array, Failure, FailureKind, Plant, hexapod, linearize, load_model, weightless
+from sim import Array, Failure, FailureKind, Plant, linearize, load_model, weightless
 
 STRUT = 0  # the one that fails, strut 1 as in the paper
 RATIOS = tuple(10.0**k for k in range(3, -4, -1))  # its suspension over its own flexures
@@ -289,7 +289,7 @@ def release(
     Writes release.json, its tables as release.md and Parquet, a figure, all 3^6 conditions
     (atlas.npz), and for each spiral its data (.npz) and its recording (.rrd).
 
-    Example: fjh release --quick
+    Example: fjh paper release --quick
     """
     ground, testbed = load_model(), nominal_testbed()
     orbit, bench = weightless(ground), testbed.bench

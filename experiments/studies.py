@@ -1,17 +1,21 @@
 """The registry: all studies, in reading order.
 
-What takes long comes late; the timings come last, when nothing else runs. A study is imported when
-it is asked for: the list of commands does not wait for MuJoCo.
+What takes long comes late. A study is imported when it is asked for: the list of commands does not
+wait for MuJoCo.
 """
 
 from importlib import import_module
 
-from experiments.study.option import Study
+from fjh.study.option import Study
 
-LINES = {
-    "table1": "Reproduce Table I and Figures 4 to 6 of the paper.",
+ROBOT = {
     "track": "Track a path with any robot while its actuators fail.",
     "survey": "Say what a robot, or an effectiveness matrix, can still do after each failure.",
+}
+"""Studies of a user's robot: the first line of each one's help, by its name."""
+
+PAPER = {
+    "table1": "Reproduce Table I and Figures 4 to 6 of the paper.",
     "figures": "Compute margins of the control loops, and pointing in each failure condition.",
     "systems": "Compare the classification of four other mechanisms with their simulation.",
     "release": "Simulate a strut without coil force, then without coil force and spring.",
@@ -24,13 +28,23 @@ LINES = {
     "sweep": "Simulate many closed loops with varied weights, failures and constants.",
     "atlas": "Simulate the 138 failure conditions that differ by symmetry; compare them "
     "with theory.",
-    "bench": "Time the control loop and the mapping against physics and other libraries.",
 }
-"""The first line of each study's help, by its name."""
+"""Studies of the paper and of what goes beyond it, likewise."""
 
-_MODULES = {"atlas": "sweep", "bench": "benchmark.runs", "survey": "survey.survey"}
+LINES = ROBOT | PAPER
+
+_MODULES = {
+    "atlas": "experiments.sweep",
+    "survey": "fjh.survey.survey",
+    "track": "fjh.track",
+}
+
+
+def command_of(name: str) -> list[str]:
+    """The words of a study's command without options."""
+    return ["fjh", *(["paper"] if name not in ROBOT else []), name]
 
 
 def study(name: str) -> Study:
     """The function of a study; the import of its module takes up to a second."""
-    return getattr(import_module(f".{_MODULES.get(name, name)}", __package__), name)
+    return getattr(import_module(_MODULES.get(name, f"{__package__}.{name}")), name)

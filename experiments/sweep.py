@@ -13,30 +13,30 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from argument_checks.ties import ascending, greatest, ranks
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.conditions import every_condition
-from experiments.rig.hexapod import fault_tolerance
-from experiments.rig.hexapod.columns import MAJOR, secondary
-from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
-from experiments.rig.hexapod.machine import detector_noise_rad
-from experiments.rig.hexapod.rig import hexapod_rig, pursuing
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.prediction import MARGINAL, open_loop, pole_radius
-from experiments.rig.rig import Rig
-from experiments.rig.run import Run, rms
-from experiments.rig.verdicts import KEPT, names_of
-from experiments.study.errors import WrongInput
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
-from experiments.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.rows import HERE, Row, Where, basis_of, rows_of
-from experiments.study.spelling import check_file
-from experiments.study.terminal import OnProgress
+from experiments.study import HERE, Row, Where, basis_of, rows_of
 from experiments.sweep_design import CHOICES, MOST_RUNS, Design, SweepRun, read_design, runs_of
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.conditions import every_condition
+from fjh.rig.hexapod import fault_tolerance
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, secondary
+from fjh.rig.hexapod.controller import StrutMapping, designed, nominal_plant
+from fjh.rig.hexapod.machine import detector_noise_rad
+from fjh.rig.hexapod.rig import hexapod_rig, pursuing
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.prediction import MARGINAL, open_loop, pole_radius
+from fjh.rig.rig import Rig
+from fjh.rig.run import Run, rms
+from fjh.rig.verdicts import KEPT, names_of
+from fjh.study.errors import WrongInput
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
+from fjh.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.spelling import check_file
 from ftc.fdi.fault_model import Fault
 from prioritized import failure_atlas
-from sim import NOMINAL, Array, ModelError, SimulationDiverged, hexapod, load_model
+from sim import NOMINAL, Array, ModelError, SimulationDiverged, load_model
 
 ANGLES = ("alpha", "beta")
 RMS, PREDICTED = ([f"{of}{each}_rms_urad" for each in ANGLES] for of in ("", "predicted_"))
@@ -299,7 +299,7 @@ def sweep(
     Writes sweep.json, the rows as sweep.parquet (docs/sweep.md has its columns), tables as
     sweep.md and Parquet, and a figure.
 
-    Example: fjh sweep --quick --workers 2 --out /tmp/mine
+    Example: fjh paper sweep --quick --workers 2 --out /tmp/mine
     """
     chosen = read_design(design and check_file(design))
     if quick:
@@ -404,7 +404,7 @@ def atlas(
     Writes atlas.json, the rows as atlas.parquet (docs/sweep.md has its columns), tables as
     atlas.md and Parquet, and a figure.
 
-    Example: fjh atlas --quick
+    Example: fjh paper atlas --quick
     """
     factors = {
         "struts": representatives(),

@@ -13,13 +13,13 @@ import numpy as np
 from scipy.stats import qmc
 
 from argument_checks.shown import shown
-from experiments.rig.conditions import LETTERS, failures_of
-from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.options import JacobianChoice
-from experiments.rig.within import check_within
-from experiments.study.errors import WrongInput
+from fjh.rig.conditions import LETTERS, failures_of
+from fjh.rig.hexapod.columns import COLUMNS
+from fjh.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.options import JacobianChoice
+from fjh.rig.within import check_within
+from fjh.study.errors import WrongInput
 from ftc.goal import Goal
 from sim import Failure
 

@@ -12,22 +12,21 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.recording.file import RecordingInfo
-from experiments.recording.layout import write_scenes
-from experiments.recording.plane import Plane
-from experiments.recording.properties import checked, constants
-from experiments.recording.scene import Scene, condition_scene
-from experiments.recording.signals import Plot
-from experiments.rig.conditions import FREE, LOCKED, codes_of, failed, failures_of, in_words
-from experiments.rig.units import ROWS
-from experiments.rig.verdicts import left_of
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, LINES
-from experiments.study.plotting import PAGE_IN, new_figure
-from experiments.study.provenance import version_properties
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import in_parallel
+from fjh.recording.file import RecordingInfo
+from fjh.recording.layout import write_scenes
+from fjh.recording.plane import Plane
+from fjh.recording.properties import checked, constants
+from fjh.recording.scene import Scene, condition_scene
+from fjh.recording.signals import Plot
+from fjh.rig.conditions import FREE, LOCKED, codes_of, failed, failures_of, in_words
+from fjh.rig.units import ROWS
+from fjh.rig.verdicts import left_of
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, LINES
+from fjh.study.plotting import PAGE_IN, new_figure
+from fjh.study.provenance import version_properties
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import in_parallel
 from prioritized import ConstrainedSystem, Kinematics, failure_atlas
 from sim import (
     HEXAPOD_MJCF,
@@ -384,7 +383,7 @@ def systems(
     Writes systems.json, its tables as systems.md and Parquet, a figure, and for each mechanism its
     data (.npz) and its recording (.rrd).
 
-    Example: fjh systems --seed 1 --out /tmp/mechanisms
+    Example: fjh paper systems --seed 1 --out /tmp/mechanisms
     """
     calls = [
         {"mechanism": mechanism, "condition": condition, "seed": seed}

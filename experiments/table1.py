@@ -11,28 +11,28 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording.record import About, write_run
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod import metrics, paper
-from experiments.rig.hexapod.columns import (
+from fjh.recording.record import About, write_run
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod import metrics, paper
+from fjh.rig.hexapod.columns import (
     COLUMNS,
     Column,
     hexapod_arrays,
     secondary,
     secondary_estimated,
 )
-from experiments.rig.hexapod.controller import ANGLES, nominal_loops
-from experiments.rig.hexapod.machine import detector_noise_rad
-from experiments.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
-from experiments.rig.hexapod.rig import hexapod_rig, pursuing
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.options import Controller, JacobianChoice, MachineFile
-from experiments.rig.other_controller import controller_factory, controller_label, fly_with
-from experiments.rig.rig import Rig
-from experiments.rig.run import Run, rms
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from experiments.study.plotting import (
+from fjh.rig.hexapod.controller import ANGLES, nominal_loops
+from fjh.rig.hexapod.machine import detector_noise_rad
+from fjh.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
+from fjh.rig.hexapod.rig import hexapod_rig, pursuing
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.options import Controller, JacobianChoice, MachineFile
+from fjh.rig.other_controller import controller_factory, controller_label, fly_with
+from fjh.rig.rig import Rig
+from fjh.rig.run import Run, rms
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from fjh.study.plotting import (
     COLUMN_IN,
     DESIRED,
     MEASURED,
@@ -41,10 +41,9 @@ from experiments.study.plotting import (
     new_figure,
     one_legend,
 )
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.spelling import check_file
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import call, in_parallel
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.spelling import check_file
+from fjh.study.workers import call, in_parallel
 from sim import Array, ModelError, load_model, model_sha256
 
 ConfigurationName = Literal["calibrated", "demand-limit"]

@@ -15,36 +15,27 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from argument_checks.ties import greatest
-from experiments.recording.record import About, write_run
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod.columns import COLUMNS as TABLE_I
-from experiments.rig.hexapod.columns import hexapod_arrays
-from experiments.rig.hexapod.controller import ANGLES, StrutMapping, designed, nominal_loops
-from experiments.rig.hexapod.machine import detector_noise_rad, floor_acceleration
-from experiments.rig.hexapod.metrics import plant_constants, recording_properties
-from experiments.rig.hexapod.paper import TABLE_I_URAD
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.prediction import MARGINAL, loop_peak, open_loop, pole_radius
-from experiments.rig.rig import Rig
-from experiments.rig.run import Run, after_rest, rms
-from experiments.study.option import Option, seed_of
-from experiments.study.palette import BLUE, GREEN, VERMILION
-from experiments.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
-from experiments.study.result import Check, Picture, Result, Shown, check, origin
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import call, in_parallel
+from fjh.recording.record import About, write_run
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import COLUMNS as TABLE_I
+from fjh.rig.hexapod.columns import hexapod_arrays
+from fjh.rig.hexapod.controller import ANGLES, StrutMapping, designed, nominal_loops
+from fjh.rig.hexapod.machine import detector_noise_rad, floor_acceleration
+from fjh.rig.hexapod.metrics import plant_constants, recording_properties
+from fjh.rig.hexapod.paper import TABLE_I_URAD
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.prediction import MARGINAL, loop_peak, open_loop, pole_radius
+from fjh.rig.rig import Rig
+from fjh.rig.run import Run, after_rest, rms
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.palette import BLUE, GREEN, VERMILION
+from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
+from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.workers import call, in_parallel
 from ftc.fdi.fault_model import Fault
-from sim import (
-    NOMINAL,
-    Array,
-    ModelError,
-    Plant,
-    SimulationDiverged,
-    hexapod,
-    linearize,
-    load_model,
-)
+from sim import NOMINAL, Array, ModelError, Plant, SimulationDiverged, linearize, load_model
 
 STRUT = 0  # that locks, strut 1 as in the paper
 COLUMNS = ("W_a", "W_d", "W_e", "W_a_uncorrected")  # of Table I, that a candidate must reproduce
@@ -366,13 +357,14 @@ def uncorrected(
 
     Strut 1 is locked and the mapping is not reconfigured. Candidate explanations, one at a time and
     combined, are simulated and compared with the linear model. A map from the linear model covers
-    damping and crossover; one over a limit on the demanded pointing is made by fjh sweep --design
-    experiments/sweep_demand_limit.toml. 4 minutes on two cores, 25 s with --quick.
+    damping and crossover; one over a limit on the demanded pointing is made by
+    fjh paper sweep --design experiments/sweep_demand_limit.toml. 4 minutes on two cores, 25 s with
+    --quick.
 
     Writes uncorrected.json, its tables as uncorrected.md and Parquet, a figure, the map (map.npz),
     the data of each candidate (.npz) and some recordings (.rrd).
 
-    Example: fjh uncorrected --quick --out /tmp/why
+    Example: fjh paper uncorrected --quick --out /tmp/why
     """
     model, duration_s = load_model(), BENCH.quick_duration_s if quick else BENCH.duration_s
     chosen = [Candidate(*each) for each in CANDIDATES.items() if not quick or each[0] in QUICK]

@@ -8,9 +8,10 @@ run = rig.fly(rig.supervisor(), rig.path("circle", duration_s=4.0),
 print(run.status)
 
 Whatever is not among these names is behind them, in `fjh.prioritized` (mappings), `fjh.ftc`
-(control, diagnosis), `fjh.sim` (MuJoCo) and `fjh.experiments` (rigs, recordings, studies).
+(control, diagnosis), `fjh.sim` (MuJoCo) and `fjh.experiments` (the paper).
 """
 
+import ast
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,17 +22,16 @@ if TYPE_CHECKING:
     import prioritized as prioritized
     import sim as sim
     from argument_checks import __version__ as __version__
-    from experiments.comparison import compare as compare
-    from experiments.ik import Ik as Ik
-    from experiments.ik import Limits as Limits
-    from experiments.recording.record import record as record
-    from experiments.results import fly_again as fly_again
-    from experiments.results import results as results
-    from experiments.rig import Mismatch as Mismatch
-    from experiments.rig import Prediction as Prediction
-    from experiments.rig import Rig as Rig
-    from experiments.rig import Run as Run
-    from experiments.rig.events import Event as Event
+    from fjh.comparison import compare as compare
+    from fjh.ik import Ik as Ik
+    from fjh.ik import Limits as Limits
+    from fjh.recording.record import record as record
+    from fjh.result_frames import results as results
+    from fjh.rig import Mismatch as Mismatch
+    from fjh.rig import Prediction as Prediction
+    from fjh.rig import Rig as Rig
+    from fjh.rig import Run as Run
+    from fjh.rig.events import Event as Event
     from ftc import PrioritizedController as PrioritizedController
     from ftc import Supervisor as Supervisor
     from prioritized import ConstrainedSystem as ConstrainedSystem
@@ -58,44 +58,29 @@ if TYPE_CHECKING:
     from sim import load_model as load_model
     from sim import pose_of as pose_of
 
-_NAMES = {
-    "fjh.argument_checks": ("__version__",),
-    "fjh.experiments.comparison": ("compare",),
-    "fjh.experiments.ik": ("Ik", "Limits"),
-    "fjh.experiments.recording.record": ("record",),
-    "fjh.experiments.results": ("fly_again", "results"),
-    "fjh.experiments.rig.events": ("Event",),
-    "fjh.experiments.rig": ("Mismatch", "Prediction", "Rig", "Run"),
-    "fjh.ftc": ("PrioritizedController", "Supervisor"),
-    "fjh.prioritized": (
-        *("ConstrainedSystem", "Task"),
-        *("failure_atlas", "force_mapping", "velocity_mapping"),
-    ),
-    "fjh.sim": (
-        *("MODELS", "Body", "Distances", "Failure", "Plant", "Pose"),
-        *("CenterOfMassTask", "DampingTask", "FrameTask", "JointCouplingTask", "LookAtTask"),
-        *("PostureTask", "RelativeFrameTask"),
-        *("advance", "assemble", "jacobians", "load_model", "pose_of"),
-    ),
-}
-_PACKAGES = ("experiments", "ftc", "prioritized", "sim")
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
-"""Read when asked for: `import fjh` waits for nothing, and without MuJoCo the mappings work."""
-
-__all__ = [name for name in (*_PACKAGES, *_MODULES) if not name.startswith("_")]  # pyright: ignore[reportUnsupportedDunderAll]
-
 if not (Path(__file__).parent / "prioritized").is_dir():  # a checkout
     from fjh._checkout import find_beside
 
     find_beside(Path(__file__).parents[1])
 
+_PLACES = {
+    name.asname: (node.module, name.name) if isinstance(node, ast.ImportFrom) else (name.name, "")
+    for node in ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
+    if isinstance(node, ast.Import | ast.ImportFrom)
+    for name in node.names
+    if name.asname
+}
+"""Where each name above is. `import fjh` waits for none: the mappings work without MuJoCo."""
+
+__all__ = [name for name in _PLACES if not name.startswith("_")]  # pyright: ignore[reportUnsupportedDunderAll]
+
 
 def __getattr__(name: str) -> Any:
-    if name in _PACKAGES:
-        return import_module(f"fjh.{name}")
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, own = _PLACES[name]
+    found = import_module(str(module))
+    return getattr(found, own) if own else found
 
 
 def __dir__() -> list[str]:

@@ -18,9 +18,7 @@ Spatial vectors are [angular; linear].
 
 from argument_checks import __version__ as __version__
 from prioritized._analysis.attainable import Attainable as Attainable
-from prioritized._analysis.attainable import AttainableStatus as AttainableStatus
 from prioritized._analysis.manipulability import Manipulability as Manipulability
-from prioritized._analysis.viable import RateBox as RateBox
 from prioritized._analysis.viable import viable_rates as viable_rates
 from prioritized._atlas import Classes as Classes
 from prioritized._atlas import FailureAtlas as FailureAtlas
@@ -30,7 +28,6 @@ from prioritized._mapping.force import ForceMapping as ForceMapping
 from prioritized._mapping.force import force_mapping as force_mapping
 from prioritized._mapping.hierarchy import Hierarchy as Hierarchy
 from prioritized._mapping.hierarchy_solution import HierarchySolution as HierarchySolution
-from prioritized._mapping.lexicographic import Solution as Solution
 from prioritized._mapping.lexicographic import (
     lexicographic_least_squares as lexicographic_least_squares,
 )
@@ -42,10 +39,5 @@ from prioritized._mapping.tasks import Task as Task
 from prioritized._mapping.tick import Tick as Tick
 from prioritized._mapping.velocity import VelocityMapping as VelocityMapping
 from prioritized._mapping.velocity_arguments import velocity_mapping as velocity_mapping
-from prioritized._mechanism.failures import Failures as Failures
-from prioritized._mechanism.geometry import Accuracy as Accuracy
-from prioritized._mechanism.names import Names as Names
-from prioritized._postures import Postures as Postures
 from prioritized._solver.canonical import canonical_basis as canonical_basis
-from prioritized._solver.rank import RANK_TOLERANCE as RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem as ConstrainedSystem

@@ -99,7 +99,9 @@ class FailureAtlas(Classes):
         Failures that the system already had are not in it.
         """
         condition = self.codes[check.index("row", row, len(self.codes))]
-        locked, free = (frozenset(np.flatnonzero(condition == code)) for code in (LOCKED, FREE))
+        locked, free = (
+            frozenset(np.flatnonzero(condition == code).tolist()) for code in (LOCKED, FREE)
+        )
         return Failures(locked, free).in_words(self.known_actuators, ())
 
     def row(self, locked: Iterable[int | str] = (), free: Iterable[int | str] = ()) -> int:

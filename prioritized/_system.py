@@ -88,11 +88,11 @@ class ConstrainedSystem:
             failures: Failures from the start; None is none. They are kept by
                 `dataclasses.replace(system, J_T=..., J_C=...)`, the same mechanism at another pose.
             names: `names.velocities` are N strings, `names.actuators` n tuples of strings, as in
-                :class:`prioritized.Names`; None is a mechanism without names.
+                :class:`prioritized._mechanism.names.Names`; None is a mechanism without names.
             geometry_accuracy: Largest error of a joint axis [rad] or of a length, relative. Given
                 instead of `rank_tolerance`, it sets that to ten times itself.
             accuracy: Errors of the entries, in the unit of each, and natural units, as a
-                :class:`prioritized.Accuracy`; None is round-off alone, all units 1.
+                :class:`prioritized._mechanism.geometry.Accuracy`; None is round-off alone, units 1.
 
         Raises:
             TypeError: `names` or `failures` is of another type.

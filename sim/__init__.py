@@ -6,7 +6,7 @@ from argument_checks import __version__ as __version__
 
 if _find_spec("mujoco") is None:
     raise ModuleNotFoundError(
-        'sim needs mujoco, which is not installed: pip install "fault-tolerant-hexapod[sim]"',
+        'sim needs mujoco, which is not installed: in a checkout, pip install ".[sim]"',
         name="mujoco",
     )
 
@@ -17,16 +17,6 @@ from sim.closing.step import advance as advance
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged
-from sim.hexapod.closed_form import Hexapod as Hexapod
-from sim.hexapod.closed_form import Posture as Posture
-from sim.hexapod.closed_form import hexapod as hexapod
-from sim.hexapod.detector import Detector as Detector
-from sim.hexapod.detector import pointing_angles as pointing_angles
-from sim.hexapod.detector import secondary_motion as secondary_motion
-from sim.hexapod.forward import UnreachableLengths as UnreachableLengths
-from sim.hexapod.forward import forward_kinematics as forward_kinematics
-from sim.hexapod.strut_sensors import StrutSensors as StrutSensors
-from sim.hexapod.trajectory import spiral as spiral
 from sim.kinematics.distances import Distances as Distances
 from sim.kinematics.distances import Near as Near
 from sim.kinematics.entry_accuracy import EntryAccuracy as EntryAccuracy

@@ -38,11 +38,11 @@ AT_LENGTH = {
 LONGEST = {
     "app/test_cli",
     *("app/test_habits", "app/test_interruptions", "app/test_render", "app/test_report"),
-    *("app/test_review", "ftc/test_excitation", "ftc/test_outside_hypotheses", "ik/test_limits"),
-    *("live/test_other_robots", "live/test_page", "live/test_tour", "rig/test_copies"),
-    *("prioritized/test_limited_mappings", "rig/test_other_controllers", "sim/test_plant"),
-    *("studies/test_benchmark", "studies/test_figures", "studies/test_mechanism_events"),
-    *("studies/test_mechanism_flights", "studies/test_sweep"),
+    *("app/test_review", "ftc/test_excitation", "ftc/test_outside_hypotheses"),
+    *("fjh/ik/test_limits", "fjh/live/test_other_robots", "fjh/live/test_page"),
+    *("fjh/live/test_tour", "fjh/rig/test_copies", "fjh/rig/test_other_controllers"),
+    *("prioritized/test_limited_mappings", "sim/test_plant"),
+    *("studies/test_figures", "studies/test_sweep"),
     *("studies/test_study_contract", "studies/test_track", "studies/test_track_command"),
 }
 """Files whose long tests take a minute or more, three quarters of the time of all of them: they
@@ -128,7 +128,7 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
 
     A fixture that runs a command needs this one, as those of `made_once` do.
     """
-    from experiments.study.plotting import printed
+    from fjh.study.plotting import printed
     from tests.figure_checks import faults
 
     def file(name: str) -> Path:
@@ -143,7 +143,7 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
         return files
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.study.plotting.printed", checked)
+        patch.setattr("fjh.study.plotting.printed", checked)
         yield lambda name: json.loads(file(name).read_text())
 
 
@@ -254,26 +254,6 @@ def goals_folder(made_once):
 def goals(goals_folder):
     """`goals.json`."""
     return json.loads((goals_folder / "goals.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def bench_folder(tmp_path_factory, faults_of_figures):
-    """Everything timed, but as briefly as can be: made by the command."""
-    from experiments.app.cli import main
-    from experiments.benchmark import runs
-
-    folder = tmp_path_factory.mktemp("bench")
-    least = runs.Effort(0.05, rounds=2, ticks=100, batches=(1, 10, 100), actuators=(6, 10, 200))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "QUICK", least)
-        assert main(["bench", "--quick", "--out", str(folder / "out")]) == 0
-    return folder / "out"
-
-
-@pytest.fixture(scope="session")
-def bench(bench_folder):
-    """`bench.json`."""
-    return json.loads((bench_folder / "bench.json").read_text())
 
 
 @pytest.fixture(scope="session")

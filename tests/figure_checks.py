@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from experiments.study.plotting import names_in_any_script
+from fjh.study.plotting import names_in_any_script
 from tests.on_paper import (
     color_of,
     drawn,

@@ -19,9 +19,10 @@ import mujoco
 import numpy as np
 
 from argument_checks import is_masked
+from fjh.rig.hexapod.forward import UnreachableLengths
 from ftc.control.compensator import NoResponse, UnstableLoop
 from ftc.tracking import TaskLost
-from sim import ModelError, SimulationDiverged, UnreachableLengths
+from sim import ModelError, SimulationDiverged
 
 OUR_ERRORS = (ValueError, TypeError, ModelError, UnreachableLengths)
 """Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours."""

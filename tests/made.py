@@ -8,15 +8,15 @@ from typing import Annotated
 
 import numpy as np
 
-from experiments.recording.record import About, write_run
-from experiments.recording.view import Change, RunView, as_run_arrays, stated_of
-from experiments.rig import Rig, Run
-from experiments.rig.hexapod.columns import hexapod_arrays
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study.option import Option, Study, seed_of
-from experiments.study.result import Result
-from experiments.study.terminal import OnProgress
-from sim import NOMINAL, Failure, pointing_angles
+from fjh.recording.record import About, write_run
+from fjh.recording.view import Change, RunView, as_run_arrays, stated_of
+from fjh.rig import Rig, Run
+from fjh.rig.hexapod.columns import hexapod_arrays
+from fjh.rig.hexapod.detector import pointing_angles
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.study.option import OnProgress, Option, Study, seed_of
+from fjh.study.result import Result
+from sim import NOMINAL, Failure
 
 ABOUT = About("made", "made-seed0", said=["Made."], parameters={"seed": 0})
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from experiments.study.plotting import COLOR_MAP
+from fjh.study.plotting import COLOR_MAP
 
 PAGE_PT, COLUMN_PT = 7.16 * 72, 3.5 * 72
 TEXT_PT = {7.0, 8.0, 0.7 * 7, 0.7 * 8}

@@ -1,4 +1,4 @@
-"""The tour of `experiments.app.live`, in place of the picture on the front page.
+"""The tour of `fjh.live`, in place of the picture on the front page.
 
 That page stays plain Markdown, with a picture for who reads it elsewhere. The tour has viser's
 client in it, so that it is built with the site and not committed.
@@ -14,8 +14,8 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
-from experiments.app.live.tour import write_tour
-from experiments.study.provenance import SOURCES, code_sha256, versions
+from fjh.live.tour import write_tour
+from fjh.study.provenance import SOURCES, code_sha256, versions
 
 NAME = "tour.html"
 BUILT = Path(__file__).parents[2] / "build" / "tour"
@@ -47,7 +47,7 @@ class Tour(SphinxPostTransform):
 def add(app: Sphinx, exception: Exception | None) -> None:
     """Write it into the site; flown anew only where what it depends on has changed."""
     if exception is None and app.builder.format == "html":
-        code = code_sha256((*SOURCES, "experiments/app/live/*.j2"))
+        code = code_sha256((*SOURCES, "fjh/live/*.j2"))
         known_by = "".join([code, viser.__version__, *versions().values()])
         file = BUILT / f"{sha256(known_by.encode()).hexdigest()}.html"
         if not file.exists():

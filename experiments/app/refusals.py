@@ -1,5 +1,6 @@
 """What stops a command, as one sentence and an exit code: the only place that tells them apart."""
 
+import inspect
 import os
 import re
 import traceback
@@ -7,16 +8,17 @@ from pathlib import Path
 
 from typer.exceptions import TyperException
 
-from experiments.study.errors import Interrupted, OutputError, Unsound, WrongInput
-from experiments.study.interrupts import INTERRUPTION, interrupted
+from fjh.study.errors import Interrupted, OutputError, Unsound, WrongInput
+from fjh.study.interrupts import INTERRUPTION, interrupted
 
 UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 TRACEBACK = "FJH_TRACEBACK"
 """An environment variable: where it is set, a mistake of the program keeps its traceback."""
 
+_BESIDE = ("argument_checks", "experiments", "ftc", "prioritized", "sim")
 _OURS = [
-    Path(__file__).parents[2] / room
-    for room in ("argument_checks", "experiments", "ftc", "prioritized", "sim")
+    Path(inspect.getfile(WrongInput)).parents[1],
+    *(Path(__file__).parents[2] / room for room in _BESIDE),
 ]
 _FRAME = re.compile(r'File "(.+)", line (\d+), in .+\n +(\S.*)')
 """In a traceback, wherever it is from: that of a worker comes as text."""

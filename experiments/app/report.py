@@ -1,4 +1,4 @@
-"""The command `fjh report`: the main studies, one after another, on one page."""
+"""The command `fjh paper report`: the main studies, one after another, on one page."""
 
 import inspect
 import json
@@ -10,19 +10,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-from experiments.studies import LINES, study
-from experiments.study.command import Json, Out, Quiet, conduct, words_of
-from experiments.study.errors import Interrupted, NotInstalled, Unsound
-from experiments.study.files import json_text, published, usable_folder, write_index
-from experiments.study.interrupts import INTERRUPTION
-from experiments.study.option import Option, Study, seed_of
-from experiments.study.page import data_uri, named_versions, rendered
-from experiments.study.terminal import print_ending
+from experiments.app.command import Out, Quiet, conduct
+from experiments.app.terminal import print_ending
+from experiments.studies import LINES, PAPER, command_of, study
+from fjh.study.errors import Interrupted, Unsound
+from fjh.study.files import published, usable_folder, write_index
+from fjh.study.interrupts import INTERRUPTION
+from fjh.study.option import Option, Study, seed_of, words_of
+from fjh.study.page import data_uri, named_versions, rendered
 
 INDEX = "report.json"
 
 CHAPTERS: dict[str, dict[str, Any]] = {
-    name: {} for name in LINES if name not in ("track", "atlas")
+    name: {} for name in (*PAPER, "survey") if name != "atlas"
 } | {"jacobian": {"loop": True}}
 """The studies of the report, in its order, with options that are not as by default."""
 
@@ -33,14 +33,12 @@ def report(
     quick: Annotated[bool, Option(help="Every study with its own --quick: 5 minutes.")] = False,
     out: Out = Path("results", "report"),
     quiet: Quiet = False,
-    json: Json = False,
 ) -> None:
     """Run the main studies and write one HTML page on all of them.
 
     For each study the page has tables, figures, the result of its checks, and the command that
     reproduces it; at the end computer, versions and commit. It needs no other file. An estimated
-    two hours on two cores; track and atlas are left out. The last chapter, bench, measures times:
-    do nothing else on the computer meanwhile. Where its packages are not installed it is left out.
+    two hours on two cores; track and atlas are left out.
 
     After Ctrl-C the same command continues, within a sweep with the missing runs. A finished
     chapter is run again only if its files, the options, the code, the package versions or the
@@ -49,16 +47,14 @@ def report(
 
     Writes report.json, report.html, and a folder for each chapter with the files of its command.
 
-    Example: fjh report --quick --out /tmp/report
+    Example: fjh paper report --quick --out /tmp/report
     """
     usable_folder(out)
     summary = run_report(CHAPTERS, out, seed=seed, quick=quick, shown=not quiet)
     found = {each["name"]: each["complaint"] for each in summary["chapters"]}
     failed = "; ".join(f"{name}: {complaint}" for name, complaint in found.items() if complaint)
-    if json:
-        print(json_text(summary), end="")
-    elif not quiet:
-        following = "fjh report" if quick else "fjh track --help"  # the whole; one's own robot
+    if not quiet:
+        following = "fjh paper report" if quick else "fjh track --help"  # one's own robot
         checked = f"Failed: {failed}." if failed else f"All checks passed ({len(found)} studies)."
         print_ending(checked, out / "report.html", following)
     if failed:
@@ -77,19 +73,17 @@ def run_report(
         Interrupted: By Ctrl-C; finished chapters are whole and on the page.
         OutputError: The disk or the folder refuses.
     """
-    from experiments.study import provenance  # late: the help text does not wait for these imports
+    from fjh.study import provenance  # late: the help text does not wait for these imports
 
     basis = {"seed": seed, "quick": quick, "code_sha256": provenance.code_sha256()}
     basis |= {"versions": provenance.versions(), "machine": provenance.machine()}
-    entries, left_out = _former(folder, basis), dict[str, str]()
+    entries = _former(folder, basis)
     summary: dict[str, Any] = {}
     for k, (name, options) in enumerate(chapters.items(), 1):
         if name not in entries:
             given, label = {"seed": seed, "quick": quick, **options}, f"{k}/{len(chapters)} {name}"
             try:
                 entries[name] = _run(name, folder / name, given, label, shown)
-            except NotInstalled as absent:
-                left_out[name] = str(absent)
             except (KeyboardInterrupt, Interrupted):
                 where = f"{name}, chapter {k} of {len(chapters)}"
                 again = f"finished chapters stay, and the same command continues with {where}"
@@ -100,8 +94,7 @@ def run_report(
             **basis,
             "commit": provenance.commit(),
             "written": datetime.now(UTC).isoformat(timespec="seconds"),
-            "missing": [each for each in chapters if each not in entries | left_out],
-            "left_out": left_out,
+            "missing": [each for each in chapters if each not in entries],
             "chapters": [entries[each] for each in chapters if each in entries],
         }
         with published(folder, index=INDEX) as staging:
@@ -134,7 +127,8 @@ def _run(
 
 def _command(function: Study, given: Mapping[str, Any], folder: Path) -> str:
     """The command line that gives the same numbers."""
-    return shlex.join([*words_of(function, given), "--out", str(folder)])
+    words = [*command_of(function.__name__), *words_of(function, given)]
+    return shlex.join([*words, "--out", str(folder)])
 
 
 def _former(folder: Path, basis: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -178,7 +172,13 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         "code": f"SHA-256 {summary['code_sha256']}",
         "seed": summary["seed"],
     }
-    shown = {"report": summary, "origin": origin, "lines": LINES, "about": about, "body": body}
+    shown = {
+        "report": summary,
+        "origin": origin,
+        "lines": LINES,
+        "about": about,
+        "body": body,
+    }
     return rendered("experiments.app", "report.html.j2", span=span, when=when, **shown)
 
 

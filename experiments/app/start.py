@@ -5,13 +5,14 @@ import signal
 import sys
 from importlib.util import find_spec
 
-from experiments.study.interrupts import SIGNALS, interrupted, notice
+from fjh.study.interrupts import SIGNALS, interrupted, notice
 
 PACKAGES = (
     *("distributed", "filelock", "jinja2", "markdown_it", "matplotlib", "mujoco", "pandas"),
-    *("psutil", "pyarrow", "rerun", "rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
+    *("typer", "viser"),
+    *("mjviser", "psutil", "pyarrow", "rerun", "rerun_loader_mjcf", "rich", "threadpoolctl"),
 )
-"""What the extra `testbed` installs, as it is imported."""
+"""What the extra `all` installs, as it is imported."""
 
 
 def run() -> None:
@@ -19,7 +20,7 @@ def run() -> None:
     if absent := [name for name in PACKAGES if find_spec(name) is None]:
         notice(
             f"fjh needs packages that are not installed, {', '.join(absent)}: "
-            'pip install "fault-tolerant-hexapod[testbed]"'
+            'in a checkout, pip install ".[all]"'
         )
         sys.exit(2)
     from experiments.app.cli import main

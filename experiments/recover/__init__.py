@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
-from experiments.recording.record import About, write_run
 from experiments.recover import plan, predictions
 from experiments.recover.figure import pictures
 from experiments.recover.plan import BENCH, Case, exact_rig, sizes_of
@@ -24,36 +23,35 @@ from experiments.recover.row import (
     row_of,
 )
 from experiments.recover.tables import WORST, checks, grouped, noise_of, notes, printed
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.events import EVENTS
-from experiments.rig.hexapod.columns import hexapod_arrays
-from experiments.rig.hexapod.fault_tolerance import DITHER
-from experiments.rig.hexapod.metrics import plant_constants, recording_properties
-from experiments.rig.mismatch import EXACT
-from experiments.rig.options import (
+from experiments.study import HERE, Row, Where, basis_of, rows_of
+from fjh.recording.record import About, write_run
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.events import EVENTS
+from fjh.rig.hexapod.columns import hexapod_arrays
+from fjh.rig.hexapod.fault_tolerance import DITHER
+from fjh.rig.hexapod.metrics import plant_constants, recording_properties
+from fjh.rig.mismatch import EXACT
+from fjh.rig.options import (
     DEFAULT_OPTIONS,
     Controller,
-    Dither,
     RobotOptions,
-    Turn,
     check_bounds,
 )
-from experiments.rig.other_controller import controller_factory, controller_label, controller_sha256
-from experiments.rig.rig import Rig
-from experiments.rig.run import Run
-from experiments.rig.units import by_unit
-from experiments.rig.within import check_within
-from experiments.study.errors import WrongInput
-from experiments.study.option import Option, seed_of
-from experiments.study.result import Check, Result, origin
-from experiments.study.rows import HERE, Row, Where, basis_of, rows_of
-from experiments.study.spelling import check_file
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import call, in_parallel
+from fjh.rig.other_controller import controller_factory, controller_label, controller_sha256
+from fjh.rig.rig import Rig
+from fjh.rig.run import Run
+from fjh.rig.units import by_unit
+from fjh.rig.within import check_within
+from fjh.study.errors import WrongInput
+from fjh.study.option import OnProgress, Option, seed_of
+from fjh.study.result import Check, Result, origin
+from fjh.study.spelling import check_file
+from fjh.study.workers import call, in_parallel
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from sim import CLOSURE_TOLERANCE, Failure, model_sha256
 
 HOURS, TURN_S = 2.0, 4.0
+OF_TRACK = Option("As of `fjh track`.", listed=False)
 """By default: without failures; of a turn of another robot's circle."""
 
 SHOWN = {
@@ -78,48 +76,34 @@ def recover(
         Path | None,
         Option(
             metavar="MODEL.xml",
-            help="Another robot: an MJCF file whose actuators move single joints; each locks, goes "
-            "limp and weakens on a circle, seen by a sensor of the task, by encoders, and by both.",
+            help="Another robot, on a circle; its options are those of fjh track.",
         ),
     ] = None,
     hours: Annotated[
         float,
-        Option(metavar="H", help="Simulated without failures, in runs of 16 s, unless --quick."),
+        Option(metavar="H", help="Simulated without failures, unless --quick."),
     ] = HOURS,
     events: Annotated[
-        bool,
-        Option(
-            help="Only events: whatever happens to actuators, supply, machine and sensors, at any "
-            "time, on several paths, on plants of a family that the diagnosis does not assume; "
-            "against a controller that does nothing. An estimated 30 minutes on two idle cores."
-        ),
+        bool, Option(help="Events that no hypothesis has (docs/recover.md); 30 minutes.")
     ] = False,
     controller: Controller = None,
     where: Where = HERE,
-    robot: RobotOptions = DEFAULT_OPTIONS,
-    turn: Turn = TURN_S,
-    dither: Dither = "designed",
+    robot: Annotated[RobotOptions, OF_TRACK] = DEFAULT_OPTIONS,
+    turn: Annotated[float, OF_TRACK] = TURN_S,
+    dither: Annotated[str, OF_TRACK] = "designed",
     folder: Path,
     on_progress: OnProgress,
 ) -> Result:
     """Simulate unannounced actuator failures; measure detection, isolation and recovery.
 
-    Struts lock, or lose their coil force or a part of it, at random times and in random postures,
-    on plants that differ from the controller's model: gains, stiffness, damping, inertia, delay,
-    floor vibration, drift, hysteresis and integrator step, each by itself, all together, and in
-    several sizes. Runs are compared with a controller that is informed of the failure at once, and
-    with one that continues without noticing it. On two idle cores an estimated 40 minutes, of which
-    eight for each of the --hours without failures; half a minute with --quick. --events and --model
-    run other cases instead: five minutes for a robot of four actuators.
+    Struts lock, or lose coil force, at random times, on plants that differ from the controller's
+    model. Compared with a controller that is informed at once, and with one that never is.
+    40 minutes on two idle cores, half a minute with --quick; --events and --model run other cases
+    instead. Ctrl-C keeps finished rows, and --resume continues.
 
-    Rows are written to OUT/unfinished.jsonl as runs finish; Ctrl-C keeps them, and --resume
-    continues, with more or fewer --hours as well. They are identical to the bit for any number of
-    workers and interruptions, on processors of one kind.
+    Writes recover.json, the rows as recover.parquet, tables, a figure, some runs and recordings.
 
-    Writes recover.json, the rows as recover.parquet, tables of them as recover.md and Parquet, a
-    figure, and for some runs their data (.npz) and their recordings (.rrd).
-
-    Example: fjh recover --quick --seed 3
+    Example: fjh paper recover --quick --seed 3
     """
     check_within("hours", hours, 1e-3, 1e6)
     check_bounds("turn", turn)

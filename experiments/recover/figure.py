@@ -1,4 +1,4 @@
-"""The figures of `fjh recover`: how fast and how robust the diagnosis is; what events cost."""
+"""The figures of `fjh paper recover`: speed and robustness of the diagnosis, cost of events."""
 
 from functools import partial
 
@@ -11,10 +11,10 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from argument_checks.ties import ascending
 from experiments.recover.tables import WORST, Tables, over_unaware
-from experiments.rig.events import EVENTS
-from experiments.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from experiments.study.plotting import PAGE_IN, new_figure
-from experiments.study.result import Picture
+from fjh.rig.events import EVENTS
+from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from fjh.study.plotting import PAGE_IN, new_figure
+from fjh.study.result import Picture
 from ftc.fdi.fault_model import KINDS
 
 _AFTER = {"supervised": BLUE, "unaware": ORANGE, "other": PURPLE}

@@ -10,17 +10,17 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from experiments.rig.dither import dither_entry, rig_dither
-from experiments.rig.events import EVENTS, Event
-from experiments.rig.hexapod.fault_tolerance import DITHER
-from experiments.rig.hexapod.mismatch import ALONE, OTHER
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.mismatch import EXACT, Mismatch
-from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions, Sensing
-from experiments.rig.reach import check_reach
-from experiments.rig.rig import Rig
+from fjh.rig.dither import dither_entry, rig_dither
+from fjh.rig.events import EVENTS, Event
+from fjh.rig.hexapod.fault_tolerance import DITHER
+from fjh.rig.hexapod.mismatch import ALONE, OTHER
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.mismatch import EXACT, Mismatch
+from fjh.rig.mjcf import robot_rig
+from fjh.rig.options import RobotOptions, Sensing
+from fjh.rig.reach import check_reach
+from fjh.rig.rig import Rig
 from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import KINDS, Fault

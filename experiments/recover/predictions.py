@@ -9,10 +9,11 @@ import scipy.linalg
 
 from argument_checks.ties import greatest, least
 from experiments.recover.plan import BEFORE_S, BENCH, Case, exact_rig
-from experiments.rig.hexapod.fault_tolerance import DITHER, STILL, fault_text
-from experiments.rig.prediction import linear_loop
-from experiments.rig.rig import Rig
-from experiments.study.rows import Row
+from experiments.study import Row
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.fault_tolerance import DITHER, STILL, fault_text
+from fjh.rig.prediction import linear_loop
+from fjh.rig.rig import Rig
 from ftc.control.compensator import sensitivity_peak
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
@@ -21,7 +22,7 @@ from ftc.fdi.separation import ACCURACY
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
 from ftc.reconfiguration import WEAKEST
-from sim import NOMINAL, Array, hexapod
+from sim import NOMINAL, Array
 
 ALIKE = 6.18
 """Distance below which one of a thousand pairs is mistaken: Phi(-d / 2) = 1e-3."""

@@ -8,14 +8,14 @@ import numpy as np
 
 from experiments.recover.plan import Case, about, around, exact_rig
 from experiments.recover.predictions import ISOLABLE, separations
-from experiments.rig.events import EVENTS
-from experiments.rig.events.hooks import events_of
-from experiments.rig.hexapod.fault_tolerance import STILL, fault_text
-from experiments.rig.other_controller import fly_with
-from experiments.rig.rig import Rig
-from experiments.rig.run import Run, tick_of
-from experiments.study.errors import WrongInput
-from experiments.study.rows import Row
+from experiments.study import Row
+from fjh.rig.events import EVENTS
+from fjh.rig.events.hooks import events_of
+from fjh.rig.hexapod.fault_tolerance import STILL, fault_text
+from fjh.rig.other_controller import fly_with
+from fjh.rig.rig import Rig
+from fjh.rig.run import Run, tick_of
+from fjh.study.errors import WrongInput
 from ftc.controller import Measurement
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, static_share

@@ -10,8 +10,8 @@ from scipy.stats import binomtest, chi2
 
 from argument_checks.ties import greatest
 from experiments.recover.predictions import ISOLABLE
-from experiments.rig.rig import Rig
-from experiments.study.result import Check, Shown, check
+from fjh.rig.rig import Rig
+from fjh.study.result import Check, Shown, check
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 
 WORST = 1.1

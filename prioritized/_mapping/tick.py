@@ -99,7 +99,7 @@ class Tick(ReadOnly):
             targets: Of all tasks of all levels, one after the other, shape (t,).
             velocity_limits: Lower and upper limit of each velocity, (N,) each, infinite where there
                 is none. Those of stuck joints do not matter.
-            error_bound: That of :class:`prioritized.Accuracy` there.
+            error_bound: That of :class:`prioritized._mechanism.geometry.Accuracy` there.
 
         Raises:
             ValueError: An argument has a wrong shape or number; it is named.

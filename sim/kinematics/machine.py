@@ -138,7 +138,7 @@ class Machine:
             K = np.diag(np.append(joint_stiffness(model), np.zeros(extra)))
         except ModelError:
             return None
-        for k in np.flatnonzero(model.tendon_stiffness):
+        for k in np.flatnonzero(model.tendon_stiffness).tolist():
             if not is_slack(model, self._data, k):
                 length = self._data.ten_length[k]
                 stretch = length - np.clip(length, *model.tendon_lengthspring[k])

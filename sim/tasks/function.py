@@ -36,7 +36,7 @@ class TaskFunction(ABC):
 
     A class of your own is a dataclass with a method :meth:`on`. Arguments are checked whenever they
     are set. The target and the gain may be set at any time; what else is checked is fixed once the
-    task is given to :class:`fjh.Ik`, which has looked it up by then: to set it raises.
+    task is given to `fjh.Ik`, which has looked it up by then: to set it raises.
 
     Attributes:
         target: What is to be reached; None is nothing yet.

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.app import animate
 from experiments.app.cli import main
-from experiments.app.render import DRIVER
-from experiments.recording.view import Change
-from experiments.study.files import write_arrays
+from fjh.recording import animate
+from fjh.recording.render import DRIVER
+from fjh.recording.view import Change
+from fjh.study.files import write_arrays
 from tests.made import keep_made, made_view
 
 

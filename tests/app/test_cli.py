@@ -8,9 +8,8 @@ import typer
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import app_of, main
-from experiments.studies import LINES
-from experiments.study.errors import OutputError
-from experiments.study.files import published
+from fjh.study.errors import OutputError
+from fjh.study.files import published
 from sim.mjcf.model import HEXAPOD_MJCF
 
 
@@ -75,7 +74,7 @@ def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
     assert "too long" in sentence(capsys)
 
 
-@pytest.mark.parametrize("command", [*typer.main.get_group(app_of(*LINES)).commands])
+@pytest.mark.parametrize("command", [*typer.main.get_group(app_of()).commands])
 def test_an_empty_path_is_not_the_current_folder(capsys, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     for words in (["--out", ""], ["--out="]):

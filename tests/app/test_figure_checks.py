@@ -4,8 +4,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.study.palette import BLACK, BLUE, GREEN, VERMILION
-from experiments.study.plotting import new_figure
+from fjh.study.palette import BLACK, BLUE, GREEN, VERMILION
+from fjh.study.plotting import new_figure
 from tests.figure_checks import faults
 
 

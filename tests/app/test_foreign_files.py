@@ -12,9 +12,9 @@ import pytest
 from numpy.lib.format import write_array_header_1_0 as write_header
 
 from experiments.app.cli import main
-from experiments.study.errors import WrongInput
-from experiments.study.foreign import read_arrays, read_json
-from experiments.study.spelling import LARGEST_FILE
+from fjh.study.errors import WrongInput
+from fjh.study.foreign import read_arrays, read_json
+from fjh.study.spelling import LARGEST_FILE
 from tests.made import keep_made
 
 

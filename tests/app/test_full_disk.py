@@ -9,16 +9,16 @@ import pytest
 import rerun.blueprint as rrb
 
 from experiments.app.cli import main
-from experiments.recording.file import (
+from fjh.recording.file import (
     RecordingInfo,
     log_series,
     recording_file,
     screen,
     time_column,
 )
-from experiments.study.errors import OutputError
-from experiments.study.files import published, write_arrays, write_json
-from experiments.study.plotting import new_figure, save_figure
+from fjh.study.errors import OutputError
+from fjh.study.files import published, write_arrays, write_json
+from fjh.study.plotting import new_figure, save_figure
 from tests.made import keep_made
 
 ROOM = 512

@@ -15,17 +15,20 @@ import pytest
 import typer
 
 from experiments.app.cli import app_of, main
-from experiments.studies import LINES, study
-from experiments.study.command import command, words_of
-from experiments.study.errors import OutputError, Unsound
-from experiments.study.files import json_text, published, write_index
-from experiments.study.result import Check, Result, Shown
-from experiments.study.terminal import print_table
+from experiments.app.command import command
+from experiments.app.terminal import print_table
+from experiments.studies import LINES, PAPER, ROBOT, command_of, study
+from fjh.study.errors import OutputError, Unsound
+from fjh.study.files import published, write_index
+from fjh.study.option import words_of
+from fjh.study.result import Check, Result, Shown
 from tests.made import made_study
 
 ROOT = Path(__file__).parents[2]
 GROUP = typer.main.get_group(app_of(*LINES))
+COMMANDS = GROUP.commands | vars(GROUP.commands["paper"])["commands"]
 NAMES = [*LINES, "report"]
+SHOWN = [*ROBOT, "live", "review", "render", "animate", "results", "paper"]
 HEIGHTS = pd.DataFrame({"hill": ["Hohe <Acht>"], "m": [747.0]})
 SOUND = Result(
     {"seed": 3},
@@ -91,9 +94,9 @@ def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, t
     checked, written, following = ended(capsys.readouterr().out)
     assert checked == "All checks passed (1)."
     assert written == f"Files are in {place}; open {place / 'measure.md'} first."
-    assert following == "Next: fjh report --quick"
+    assert following == "Next: fjh paper report --quick"
     run(SOUND, "--quick")
-    assert ended(capsys.readouterr().out)[-1] == "Next: fjh measure"
+    assert ended(capsys.readouterr().out)[-1] == "Next: fjh paper measure"
 
 
 def test_a_recording_is_looked_at_next(capsys, tmp_path):
@@ -115,22 +118,12 @@ def test_every_failed_check_is_named_at_the_end(capsys):
     assert "Files are in" in out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "printed"),
-    [
-        (["--quiet"], ""),
-        (["--json"], json_text(WRITTEN)),
-        (["--json", "--quiet"], json_text(WRITTEN)),
-    ],
-)
-def test_scripts_get_nothing_or_json_and_nothing_else(capsys, arguments, printed):
-    run(SOUND, *arguments)
-    assert capsys.readouterr() == (printed, "")
+def test_scripts_get_nothing(capsys):
+    run(SOUND, "--quiet")
+    assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "shows"), [([], True), (["--json"], True), (["--quiet"], False)]
-)
+@pytest.mark.parametrize(("arguments", "shows"), [([], True), (["--quiet"], False)])
 def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys, arguments, shows):
     screen = terminal()
     monkeypatch.setenv("TERM", "xterm")
@@ -140,16 +133,13 @@ def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys,
     assert shows or screen.getvalue() == ""
 
 
-@pytest.mark.parametrize("arguments", [[], ["--quiet"], ["--json"]])
+@pytest.mark.parametrize("arguments", [[], ["--quiet"]])
 def test_a_failed_check_is_raised_in_every_mode_after_the_output(capsys, arguments):
     unsound = replace(SOUND, checks=[Check("height [m]", "hill", float("nan"), 8.0)])
     with pytest.raises(Unsound, match=r"a check failed: hill: height .m. is nan, expected below 8"):
         run(unsound, *arguments)
     out = capsys.readouterr().out
     assert (out == "") == (arguments == ["--quiet"])
-    if "--json" in arguments:
-        [failed] = json.loads(out)["checks"]
-        assert (failed["value"], failed["passed"]) == (None, False)
 
 
 @pytest.fixture
@@ -161,22 +151,24 @@ def nowhere(tmp_path, elsewhere):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_help_says_what_how_long_which_files_units_and_an_example(capsys, nowhere, name):
-    assert main([name, "--help"]) == 0
+    assert main([*command_of(name)[1:], "--help"]) == 0
     text = re.sub(r"\s+", " ", capsys.readouterr().out)
     idle = ("--seed N", "--quick") if name == "figures" else ()
     assert not [option for option in idle if option in text]
-    for option in {"--out FOLDER", "--seed N", "--quick", "--quiet", "--json", "--help"} - {*idle}:
+    for option in {"--out FOLDER", "--seed N", "--quick", "--quiet", "--help"} - {*idle}:
         assert option in text
     assert f"[default: results/{name}]" in text
     assert re.search(r"\d s|minute", text)
     assert f"Writes {name}.json" in text
-    example = re.search(rf"Example: (fjh {name}.*?) (Arguments|Options):", text)
+    example = re.search(rf"Example: (fjh (?:paper )?{name}.*?) (Arguments|Options):", text)
     assert example
-    words = shlex.split(example.group(1))[2:]
+    words = shlex.split(example.group(1))
+    assert words[: words.index(name) + 1] in (command_of(name), ["fjh", "table1"])
+    words = words[words.index(name) + 1 :]
     read = [Path(word) for word in words if word.endswith(".xml")]
     for file in read:
         file.touch()
-    GROUP.commands[name].make_context(name, words)  # raises what the command would complain of
+    COMMANDS[name].make_context(name, words)  # raises what the command would complain of
     for file in read:
         file.unlink()
 
@@ -185,8 +177,13 @@ def test_the_list_of_commands_has_whole_sentences_and_the_exit_codes(capsys, now
     assert main(["--help"]) == 0
     whole = capsys.readouterr().out
     text = re.sub(r"\s+", " ", whole)
-    for name, line in LINES.items():
-        assert line in text and (study(name).__doc__ or "").startswith(line)
+    assert [name for name in GROUP.commands if not GROUP.commands[name].hidden] == SHOWN
+    for line in ROBOT.values():
+        assert line in text
+    assert main(["paper"]) == 0
+    text = re.sub(r"\s+", " ", capsys.readouterr().out)
+    for line in PAPER.values():
+        assert line in text
     for code in (0, 1, 2, 130):
         assert re.search(rf"^ +{code} +\w", whole, re.MULTILINE)
     assert main([]) == 0
@@ -210,17 +207,16 @@ def completed(words: str, cwd: Path) -> tuple[list[str], str]:
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        ("fjh ", NAMES),
-        ("fjh sys", ["systems"]),
+        ("fjh ", SHOWN),
+        ("fjh paper sys", ["systems"]),
         ("fjh table1 --jac", ["--jacobian"]),
         ("fjh table1 --jacobian ", ["analytic", "constant"]),
-        ("fjh jacobian --lo", ["--loop"]),
+        ("fjh paper jacobian --lo", ["--loop"]),
     ],
 )
 def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, offered):
     found, imported = completed(words, tmp_path)
-    assert set(offered) <= set(found)
-    assert offered == NAMES or found == offered
+    assert found == offered
     # What makes it fast: none of the packages that take their time is imported; options are those
     # of a study, whose module imports what it runs with.
     assert "typer" in imported
@@ -249,8 +245,8 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
 def test_the_words_of_options_are_read_as_these_options(name, given):
     """Those of a dataclass among the parameters, too; what is as by default is left out."""
     words = words_of(study(name), given)
-    assert words[:2] == ["fjh", name] and len(words) <= 4 + 2 * len(given)
-    read = GROUP.commands[name].make_context(name, words[2:]).params
+    assert len(words) <= 2 + 2 * len(given)
+    read = GROUP.commands[name].make_context(name, words).params
     assert {key: read[key] for key in given} == given
 
 
@@ -326,7 +322,7 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "name", [name for name in LINES if name not in {"figures", "force", "uncorrected", "bench"}]
+    "name", [name for name in LINES if name not in {"figures", "force", "uncorrected"}]
 )
 def test_a_study_lists_its_files_and_is_checked_by_its_json(request, name):
     """What the checks say needs nothing but the file; no row of a table is short."""

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.app.review import check_stated
-from experiments.recording import read as read_module
-from experiments.recording.read import read_run
-from experiments.rig.hexapod.columns import hexapod_arrays
-from experiments.study.errors import WrongInput
-from experiments.study.files import write_arrays
+from fjh.recording import read as read_module
+from fjh.recording.read import read_run
+from fjh.recording.review import check_stated
+from fjh.rig.hexapod.columns import hexapod_arrays
+from fjh.study.errors import WrongInput
+from fjh.study.files import write_arrays
 from tests.made import keep_made, made_run, made_view
 
 

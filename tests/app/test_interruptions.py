@@ -77,7 +77,7 @@ from tests.made import made_study
 {setting}
 def make(**options):
     {work}
-cli.LINES["measure"], cli.study = "", lambda name: made_study(name, make)
+cli.PAPER["measure"], cli.study = "", lambda name: made_study(name, make)
 sys.argv[1:] = ["measure", "--out", {out!r}]
 experiments.__main__.run()
 """
@@ -150,7 +150,7 @@ def workers(process: subprocess.Popen[str]) -> int:
 def test_while_workers_start(number, later_s, whom, tmp_path):
     setting = """
 import time
-from experiments.study.workers import in_parallel
+from fjh.study.workers import in_parallel
 """
     work = """
     print("here", flush=True)

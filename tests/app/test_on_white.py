@@ -7,8 +7,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from experiments.app.render import on_white
-from experiments.study.palette import LINES
+from fjh.recording.render import on_white
+from fjh.study.palette import LINES
 
 
 def light(views: np.ndarray) -> np.ndarray:

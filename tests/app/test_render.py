@@ -13,15 +13,15 @@ import rerun.blueprint as rrb
 from PIL import Image
 
 from experiments.app.cli import main
-from experiments.app.render import DRIVER, complaints, headless_viewer, photograph, show
-from experiments.recording.file import (
+from fjh.recording.file import (
     RecordingInfo,
     log_series,
     recording_file,
     screen,
     time_column,
 )
-from experiments.study.errors import WrongInput
+from fjh.recording.render import DRIVER, complaints, headless_viewer, photograph, show
+from fjh.study.errors import WrongInput
 
 # On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
 pytestmark = [

@@ -6,8 +6,8 @@ from typing import NoReturn
 
 import pytest
 
-from experiments.app import render
 from experiments.app.cli import main
+from fjh.recording import render
 
 ADAPTER = "Error: Failed to find an appropriate graphics adapter"
 SLOW = "WARN egui: Failed to render screenshot"

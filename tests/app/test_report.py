@@ -1,4 +1,4 @@
-"""`fjh report`: one page that needs nothing else, made of chapters that are run once."""
+"""`fjh paper report`: one page that needs nothing else, made of chapters that are run once."""
 
 import base64
 import io
@@ -17,10 +17,10 @@ import pytest
 from experiments.app import report as report_module
 from experiments.app.cli import main
 from experiments.studies import study
-from experiments.study import provenance
-from experiments.study.errors import Interrupted, NotInstalled, Unsound
-from experiments.study.plotting import new_figure
-from experiments.study.result import Check, Picture, Result, Shown
+from fjh.study import provenance
+from fjh.study.errors import Interrupted, Unsound
+from fjh.study.plotting import new_figure
+from fjh.study.result import Check, Picture, Result, Shown
 from tests.made import made_study
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
@@ -100,14 +100,14 @@ def stub(ran: list[str], failed: float = 0.0, raised=None) -> Callable[..., Resu
 
 @pytest.fixture
 def report(tmp_path, monkeypatch, capsys):
-    """Run `fjh report` on studies of a test's choice: exit code, index, standard error."""
+    """Run `fjh paper report` on studies of a test's choice: exit code, index, standard error."""
     out = tmp_path / "out"
 
     def run(*options: str, **made: Callable[..., Result]) -> tuple[int, dict, str]:
         monkeypatch.setattr(report_module, "CHAPTERS", {name: {} for name in made})
         monkeypatch.setattr(report_module, "LINES", {name: f"About {name}." for name in made})
         monkeypatch.setattr(report_module, "study", lambda name: made_study(name, made[name]))
-        code = main(["report", "--out", str(out), *options])
+        code = main(["paper", "report", "--out", str(out), *options])
         index = out / "report.json"
         told = json.loads(index.read_text()) if index.exists() else {}
         if told:
@@ -145,7 +145,7 @@ def test_the_page_has_tables_notes_and_figures_of_each_study(report, tmp_path):
     ran: list[str] = []
     code, told, _ = report(one=stub(ran), two=stub(ran))
     assert code == 0 and told["missing"] == []
-    assert told["chapters"][1]["command"] == f"fjh two --out {tmp_path / 'out' / 'two'}"
+    assert told["chapters"][1]["command"] == f"fjh paper two --out {tmp_path / 'out' / 'two'}"
     page = Page((tmp_path / "out" / "report.html").read_text())
     assert page.tables[1:-1] == [[["x", "y_um"], ["a < b", "7.25"]]] * 2
     assert [image["alt"] for image in page.images] == ['One "pixel".'] * 2
@@ -205,15 +205,6 @@ def test_ctrl_c_in_the_first_chapter_leaves_no_folder(report, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_chapter_whose_packages_are_absent_is_left_out_and_the_page_says_why(report, tmp_path):
-    absent = NotInstalled("fjh two needs what is not installed, mink: pip install it")
-    code, told, error = report(one=stub([]), two=stub([], raised=absent))
-    assert (code, error, told["missing"]) == (0, "", [])
-    assert told["left_out"] == {"two": str(absent)}
-    page = Page((tmp_path / "out" / "report.html").read_text())
-    assert f"Left out: two, since {absent}." in page.text
-
-
 def test_an_unsound_chapter_is_told_and_the_others_still_run(report, tmp_path):
     diverged = Unsound("it diverged at 4 s")
     code, told, error = report(
@@ -244,7 +235,7 @@ def test_wrong_input_is_refused_before_any_work(report, tmp_path):
 @pytest.mark.long
 def test_a_real_study_is_on_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(report_module, "CHAPTERS", {"release": {}})
-    assert main(["report", "--quick", "--quiet", "--out", str(tmp_path)]) == 0
+    assert main(["paper", "report", "--quick", "--quiet", "--out", str(tmp_path)]) == 0
     told = json.loads((tmp_path / "report.json").read_text())
     page = check((tmp_path / "report.html").read_text(), told)
     printed = (tmp_path / "release" / "release.md").read_text()

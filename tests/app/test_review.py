@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.app.review import names_of
+from fjh.recording.review import names_of
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.conftest import fjh
-from tests.recording.test_recording import SIGNALS
+from tests.fjh.recording.test_recording import SIGNALS
 
 EVERY = 5
 """Ticks a row: 200 Hz."""

@@ -18,7 +18,7 @@ MISTYPED = {
     "track --event hardover:strut1@3": "hard_over",
     "track --controller json:lods": "loads",
     "sweep --design nowhere.toml": "nowhere.toml",
-    "compare nowhere.json nowhere.json": "nowhere.json",
+    "results nowhere.json --against nowhere.json": "nowhere.json",
     "review nowhere": "nowhere",
     "render nowhere.rrd --out it.png": "nowhere.rrd",
     "animate nowhere.npz --out it.gif": "nowhere.npz",

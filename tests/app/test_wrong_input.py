@@ -9,7 +9,7 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.app.refusals import TRACEBACK
-from experiments.study.spelling import LARGEST_FILE
+from fjh.study.spelling import LARGEST_FILE
 from sim import MODELS
 from tests.made import made_study
 
@@ -88,7 +88,7 @@ def measuring(monkeypatch, out: Path, perform: Callable[..., Any]) -> list[str]:
     from experiments.app import cli
 
     study = made_study("measure", perform)
-    monkeypatch.setattr(cli, "LINES", {"measure": ""})
+    monkeypatch.setattr(cli, "PAPER", {"measure": ""})
     monkeypatch.setattr(cli, "study", lambda _: study)
     return ["measure", "--out", str(out)]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.rig import Rig
+from fjh.rig import Rig
 from sim import Failure
 
 RIG = Rig.hexapod(mismatch="all", seed=5)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.rig import Rig
+from fjh.rig import Rig
 from ftc.controller import DirectDrive
 from ftc.decision import Case, Outlook
 from ftc.fdi.fault_model import Fault

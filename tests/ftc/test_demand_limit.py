@@ -7,17 +7,19 @@ import control
 import numpy as np
 import pytest
 
-from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
-from experiments.rig.hexapod.fault_tolerance import nominal_model
-from experiments.rig.hexapod.paper import TABLE_I_URAD
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.table1 import CONFIGURATIONS
 from experiments.uncorrected import CANDIDATES, W_A, Candidate, fast_loop_ratio, remaining_gain
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
+from fjh.rig.hexapod.fault_tolerance import nominal_model
+from fjh.rig.hexapod.paper import TABLE_I_URAD
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.hexapod.trajectory import spiral
 from ftc.controller import Measurement
 from ftc.fdi.fault_model import fault_model
 from ftc.linear_loop import Stage, steps
-from sim import Array, Failure, failed_plant, hexapod, linearize, spiral
+from sim import Array, Failure, failed_plant, linearize
 
 LOCK_1 = (Failure(0, "locked"),)
 TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)

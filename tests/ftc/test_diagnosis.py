@@ -6,10 +6,10 @@ import control
 import numpy as np
 import pytest
 
-from experiments.rig.hexapod.fault_tolerance import HEAVE
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.prediction import linear_loop
+from fjh.rig.hexapod.fault_tolerance import HEAVE
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.prediction import linear_loop
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel

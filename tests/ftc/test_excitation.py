@@ -9,9 +9,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
-from experiments.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.fault_tolerance import HEAVE, nominal_model
+from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.design.signatures import fault_responses, steady_signatures
 from ftc.fdi.dither import Dither
@@ -20,7 +21,7 @@ from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_mo
 from ftc.fdi.sensor_choice import ranked_sensors
 from ftc.fdi.separation import ALIKE, Conditions, Separations, separations, separations_at
 from ftc.fdi.uncertainty import Uncertainty
-from sim import NOMINAL, hexapod, load_model
+from sim import NOMINAL, load_model
 from tests.hostile import Target, complaints
 
 LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)

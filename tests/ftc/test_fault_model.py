@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 
-from experiments.rig.hexapod.fault_tolerance import fault_text, nominal_model
-from experiments.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.hexapod.fault_tolerance import fault_text, nominal_model
+from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
 from sim import Failure, LinearPlant, Plant, failed_plant, linearize, load_model
 

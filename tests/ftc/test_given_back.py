@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.rig import Rig
-from experiments.rig.events import Event
+from fjh.rig import Rig
+from fjh.rig.events import Event
 
 RIG = Rig.hexapod(mismatch="all", seed=3)
 

@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import StrutMapping, controller_for
-from experiments.rig.hexapod.fault_tolerance import HEAVE
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.controller import StrutMapping, controller_for
+from fjh.rig.hexapod.detector import pointing_angles
+from fjh.rig.hexapod.fault_tolerance import HEAVE
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc.control.mapping import DisplacementForm
 from ftc.controller import BumplessTransfer, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
@@ -17,7 +19,7 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from ftc.reconfiguration import goal_after, lost_displacement
-from sim import NOMINAL, Failure, hexapod, pointing_angles
+from sim import NOMINAL, Failure
 
 BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)

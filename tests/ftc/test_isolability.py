@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from experiments.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.rig.prediction import linear_loop
+from fjh.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.prediction import linear_loop
 from ftc.fdi.design.isolability import distances as from_causes
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither

@@ -6,9 +6,10 @@ import pytest
 from scipy.optimize import minimize
 
 from experiments.jacobian import GROWN, GROWTHS, RECORDED, VARIANTS, checks, growth_of
-from experiments.rig.hexapod.columns import COLUMNS, SECONDARY
-from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.curvature import (
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import COLUMNS, SECONDARY
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.curvature import (
     Visited,
     extra_percent,
     follow,
@@ -16,18 +17,12 @@ from experiments.rig.hexapod.curvature import (
     loop_gain_error,
     optimum,
 )
-from experiments.rig.hexapod.rig import nominal_testbed
+from fjh.rig.hexapod.detector import pointing_angles, secondary_motion
+from fjh.rig.hexapod.forward import forward_kinematics
+from fjh.rig.hexapod.rig import nominal_testbed
 from ftc.control.local_mapping import PreviousCommand
 from ftc.goal import Goal
-from sim import (
-    NOMINAL,
-    Plant,
-    forward_kinematics,
-    hexapod,
-    load_model,
-    pointing_angles,
-    secondary_motion,
-)
+from sim import NOMINAL, Plant, load_model
 
 MACHINE = hexapod(load_model())
 GOALS = {column.name: column.goal for column in COLUMNS}

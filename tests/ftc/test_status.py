@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from experiments.rig import Rig
+from fjh.rig import Rig
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.causes import Cause

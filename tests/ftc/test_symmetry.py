@@ -18,7 +18,6 @@ from ftc.fdi.separation import Conditions
 from prioritized import (
     ConstrainedSystem,
     Kinematics,
-    Names,
     Status,
     Task,
     failure_atlas,
@@ -26,6 +25,7 @@ from prioritized import (
     velocity_mapping,
     viable_rates,
 )
+from prioritized._mechanism.names import Names
 from tests.ftc.test_excitation import LOOSE, mechanism, twins
 from tests.random_systems import bits
 

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fjh.rig.hexapod.closed_form import Hexapod
 from kernels import Struct, lib, pointer
-from sim import Bench, Hexapod, Plant, Pose, TaskSensor, load_model
+from sim import Bench, Plant, Pose, TaskSensor, load_model
 
 SEEDS = range(8)
 

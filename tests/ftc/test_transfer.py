@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.rig import Rig
+from fjh.rig import Rig
 from ftc import run_loop
 from ftc.controller import Measurement
 from ftc.goal import Goal

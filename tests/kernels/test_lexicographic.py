@@ -56,7 +56,7 @@ def small_problems(seed: int, count: int, heavy: int) -> None:
             assert found.ended.all()
             assert_alike(batch, found.x, known)
         batch = random_batch(rng, heavy, n, rows, heavy=True)
-        clear = np.flatnonzero(enumerated(batch).gap > 100)
+        clear = np.flatnonzero(enumerated(batch).gap > 100).tolist()
         for found in starts(rng, batch):
             assert found.ended.all()
             assert max((worst(batch, k, found.x) for k in clear), default=0.0) < 1e-6

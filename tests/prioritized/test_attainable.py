@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from prioritized import Attainable, AttainableStatus, ConstrainedSystem
+from prioritized import Attainable, ConstrainedSystem
+from prioritized._analysis.attainable import AttainableStatus
 from tests.random_systems import failures, pairs, rows_of, stuck_joints, systems
 
 

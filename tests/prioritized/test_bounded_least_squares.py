@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import Solution, Status, lexicographic_least_squares
+from prioritized import Status, lexicographic_least_squares
+from prioritized._mapping.lexicographic import Solution
 from tests.lexicographic_oracles import by_active_sets, by_interior_point, certificate
 from tests.lexicographic_problems import Problem, problems, random_problem
 from tests.profiles import examples

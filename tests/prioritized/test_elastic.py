@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem, failure_atlas
+from prioritized import ConstrainedSystem, failure_atlas
+from prioritized._solver.rank import RANK_TOLERANCE
 from tests.random_systems import (
     SEEDS,
     closure,

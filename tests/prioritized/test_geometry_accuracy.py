@@ -5,13 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from prioritized import (
-    RANK_TOLERANCE,
-    ConstrainedSystem,
-    Manipulability,
-    failure_atlas,
-    velocity_mapping,
-)
+from prioritized import ConstrainedSystem, Manipulability, failure_atlas, velocity_mapping
+from prioritized._solver.rank import RANK_TOLERANCE
 
 ANCHOR_AXES = [0, 3, 6]
 IN_PLANE = [2, 3, 4]

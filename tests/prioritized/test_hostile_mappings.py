@@ -10,11 +10,8 @@ from prioritized import (
     Attainable,
     ConstrainedSystem,
     FailureAtlas,
-    Failures,
     ForceMapping,
     Kinematics,
-    Names,
-    Postures,
     Status,
     Task,
     Tick,
@@ -26,6 +23,9 @@ from prioritized import (
     velocity_mapping,
     viable_rates,
 )
+from prioritized._mechanism.failures import Failures
+from prioritized._mechanism.names import Names
+from prioritized._postures import Postures
 from tests.hostile import Target, complaints, unattacked
 
 RNG = np.random.default_rng(7)

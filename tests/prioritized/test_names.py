@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import ConstrainedSystem, Failures, Names, failure_atlas
+from prioritized import ConstrainedSystem, failure_atlas
+from prioritized._mechanism.failures import Failures
+from prioritized._mechanism.names import Names
 from tests.random_systems import SEEDS, motions, null, systems
 
 NAMES = Names(

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem, Kinematics, Status
+from prioritized import ConstrainedSystem, Kinematics, Status
+from prioritized._solver.rank import RANK_TOLERANCE
 from tests.random_systems import SEEDS, major_and_rest, null, of_rank, orthogonal
 
 NEAR = st.floats(-1.0, 2.0)

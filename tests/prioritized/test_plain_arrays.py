@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from prioritized import Solution, lexicographic_least_squares, velocity_mapping
+from prioritized import lexicographic_least_squares, velocity_mapping
+from prioritized._mapping.lexicographic import Solution
 
 RNG_SEEDS = range(40)
 

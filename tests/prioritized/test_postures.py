@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import ConstrainedSystem, Kinematics, Postures, Status, VelocityMapping
+from prioritized import ConstrainedSystem, Kinematics, Status, VelocityMapping
+from prioritized._postures import Postures
 from tests.random_systems import (
     Drawn,
     failures,

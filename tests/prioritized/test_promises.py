@@ -8,14 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import (
-    ConstrainedSystem,
-    Failures,
-    Status,
-    failure_atlas,
-    force_mapping,
-    velocity_mapping,
-)
+from prioritized import ConstrainedSystem, Status, failure_atlas, force_mapping, velocity_mapping
+from prioritized._mechanism.failures import Failures
 
 
 @given(st.floats(-9, 0))

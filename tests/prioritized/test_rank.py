@@ -5,7 +5,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem, Status, force_mapping, velocity_mapping
+from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
+from prioritized._solver.rank import RANK_TOLERANCE
 from tests.random_systems import SEEDS, orthogonal
 
 

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem, velocity_mapping
+from prioritized import ConstrainedSystem, velocity_mapping
 from prioritized._mechanism import elimination
+from prioritized._solver.rank import RANK_TOLERANCE
 from tests.random_systems import (
     SEEDS,
     failures,

@@ -12,7 +12,8 @@ from scipy.optimize import linprog
 
 from argument_checks.ties import exceeds
 from kernels import lib
-from prioritized import RateBox, viable_rates
+from prioritized import viable_rates
+from prioritized._analysis.viable import RateBox
 from tests.random_systems import SEEDS
 
 EPS = np.finfo(float).eps

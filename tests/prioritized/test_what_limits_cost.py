@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import AttainableStatus, ConstrainedSystem, failure_atlas
+from prioritized import ConstrainedSystem, failure_atlas
+from prioritized._analysis.attainable import AttainableStatus
 from sim import jacobians
 from tests.random_systems import (
     SEEDS,

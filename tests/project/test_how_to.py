@@ -17,7 +17,7 @@ from rerun.chunk import RrdReader
 
 import experiments
 from experiments import studies
-from experiments.study.command import command
+from experiments.app.command import command
 from experiments.systems import systems
 from sim import Plant, jacobians, load_model
 from tests.pages import assert_prints, blocks, run
@@ -326,5 +326,5 @@ def test_the_page_on_studies_is_short():
 
 
 def test_the_page_names_the_place_to_register_a_study():
-    assert "`LINES` of `experiments/studies.py`" in EXPERIMENT
-    assert "limits" in studies.LINES
+    assert "`PAPER` of `experiments/studies.py`" in EXPERIMENT
+    assert "limits" in studies.PAPER

@@ -8,18 +8,18 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import argument_checks
-import experiments.rig
 import fjh
+import fjh.rig
 import ftc
 import prioritized
 import sim
 from experiments.app.cli import main
 from experiments.app.start import PACKAGES, run
-from experiments.benchmark.runs import PACKAGES as BENCH_PACKAGES
 from hatch_build import FOLDERS, stage
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +66,7 @@ def test_installed_it_leaves_other_peoples_names_alone(tmp_path):
     words = [sys.executable, "script.py"]
     done = subprocess.run(words, cwd=user, env=environment, capture_output=True, text=True)
     assert done.stderr == ""
-    assert done.stdout == "6 fjh.experiments.rig.rig True\n[]\n"
+    assert done.stdout == "6 fjh.rig.rig True\n[]\n"
 
 
 @pytest.mark.long
@@ -94,7 +94,7 @@ def module_file(name: str) -> bool:
 
 
 def test_in_a_checkout_both_names_are_one_object():
-    assert fjh.Rig is experiments.rig.Rig
+    assert fjh.Rig is fjh.rig.Rig
     assert fjh.load_model is sim.load_model
     assert fjh.ConstrainedSystem is prioritized.ConstrainedSystem
     assert importlib.import_module("fjh.sim.plant.friction") is importlib.import_module(
@@ -103,13 +103,9 @@ def test_in_a_checkout_both_names_are_one_object():
     assert sim.__spec__.name == sim.__name__ == "sim"
 
 
-def test_what_type_checkers_see_is_what_there_is():
-    """The names are written twice: for them, and for who asks while the program runs."""
-    tree = ast.parse((ROOT / "fjh" / "__init__.py").read_text())
-    (typed,) = (node for node in tree.body if isinstance(node, ast.If) and "TYPE" in ast.dump(node))
-    imports = [node for node in typed.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    seen = {alias.asname for node in imports for alias in node.names}
-    assert seen == {*fjh.__all__, "__version__"}
+def test_its_packages_are_the_folders_of_the_wheel():
+    packages = {name for name in fjh.__all__ if isinstance(getattr(fjh, name), ModuleType)}
+    assert packages == {"experiments", "ftc", "prioritized", "sim"} < set(FOLDERS)
     assert set(FOLDERS) - {"models"} == set(fjh._checkout.FOLDERS)  # models are no Python
 
 
@@ -120,8 +116,8 @@ def test_each_of_its_names_is_there_and_documented(name):
 
 
 def test_what_it_does_not_have_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="module 'fjh' has no attribute 'rig'"):
-        _ = fjh.rig
+    with pytest.raises(AttributeError, match="module 'fjh' has no attribute 'rigs'"):
+        _ = fjh.rigs
 
 
 def test_its_import_waits_for_nothing(tmp_path):
@@ -145,14 +141,14 @@ def test_without_the_testbeds_extra_the_command_says_what_to_install(monkeypatch
         run()
     assert end.value.code == 2
     sentence = only_line(capsys.readouterr().err)
-    assert f"not installed, {package}: pip install" in sentence
-    assert '"fault-tolerant-hexapod[testbed]"' in sentence
+    assert f"not installed, {package}: in a checkout, pip install" in sentence
+    assert 'pip install ".[all]"' in sentence
 
 
 def test_sim_without_mujoco_says_what_to_install(tmp_path):
     absent = "import sys; sys.modules['mujoco'] = None; "
     done = python(tmp_path, "-c", absent + "import sim")
-    line = 'pip install "fault-tolerant-hexapod[sim]"'
+    line = 'in a checkout, pip install ".[sim]"'
     assert done.stderr.splitlines()[-1] == (
         f"ModuleNotFoundError: sim needs mujoco, which is not installed: {line}"
     )
@@ -166,17 +162,15 @@ def names(requirements: list[str]) -> set[str]:
 def test_the_packages_that_the_sentences_speak_of_are_those_of_the_extras():
     extras = PROJECT["optional-dependencies"]
     assert names(PROJECT["dependencies"]) == {"cffi", "control", "numpy", "scipy"}
-    assert names(extras["sim"]) == {"mujoco"}
+    assert set(extras) == {"sim", "all"} and names(extras["sim"]) == {"mujoco"}
     distributions = {name.replace("_", "-") for name in PACKAGES} - {
         "mujoco",
         "rerun",
         "markdown-it",
     }
-    assert names(extras["testbed"]) == distributions | {
+    assert names(extras["all"]) == distributions | {
         *("fault-tolerant-hexapod[sim]", "markdown-it-py", "rerun-sdk")
     }
-    peers = set(BENCH_PACKAGES) - {"qpsolvers"}  # which mink installs
-    assert names(extras["bench"]) == peers | {"fault-tolerant-hexapod[testbed]"}
 
 
 def test_there_is_one_version(capsys):
@@ -189,5 +183,5 @@ def test_there_is_one_version(capsys):
 
 def test_every_package_says_that_it_is_typed():
     packages = {name for name in TOOL["pyright"]["include"] if (ROOT / name).is_dir()}
-    for package in packages - {"tests", "docs", "examples"}:
+    for package in packages - {"benchmarks", "tests", "docs", "examples", "tools"}:
         assert (ROOT / package / "py.typed").is_file(), package

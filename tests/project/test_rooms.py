@@ -1,14 +1,15 @@
-"""The rooms, one direction, and the floors of `experiments`: who may import whom."""
+"""The rooms and their parts: who may import whom."""
 
 import ast
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-from experiments.studies import LINES, study
+from experiments.studies import LINES, PAPER, study
 
 ROOT = Path(__file__).parents[2]
 ALLOWED = {
@@ -19,12 +20,10 @@ ALLOWED = {
     "ftc": {"numpy", "scipy", "control", "prioritized", "argument_checks", "kernels"},
 }
 """As in the table of CONTRIBUTING.md, which a test compares."""
-FLOORS = {
-    **{"study": 0, "ik": 1, "rig": 1, "recording": 2, "goals_physics": 2, "certificate": 2},
-    **{"sweep_design": 2, "studies": 4, "results": 5, "comparison": 6, "app": 7},
-}
-"""Of `experiments`, from below; whatever else is there is a study."""
-STUDY = 3
+OPEN = ("fjh", "experiments")
+"""Rooms whose parts are places of their own in the drawing."""
+NO_STUDIES = {"again", "app", "studies", "study"}
+"""What else is in `experiments`."""
 
 
 def imported(file: Path) -> set[str]:
@@ -35,8 +34,68 @@ def imported(file: Path) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             below = {f"{node.module}.{alias.name}" for alias in node.names}
-            names |= below if node.module == "experiments" else {node.module}
+            names |= below if node.module in OPEN else {node.module}
     return names
+
+
+def place_of(module: str) -> str:
+    """The place of a module in the drawing: its room, or its part of an open one."""
+    room, *parts = module.split(".")
+    if room not in OPEN or not parts:
+        return room
+    if room == "experiments" and parts[0] not in NO_STUDIES:
+        return "experiments/STUDY"
+    return f"{room}/{parts[0]}"
+
+
+def arrows() -> dict[str, set[str]]:
+    """Each place, and the places that it imports; the lists of public names left out."""
+    found: dict[str, set[str]] = {}
+    for file in (file for room in (*ALLOWED, *OPEN) for file in (ROOT / room).rglob("*.py")):
+        module = ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        ours = {name for name in imported(file) if name.split(".")[0] in {*ALLOWED, *OPEN}}
+        if module not in (*OPEN, "fjh._checkout", "experiments.__main__"):
+            place = place_of(module)
+            found.setdefault(place, set()).update({place_of(name) for name in ours} - {place})
+    return found
+
+
+def drawing() -> str:
+    """The places in Mermaid; an arrow that follows from others is left out."""
+    found = arrows()
+
+    def reached(place: str) -> set[str]:
+        below = found.get(place, set())
+        return below.union(*map(reached, below))
+
+    lines = [
+        f"    {place} --> {other}"
+        for place in sorted(found)
+        for other in sorted(found[place])
+        if not any(other in reached(each) for each in found[place])
+    ]
+    return "\n".join(["```mermaid", "graph TD", *lines, "```"])
+
+
+def test_no_arrow_leads_back():
+    TopologicalSorter(arrows()).prepare()  # raises CycleError
+
+
+def test_the_drawing_of_imports_is_that_of_the_page_for_contributors():
+    """A new arrow fails here: whoever wants it draws it, and says why in the commit."""
+    assert drawing() in (ROOT / "CONTRIBUTING.md").read_text(), drawing()
+
+
+def test_no_study_imports_another():
+    """What two studies share is below them; a large study has files that begin with its name."""
+    wrong = set()
+    for file in (ROOT / "experiments").rglob("*.py"):
+        name = file.relative_to(ROOT / "experiments").with_suffix("").parts[0]
+        others = (each.split(".") for each in imported(file) if each.startswith("experiments."))
+        if name not in NO_STUDIES and not name.startswith("__"):
+            beside = {each[1] for each in others if not each[1].startswith(name)}
+            wrong |= {f"{name} imports {other}" for other in beside - {"study"}}
+    assert not wrong
 
 
 def imported_by(room: str) -> set[str]:
@@ -59,7 +118,7 @@ def test_the_page_for_contributors_says_what_a_room_may_import(room):
 
 
 ORDER = {
-    "sim": ("mjcf", "closing", "kinematics", "tasks", "hexapod", "plant", "scene"),
+    "sim": ("mjcf", "closing", "kinematics", "tasks", "plant", "scene"),
     "prioritized": ("_solver", "_mechanism", "_mapping", "_analysis"),
     "ftc": ("control", "fdi"),
 }
@@ -80,7 +139,7 @@ def test_a_folder_of_a_room_imports_only_those_before_it(room):
     assert not wrong, "\n".join(sorted(wrong))
 
 
-TESTED = {"prioritized": {"ftc", "experiments"}, "sim": {"ftc"}}
+TESTED = {"prioritized": {"ftc", "experiments", "fjh"}, "sim": {"ftc"}}
 """Folders of tests, and the rooms above theirs that they do without."""
 
 
@@ -98,53 +157,39 @@ def test_a_test_is_in_the_folder_of_what_it_tests():
 )
 def test_what_says_that_something_is_missing_needs_nothing_installed(file):
     outside = {name.split(".")[0] for name in imported(ROOT / file)}
-    assert outside - sys.stdlib_module_names <= {"experiments"}
+    assert outside - sys.stdlib_module_names <= {"experiments", "fjh"}
 
 
 def test_inverse_kinematics_need_no_loop_and_no_study():
     """Importable with the extra `sim` alone."""
-    files = (ROOT / "experiments" / "ik").rglob("*.py")
+    files = (ROOT / "fjh" / "ik").rglob("*.py")
     names = {name for file in files for name in imported(file)}
-    ours = {name.split(".")[0] for name in names if not name.startswith("experiments.ik")}
+    ours = {name.split(".")[0] for name in names if not name.startswith("fjh.ik")}
     assert ours - sys.stdlib_module_names == {
         *("argument_checks", "mujoco", "numpy", "prioritized", "sim")
     }
 
 
-def floor_of(place: str) -> int:
-    return FLOORS.get(place, STUDY)
-
-
-PLACES = sorted(
-    path.stem
-    for path in (ROOT / "experiments").iterdir()
-    if (path.is_dir() or path.suffix == ".py") and not path.name.startswith("_")
-)
-
-
-@pytest.mark.parametrize("place", PLACES)
-def test_no_floor_imports_upward_and_no_study_another(place):
-    wrong, folder = set(), ROOT / "experiments" / place
-    for file in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]:
-        parts = (name.split(".") for name in imported(file) if name.startswith("experiments."))
-        wrong |= {
-            f"{file.relative_to(ROOT)} imports {other}"
-            for _, other, *_ in parts
-            if other != place and floor_of(other) >= floor_of(place)
-        }
-    assert not wrong, "\n".join(sorted(wrong))
+def _names(function: ast.FunctionDef) -> set[str]:
+    return {each.arg for each in function.args.kwonlyargs}
 
 
 def test_the_registry_has_every_study_and_the_first_line_of_its_help():
-    places = {name for name in PLACES if floor_of(name) == STUDY}
-    assert {study(name).__module__.split(".")[1] for name in LINES} == places
-    assert {name: (study(name).__doc__ or "").partition("\n")[0] for name in LINES} == LINES
+    for name, line in LINES.items():
+        assert (study(name).__doc__ or "").partition("\n")[0] == line
+    functions = {
+        node.name
+        for file in (ROOT / "experiments").glob("*.py")
+        for node in ast.parse(file.read_text()).body
+        if isinstance(node, ast.FunctionDef) and {"seed", "quick", "on_progress"} <= _names(node)
+    }
+    assert functions <= set(PAPER)
 
 
 def test_the_check_sees_imports():
-    assert {"prioritized", "sim", "ftc", "rerun"} <= imported_by("experiments")
-    assert "experiments.rig.hexapod.controller" in imported(
-        ROOT / "tests" / "rig" / "test_bench.py"
+    assert {"prioritized", "sim", "ftc", "rerun"} <= imported_by("fjh")
+    assert "fjh.rig.hexapod.controller" in imported(
+        ROOT / "tests" / "fjh" / "rig" / "test_bench.py"
     )
 
 
@@ -163,7 +208,7 @@ class Refused:
             raise ImportError(name)
 
 sys.meta_path.insert(0, Refused())
-from experiments.rig import Rig
+from fjh.rig import Rig
 rig = Rig.hexapod()
 print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)
 """

@@ -91,14 +91,13 @@ def test_equal_coordinates_take_turns_in_their_order(seed, N):
 ROOT = Path(__file__).parents[2]
 CHOOSES_OTHERWISE = {
     "argument_checks/ties.py": "the rule itself",
-    "experiments/app/review.py": "places in a text",
-    "experiments/benchmark/closed_loop.py": "times of a clock",
+    "fjh/recording/review.py": "places in a text",
     "experiments/figures.py": "the first that is true",
-    "experiments/recording/read.py": "times that differ",
-    "experiments/recording/view.py": "times of events",
-    "experiments/rig/rig.py": "times that a user gave",
-    "experiments/study/files.py": "names",
-    "experiments/track.py": "times that a user gave",
+    "fjh/recording/read.py": "times that differ",
+    "fjh/recording/view.py": "times of events",
+    "fjh/rig/rig.py": "times that a user gave",
+    "fjh/study/files.py": "names",
+    "fjh/track.py": "times that a user gave",
     "prioritized/_mapping/plan.py": "whole numbers",
     "prioritized/_solver/rank.py": "what counts before what does not",
     "sim/mjcf/accuracy.py": "the first that is true",
@@ -121,7 +120,7 @@ def chooses(node: ast.AST) -> bool:
 
 def test_whoever_chooses_among_computed_numbers_follows_the_rule():
     """Else the last bit does, which is seen on another processor alone."""
-    rooms = ("argument_checks", "prioritized", "sim", "ftc", "experiments")
+    rooms = ("argument_checks", "prioritized", "sim", "ftc", "fjh", "experiments")
     files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     found = {
         str(file.relative_to(ROOT))

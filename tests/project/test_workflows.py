@@ -55,7 +55,7 @@ def test_the_reproduction_of_the_paper_is_shown_with_every_run():
 def test_the_table_is_compared_with_that_of_the_last_release_with_every_run():
     """By a shell that fails where the first command of a pipe does."""
     text = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
-    compare = ".venv/bin/fjh compare docs/data/table1.json results/table1"
+    compare = ".venv/bin/fjh results results/table1 --against docs/data/table1.json"
     summary = 'tee -a "$GITHUB_STEP_SUMMARY"'
     assert f"      - run: {compare} | {summary}\n        shell: bash\n" in text
     assert text.index("run: make table1") < text.index(compare)
@@ -72,10 +72,9 @@ def test_table1_installs_the_command_alone_and_shows_what_pip_does(tmp_path):
     for name in ("Makefile", "pyproject.toml", "constraints.txt"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "kernels", tmp_path / "kernels")
-    assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "table1")) == [".[testbed]"]
-    assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "test")) == [
-        ".[bench,live,test,check,docs]"
-    ]
+    assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "table1")) == [".[all]"]
+    groups = re.findall(r'--editable "(.*)" (.*)', recipe(tmp_path, "test"))
+    assert groups == [(".[all]", "--group test --group check --group docs")]
     assert "--quiet" not in recipe(tmp_path, "venv")
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     touched = [word for line in recipe(tmp_path, "venv").splitlines() for word in line.split()]

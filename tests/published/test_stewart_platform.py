@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from experiments.rig import Rig
+from fjh.rig import Rig
 from sim import Failure, Plant, linearize, load_model
 from tests.pages import assert_says, run
 

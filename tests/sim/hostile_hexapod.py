@@ -5,31 +5,27 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from fjh.rig.hexapod.closed_form import Hexapod, Posture, hexapod
+from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
+from fjh.rig.hexapod.forward import forward_kinematics
+from fjh.rig.hexapod.strut_sensors import StrutSensors
+from fjh.rig.hexapod.trajectory import spiral
 from sim import (
     HEXAPOD_MJCF,
     NOMINAL,
     Amplifier,
     Coils,
-    Detector,
-    Hexapod,
     Jacobians,
     MaxwellSlip,
     Pose,
-    Posture,
-    StrutSensors,
     displacement_limits,
     element_id,
-    forward_kinematics,
-    hexapod,
     jacobians,
     joint_stiffness,
     linearize,
     load_model,
     mass_matrix,
     model_sha256,
-    pointing_angles,
-    secondary_motion,
-    spiral,
     weightless,
 )
 from tests.hostile import Target

@@ -8,30 +8,27 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
+from fjh.rig.hexapod.strut_sensors import StrutSensors
+from fjh.rig.hexapod.trajectory import spiral
 from sim import (
     HEXAPOD_MJCF,
     NOMINAL,
     Amplifier,
     Coils,
-    Detector,
     Failure,
-    Hexapod,
     Jacobians,
     ModelError,
     Plant,
     Pose,
-    StrutSensors,
     element_id,
     failed_plant,
-    hexapod,
     jacobians,
     linearize,
     load_model,
     mass_matrix,
     model_sha256,
-    pointing_angles,
-    secondary_motion,
-    spiral,
 )
 from tests.hostile import Target, refusals
 

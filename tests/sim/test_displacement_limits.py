@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from experiments.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.hexapod.testbed import TestbedConfig
 from sim import Plant, displacement_limits
 
 CURRENTS_A = [0.5, 1.0, 2.0, 3.0, 4.0, 9.0]

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.ik import Ik
+from fjh.ik import Ik
 from prioritized import ConstrainedSystem
 from sim import (
     CenterOfMass,

@@ -7,16 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim import (
-    NOMINAL,
-    Hexapod,
-    Plant,
-    Pose,
-    UnreachableLengths,
-    forward_kinematics,
-    hexapod,
-    load_model,
-)
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.forward import UnreachableLengths, forward_kinematics
+from sim import NOMINAL, Plant, Pose, load_model
 
 MACHINE = hexapod(load_model())
 ROUND_OFF_M = 1e-14

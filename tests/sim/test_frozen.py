@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import sim
+from fjh.rig.hexapod import closed_form
 from sim import NOMINAL, Bench, Plant, Pose, TaskSensor
 from tests.frozen import writable
 from tests.sim import hostile_mechanisms
@@ -13,8 +14,8 @@ from tests.sim.hostile_hexapod import COILS, DATA, JACOBIANS, MACHINE, MODEL, PO
 
 MADE = {
     sim.Pose: POSE,
-    sim.Posture: POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": np.eye(6)},
-    sim.Hexapod: {"bottom_m": MACHINE.bottom_m, "top_m": MACHINE.top_m},
+    closed_form.Posture: POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": np.eye(6)},
+    closed_form.Hexapod: {"bottom_m": MACHINE.bottom_m, "top_m": MACHINE.top_m},
     sim.Jacobians: {name: JACOBIANS[name] for name in ("J_T", "J_C", "active", "gear")},
     sim.Coils: COILS,
     sim.MaxwellSlip: {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))},

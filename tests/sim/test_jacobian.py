@@ -6,6 +6,7 @@ import pytest
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
+from fjh.rig.hexapod.closed_form import hexapod
 from prioritized import ConstrainedSystem
 from sim import (
     Body,
@@ -16,7 +17,6 @@ from sim import (
     Plant,
     Pose,
     assemble,
-    hexapod,
     jacobians,
     joint_stiffness,
     linearize,

@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from experiments.rig.hexapod.testbed import TestbedConfig
-from sim import NOMINAL, Pose, hexapod
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.testbed import TestbedConfig
+from sim import NOMINAL, Pose
 
 R = Rotation.from_rotvec([[0.01, 0.02, -0.03], [0.0, 0.1, 0.0]]).as_matrix()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.study.workers import in_parallel
+from fjh.study.workers import in_parallel
 from sim import load_model
 
 ODD = {

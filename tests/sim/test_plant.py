@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.study.workers import in_parallel
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod.columns import COLUMNS
+from fjh.rig.hexapod.controller import nominal_loops
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.study.workers import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
 from sim.mjcf.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of

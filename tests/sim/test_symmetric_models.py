@@ -4,17 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import (
-    NOMINAL,
-    ClosureError,
-    Hexapod,
-    ModelError,
-    Plant,
-    assemble,
-    jacobians,
-    linearize,
-    load_model,
-)
+from fjh.rig.hexapod.closed_form import Hexapod
+from sim import NOMINAL, ClosureError, ModelError, Plant, assemble, jacobians, linearize, load_model
 from sim.mjcf.frame import rotation_vector
 
 PROCESSORS = range(12)

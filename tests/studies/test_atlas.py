@@ -7,13 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.rig.conditions import every_condition
-from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.fault_tolerance import (
-    elastic_system,
-    strut_and_payload_stiffness,
-)
-from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.sweep import (
     PREDICTED,
     RMS,
@@ -25,9 +18,17 @@ from experiments.sweep import (
     representatives,
     verdicts,
 )
+from fjh.rig.conditions import every_condition
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.fault_tolerance import (
+    elastic_system,
+    strut_and_payload_stiffness,
+)
+from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc.goal import Goal
 from prioritized import failure_atlas
-from sim import NOMINAL, hexapod
+from sim import NOMINAL
 from tests.conftest import FLOWN
 
 

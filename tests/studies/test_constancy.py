@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import direct
 from scipy.spatial.transform import Rotation
 
-from experiments import certificate
-from experiments.certificate import NORMS, ORDER, certify, jacobian_forms, jacobian_series, size
+from experiments import jacobian_certificate as certificate
 from experiments.jacobian import (
     CERTIFICATE_LIMIT,
     READINGS,
@@ -25,8 +24,18 @@ from experiments.jacobian import (
     twist_in_base_axes,
     variation,
 )
-from experiments.rig.hexapod import paper
-from sim import NOMINAL, Hexapod, Pose, forward_kinematics, hexapod, load_model
+from experiments.jacobian_certificate import (
+    NORMS,
+    ORDER,
+    certify,
+    jacobian_forms,
+    jacobian_series,
+    size,
+)
+from fjh.rig.hexapod import paper
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.forward import forward_kinematics
+from sim import NOMINAL, Pose, load_model
 from tests.profiles import examples
 
 MACHINE = hexapod(load_model())

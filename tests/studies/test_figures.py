@@ -15,16 +15,16 @@ from matplotlib.text import Annotation
 
 from experiments.app.cli import main
 from experiments.figures import OpenLoop, counted, figure_atlas, figure_bode, open_loop
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import ANGLES, design, nominal_plant
-from experiments.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
-from experiments.rig.hexapod.metrics import loop_measures
-from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study.palette import BLACK, BLUE, SKY, YELLOW
-from experiments.study.plotting import COLUMN_IN, new_figure, save_figure
 from experiments.table1 import figure_4, figure_5, figure_6, figure_result
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.controller import ANGLES, design, nominal_plant
+from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
+from fjh.rig.hexapod.metrics import loop_measures
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.study.palette import BLACK, BLUE, SKY, YELLOW
+from fjh.study.plotting import COLUMN_IN, new_figure, save_figure
 from prioritized import FailureAtlas, failure_atlas
-from sim import hexapod
 from sim.mjcf.model import HEXAPOD_MJCF
 from tests.made import run_of
 from tests.printed import faults

@@ -29,10 +29,11 @@ from experiments.force import (
     sound_system,
     with_fixture,
 )
-from experiments.rig.hexapod.columns import MAJOR, SECONDARY
-from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, SECONDARY
+from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
-from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
+from sim import HEXAPOD_MJCF, NOMINAL, Plant, jacobians, load_model
 from tests.force_theorems import theorem_7, theorem_8
 from tests.pages import assert_says
 

@@ -27,14 +27,15 @@ from experiments.limits import (
     strategies,
     tuned_clipping,
 )
-from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.hexapod.testbed import Testbed
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import Testbed
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem, velocity_mapping
-from sim import Failure, displacement_limits, hexapod
+from sim import Failure, displacement_limits
 from tests.profiles import examples
 
 

@@ -7,7 +7,7 @@ import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from experiments import systems
-from sim import Jacobians, Plant, jacobians, joint_stiffness, load_model, mass_matrix
+from sim import MODELS, Jacobians, Plant, jacobians, joint_stiffness, load_model, mass_matrix
 from tests.project.test_docs import THEORY, markdown_row, unmarked
 
 PERIOD_S = 1e-3
@@ -182,3 +182,14 @@ def test_a_released_joint_of_the_arm_coasts(models, k):
     plant.step(np.zeros(7), 0.2)
     assert plant.data.qvel[k] == pytest.approx(1.0, abs=1e-5)
     assert plant.displacements()[k] == pytest.approx(0.2, abs=1e-5)
+
+
+def test_the_humanoid_has_29_joints_on_a_floating_base_and_is_its_own_mirror_image():
+    model = load_model(MODELS / "humanoid.xml")
+    assert (model.nv, model.nu) == (35, 29)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for site in ("foot", "hand"):
+        left, right = (data.site(f"{side}_{site}").xpos for side in ("left", "right"))
+        np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-12)
+    np.testing.assert_allclose(data.subtree_com[0, 1], 0, atol=1e-15)

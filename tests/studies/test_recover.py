@@ -1,4 +1,4 @@
-"""`fjh recover`: actuator failures that nothing announces, and whatever else happens."""
+"""`fjh paper recover`: actuator failures that nothing announces, and whatever else happens."""
 
 import json
 import math
@@ -18,8 +18,8 @@ from experiments.recover.plan import exact_rig
 from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
 from experiments.recover.row import COLUMNS, INFORMED_LATE, informed_late
 from experiments.recover.tables import checks, delays, grouped, noise_of, per_hour, share
-from experiments.rig.hexapod.mismatch import ALONE
-from experiments.study.result import Check
+from fjh.rig.hexapod.mismatch import ALONE
+from fjh.study.result import Check
 from tests.conftest import fjh
 
 

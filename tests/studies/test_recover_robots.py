@@ -14,12 +14,12 @@ from experiments.recover import plan
 from experiments.recover.plan import Case, exact_rig
 from experiments.recover.row import COLUMNS, row_of
 from experiments.recover.tables import checks, notes
-from experiments.rig import Rig
-from experiments.rig.dither import rig_dither
-from experiments.rig.events import EVENTS, Event
-from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import DITHER_SIZE, RobotOptions, Sensing
-from experiments.study.errors import WrongInput
+from fjh.rig import Rig
+from fjh.rig.dither import rig_dither
+from fjh.rig.events import EVENTS, Event
+from fjh.rig.mjcf import robot_rig
+from fjh.rig.options import DITHER_SIZE, RobotOptions, Sensing
+from fjh.study.errors import WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
 

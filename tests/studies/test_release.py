@@ -9,21 +9,13 @@ import pytest
 import scipy.linalg
 
 from experiments.release import EQUAL, RATIOS, checks, rest_row
-from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.prediction import loop_peak
-from sim import (
-    NOMINAL,
-    Failure,
-    Plant,
-    hexapod,
-    jacobians,
-    joint_stiffness,
-    linearize,
-    weightless,
-)
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.prediction import loop_peak
+from sim import NOMINAL, Failure, Plant, jacobians, joint_stiffness, linearize, weightless
 
 
 def failed(**tables: pd.DataFrame) -> list[str]:

@@ -18,14 +18,14 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info
 
-from experiments.study import provenance, workers
-from experiments.study.command import conduct
-from experiments.study.errors import Interrupted, OutputError, Unsound, WrongInput
-from experiments.study.files import LOCK, STAGING, UNFINISHED, alone_in
-from experiments.study.result import Result
-from experiments.study.rows import Where, basis_of, rows_of
-from experiments.study.terminal import OnProgress
-from experiments.study.workers import finished, in_parallel, processes
+from experiments.app.command import conduct
+from experiments.study import Where, basis_of, rows_of
+from fjh.study import provenance, workers
+from fjh.study.errors import Interrupted, OutputError, Unsound, WrongInput
+from fjh.study.files import LOCK, STAGING, UNFINISHED, alone_in
+from fjh.study.option import OnProgress
+from fjh.study.result import Result
+from fjh.study.workers import finished, in_parallel, processes
 
 ROOT = Path(__file__).parents[2]
 
@@ -155,8 +155,8 @@ def here(monkeypatch):
     def none(_count):
         yield None
 
-    monkeypatch.setattr("experiments.study.rows.finished", done)
-    monkeypatch.setattr("experiments.study.rows.processes", none)
+    monkeypatch.setattr("experiments.study.finished", done)
+    monkeypatch.setattr("experiments.study.processes", none)
 
 
 @pytest.fixture(scope="module")
@@ -293,7 +293,7 @@ def test_where_is_one_place():
 HOLD = """
 import sys
 from pathlib import Path
-from experiments.study.files import alone_in
+from fjh.study.files import alone_in
 with alone_in(Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()
@@ -364,8 +364,8 @@ def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys,
 
 TLS = """
 from distributed import LocalCluster, Security
-from experiments.study.rows import Where, rows_of
-from experiments.study.errors import WrongInput
+from experiments.study import Where, rows_of
+from fjh.study.errors import WrongInput
 from pathlib import Path
 from tests.studies.test_rows import BASIS, TEN, nothing, row
 if __name__ == "__main__":

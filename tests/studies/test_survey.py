@@ -16,11 +16,11 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
 from experiments.app.cli import main
-from experiments.rig.conditions import FREE, LOCKED, few_failures, in_words, with_failures
-from experiments.rig.examined import LEAST_LEFT, Examined, directions_in_words, examine
-from experiments.survey.page import headline
-from experiments.survey.subject import matrix_subject, robot_options, robot_subject
-from experiments.survey.survey import Survey, checks, surveyed, tables_of
+from fjh.rig.conditions import FREE, LOCKED, few_failures, in_words, with_failures
+from fjh.rig.examined import LEAST_LEFT, Examined, directions_in_words, examine
+from fjh.survey.page import headline
+from fjh.survey.subject import matrix_subject, robot_options, robot_subject
+from fjh.survey.survey import Survey, checks, surveyed, tables_of
 from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, assemble
 from tests.pages import assert_prints, blocks
@@ -331,7 +331,7 @@ def test_29_actuators_get_singles_and_doubles_and_a_sentence(tmp_path):
 def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
     file = written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(4, 12)))
     whole = of_matrix(file).start
-    monkeypatch.setattr("experiments.rig.examined._AT_ONCE", 12**2 * 10)
+    monkeypatch.setattr("fjh.rig.examined._AT_ONCE", 12**2 * 10)
     parts = of_matrix(file).start
     np.testing.assert_array_equal(parts.survived, whole.survived)
     np.testing.assert_array_equal(speeds(parts), speeds(whole))

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.rig.dither import CONDITIONS, rig_dither
-from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions
-from experiments.survey.isolation import (
+from fjh.rig.dither import CONDITIONS, rig_dither
+from fjh.rig.mjcf import robot_rig
+from fjh.rig.options import RobotOptions
+from fjh.survey.isolation import (
     SENSES,
     alike_columns,
     candidates,
@@ -20,7 +20,7 @@ from experiments.survey.isolation import (
     told_apart,
     with_sensors,
 )
-from experiments.survey.subject import matrix_subject, robot_subject
+from fjh.survey.subject import matrix_subject, robot_subject
 from ftc.control.minimal import minimal
 from ftc.fdi.separation import separations
 from ftc.tracking import tracking

@@ -12,12 +12,12 @@ from markdown_it import MarkdownIt
 from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
-from experiments.recording.properties import properties_of
-from experiments.survey import recording
-from experiments.survey.page import headline
-from experiments.survey.recording import losses, title, write_losses
-from experiments.survey.subject import robot_options, robot_subject
-from experiments.survey.survey import Survey, surveyed
+from fjh.recording.properties import properties_of
+from fjh.survey import recording
+from fjh.survey.page import headline
+from fjh.survey.recording import losses, title, write_losses
+from fjh.survey.subject import robot_options, robot_subject
+from fjh.survey.survey import Survey, surveyed
 from sim import MODELS
 from tests.rrd import entities, notes, scalars
 

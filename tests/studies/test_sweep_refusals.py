@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.rig.hexapod.testbed import LIMITS, TestbedConfig
-from experiments.study.errors import WrongInput
 from experiments.sweep_design import CHOICES, VARIED, read_design
 from experiments.sweep_design import LIMITS as NUMBERS
+from fjh.rig.hexapod.testbed import LIMITS, TestbedConfig
+from fjh.study.errors import WrongInput
 
 
 @pytest.mark.parametrize("name", LIMITS)

@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.rig.checks import CLOSURE_LIMIT_M
-from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.machine import detector_noise_rad
-from experiments.rig.hexapod.rig import hexapod_rig, nominal_testbed
-from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.table1 import CONFIGURATIONS, checks, printed
+from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.hexapod import paper
+from fjh.rig.hexapod.columns import COLUMNS
+from fjh.rig.hexapod.machine import detector_noise_rad
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import TestbedConfig
 
 CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]
 NOMINAL_COLUMNS = CORRECTED[:3]

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.rig import Rig, Run
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions
-from experiments.rig.paths import path_of
-from experiments.rig.reach import learnt_s, uncompared
-from experiments.rig.run import Diagnosed
-from experiments.study.errors import WrongInput
-from experiments.study.result import Result
-from experiments.track import Flown, agreement, checks, rows_of, track
+from fjh.rig import Rig, Run
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.mjcf import robot_rig
+from fjh.rig.options import RobotOptions
+from fjh.rig.paths import path_of
+from fjh.rig.reach import learnt_s, uncompared
+from fjh.rig.run import Diagnosed
+from fjh.study.errors import WrongInput
+from fjh.study.result import Result
+from fjh.track import Flown, agreement, checks, rows_of, track
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import deciding_sentence, is_possible
 from sim import HEXAPOD_MJCF, Array, Failure

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from experiments.rig import Rig, Run
-from experiments.rig.reach import limited_by, predictor
+from fjh.rig import Rig, Run
+from fjh.rig.reach import limited_by, predictor
 from ftc.decision import Outlook
 from sim import Failure
 from tests.arms import ARMS

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.rig.options import RobotOptions
-from experiments.rig.paths import path_of
-from experiments.study.errors import WrongInput
+from fjh.rig.options import RobotOptions
+from fjh.rig.paths import path_of
+from fjh.study.errors import WrongInput
 from tests.conftest import fjh
 from tests.studies.test_track import ARM, panda
 

@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from experiments.recording.properties import properties_of
-from experiments.rig.events import Event
-from experiments.study.errors import WrongInput
-from experiments.study.result import Result
-from experiments.track import parsed
+from fjh.recording.properties import properties_of
+from fjh.rig.events import Event
+from fjh.study.errors import WrongInput
+from fjh.study.result import Result
+from fjh.track import parsed
 from tests import rrd
 from tests.studies.test_track import ARM, tracked
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.track import figure, verdict
+from fjh.track import figure, verdict
 from tests.figure_checks import overlapping_texts, text_faults
 
 FOUND: dict[str, Any] = {

@@ -9,13 +9,6 @@ import pandas as pd
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.rig.hexapod.columns import hexapod_arrays
-from experiments.rig.hexapod.controller import StrutMapping
-from experiments.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
-from experiments.rig.hexapod.rig import hexapod_rig
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.rig.prediction import open_loop, pole_radius
-from experiments.rig.run import Run, rms
 from experiments.uncorrected import (
     CANDIDATES,
     EXPLAINS,
@@ -30,8 +23,16 @@ from experiments.uncorrected import (
     pointing_mode,
     predicted_error_rad,
 )
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import hexapod_arrays
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.prediction import open_loop, pole_radius
+from fjh.rig.run import Run, rms
 from ftc.goal import Goal
-from sim import NOMINAL, Failure, Plant, hexapod, linearize, load_model
+from sim import NOMINAL, Failure, Plant, linearize, load_model
 from tests.figure_checks import faults
 from tests.made import made_run
 from tests.sim.test_plant import edited, mode_shapes, pole_of, ring_down

@@ -99,7 +99,7 @@ def verdict(
     own = np.flatnonzero(numbers == candidates[a])
     i, k = _first_of_the_best(ratios[own])
     h = 1 + int(own[i])
-    of_kind = np.array([faults[each].kind for each in own])
+    of_kind = np.array([faults[each].kind for each in own.tolist()])
     kinds = [np.exp(by_fault[own[of_kind == kind]] - actuators[a]).sum() for kind in KINDS]
     gained = float(energy[0, 0] - energy[h, k])
     noise = 4 * np.sqrt(2 * state.samples * p)

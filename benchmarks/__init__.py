@@ -1,0 +1,1 @@
+"""Times of this library beside those of others: `make bench`."""

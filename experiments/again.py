@@ -1,0 +1,61 @@
+"""A run of a dataset once more, from its number."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments.studies import study
+from fjh.result_frames import runs_of
+from fjh.rig.run import Run
+from fjh.study.errors import WrongInput
+from fjh.study.foreign import read_json
+
+
+def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
+    """Fly a run of a dataset once more, from its number.
+
+    Args:
+        folder: With the results of `fjh paper recover` or `fjh paper sweep`.
+        case: The run's number, in the column `case`.
+
+    Returns:
+        The run; and a frame with a row for each of its numbers, with what is `stored`, what is
+        `flown` now, and whether both are the `same` to 1e-9, which they need not be under other
+        versions of this project or its packages.
+
+    Raises:
+        WrongInput: The folder has no such dataset or run, or its runs cannot be repeated.
+    """
+    contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
+    summary = next(
+        (each for each in contents if isinstance(each, dict) and "dataset" in each), None
+    )
+    rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
+    stored = rows[rows.case == case] if len(rows) else rows
+    if summary is None or stored.empty:
+        raise WrongInput(f"{folder} has no dataset with a case {case}")
+    name = str(summary["experiment"])
+    again = getattr(sys.modules[study(name).__module__], "again", None)
+    if again is None:
+        raise WrongInput(f"runs of fjh {name} cannot be flown again")
+    runs, fly = again(summary)
+    drawn, row = runs[case], stored.iloc[0]
+    if others := [k for k, v in drawn.parameters().items() if not _is_same(row.get(k), v)]:
+        raise WrongInput(
+            f"case {case} cannot be flown again: this version draws another {others[0]}"
+        )
+    columns, run = fly(drawn)
+    beside = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]
+    pairs = zip(beside.stored, beside.flown, strict=True)
+    return run, beside.assign(same=[_is_same(stored, flown) for stored, flown in pairs])
+
+
+def _is_same(a: Any, b: Any) -> bool:
+    if isinstance(a, float | int) and isinstance(b, float | int):
+        return bool(np.isclose(a, b, rtol=1e-9, atol=0.0, equal_nan=True))
+    if isinstance(a, np.ndarray | list | tuple) or isinstance(b, np.ndarray | list | tuple):
+        return np.array_equal(a, b)
+    return bool(a == b) or (pd.isna(a) and pd.isna(b))

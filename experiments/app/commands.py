@@ -1,0 +1,164 @@
+"""The commands that show what runs and studies left: results, review, render, animate."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+from experiments.app.terminal import print_ending, progress
+from fjh.study.errors import Unsound, WrongInput
+from fjh.study.files import published, usable_file
+from fjh.study.interrupts import printable
+from fjh.study.option import Option
+from fjh.study.spelling import check_file
+
+_SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
+
+Model = Annotated[
+    Path | None,
+    Option("The machine file of the runs, MJCF.  [default: that which they name]", "FILE"),
+]
+
+
+def results(
+    *,
+    places: Annotated[
+        list[Path],
+        Option(
+            "Folders with results; with --against one, or its JSON file.", "FOLDER", positional=True
+        ),
+    ],
+    against: Annotated[
+        Path | None, Option("A former result of the same study: say what changed.", "FOLDER")
+    ] = None,
+) -> None:
+    """Print runs and checks of results, or what changed since a former result.
+
+    A change is one by more than noise: docs/find.md says what noise is. Rows are compared by their
+    names, whatever their order; settings that differ are said first. The exit code is 1 if a check
+    failed or, with --against, fails that did not. In Python `fjh.results` and `fjh.compare` give
+    the same as data frames.
+
+    Example: fjh results results/table1 --against docs/data/table1.json
+    """
+    if against is None:
+        text, failing = _listed(places)
+    elif len(places) > 1:
+        raise WrongInput(f"one result is compared with {against}, got {len(places)}")
+    else:
+        from fjh.comparison import compare  # late: help does not wait for it
+
+        found = compare(against, places[0])
+        text, failing = str(found), [str(each) for each in found.failing.what]
+    for line in text.splitlines():
+        print(printable(line))
+    if failing:
+        news = "" if against is None else " that did not"
+        raise Unsound(f"{len(failing)} checks fail{news}: {failing[0]}")
+
+
+def _listed(folders: list[Path]) -> tuple[str, list[str]]:
+    """Runs and checks of results as text, and the checks that failed."""
+    from fjh.result_frames import results as read  # late, as above
+
+    parts, failing, found = [], list[str](), read(*folders)
+    for (study, place), runs in found.runs.groupby(["study", "folder"], sort=False):
+        checks = found.checks[found.checks.folder == place]
+        failed = checks[~checks.passed.astype(bool)] if len(checks) else checks
+        failing += [f"{study}: {what}" for what in failed.get("what", ())]
+        passed = f"{len(checks) - len(failed)} of {len(checks)} checks passed"
+        parts.append(f"{study or 'recordings'} in {place}: {len(runs)} runs, {passed}")
+        plain = runs.drop(columns=["study", "folder"]).dropna(axis=1, how="all")
+        flat = plain.loc[:, [not isinstance(value, list | dict) for value in plain.iloc[0]]]
+        parts.append(flat.to_string(index=False, max_rows=20, max_cols=8, max_colwidth=40))
+    return "\n\n".join(parts), failing
+
+
+def review(
+    *,
+    runs: Annotated[
+        list[Path],
+        Option("Folders with results, or single runs (.npz), of any robots.", "RUN", True),
+    ],
+    out: Annotated[Path, Option("Recording to write.", "FILE.rrd")] = Path("review.rrd"),
+    model: Model = None,
+) -> None:
+    """Show several runs of any robots side by side in one recording.
+
+    Two or three runs have the robot in 3D, its error, inputs, secondary motion, states and events;
+    of more there is one column of plots each, a page with the robots, and one with the numbers.
+    Runs of one robot and task are on the same scales. A robot's machine file is found by its
+    SHA-256, where `fjh track` read it or in models/. Takes seconds.
+
+    Example: fjh review results/table1 results/track --out /tmp/runs.rrd
+    """
+    folder = usable_file(out, ".rrd")
+    for run in (run for run in runs if not run.is_dir()):
+        check_file(run)
+    with progress("review"):
+        from fjh.recording.review import write_review  # late: help does not wait for it
+
+        with published(folder, index=out.name) as staging:
+            write_review(staging / out.name, runs, model)
+    checked = "All runs agree with the numbers in the JSON beside them."
+    print_ending(checked, out, shlex.join(["rerun", str(out)]))
+
+
+def render(
+    *,
+    file: Annotated[Path, Option("A recording.", "FILE.rrd", positional=True)],
+    out: Annotated[Path, Option("Picture to write.", "FILE.png")],
+    time: Annotated[
+        float | None,
+        Option("Simulation time to show [s].  [default: the recording's end]", "S"),
+    ] = None,
+    size: Annotated[str, Option("Size of the picture in pixels.", "WIDTHxHEIGHT")] = "1600x900",
+) -> None:
+    """Make a picture of a recording: the viewer's views, on white.
+
+    Needs no display, but a graphics card or Mesa's Vulkan driver (mesa-vulkan-drivers). Without a
+    display the viewer has only a dark theme: dark and light greys are exchanged. A warning of the
+    viewer counts as an error. Takes 5 s.
+
+    Example: fjh render results/table1/W_e.rrd --time 6 --out picture.png
+    """
+    check_file(file)
+    pixels = _SIZE.fullmatch(size)
+    if not pixels:
+        raise WrongInput(f"--size must be WIDTHxHEIGHT, got {size}")
+    folder = usable_file(out, ".png")
+    with progress("render"):
+        from fjh.recording.render import picture_of  # late, as above
+
+        picture = picture_of(file, time, (int(pixels[1]), int(pixels[2])))
+        with published(folder, index=out.name) as staging:
+            picture.save(staging / out.name)
+    print_ending("The viewer gave no warning.", out, shlex.join(["rerun", str(file)]))
+
+
+def animate(
+    *,
+    runs: Annotated[list[Path], Option("A run of any robot, or two.", "RUN.npz [RUN.npz]", True)],
+    out: Annotated[Path, Option("The animation to write.", "FILE.gif")],
+    model: Model = None,
+) -> None:
+    """Make an animation of a run, or of two side by side.
+
+    It shows the machine, with what has failed in magenta, its path and its error as the viewer
+    does; two runs of one robot and task are on the same scales. It begins shortly before the first
+    failure. Like `fjh render` it needs a Vulkan driver, but no display. A GIF of 8 s, below 1 MB;
+    takes half a minute.
+
+    Example: fjh animate unaware/track.npz diagnosed/track.npz --out lock.gif
+    """
+    if len(runs) > 2:
+        raise WrongInput(f"an animation has one run or two, got {len(runs)}")
+    for run in runs:
+        check_file(run)
+    folder = usable_file(out, ".gif")
+    with progress("animate") as on_progress, published(folder, index=out.name) as staging:
+        from fjh.recording.animate import write_animation  # late, as above
+
+        write_animation(staging / out.name, runs, model, on_progress)
+    following = shlex.join(["fjh", "review", *map(str, runs)])
+    print_ending("The viewer gave no warning.", out, following)

@@ -1,1 +1,0 @@
-"""The benchmark: times of the closed loop and the mapping, compared with other libraries."""

@@ -1,0 +1,211 @@
+"""A rigorous upper bound on how much the Jacobian varies over the box of strut lengths.
+
+The argument is written out in docs/jacobian.md. In short, for every l in the box |l_k| <= s,
+
+    J(l) - J(0) = T1[l] + T2[l, l] + T3[l, l, l] + R(l).
+
+A norm of a linear map is convex, so each T is largest at vertices of the box, all combinations of
+which are tried; R is at most the largest fourth Taylor coefficient anywhere in the box, which
+triangle inequalities bound.
+
+The coefficients come from a power series. On the ray l = t d the lengths are L + t d, and the
+payload moves with the twist [omega; v] = J d:
+
+    R' = omega x R,    x' = v,    J = A^-1,
+    A = [p x u, u],    p = R a,    u = (x + p - b) / (L + t d)
+
+Everything on the right is a product of what is known before, so that the Taylor coefficients follow
+one from another. The k-th coefficient of J is a homogeneous polynomial of degree k in d.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from math import factorial, prod
+from typing import Generic, Literal, NamedTuple, TypeVar, get_args
+
+import numpy as np
+
+from fjh.rig.hexapod.closed_form import Hexapod
+from sim import NOMINAL, Array
+
+ORDER = 3
+"""Of the last Taylor coefficient that is bounded at the vertices."""
+ROUNDING = 1e-9
+"""Relative allowance for floating-point arithmetic."""
+
+Norm = Literal["frobenius", "two"]
+NORMS: tuple[Norm, ...] = get_args(Norm)
+
+_VERTICES = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=5)])
+"""Half of the box's; the others are their negatives, with the same norms."""
+
+Kind = TypeVar("Kind", Array, float)
+
+
+def size(matrices: Array, norm: Norm) -> Array:
+    """Norm of each of the matrices (..., p, q), shape (...)."""
+    return np.linalg.norm(matrices, "fro" if norm == "frobenius" else 2, axis=(-2, -1))
+
+
+class Series(NamedTuple, Generic[Kind]):
+    """Taylor coefficients in t of what moves along a ray, from order 0 on; or their norms."""
+
+    arm: list[Kind]  # p, (..., 6, 3)
+    from_bottom: list[Kind]  # x - b, (..., 6, 3)
+    over_length: list[Kind]  # 1 / (L + t d), (..., 6, 1)
+    A: list[Kind]  # inverse Jacobian, (..., 6, 6)
+    J: list[Kind]
+
+
+def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series[Array]:
+    """Taylor coefficients of J(t d), and of what it is made of, about t = 0, for d (..., 6)."""
+    L, J_0 = geometry.nominal_length_m, np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
+    over_length = [(-direction_m / L)[..., None] ** k / L[:, None] for k in range(order + 1)]
+    arm, from_bottom = [geometry.top_m], [-geometry.bottom_m]
+    rows: list[Array] = []
+    A: list[Array] = []
+    J: list[Array] = []
+    turning: list[Array] = []
+    for k in range(order + 1):
+        moment = _coefficient(k, arm, from_bottom, np.cross)  # p x (x + p - b) = p x (x - b)
+        rows.append(np.concatenate([moment, arm[k] + from_bottom[k]], axis=-1))
+        A.append(_coefficient(k, rows, over_length, np.multiply))
+        J.append(J_0 if k == 0 else -J_0 @ _coefficient(k - 1, A[1:], J, np.matmul))
+        twist = (J[k] @ direction_m[..., None])[..., None, :, 0]
+        turning.append(twist[..., :3])
+        arm.append(_coefficient(k, turning, arm, np.cross) / (k + 1))
+        from_bottom.append(twist[..., 3:] / (k + 1))
+    return Series(arm, from_bottom, over_length, A, J)
+
+
+def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array]:
+    """The coefficients as symmetric multilinear forms, on struts in units of the stroke.
+
+    Polarization: T(d1, ..., dk) = sum over signs of e1 ... ek P(e1 d1 + ... + ek dk) / (2^k k!).
+
+    Returns:
+        For k = 0 to `order` the form T_k, shape (6,) * k + (6, 6): the k-th coefficient along a
+        ray d = stroke s is T_k contracted k times with s.
+    """
+    forms = [np.linalg.inv(geometry.inverse_jacobian(NOMINAL))]
+    strokes = stroke_m * np.eye(6)
+    for k in range(1, order + 1):
+        chosen = np.indices((6,) * k).reshape(k, -1)
+        total = np.zeros((6**k, 6, 6))
+        for signs in product((-1.0, 1.0), repeat=k):
+            parts = [e * strokes[axis] for e, axis in zip(signs, chosen, strict=True)]
+            direction = np.sum(parts, axis=0)
+            total += prod(signs) * jacobian_series(geometry, direction, k).J[k]
+        forms.append(total.reshape((6,) * k + (6, 6)) / (2**k * factorial(k)))
+    return forms
+
+
+def _coefficient(
+    k: int, left: list[Array], right: list[Array], times: Callable[[Array, Array], Array]
+) -> Array:
+    """The k-th coefficient of the product of two series: Cauchy's."""
+    return np.sum([times(left[m], right[k - m]) for m in range(k + 1)], axis=0)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """sup ||J - J_0|| over the box is at most the sum of what each Taylor term can be."""
+
+    terms: tuple[float, ...]
+    """Largest norm of the linear, quadratic and cubic term."""
+    remainder: float
+    """Bound on all that is left; infinite where the argument does not hold."""
+
+    @property
+    def upper_bound(self) -> float:
+        """On sup ||J - J_0||, rounding allowed for."""
+        return (sum(self.terms) + self.remainder) * (1 + ROUNDING)
+
+
+def certify(geometry: Hexapod, stroke_m: float, norm: Norm) -> Certificate:
+    """Bound ||J - J_0|| over all strut displacements of at most the stroke.
+
+    The rounding allowance is meant for well-conditioned machines, condition numbers up to 1e6.
+
+    Args:
+        geometry: The hexapod; J is the twist of its payload origin, base axes, per strut rate.
+        stroke_m: Half the side of the box.
+        norm: Of the matrices.
+
+    Raises:
+        ValueError: The stroke is negative or not finite.
+    """
+    if not 0 <= stroke_m < np.inf:
+        raise ValueError(f"stroke_m must be finite and not negative, got {stroke_m}")
+    forms = jacobian_forms(geometry, stroke_m, ORDER)
+    return Certificate(
+        terms=tuple(largest_at_vertices(form, norm) for form in forms[1:]),
+        remainder=_remainder(geometry, stroke_m, norm),
+    )
+
+
+def largest_at_vertices(form: Array, norm: Norm) -> float:
+    """Largest norm of a multilinear form (6,) * k + (6, 6) on vertices, each argument its own."""
+    for _ in range(form.ndim - 2):
+        form = np.tensordot(form, _VERTICES, axes=(0, 1))
+    matrices = np.moveaxis(form.reshape(6, 6, -1), -1, 0)
+    return float(size(matrices, norm).max())
+
+
+def _remainder(geometry: Hexapod, stroke_m: float, norm: Norm) -> float:
+    """Largest norm that the next Taylor coefficient of J can have anywhere in the box.
+
+    A characteristic length weighs turns against displacements in the estimates; each is valid, and
+    the best is taken.
+    """
+    if not stroke_m < geometry.nominal_length_m.min():
+        return np.inf  # a strut would vanish
+    lengths_m = geometry.nominal_length_m.mean() * np.geomspace(0.1, 2.0, 40)
+    return min(_remainder_with(geometry, stroke_m, norm, float(c)) for c in lengths_m)
+
+
+def _remainder_with(geometry: Hexapod, stroke_m: float, norm: Norm, length_m: float) -> float:
+    scale = np.array([length_m] * 3 + [1.0] * 3)
+    J_0 = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
+    nominal = float(np.linalg.norm(scale[:, None] * J_0, 2))
+    for growth in np.linspace(1.005, 1.5, 100):
+        bounds = coefficient_bounds(geometry, stroke_m, length_m, growth * nominal)
+        # On the way out the norm cannot pass `growth` if it cannot get there: see the docs.
+        if nominal + bounds.J[1] < growth * nominal:
+            return bounds.J[-1] * unscaled(length_m, norm)
+    return np.inf
+
+
+def unscaled(length_m: float, norm: Norm) -> float:
+    """Bound on the norm of M over the 2-norm of D M, D = diag(c, c, c, 1, 1, 1)."""
+    return float(size(np.diag([1 / length_m] * 3 + [1.0] * 3), norm))
+
+
+def coefficient_bounds(
+    geometry: Hexapod, stroke_m: float, length_m: float, largest_J: float
+) -> Series[float]:
+    """Bounds on the coefficients of :func:`jacobian_series` at any point of any ray in the box.
+
+    The same recursion, with lengths for vectors and 2-norms for matrices, of A / D and of D J. The
+    stroke, half the side of the box, is less than the shortest strut; length_m is c of
+    D = diag(c, c, c, 1, 1, 1), at which turns are measured; ||D J|| <= largest_J on the rays.
+    """
+    L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
+    over_length = [(stroke_m / shortest) ** k / shortest for k in range(ORDER + 2)]
+    displacement = np.sqrt(6) * stroke_m
+    arm = [float(np.linalg.norm(geometry.top_m, axis=1).max())]
+    to_bottom = float(np.linalg.norm(geometry.bottom_m, axis=1).max())
+    from_bottom = [to_bottom + largest_J * displacement]
+    strut = [float(L.max()) + stroke_m]
+    A, J, turning = [], [], []
+    for k in range(ORDER + 2):
+        moment = [sum(arm[i] * from_bottom[m - i] for i in range(m + 1)) for m in range(k + 1)]
+        rows = [np.hypot(c / length_m, s) for c, s in zip(moment, strut, strict=True)]
+        A.append(np.sqrt(6) * sum(rows[m] * over_length[k - m] for m in range(k + 1)))
+        J.append(largest_J if k == 0 else largest_J * sum(A[m] * J[k - m] for m in range(1, k + 1)))
+        turning.append(J[k] * displacement / length_m)
+        arm.append(sum(turning[m] * arm[k - m] for m in range(k + 1)) / (k + 1))
+        from_bottom.append(J[k] * displacement / (k + 1))
+        strut.append(from_bottom[-1] + arm[-1])
+    return Series(arm, from_bottom, over_length, A, J)

@@ -1,0 +1,78 @@
+"""What a machine follows for a time that is not known beforehand: paths that repeat."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fjh.rig import Rig
+from sim import Array
+
+REST = "rest"
+COURSES = ("circle", "spiral", "steps", REST)
+TURN_S = 4.0
+_SOFT_START_S = 0.5
+"""After which a circle repeats."""
+_AHEAD_S = 1.0
+"""Of a path, for demands that begin before what they are for."""
+_SWITCH_S = 1.0
+_DRAWN_EVERY = 20
+"""Ticks."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Desired displacements of the major rows, tick by tick, without end.
+
+    Attributes:
+        name: One of `COURSES`.
+        desired: Of the first K ticks, (K, m1), [rad] or [m].
+        demands: What is demanded for it beforehand, likewise; None is nothing.
+        cycle: So many of their last ticks repeat.
+    """
+
+    name: str
+    desired: Array
+    demands: Array | None
+    cycle: int
+
+    @property
+    def outline(self) -> Array:
+        """Some points of a cycle, to be drawn, (N, m1)."""
+        return self.desired[-self.cycle - 1 :: _DRAWN_EVERY]
+
+    def at(self, ticks: Array) -> tuple[Array, Array | None]:
+        """Desired and demanded at some ticks (T,), shape (T, m1)."""
+        before = len(self.desired) - self.cycle
+        rows = np.where(ticks < before, ticks, before + (ticks - before) % self.cycle)
+        return self.desired[rows], None if self.demands is None else self.demands[rows]
+
+
+def course(rig: Rig, name: str, former: Course | None = None, tick: int = 0) -> Course:
+    """A path of a rig that begins at rest, after a former one faded out from a tick of it on."""
+    switch = round(_SWITCH_S / rig.period_s) if former is not None else 0
+    path, cycle = _cyclic(rig, name)
+    desired = np.concatenate([np.zeros((switch, path.shape[1])), path])
+    demands = rig.feedforward_demands(desired)
+    if former is not None:
+        part = np.linspace(0.0, 1.0, switch, endpoint=False)[:, None]
+        fades = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)  # without a jerk
+        was_desired, was_demanded = former.at(tick + np.arange(switch))
+        desired[:switch] += fades * was_desired
+        if demands is not None and was_demanded is not None:
+            demands[:switch] += fades * was_demanded
+    kept = len(desired) - round(_AHEAD_S / rig.period_s)
+    return Course(name, desired[:kept], None if demands is None else demands[:kept], cycle)
+
+
+def _cyclic(rig: Rig, name: str) -> tuple[Array, int]:
+    """A path (N, m1) that ends some time after its second cycle, and the ticks of one."""
+    rows, ahead_s = len(rig.major), _AHEAD_S
+    if name == REST:
+        return np.zeros((round(ahead_s / rig.period_s) + 1, rows)), 1
+    if name == "spiral":  # out, and back the same way
+        out = rig.path(name, duration_s=2 * TURN_S, turn_s=TURN_S)
+        cycle = np.concatenate([out, out[::-1]])
+        return np.concatenate([cycle, cycle, cycle[: round(ahead_s / rig.period_s)]]), len(cycle)
+    cycle_s = TURN_S if name == "circle" else rows * TURN_S / 2
+    path = rig.path(name, duration_s=_SOFT_START_S + 2 * cycle_s + ahead_s, turn_s=TURN_S)
+    return path, round(cycle_s / rig.period_s)

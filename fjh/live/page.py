@@ -1,0 +1,150 @@
+"""The page: a server on the loopback interface, and the clock of the machines."""
+
+import io
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import viser
+import websockets.asyncio.server
+
+from fjh.live.gate import guarded
+from fjh.live.kept import keep
+from fjh.live.panel import Panel
+from fjh.live.session import LONGEST_S, Session
+from fjh.live.stage import FRAME_S, NAMES, Stage
+from fjh.rig import Rig
+from fjh.study.errors import WrongInput
+from sim import ModelError, SimulationDiverged
+
+HOST = "127.0.0.1"
+PORT = 8080
+_SAID_EVERY = 5
+"""Frames between words, which nobody reads faster."""
+_BEHIND_S = 0.1
+"""Time that a slow machine may be short of; what is more is not made up for."""
+_AT_ONCE = 5
+"""Ticks."""
+
+
+class LocalServer(viser.ViserServer):
+    """Of this machine and its own page alone, without a tunnel to the internet."""
+
+    def __init__(self, port: int) -> None:
+        """Begin to listen at a port, or the next that is free; see :mod:`.gate`."""
+        started, serve = list[bool](), websockets.asyncio.server.serve
+        websockets.asyncio.server.serve = guarded(self, started)  # type: ignore[assignment]
+        try:
+            super().__init__(HOST, port, verbose=False)
+        finally:
+            websockets.asyncio.server.serve = serve
+        if not started:  # another viser: nothing would be checked
+            self.stop()
+            raise WrongInput(f"viser {viser.__version__} is not known: pip install viser==1.1.1")
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """None: there is none."""
+        return None
+
+
+def local_server(port: int | None) -> LocalServer:
+    """A server on the loopback interface; None is `PORT`, or the next that is free.
+
+    Raises:
+        WrongInput: The port is taken.
+    """
+    with redirect_stdout(io.StringIO()):  # it would print a table of its addresses
+        server = LocalServer(PORT if port is None else port)
+    if port is not None and server.get_port() != port:
+        stop(server)
+        raise WrongInput(f"--port {port}: another program listens there; leave --port out")
+    return server
+
+
+def stop(server: viser.ViserServer) -> None:
+    """End it without a word of its own."""
+    with redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+class Page:
+    """Two machines, drawn, with their buttons, in real time.
+
+    Attributes:
+        session: The machines.
+    """
+
+    def __init__(self, server: viser.ViserServer, rig: Rig, folder: Path, seed: int) -> None:
+        """Draw them; the last minute is saved in the folder."""
+        self.session, self._folder = Session(rig, seed), folder
+        self._clicks = SimpleQueue[Callable[[], object]]()
+        self._stage = Stage(server, rig, self.session.flights, NAMES)
+        how = {"show_logo": False, "show_share_button": False, "control_width": "large"}
+        server.gui.configure_theme(**how)
+        server.gui.main_panel.dock_right()
+        server.gui.set_panel_label(f"fjh live: {rig.title}")
+        self._panel = Panel(server, self.session, self._do, self._save, self._stage.factor)
+        self._paces = deque([(time.perf_counter(), 0.0)], maxlen=round(1 / FRAME_S))
+        self._flown_s, self._frame, self._server = 0.0, 0, server
+
+    def run(self) -> None:
+        """Until it is interrupted."""
+        last, owed_s = time.perf_counter(), 0.0
+        while True:
+            now = time.perf_counter()
+            owed_s, last = min(owed_s + now - last, _BEHIND_S), now
+            owed_s -= self.advance(owed_s, now + FRAME_S)
+            self.show()
+            time.sleep(max(0.0, now + FRAME_S - time.perf_counter()))
+
+    def advance(self, seconds: float, until: float) -> float:
+        """Of simulated time, unless the clock is past `until`; how many were done."""
+        session, period_s = self.session, self.session.rig.period_s
+        ticks, done = int(seconds / period_s), 0
+        while done < ticks and time.perf_counter() < until:
+            self._click()
+            try:
+                more = session.advance(min(_AT_ONCE, ticks - done))
+            except SimulationDiverged as diverged:
+                more = self._replace(f"{diverged}")
+            done += more or self._replace(f"{LONGEST_S / 60:g} minutes are over")
+        self._click()
+        self._panel.add_errors(min(done, session.tick))
+        self._flown_s += done * period_s
+        return done * period_s
+
+    def _replace(self, why: str) -> int:
+        self.session.restart()
+        self._panel.calm(f"{why}: these are new machines, sound and at rest.")
+        return self.session.tick
+
+    def _do(self, what: Callable[..., object], *arguments: Any) -> None:
+        self._clicks.put(partial(what, *arguments))
+
+    def _click(self) -> None:
+        """Do what was clicked since."""
+        while not self._clicks.empty():
+            try:
+                self._clicks.get()()
+            except (ModelError, WrongInput, OSError) as refused:
+                self._panel.said = str(refused)
+
+    def show(self) -> None:
+        """One frame."""
+        session, self._stage.factor = self.session, self._panel.factor
+        begin, flown_s = self._paces[0]
+        now = time.perf_counter()
+        self._paces.append((now, self._flown_s))
+        with self._server.atomic():
+            self._stage.show(session.flights, session.states, session.course.outline)
+            if self._frame % _SAID_EVERY == 0:
+                self._panel.show((self._flown_s - flown_s) / max(now - begin, 1e-6))
+        self._frame += 1
+
+    def _save(self) -> None:
+        self._panel.said = keep(self._folder, self.session)

@@ -1,0 +1,156 @@
+"""The buttons of the page, and what it says of the machines."""
+
+from collections import deque
+from collections.abc import Callable
+from html import escape
+
+import numpy as np
+import viser
+from viser.uplot import Legend, Series
+
+from fjh.live.course import COURSES
+from fjh.live.gate import NOW
+from fjh.live.session import LASTING, Kind, Session
+from fjh.live.stage import COLORS, NAMES
+from fjh.rig.events import EVENTS
+from fjh.rig.run import SOUND
+from fjh.rig.units import norms_said
+from sim import Array
+
+Do = Callable[..., None]
+"""Has a function called with arguments between two ticks."""
+
+_KINDS: dict[str, Kind] = {"sound": "sound", "lock": "locked", "free": "free", "weak": "weak"}
+BUTTONS = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
+_PLOTTED = 250
+"""Frames."""
+_WEIGHTS = 0.1, 10.0
+_TEXT = "padding:0 1em;font-size:0.875em;height:15em;overflow-y:auto"
+"""As high whatever it says: no button moves away from under a finger."""
+
+
+class Panel:
+    """What a person sees beside the machines, and does.
+
+    Attributes:
+        factor: By which motion is to be magnified.
+        said: What the last click did, or why it did nothing.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, session: Session, do: Do, save: Callable[[], None],
+        factor: int,
+    ) -> None:  # fmt: skip
+        """Make all elements; what is clicked is done by `do`."""
+        self._session, self._do, gui = session, do, server.gui
+        self.factor, self.said = factor, ""
+        self._html = gui.add_html("")
+        self._times = deque[float](maxlen=_PLOTTED)
+        self._errors = [deque[float](maxlen=_PLOTTED) for _ in NAMES]
+        lines = [Series(label=n, stroke=c, width=2) for n, c in zip(NAMES, COLORS, strict=True)]
+        self._plot = gui.add_uplot(
+            (np.zeros(2), *[np.zeros(2)] * len(NAMES)), (Series(label="s"), *lines),
+            scales={"x": {"time": False}}, axes=({}, {}), title="Error, % of the path's radius",
+            height=170, legend=Legend(live=False),
+        )  # fmt: skip
+        self._add_breaks(gui)
+        self._add_control(gui)
+        view = gui.add_slider("motion times", 1, 10 * factor, 1, factor)
+        view.on_update(lambda _: setattr(self, "factor", view.value))
+        gui.add_button("Save the last minute").on_click(lambda _: do(save))
+        gui.add_button("New machines").on_click(lambda _: do(self._restart))
+
+    def _add_breaks(self, gui: viser.GuiApi) -> None:
+        session = self._session
+        self._groups = list[viser.GuiButtonGroupHandle]()
+        with gui.add_folder("Break an actuator"):
+            for k, name in enumerate(session.rig.actuators):
+                group = gui.add_button_group(name, list(_KINDS))
+                self._groups.append(group)
+                group.on_click(
+                    lambda event, k=k: self._do(session.make, k, _KINDS[event.target.value])
+                )
+        with gui.add_folder("Disturb"):
+            bump = gui.add_button("Bump", hint=EVENTS["bump"].sentence)
+            bump.on_click(lambda _: self._do(self._bump))
+            self._lasting = {}
+            for name in LASTING:
+                box = gui.add_checkbox(BUTTONS[name], False, hint=EVENTS[name].sentence)
+                box.on_update(
+                    lambda event, name=name: self._do(session.last, name, event.target.value)
+                )
+                self._lasting[name] = box
+
+    def _add_control(self, gui: viser.GuiApi) -> None:
+        session, names = self._session, self._session.rig.actuators
+        with gui.add_folder("Controller"):
+            box = gui.add_checkbox("Diagnosis", True)
+            box.on_update(lambda event: self._do(session.diagnose, event.target.value))
+            path = gui.add_dropdown("Path", COURSES)
+            path.on_update(lambda event: self._do(session.follow, event.target.value))
+        given = np.clip(session.goal.joint_weight or np.ones(len(names)), *_WEIGHTS)
+        with gui.add_folder("Weights: what a motion costs", expand_by_default=False):
+            sliders = [
+                gui.add_slider(f"W1 {name}", *_WEIGHTS, _WEIGHTS[0], float(each))
+                for name, each in zip(names, given, strict=True)
+            ]
+        for slider in sliders:
+            slider.on_update(lambda _: self._do(lambda: session.weigh([s.value for s in sliders])))
+
+    def _bump(self) -> None:
+        self._session.disturb("bump")
+        self.said = f"Bumped: {EVENTS['bump'].sentence}."
+
+    def _restart(self) -> None:
+        self._session.restart()
+        self.calm("Sound machines, at rest.")
+
+    def calm(self, said: str) -> None:
+        """After new machines: nothing goes on any more."""
+        self.said = said
+        self._times.clear()
+        self._errors = [deque[float](maxlen=_PLOTTED) for _ in NAMES]
+        for box in self._lasting.values():
+            box.value = False
+
+    def add_errors(self, done: int) -> None:
+        """Of the last ticks."""
+        if not done:
+            return
+        session = self._session
+        self._times.append(session.tick * session.rig.period_s)
+        for errors, error in zip(self._errors, self._rms(done), strict=True):
+            errors.append(100.0 * float(np.linalg.norm(error)) / session.rig.size)
+
+    def _rms(self, ticks: int) -> list[Array]:
+        now = self._session.tick
+        late = slice(max(0, now - ticks), now)
+        both = [flight.error(late) for flight in self._session.flights]
+        return [np.sqrt((each**2).mean(axis=0)) for each in both]
+
+    def show(self, real_time_factor: float) -> None:
+        """What is so now."""
+        session, rig = self._session, self._session.rig
+        for group, state in zip(self._groups, session.states, strict=True):
+            now = tuple(f"{NOW}{w}" if kind == state else w for w, kind in _KINDS.items())
+            if group.options != now:
+                group.options = now
+        second = round(1.0 / rig.period_s)
+        broken = [f"{n} {s}" for n, s in zip(rig.actuators, session.states, strict=True)
+                  if s != SOUND]  # fmt: skip
+        happens = [*broken, *(EVENTS[name].sentence for name in sorted(session.going_on))]
+        rows = [
+            f"<b style='color:{color}'>{name}</b> {norms_said(error, rig.row_units)} RMS<br>"
+            f"{escape(flight.belief)}"
+            for name, color, error, flight in zip(
+                NAMES, COLORS, self._rms(second), session.flights, strict=True
+            )
+        ]
+        head = f"{session.tick * rig.period_s:.1f} s, {real_time_factor:.2f} of real time"
+        text = [head, f"<b>State:</b> {escape(', '.join(happens) or 'all is sound')}", *rows]
+        if self.said:
+            text.append(f"<i>{escape(self.said)}</i>")
+        body = "".join(f"<div style='margin-bottom:0.5em'>{each}</div>" for each in text)
+        self._html.content = f"<div style='{_TEXT}'>{body}</div>"
+        if len(self._times) > 1:
+            self._plot.data = (np.array(self._times), *map(np.array, self._errors))

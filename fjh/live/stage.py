@@ -1,0 +1,186 @@
+"""Machines side by side in the scene of a browser: magnified, with what has failed coloured."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import mujoco
+import numpy as np
+import trimesh
+import viser
+from mjviser.conversions import merge_geoms
+from scipy.spatial.transform import Rotation
+
+from fjh.live.flight import Flight
+from fjh.recording.file import rgb, round_down
+from fjh.recording.machine import ahead_of
+from fjh.recording.motion import BODIES, Motion, mover
+from fjh.rig import Rig
+from fjh.rig.bodies import body_name
+from fjh.rig.run import SOUND
+from fjh.study.palette import BLUE, FAILED, VERMILION
+from sim import Array
+
+NAMES = ("supervised", "not supervised")
+COLORS = (BLUE, VERMILION)
+_APART, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
+"""In extents of the machine."""
+_TURN_RAD, _SHIFT = 0.2, 0.06
+"""Of a magnified path: its radius, or that in extents of the machine."""
+_DOWN = -0.95, -0.5
+_TRAIL = 100
+_GREY = "#777777"
+FRAME_S = 0.04
+_DRAWN_GROUPS = 3
+"""The first groups of geoms are what MuJoCo's viewer shows."""
+
+
+def factor_of(rig: Rig) -> int:
+    """By which the motion of a rig is magnified to be seen."""
+    turns = "rad" in rig.row_units
+    seen = _TURN_RAD if turns else _SHIFT * float(rig.model.stat.extent)
+    return int(round_down(max(1.0, seen / rig.size)))
+
+
+class Stage:
+    """The machines of some flights, each with its path.
+
+    Attributes:
+        factor: By which all motion is magnified.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, rig: Rig, flights: Sequence[Flight], names: Sequence[str]
+    ) -> None:
+        """Draw them at rest, next to each other as the eye that the MJCF states sees them."""
+        model, extent = rig.model, float(rig.model.stat.extent)
+        ahead = _from_above(ahead_of(model))
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        self._pointer, self.factor = Pointer(rig, *flights[0].frame), factor_of(rig)
+        places = [(k - (len(names) - 1) / 2) * _APART * extent * right for k in range(len(names))]
+        self._actors = [
+            Actor(server.scene, rig, name, place, color)
+            for name, place, color in zip(names, places, COLORS, strict=False)
+        ]
+        self._moves = mover(model, rig.file is None, flights[0].seen(slice(0, 1))[1][0])
+        centre = model.stat.center + np.array([0.0, 0.0, _HIGHER * extent])
+        camera = server.initial_camera
+        camera.look_at, camera.up = centre, np.array([0.0, 0.0, 1.0])
+        camera.position = centre - _DISTANCE * extent * ahead
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            # A phone that is held upright sees less of the width.
+            if (aspect := client.camera.aspect) < 1.0:
+                client.camera.position = centre - _DISTANCE / aspect * extent * ahead
+                client.camera.look_at = centre  # it has moved along
+
+    def show(
+        self, flights: Sequence[Flight], states: Sequence[str], course: Array,
+        tick: int | None = None,
+    ) -> None:  # fmt: skip
+        """How they are after a tick, None is the last, what failed, and where they go: (N, m1)."""
+        every = max(1, round(FRAME_S / flights[0].rig.period_s))
+        path = self._pointer.at(course, self.factor)
+        for actor, flight in zip(self._actors, flights, strict=True):
+            now = flight.tick if tick is None else tick
+            task, qpos, _ = flight.seen(slice(now - 1, now))
+            actor.move(self._moves(task, qpos, self.factor))
+            late = flight.seen(
+                slice(now - 1 - every * min(_TRAIL, (now - 1) // every), now, every)
+            )[2]
+            actor.trail(self._pointer.at(late, self.factor), path)
+            actor.color(states)
+
+
+def _from_above(ahead: Array) -> Array:
+    """The same direction on the ground, so far down that a circle there is seen, not upright."""
+    level = np.array([ahead[0], ahead[1], 0.0])
+    down = np.clip(ahead[2], *_DOWN)
+    return level * (np.sqrt(1.0 - down**2) / np.linalg.norm(level)) + [0.0, 0.0, down]
+
+
+class Pointer:
+    """A point of the task frame that shows its major rows: where it points, or where it is."""
+
+    def __init__(self, rig: Rig, origin: Array, axes: Array) -> None:
+        """Of a rig whose task frame is at an origin, its rows in the axes, in the world."""
+        turned = [row for row in rig.major if row < 3]
+        self._rows, self._origin, self._axes = list(rig.major), origin, axes
+        self._lever = np.zeros(3)
+        if len(turned) == len(rig.major):  # rotations move a point that stands off
+            free = [axis for axis in (2, 0, 1) if axis not in turned] or [2]
+            along = axes[:, free[0]]
+            self._lever = _POINTER * rig.model.stat.extent * along * (-1 if along[2] < 0 else 1)
+
+    def at(self, rows: Array, factor: float) -> Array:
+        """Places (N, 3) for displacements (N, m1) of the major rows, magnified."""
+        moved = np.zeros((len(rows), 6))
+        moved[:, self._rows] = factor * rows
+        turn = Rotation.from_rotvec(moved[:, :3] @ self._axes.T)
+        return self._origin + moved[:, 3:] @ self._axes.T + turn.apply(self._lever)
+
+
+class Actor:
+    """One machine in a scene."""
+
+    def __init__(
+        self, scene: viser.SceneApi, rig: Rig, name: str, place: Array, color: str
+    ) -> None:
+        """Draw it at a place, with a trail of a colour, below a name."""
+        model, root = rig.model, "/" + name.replace(" ", "_")
+        self._place, self._scene, self._root = place, scene, root
+        self._frames = dict[int, viser.FrameHandle]()
+        self._sound, self._failed = dict[int, viser.GlbHandle](), dict[int, viser.MeshHandle]()
+        for body in range(model.nbody):
+            first = model.body_geomadr[body]
+            geoms = [g for g in range(first, first + model.body_geomnum[body]) if _drawn(model, g)]
+            if geoms:
+                self._add(body, merge_geoms(model, geoms))
+        ids = {body_name(model, k): k for k in range(model.nbody)}
+        self._moves = model.body_weldid != 0
+        bodies = BODIES if rig.file is None else [(body,) for body in rig.bodies]
+        self._bodies = [[ids[b] for b in each if b in ids] for each in bodies]
+        top = model.stat.center + np.array([0.0, 0.0, 0.75 * model.stat.extent])
+        scene.add_label(f"{root}/name", name, position=place + top, anchor="bottom-center")
+        lines = partial(
+            scene.add_line_segments, points=np.zeros((1, 2, 3)), thickness_units="screen"
+        )
+        self._trail = lines(f"{root}/trail", colors=np.array(rgb(color)), thickness=3.0)
+        self._course = lines(f"{root}/course", colors=np.array(rgb(_GREY)), thickness=1.0)
+
+    def _add(self, body: int, mesh: trimesh.Trimesh) -> None:
+        under = f"{self._root}/bodies/{body}"
+        self._frames[body] = self._scene.add_frame(under, show_axes=False)
+        self._sound[body] = self._scene.add_mesh_trimesh(f"{under}/sound", mesh)
+        self._failed[body] = self._scene.add_mesh_simple(
+            f"{under}/failed", mesh.vertices, mesh.faces, color=np.array(rgb(FAILED)), visible=False
+        )
+
+    def move(self, motion: Motion) -> None:
+        """To the last time of a motion."""
+        quats = Rotation.from_matrix(motion.rotation[-1]).as_quat(scalar_first=True)
+        for body, frame in self._frames.items():
+            frame.position = motion.position_m[-1, body] + self._place
+            frame.wxyz = quats[body]
+        self._frames = {k: each for k, each in self._frames.items() if self._moves[k]}
+
+    def trail(self, late: Array, course: Array) -> None:
+        """Where it went of late, and where it is to go: places (N, 3)."""
+        for handle, places in ((self._trail, late), (self._course, course)):
+            ends = np.stack([places[:-1], places[1:]], axis=1) + self._place
+            handle.points = ends.astype(np.float32)
+
+    def color(self, states: Sequence[str]) -> None:
+        """What has failed."""
+        bad = {b for bodies, each in zip(self._bodies, states, strict=True) if each != SOUND
+               for b in bodies}  # fmt: skip
+        for body, failed in self._failed.items():
+            if failed.visible != (body in bad):
+                failed.visible, self._sound[body].visible = body in bad, body not in bad
+
+
+def _drawn(model: mujoco.MjModel, geom: int) -> bool:
+    without_end = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+    group = model.geom_group[geom]
+    return not without_end and group < _DRAWN_GROUPS and model.geom_rgba[geom, 3] > 0

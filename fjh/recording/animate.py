@@ -1,0 +1,47 @@
+"""Animations of one run, or two side by side, as a GIF."""
+
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from fjh.recording.file import TIMELINE
+from fjh.recording.layout import write_film
+from fjh.recording.render import headless_viewer, on_white, photograph, show
+from fjh.recording.review import about_runs, find_runs
+from fjh.recording.scene import scenes_of
+from fjh.recording.view import RunView
+from fjh.study.option import OnProgress
+
+FRAMES, FRAME_MS, LAST_MS = 72, 90, 2000
+_BEFORE = 0.15  # part of the time after the first failure that is shown of the time before
+_COLUMN_PX, _COLORS = (400, 660), 128  # size of a run, and how many colours there are
+
+
+def write_animation(
+    path: Path, files: list[Path], model: Path | None, on_progress: OnProgress
+) -> None:
+    """Write a GIF of runs that repeats."""
+    runs, pictures = find_runs(files, model), list[Image.Image]()
+    views = {name: one.view for name, one in runs.items()}
+    size = _COLUMN_PX[0] * len(runs), _COLUMN_PX[1]
+    with tempfile.TemporaryDirectory() as folder, headless_viewer(size) as viewer:
+        recording = Path(folder, "film.rrd")
+        write_film(recording, about_runs(runs), scenes_of(views, paths=True))
+        show(viewer, recording, None)
+        for time_s in times_of(*views.values()):
+            viewer.set_time(TIMELINE, duration=time_s)
+            pictures.append(on_white(photograph(viewer)))
+            on_progress(len(pictures), FRAMES)
+    palette = pictures[-1].quantize(_COLORS)
+    first, *others = (one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
+    shown_ms = [*[FRAME_MS] * (FRAMES - 1), LAST_MS]
+    first.save(path, save_all=True, append_images=others, duration=shown_ms, loop=0)
+
+
+def times_of(*runs: RunView) -> list[float]:
+    """Times of the frames [s], evenly spaced, from shortly before the first failure to the end."""
+    begin_s, end_s = min(one.time_s[0] for one in runs), max(one.time_s[-1] for one in runs)
+    struck_s = min((each.time_s for one in runs for each in one.failures), default=begin_s)
+    first_s = max(begin_s, struck_s - _BEFORE * (end_s - struck_s))
+    return [first_s + (end_s - first_s) * k / (FRAMES - 1) for k in range(FRAMES)]

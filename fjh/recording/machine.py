@@ -1,0 +1,191 @@
+"""A machine in 3D, drawn as its MJCF says: its bodies move, what has failed is coloured."""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import matplotlib
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
+from scipy.spatial.transform import Rotation
+
+from fjh.recording import Array
+from fjh.recording.file import TIMELINE, at_most, rgb, time_column
+from fjh.recording.motion import Motion
+from fjh.rig.bodies import body_name
+from fjh.study.palette import FAILED, VERMILION
+
+_PICTURES_HZ = 25
+_DISTANCE = 1.6
+"""Distance of the eye in extents of the machine: all of it is seen, and labels next to it."""
+_ASIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
+"""Places of labels, from the middle and below each other, in extents of the machine."""
+_LABEL = [240] * 3
+
+FIXTURES: Mapping[str, rr.AsComponents] = {
+    f"housing{k}/number": rr.Points3D(
+        [[0, 0, 0.21]], radii=[0.001], colors=[_LABEL], labels=[f"{k}"], show_labels=True
+    )
+    for k in range(1, 7)
+} | {
+    # The pointing axis: the payload's z axis, upwards. The laser is in the MJCF, and stands still.
+    "payload/beam": rr.LineStrips3D(
+        [[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]
+    )
+}
+"""Numbers of struts and the beam, drawn on the hexapod's bodies, by entities below them."""
+
+Failing = tuple[Sequence[str], Sequence[tuple[float, str]]]
+"""Bodies of a failed actuator, and words on it from each time on, first from its failure on."""
+
+
+def stills(time_s: Array) -> slice:
+    """The samples that are drawn in 3D, of evenly spaced ones."""
+    return at_most(_PICTURES_HZ, time_s)
+
+
+def load_colors(load: Array, full_load: float) -> Array:
+    """Blue for negative, grey for no, red for positive load (T,), shape (T, 3), 0..255."""
+    share = 0.5 + 0.5 * load / full_load
+    return matplotlib.colormaps["coolwarm"](share, bytes=True)[:, :3]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A machine at times (T,), as it is drawn.
+
+    Attributes:
+        model: Of all geoms.
+        time_s: (T,).
+        motion: Of its bodies, magnified by the factor.
+        factor: By which it is magnified.
+        failing: What fails; without bodies, no picture of it.
+        colors: Of bodies over time, (T, 3) in 0..255, until they fail.
+        fixtures: What else moves with bodies, by entities below them.
+        words: On colours and the like, for the title.
+    """
+
+    model: mujoco.MjModel
+    time_s: Array
+    motion: Motion
+    factor: int
+    failing: Sequence[Failing] = ()
+    colors: Mapping[str, Array] = field(default_factory=dict)
+    fixtures: Mapping[str, rr.AsComponents] = field(default_factory=dict)
+    words: str = ""
+
+    @property
+    def title(self) -> str:
+        """The title: how much motion is magnified, and what colours mean."""
+        size = f"motion x{self.factor}" if self.factor > 1 else ""
+        return "; ".join(filter(None, (size, self.words)))
+
+
+def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) -> None:
+    """Log the geoms of an MJCF below an entity, their motion, and what fails of them."""
+    motion, time_s, begin_s = picture.motion, picture.time_s, float(picture.time_s[0])
+    logger = MJCFLogger(_drawn_once(picture.model), entity_path_prefix=entity)
+    recording.set_time(TIMELINE, duration=begin_s)
+    logger.log_model(recording)
+    for k, name in enumerate(motion.names):
+        place, turn = motion.position_m[:, k], motion.rotation[:, k]
+        moves = np.ptp(place, axis=0).any() or np.ptp(turn, axis=0).any()
+        rows = slice(None if moves else 1)
+        columns = rr.Transform3D.columns(
+            translation=place[rows], quaternion=Rotation.from_matrix(turn[rows]).as_quat()
+        )
+        recording.send_columns(body_entity(entity, name), [time_column(time_s[rows])], columns)
+    for below, archetype in picture.fixtures.items():
+        recording.log(body_entity(entity, below), archetype, static=True)
+    failed_s = {
+        name: max(begin_s, words[0][0]) for names, words in picture.failing for name in names
+    }
+    for name, colors in picture.colors.items():
+        until = slice(int(np.searchsorted(time_s, failed_s.get(name, np.inf))))
+        _log_colors(recording, entity, picture.model, name, time_s[until], colors[until])
+    number = {body_name(picture.model, k): k for k in range(picture.model.nbody)}
+    for name, when_s in failed_s.items():
+        recording.set_time(TIMELINE, duration=when_s)
+        logger.set_body_color(number[name], [*np.divide(rgb(FAILED), 255), 1.0], recording)
+    recording.reset_time()
+    for k, (names, _) in enumerate(picture.failing):
+        if names:
+            _log_label(recording, f"{entity}/labels/failure_{k}", picture, k)
+
+
+def _drawn_once(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The model without collisions: the loader leaves out, or draws twice, geoms that collide."""
+    drawn = copy.copy(model)
+    drawn.geom_contype[:] = drawn.geom_conaffinity[:] = 0
+    return drawn
+
+
+def body_entity(entity: str, body: str) -> str:
+    """The entity of a body's pose; what is logged below it moves with the body."""
+    return MJCFLogPaths(entity).body_path(body)
+
+
+def _log_colors(
+    recording: rr.RecordingStream,
+    entity: str,
+    model: mujoco.MjModel,
+    name: str,
+    time_s: Array,
+    colors: Array,
+) -> None:
+    """Colour the cylinders of a body over time."""
+    body = model.body(name)
+    for k in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]):
+        if len(time_s) and model.geom_type[k] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            geom = model.geom(k).name or f"geom_{k}"
+            columns = rr.Cylinders3D.columns(colors=colors)
+            path = f"{MJCFLogPaths(entity).visual_root}/{name}/{geom}"
+            recording.send_columns(path, [time_column(time_s)], columns)
+
+
+def _log_label(recording: rr.RecordingStream, path: str, picture: Picture, row: int) -> None:
+    """Log words on a failure next to the machine, and a line from there to the bodies."""
+    (bodies, words), model = picture.failing[row], picture.model
+    since = picture.time_s >= words[0][0] - 1e-9
+    if not since.any():
+        return
+    at = [picture.motion.names.index(name) for name in bodies]
+    joint = picture.motion.position_m[since][:, at].mean(axis=1)
+    extent, right = float(model.stat.extent), np.cross(ahead_of(model), [0, 0, 1])
+    right /= np.linalg.norm(right)
+    side = 1 if (joint[0] - model.stat.center) @ right >= 0 else -1
+    up = (_ABOVE - _BELOW * row) * np.cross(right, ahead_of(model))
+    place = model.stat.center + extent * (side * _ASIDE * right + up)
+    color, lines = rgb(FAILED), np.stack([np.broadcast_to(place, joint.shape), joint], axis=1)
+    style = rr.LineStrips3D.from_fields(colors=[color], radii=[-0.5])
+    recording.log(f"{path}/line", style, static=True)
+    columns = rr.LineStrips3D.columns(strips=lines)
+    recording.send_columns(f"{path}/line", [time_column(picture.time_s[since])], columns)
+    style = rr.Points3D.from_fields(
+        positions=[place], colors=[color], radii=[-2.0], show_labels=True
+    )
+    recording.log(f"{path}/text", style, static=True)
+    times, labels = zip(*words, strict=True)
+    columns = rr.Points3D.columns(labels=labels)
+    recording.send_columns(f"{path}/text", [time_column(np.array(times))], columns)
+
+
+def ahead_of(model: mujoco.MjModel) -> Array:
+    """The direction in which a machine is seen, as its MJCF says."""
+    azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+def machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
+    """A view of a mechanism, seen as its MJCF says."""
+    eye = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=model.stat.center - _DISTANCE * model.stat.extent * ahead_of(model),
+        look_target=model.stat.center,
+        eye_up=[0, 0, 1],
+    )
+    return rrb.Spatial3DView(origin=entity, name=name, eye_controls=eye, line_grid=False)

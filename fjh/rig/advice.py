@@ -1,0 +1,31 @@
+"""Options of a command that would let the diagnosis tell a failure apart."""
+
+from contextlib import suppress
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+from fjh.rig.dither import rig_dither
+from fjh.rig.mjcf import rig_of
+from fjh.rig.options import RobotOptions
+from fjh.rig.rig import Rig
+from fjh.study.errors import WrongInput
+from sim import Failure
+
+
+def advice(
+    rig: Rig, model: Path | None, options: RobotOptions, dither: str, failure: Failure
+) -> str:
+    """Name sensors or a dither that would tell a failure apart, as options of the command."""
+    senses = dict.fromkeys([options.sense, *([] if model is None else ["both"])])
+    for sense, designed in product(senses, ("default", "designed")):
+        own = sense == options.sense
+        if own and designed == dither:
+            continue
+        with suppress(WrongInput):
+            sensing = rig if own else rig_of(model, replace(options, sense=sense))
+            design = rig_dither(sensing, designed)
+            if design and design.separations.isolates(failure.number, failure.kind):
+                added = "" if own else f"--sense {sense} "
+                return f"by the linear model {added}--dither {designed} tells it apart"
+    return "by the linear model no --sense and no designed --dither tells it apart"

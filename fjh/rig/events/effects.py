@@ -1,0 +1,501 @@
+"""Every event that has a name, declared once: by a decorator of the function of its effect.
+
+Imports neither `sim` nor SciPy: the command line refuses misspelt events before these are loaded.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import mujoco
+import numpy as np
+
+from fjh.study.spelling import nearest
+
+if TYPE_CHECKING:
+    from fjh.rig.events.hooks import Target
+    from sim import Array, FailureKind
+
+Of = Literal["actuator", "supply", "machine", "sensor"]
+Cause = Literal["offset", "supply", "scale"]
+
+LATEST_S = 1e9
+"""Latest time of an event [s]: later ones would have no tick."""
+GRAVITY = 9.81
+"""Acceleration that gives weights [m/s^2], also in a model without gravity."""
+FULL = 20.0
+"""Full displacement of an actuator without limits, as a multiple of the path's reach."""
+_LOCKED: "tuple[FailureKind, ...]" = ("locked",)
+_UNMOVED: "tuple[FailureKind, ...]" = ("free", "locked")
+"""What obeys no input: free where a spring takes the load, locked where a servo does."""
+
+
+class Effect(NamedTuple):
+    """Changes that an event makes at each tick from its first one on, which is tick 0.
+
+    Attributes:
+        plant: Called before the physics; adds forces on bodies to `data.xfrc_applied`.
+        measured: From the major rows (m1,) that would be read to those that are.
+        sent: From the inputs (n,) that the controller sends to those that the drives get.
+    """
+
+    plant: Callable[[int, mujoco.MjModel, mujoco.MjData], None] | None = None
+    measured: "Callable[[int, Array], Array] | None" = None
+    sent: "Callable[[int, Array], Array] | None" = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of event.
+
+    Attributes:
+        sentence: What happens, with sizes.
+        of: Of an actuator, which an event then names, a supply, the machine or its sensors.
+        named_as: What its actuators may rightly be taken for; empty: no actuator may be named.
+        failures: Of actuators, as of `sim.Failure`, that the event consists of or brings: of
+            its own actuator, or of as many others, at random.
+        after_s: How long after the event these strike.
+        cause: What a diagnosis can say of it that is no failure; None: it has no name for it.
+        effect: What it does besides to a target, sizes bound.
+    """
+
+    sentence: str
+    of: Of
+    named_as: "tuple[FailureKind, ...]"
+    failures: "tuple[FailureKind, ...]"
+    after_s: float
+    cause: Cause | None
+    effect: "Callable[[Target], Effect]"
+
+
+EVENTS: dict[str, Kind] = {}
+"""Every event by name, in the order of declaration, which studies and pages follow."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something happens to a machine at one time.
+
+    Attributes:
+        name: One of `EVENTS`.
+        time_s: When; what happens at the first tick of a run has begun before it.
+        actuator: By number or name, where the event is of one; else None.
+
+    Raises:
+        ValueError, TypeError: No such event; an actuator is missing, superfluous or no name or
+            number; a time that is none, or negative.
+    """
+
+    name: str
+    time_s: float
+    actuator: int | str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"name must be the name of an event, got {self.name!r:.80}")
+        if self.name not in EVENTS:
+            raise ValueError(
+                f'there is no event "{self.name:.80}"{nearest(self.name, EVENTS, listed=True)}'
+            )
+        is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
+        if not (is_time and 0.0 <= self.time_s <= LATEST_S):
+            said = f"a time from zero on, got {self.time_s!r:.80}, and at most {LATEST_S:g} s"
+            raise ValueError(f"time_s must be {said}")
+        is_number = isinstance(self.actuator, Integral) and not isinstance(self.actuator, bool)
+        if not (isinstance(self.actuator, str | None) or (is_number and self.actuator >= 0)):
+            said = f"a name, or a number from 0 on, got {self.actuator!r:.80}"
+            raise ValueError(f"actuator must be {said}")
+        if self.kind.of == "actuator" and self.actuator is None:
+            raise ValueError(f"{self.name} is of an actuator, which must be named")
+        if self.kind.of != "actuator" and self.actuator is not None:
+            raise ValueError(f"{self.name} is of no single actuator, got {self.actuator}")
+
+    @classmethod
+    def parse(cls, text: str) -> "Event":
+        """Parse NAME@SECONDS or, of what happens to an actuator, NAME:ACTUATOR@SECONDS.
+
+        Raises:
+            ValueError, TypeError: Another form; or as of an event that is made.
+        """
+        if not isinstance(text, str):
+            raise TypeError(f"text must be that of an event, got {text!r:.80}")
+        what, _, time_s = text.rpartition("@")
+        name, _, actuator = what.partition(":")
+        try:
+            seconds = float(time_s)
+        except ValueError:
+            expected = "NAME@SECONDS or NAME:ACTUATOR@SECONDS"
+            raise ValueError(f"text must be {expected}, got {text!r:.80}") from None
+        return cls(name, seconds, actuator or None)
+
+    @property
+    def kind(self) -> Kind:
+        """What `EVENTS` says of it."""
+        return EVENTS[self.name]
+
+
+def event(
+    of: Of,
+    name: str,
+    sentence: str,
+    named_as: "tuple[FailureKind, ...]" = (),
+    failures: "tuple[FailureKind, ...]" = (),
+    *,
+    after_s: float = 0.0,
+    cause: Cause | None = None,
+    **sizes: Any,
+) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
+    """Declare an event on the function of its effect; arguments as of :class:`Kind`.
+
+    `sizes` are the function's arguments besides the target; it raises WrongInput where the target
+    cannot have the event. Of several decorators the lowest declares first; an event that comes
+    after those of other functions is declared by a call.
+    """
+
+    def declare(effect: Callable[..., Effect]) -> Callable[..., Effect]:
+        bound = partial(effect, **sizes)
+        EVENTS[name] = Kind(sentence, of, named_as, failures, after_s, cause, bound)
+        return effect
+
+    return declare
+
+
+actuator_event = partial(event, "actuator")
+supply_event = partial(event, "supply")
+machine_event = partial(event, "machine")
+sensor_event = partial(event, "sensor")
+
+
+@actuator_event("loose", "force and own spring are lost", ("loose", "free"), ("loose",))
+@actuator_event("weak", "the actuator keeps half of its force", ("weak",), ("weak",))
+@actuator_event("free", "the actuator loses its force", ("free",), ("free",))
+@actuator_event("locked", "the actuator stays where it is", _LOCKED, _LOCKED)
+def no_effect(_: "Target") -> Effect:
+    """No effect besides the failures that the event consists of."""
+    return Effect()
+
+
+@actuator_event("spring_lost", "the own spring is lost, not the force", ("loose", "free"))
+def lost_spring(target: "Target") -> Effect:
+    """Take the actuator's own spring away, and with it its preload."""
+    stiffness = target.moved("stiffness")
+    if stiffness(target.rig.model) == 0.0:
+        raise target.refused("has no spring of its own")
+    return _once(lambda model: stiffness(model).fill(0.0))
+
+
+@actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
+@actuator_event("hard_over", "full input from then on, at a drawn end", _UNMOVED, part=1.0)
+def constant_input(target: "Target", part: float) -> Effect:
+    """Hold the input at a part of the full one, at a random end of the range."""
+    end = target.limits[target.rng.integers(2)]
+    full = end if math.isfinite(end) else math.copysign(FULL * target.reach, end)
+    constant = target.input(part * full)
+    return _own_input(target, lambda _, __: constant)
+
+
+@actuator_event("stuck_input", "the input stays as it is", _UNMOVED, lag_s=math.inf)
+def lagging(target: "Target", lag_s: float) -> Effect:
+    """Pass the input through a first-order lag; an infinite lag keeps it as it is."""
+    follows, state = -math.expm1(-target.rig.period_s / lag_s), 0.0
+
+    def lagged(tick: int, own: float) -> float:
+        nonlocal state
+        state = own if tick == 0 else state + follows * (own - state)
+        return state
+
+    return _own_input(target, lagged)
+
+
+@actuator_event(
+    "drift", "an offset grows in 1 s by 0.6 of the path's motion", cause="offset", rate=0.6
+)
+@actuator_event("offset", "an offset of three times what the path moves", cause="offset", size=3.0)
+def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effect:
+    """Add a displacement of random sign, and its rate per second, in reaches of the path."""
+    per_reach = float(target.rng.choice([-1.0, 1.0])) * target.input(target.reach)
+    grows = rate * target.rig.period_s
+    return _own_input(target, lambda tick, own: own + per_reach * (size + grows * tick))
+
+
+@actuator_event(
+    "intermittent", "no force for 100 ms in every 300 ms", ("free", "weak"), off_s=0.1, every_s=0.3
+)
+def no_force(
+    target: "Target", off_s: float, every_s: float = math.inf, *, everywhere: bool = False
+) -> Effect:
+    """Switch the actuator, or all, off for some time, once or at the beginning of every period."""
+    drives = target.drives if everywhere else [target.drive]
+    ids, groups = [k for drive in drives for k in drive.ids], None
+
+    def plant(tick: int, model: mujoco.MjModel, _: mujoco.MjData) -> None:
+        nonlocal groups
+        is_on = (tick * target.rig.period_s + 1e-9) % every_s >= off_s
+        if not is_on and groups is None:
+            groups = model.actuator_group[ids]
+            for drive in drives:
+                target.switch_off(model, drive)
+        elif is_on and groups is not None:  # what was off before stays off
+            model.actuator_group[ids], groups = groups, None
+
+    return Effect(plant)
+
+
+@actuator_event("fading", "the force decays, time constant 1 s", ("weak", "free"), decay_s=1.0)
+def scaled_force(target: "Target", gain: float = 1.0, decay_s: float = math.inf) -> Effect:
+    """Multiply the actuator's force by a gain, and let it decay exponentially."""
+    ids, decays = list(target.drive.ids), math.exp(-target.rig.period_s / decay_s)
+
+    def plant(tick: int, model: mujoco.MjModel, _: mujoco.MjData) -> None:
+        factor = decays if tick else gain * decays
+        model.actuator_gainprm[ids, :3] *= factor
+        model.actuator_biasprm[ids, :3] *= factor
+
+    return Effect(plant)
+
+
+@actuator_event("reversed", "the input changes its sign", ("free", "locked", "weak"))
+def reversed_input(target: "Target") -> Effect:
+    """Change the sign of the input."""
+    return _own_input(target, lambda _, own: -own)
+
+
+actuator_event("slow", "the input lags by a first order of 30 ms", ("weak", "locked"), lag_s=0.03)(
+    lagging
+)
+actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(scaled_force)
+
+
+@actuator_event("lock_released", "locks, moves again after 100 ms", _LOCKED, _LOCKED, opens_s=0.1)
+def released_lock(target: "Target", opens_s: float) -> Effect:
+    """Open the lock that the event brings, some time after it."""
+    lock, opens = target.lock, target.ticks(opens_s)
+    if lock < 0:
+        raise target.refused("has no lock")
+
+    def plant(tick: int, _: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if tick == opens:
+            data.eq_active[lock] = False
+
+    return Effect(plant)
+
+
+actuator_event("free_returns", "no force for 0.5 s, then all again", ("free",), off_s=0.5)(no_force)
+
+
+@actuator_event(
+    "rubbing", "dry friction: half of what the path takes", ("locked", "weak"), part=0.5
+)
+def rubbing(target: "Target", part: float) -> Effect:
+    """Add dry friction, as a part of the force that the path takes against spring and servo."""
+    stiffness, friction = target.moved("stiffness"), target.moved("frictionloss")
+
+    def rub(model: mujoco.MjModel) -> None:
+        holds = stiffness(model) + _feedback(target, model, 1)
+        friction(model)[:] += part * target.reach * holds
+
+    return _once(rub)
+
+
+@actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
+def damped(target: "Target", times: float) -> Effect:
+    """Multiply the actuator's damping, the servo's included."""
+    damping = target.moved("damping")
+
+    def damp(model: mujoco.MjModel) -> None:
+        damping(model)[:] = times * damping(model) + (times - 1.0) * _feedback(target, model, 2)
+
+    return _once(damp)
+
+
+@supply_event("ripple", "all inputs rise and fall by 20 % at 100 Hz", ripple=0.2)
+@supply_event("sag", "all inputs times 0.8", cause="supply", mean=0.8)
+def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float = 100.0) -> Effect:
+    """Multiply all inputs by a mean and a ripple, of a quarter of the control rate at most."""
+    omega = 2 * math.pi * min(hz * target.rig.period_s, 0.25)
+    return Effect(sent=lambda tick, inputs: (mean + ripple * math.sin(omega * tick)) * inputs)
+
+
+supply_event("two_locked", "two actuators lock at once, drawn", _LOCKED, 2 * _LOCKED)(no_effect)
+supply_event("blackout", "no actuator has force for 50 ms", off_s=0.05, everywhere=True)(no_force)
+
+
+@actuator_event(
+    "bump_then_lock",
+    "the same; 0.4 s later a lock",
+    _LOCKED,
+    _LOCKED,
+    after_s=0.4,
+    parts=5,
+    for_s=5e-3,
+)
+@machine_event(
+    "bump", "5/54 of the payload's weight for 5 ms, 5 N on the hexapod", parts=5, for_s=5e-3
+)
+@machine_event(
+    "push", "a constant force of 1/54 of the payload's weight, 1 N on the hexapod", parts=1
+)
+def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
+    """Push the payload at its centre of mass in a random direction, by 1/54 parts of its weight.
+
+    A push of finite time has the same impulse whatever the control period is.
+    """
+    body, ends = target.rig.payload_body, target.ticks(for_s)
+    newton = parts / 54 * GRAVITY * float(target.rig.model.body_mass[body])
+    force = newton * target.direction(3)
+    if math.isfinite(ends):
+        force *= for_s / (ends * target.rig.period_s)
+
+    def plant(tick: int, _: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if tick < ends:
+            data.xfrc_applied[body, :3] += force
+
+    return Effect(plant)
+
+
+@machine_event("tone", "the floor swings at 20 Hz, 100 um/s RMS", hz=20.0, rms_m_per_s=1e-4)
+def swinging_floor(target: "Target", hz: float, rms_m_per_s: float) -> Effect:
+    """Let the floor swing along a random direction."""
+    omega = 2 * math.pi * hz
+    peak, step = math.sqrt(2.0) * rms_m_per_s * omega, omega * target.rig.period_s
+    return _on_floor(target.direction(3), lambda tick: peak * math.sin(step * tick))
+
+
+@machine_event("tilt", "the floor tilts by 1 mrad/s", rad_per_s=1e-3)
+def tilting_floor(target: "Target", rad_per_s: float) -> Effect:
+    """Tilt the floor steadily about a random horizontal axis, through small angles."""
+    across, grows = [*target.direction(2), 0.0], GRAVITY * rad_per_s * target.rig.period_s
+    return _on_floor(across, lambda tick: grows * tick)
+
+
+@machine_event("lighter", "the payload gets 20 % less mass and inertia", factor=0.8)
+@machine_event("heavier", "the payload gets 20 % more mass and inertia", factor=1.2)
+def scaled_mass(target: "Target", factor: float) -> Effect:
+    """Multiply mass and inertia of the payload."""
+    body = target.rig.payload_body
+
+    def scale(model: mujoco.MjModel) -> None:
+        model.body_mass[body] *= factor
+        model.body_inertia[body] *= factor
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
+
+    return _once(scale)
+
+
+@sensor_event("bias", "the zero jumps by 20 standard deviations", sigmas=20.0)
+def biased(target: "Target", sigmas: float, samples: float = math.inf) -> Effect:
+    """Add a constant in a random direction to some samples."""
+    off = sigmas * target.rig.noise * target.direction(len(target.rig.major))
+    return Effect(measured=lambda tick, output: output + off if tick < samples else output)
+
+
+@sensor_event("scale", "1.2 of the truth is read", cause="scale", factor=1.2)
+def scaled(_: "Target", factor: float) -> Effect:
+    """Multiply what is read."""
+    return Effect(measured=lambda _, output: factor * output)
+
+
+@sensor_event("all_stuck", "all rows stay as they are", part=1.0)
+@sensor_event("stuck", "one row stays as it is", part=1.0, one_row=True)
+def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
+    """Repeat what was read last, in a part of the samples; of all rows, or of a random one."""
+    draw, m1 = target.rng.random, len(target.rig.major)
+    rows, last = target.rng.integers(m1) if one_row else slice(None), np.empty(m1)
+
+    def measured(tick: int, output: "Array") -> "Array":
+        if tick == 0 or draw() >= part:
+            last[:] = output
+        seen = output.copy()
+        seen[rows] = last[rows]
+        return seen
+
+    return Effect(measured=measured)
+
+
+sensor_event("silent", "zeros are read", factor=0.0)(scaled)
+
+
+@sensor_event("noisy", "the noise is five times as high", times=5.0)
+def noisy(target: "Target", times: float) -> Effect:
+    """Multiply the standard deviation of the noise."""
+    added, draw = target.rig.noise * math.sqrt(times**2 - 1.0), target.rng.standard_normal
+    return Effect(measured=lambda _, output: output + added * draw(len(output)))
+
+
+@sensor_event("dropped", "a tenth of the samples is NaN", part=0.1)
+@sensor_event("nan_for_50ms", "samples are NaN for 50 ms", duration_s=0.05)
+@sensor_event("nan", "one sample is NaN", duration_s=0.0)
+def missing(target: "Target", part: float = 1.0, duration_s: float = math.inf) -> Effect:
+    """Make a part of the samples NaN for some time, that of one sample at least."""
+    draw, ends = target.rng.random, target.ticks(duration_s)
+
+    def measured(tick: int, output: "Array") -> "Array":
+        return output * np.nan if tick < ends and draw() < part else output
+
+    return Effect(measured=measured)
+
+
+sensor_event("repeated", "a tenth of the samples repeats the one before", part=0.1)(repeated)
+sensor_event("spike", "one sample is off by a million standard deviations", sigmas=1e6, samples=1)(
+    biased
+)
+
+
+@sensor_event("late", "samples come five ticks late", ticks=5)
+def late(_: "Target", ticks: int) -> Effect:
+    """Delay the samples by some ticks; the first one is repeated until then."""
+    recent = deque["Array"](maxlen=ticks + 1)
+
+    def measured(_: int, output: "Array") -> "Array":
+        recent.append(output)
+        return recent[0]
+
+    return Effect(measured=measured)
+
+
+@sensor_event(
+    "hum", "a sinusoid of 20 Hz and five standard deviations is added", sigmas=5.0, hz=20.0
+)
+def hum(target: "Target", sigmas: float, hz: float) -> Effect:
+    """Add a sinusoid along a random direction."""
+    peak = sigmas * target.rig.noise * target.direction(len(target.rig.major))
+    step = 2 * math.pi * hz * target.rig.period_s
+    return Effect(measured=lambda tick, output: output + peak * math.sin(step * tick))
+
+
+def _own_input(target: "Target", change: Callable[[int, float], float]) -> Effect:
+    """Change the input of the event's own actuator, within the range of its drive."""
+    k = target.actuator
+    low, high = (target.input(end) if math.isfinite(end) else end for end in target.limits)
+
+    def sent(tick: int, inputs: "Array") -> "Array":
+        changed = np.array(inputs, dtype=float)
+        changed[k] = min(max(change(tick, float(changed[k])), low), high)
+        return changed
+
+    return Effect(sent=sent)
+
+
+def _once(change: Callable[[mujoco.MjModel], None]) -> Effect:
+    """Change the plant's model at the first tick, to stay."""
+    return Effect(lambda tick, model, _: change(model) if tick == 0 else None)
+
+
+def _feedback(target: "Target", model: mujoco.MjModel, order: int) -> float:
+    """Force of an actuator's servos per displacement (order 1) or velocity (2) of it."""
+    gains = model.actuator_biasprm[list(target.drive.ids), order]
+    return -float(np.square(target.drive.gear) @ gains)
+
+
+def _on_floor(along: "Array | list[float]", acceleration: Callable[[int], float]) -> Effect:
+    """Accelerate the floor by a: seen from it, every mass m feels -m a."""
+
+    def plant(tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        for axis, part in enumerate(along):
+            data.xfrc_applied[:, axis] -= part * acceleration(tick) * model.body_mass
+
+    return Effect(plant)

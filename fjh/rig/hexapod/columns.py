@@ -1,0 +1,75 @@
+"""The hexapod's task, the columns of Table I, and a run in the words of its data files."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fjh.rig.hexapod.detector import secondary_motion
+from fjh.rig.run import Run
+from ftc.goal import Goal
+from sim import Array, Failure, FailureKind
+
+MAJOR = [0, 1]
+"""Rows of the payload's twist that matter: (alpha, beta), the pointing task."""
+SECONDARY = [3, 4, 5, 2]
+"""[t_x, t_y, t_z, gamma], the order of the paper's W_d and W_e."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of Table I.
+
+    Attributes:
+        name: As in `table1.json`.
+        goal: Weights, and the failure that the mapping is told of.
+        failures: What happens to the plant.
+    """
+
+    name: str
+    goal: Goal
+    failures: tuple[Failure, ...] = ()
+
+    def struts(self, kind: FailureKind) -> list[int]:
+        """Struts 0..5 that fail this way."""
+        return [failure.number for failure in self.failures if failure.kind == kind]
+
+
+_EQUAL = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+_STRUT_1 = {0: 0.0}
+_LOCK_1 = (Failure(actuator=0, kind="locked"),)
+
+COLUMNS = (
+    Column("W_a", Goal(joint_weight=_EQUAL)),
+    Column("W_b", Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0))),
+    Column("W_c", Goal(joint_weight=(1.0, 2.0, 1.0, 2.0, 1.0, 2.0))),
+    # Secondary weights are on [t_x, t_y, t_z, gamma].
+    Column("W_d", Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at=_STRUT_1), _LOCK_1),
+    Column("W_e", Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at=_STRUT_1), _LOCK_1),
+    Column("W_a_uncorrected", Goal(joint_weight=_EQUAL), _LOCK_1),
+)
+
+
+def secondary(run: Run) -> Array:
+    """True [gamma_rad, t_x_m, t_y_m, t_z_m] of a run, relative to its first tick, shape (N, 4)."""
+    rotation, translation_m = run.pose.rotation, run.pose.translation_m
+    return secondary_motion(rotation @ rotation[0].T, translation_m - translation_m[0])
+
+
+def secondary_estimated(run: Run) -> Array:
+    """The same as the controller estimates it; zeros where it estimates none."""
+    return np.zeros((len(run.time_s), 4)) if run.estimated is None else run.estimated[:, 2:]
+
+
+def hexapod_arrays(run: Run) -> dict[str, Array]:
+    """A run as its `.npz` has it, every control tick."""
+    return {
+        "time_s": run.time_s,
+        "desired_rad": run.desired,
+        "true_rad": run.true,
+        "measured_rad": run.measured,
+        "strut_input_percent": run.inputs,
+        "strut_displacement_m": run.displacement,
+        "secondary": secondary(run),
+        "secondary_estimated": secondary_estimated(run),
+        "closure_residual_m": run.closure_m,
+    }

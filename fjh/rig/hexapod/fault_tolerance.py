@@ -1,0 +1,119 @@
+"""Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.verdicts import Verdict, verdicts
+from ftc.control.springs import actuator_and_payload_stiffness
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.reconfiguration import Unused
+from prioritized import ConstrainedSystem, FailureAtlas
+from sim import Array, Plant, element_id, jacobians, joint_stiffness
+
+STRUTS = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
+"""Names of the hexapod's actuators, as people know them, and in its file."""
+
+
+def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
+    """Stiffness over [six strut displacements; payload twist in base axes], shape (12, 12).
+
+    The suspensions resist the struts; the flexures, all other springs, resist the payload.
+    """
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    free_joint = model.body_dofadr[element_id(model, "body", "payload")] + np.arange(6)
+    return actuator_and_payload_stiffness(
+        jac.J_T, jac.J_C, jac.active, free_joint, joint_stiffness(model)
+    )
+
+
+def elastic_system(
+    model: mujoco.MjModel, suspension: dict[int, float] | None = None
+) -> ConstrainedSystem:
+    """The whole mechanism with its springs, 42 velocities, at the nominal pose.
+
+    Args:
+        model: The hexapod.
+        suspension: Stiffness of some struts' suspensions by strut 0..5, [N]/[m].
+    """
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=joint_stiffness(model))
+    return with_suspension(system, suspension or {})
+
+
+def with_suspension(system: ConstrainedSystem, suspension: dict[int, float]) -> ConstrainedSystem:
+    """An elastic system with other suspensions of some struts 0..5, [N]/[m]."""
+    stiffness = np.array(system.stiffness)
+    for strut, value in suspension.items():
+        own = system.active[strut]
+        stiffness[own, own] = value
+    return replace(system, stiffness=stiffness)
+
+
+def pointing_verdicts(atlas: FailureAtlas) -> list[Verdict]:
+    """What is left of pointing in each condition of the hexapod's atlas."""
+    return verdicts(atlas, task="pointing", body="payload")
+
+
+HEAVE = (1.0,) * 6
+"""All six struts lengthen and shorten together: the payload heaves along the line of sight.
+
+The columns of J_m of the six struts add up to zero, statically and, by the threefold symmetry of
+the machine, at any frequency. A strut that does not follow leaves its own column uncancelled: six
+directions in the plane of (alpha, beta), 60 degrees apart, and each strut has one to itself.
+"""
+
+STILL = Dither(0.0, 0.0, HEAVE)
+
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
+above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
+the linear model would have to be more exact; and high enough for inertia to move a free strut."""
+
+UNUSED: Unused = "locked"
+"""The springs of the suspensions hold struts without force."""
+
+
+def nominal_model(
+    model: mujoco.MjModel, bench: TestbedConfig, *, strut_sensors: bool = False
+) -> NominalModel:
+    """The linear model of the machine without failures.
+
+    Args:
+        model: The machine.
+        bench: Periods and noise.
+        strut_sensors: Whether the outputs are (alpha, beta) and then the six gauges beside the
+            struts, or (alpha, beta) alone.
+    """
+    import control  # late, as in ftc.compensator
+
+    plant = Plant(model)
+    linear = plant.linear()
+    rows = [linear.C_twist[MAJOR]]
+    noise = [np.full(2, bench.detector_noise_m / bench.focal_length_m)]
+    if strut_sensors:
+        rows.append(linear.C_active)
+        noise.append(np.full(len(linear.C_active), bench.strut_sensor_noise_m))
+    return NominalModel(
+        plant=control.ss(linear.A, linear.B, np.vstack(rows), 0),
+        displacement=linear.C_active,
+        noise=np.concatenate(noise),
+        period_s=bench.control_period_s,
+        step_s=float(model.opt.timestep),
+        spring=linear.spring,
+        preload=linear.preload,
+        floor=linear.B_floor[len(linear.A) // 2 :],
+        names=[own for own, _ in STRUTS],
+    )
+
+
+def fault_text(fault: Fault | None) -> str:
+    """A fault in words, its strut 1 to 6; None is no fault."""
+    if fault is None:
+        return "sound"
+    left = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
+    return f"strut {fault.actuator + 1} {fault.kind}{left}"

@@ -1,0 +1,196 @@
+"""The rig of the testbed's own machine: its loops, its diagnosis, its plant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.columns import COLUMNS, MAJOR
+from fjh.rig.hexapod.controller import (
+    StrutMapping,
+    controller_for,
+    nominal_loops,
+    task_coordinates,
+)
+from fjh.rig.hexapod.fault_tolerance import (
+    DITHER,
+    STRUTS,
+    UNUSED,
+    elastic_system,
+    nominal_model,
+    with_suspension,
+)
+from fjh.rig.hexapod.machine import HexapodMachine
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from fjh.rig.options import JacobianChoice
+from fjh.rig.rig import Rig
+from ftc.control.compensator import Compensator, Margins
+from ftc.control.mapping import DisplacementForm
+from ftc.control_task import ControlTask
+from ftc.controller import PrioritizedController
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind, of_actuators
+from ftc.goal import Goal
+from ftc.reconfiguration import Unused
+from ftc.sensor_check import SensorCheck
+from ftc.sensors import SensorChecks
+from ftc.supervisor import Supervisor, supervisor_for
+from ftc.tracking import is_possible
+from prioritized import ConstrainedSystem, Manipulability
+from sim import NOMINAL, Array, Plant, Pose, load_model
+
+_BEYOND = 2.0
+"""Times the detector's range: it cannot read so much."""
+
+
+@dataclass(frozen=True)
+class HexapodControl:
+    """Loops of the hexapod, and what its diagnosis knows.
+
+    Attributes:
+        testbed: The controllers' model, the constants around it, compensators.
+        goal: While all struts work.
+        nominal: Linear model from strut displacements to (alpha, beta).
+        elastic: The machine with its springs, without failures.
+        jacobian: Where the mapping of a controller takes its Jacobian from.
+        form: How eq. (41) becomes a displacement.
+        feedforward: Whether the path is demanded through the inverse of the linear model; in the
+            paper it is not.
+        limits: None: the mapping has none.
+        unused: Springs of the suspensions hold struts without force.
+    """
+
+    testbed: Testbed
+    goal: Goal
+    nominal: NominalModel
+    elastic: ConstrainedSystem
+    jacobian: JacobianChoice = "constant"
+    form: DisplacementForm = "absolute"
+    feedforward: bool = False
+    limits: tuple[Array, Array] | None = field(default=None, init=False)
+    unused: Unused = field(default=UNUSED, init=False)
+
+    @property
+    def watched(self) -> NominalModel:
+        """The same: the detector alone is looked at."""
+        return self.nominal
+
+    @property
+    def loops(self) -> tuple[Compensator, Compensator]:
+        """The (alpha, beta) compensators."""
+        return self.testbed.loops
+
+    @property
+    def margins(self) -> list[Margins]:
+        """Stability margins of both loops, where they are known."""
+        return [each for each in self.testbed.loops if isinstance(each, Margins)]
+
+    def mapping(self, goal: Goal) -> StrutMapping:
+        """The closed-form mapping for a goal, with the constant Jacobian."""
+        return StrutMapping(self._geometry, goal, "constant", self.testbed.stiffness)
+
+    @cached_property
+    def _geometry(self) -> Hexapod:
+        return hexapod(self.testbed.model)
+
+    def controller(self, goal: Goal) -> PrioritizedController[Pose]:
+        """The controller for a goal, with the Jacobian and form of this object."""
+        how = {"jacobian": self.jacobian, "form": self.form, "feedforward": self.feedforward}
+        return controller_for(self.testbed, goal, **how)
+
+    def supervisor(self, *, dither: Dither | None) -> Supervisor:
+        """A controller that diagnoses by the detector alone."""
+        bench = self.testbed.bench
+        range_rad = bench.detector_half_width_m / bench.focal_length_m
+        check = SensorCheck(bench.control_period_s, limits=(_BEYOND * range_rad,) * len(MAJOR))
+        return supervisor_for(
+            self.goal,
+            self.controller,
+            self.watched,
+            self._can,
+            self.nominal,
+            unused=self.unused,
+            dither=dither,
+            sensor_checks=SensorChecks(check),
+        )
+
+    def _can(self, faults: Sequence[Fault]) -> bool:
+        return is_possible(self.classified(faults))
+
+    def classified(self, faults: Sequence[Fault]) -> Manipulability:
+        """What is left with these faults, springs included."""
+        faults = of_actuators(faults, len(STRUTS))
+        loose = {fault.actuator: 0.0 for fault in faults if fault.kind == "loose"}
+        elastic = with_suspension(self.elastic, loose)
+        return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
+
+
+def nominal_testbed(bench: TestbedConfig | None = None) -> Testbed:
+    """The paper's machine with these constants around it, its loops closed."""
+    model, around = load_model(), TestbedConfig() if bench is None else bench
+    return Testbed(model, around, nominal_loops(model, around))
+
+
+def pursuing(rig: Rig, goal: Goal, **control: Any) -> Rig:
+    """The same hexapod, its plant shared, whose controllers have another goal.
+
+    `control` is `jacobian`, `form` or `feedforward` of :class:`HexapodControl`.
+    """
+    own, task = replace(rig.control, goal=goal, **control), replace(rig.task, goal=goal)
+    return replace(rig, control=own, task=task)
+
+
+def hexapod_rig(
+    testbed: Testbed | None = None,
+    goal: Goal = COLUMNS[0].goal,
+    *,
+    size: float | None = None,
+    start_m: Array | None = None,
+    floor_m_per_s2: Array | None = None,
+    **control: Any,
+) -> Rig:
+    """The hexapod on its exact plant.
+
+    Args:
+        testbed: Machine and constants; None is the paper's.
+        goal: While all struts work; W_a unless given.
+        size: Radius of its path, [rad]; None is that of the testbed's spiral.
+        start_m: As of :class:`HexapodMachine`.
+        floor_m_per_s2: Likewise.
+        control: `jacobian`, `form` and `feedforward` of :class:`HexapodControl`.
+    """
+    testbed = nominal_testbed() if testbed is None else testbed
+    model, bench, drives = testbed.model, testbed.bench, testbed.amplifier()
+    radius_rad, full = bench.spiral_radius_urad * 1e-6, np.full(model.nu, 100.0)
+    nominal = nominal_model(model, bench)
+    return Rig(
+        title="University of Wyoming hexapod",
+        model=model,
+        actuators=tuple(own for own, _ in STRUTS),
+        aliases=tuple((other,) for _, other in STRUTS),
+        bodies=tuple(f"stem{k}" for k in range(1, 7)),
+        units=("m",) * len(STRUTS),
+        major=tuple(MAJOR),
+        size=radius_rad if size is None else size,
+        noise=bench.detector_noise_m / bench.focal_length_m,
+        encoder_noise=bench.strut_sensor_noise_m,
+        travel=Plant(model).limits(),
+        task=ControlTask(
+            nominal=nominal,
+            J=np.linalg.inv(hexapod(model).posture(NOMINAL).inverse_jacobian),
+            major=tuple(MAJOR),
+            goal=goal,
+            drives=drives,
+            limits=(drives.displacements(-full), drives.displacements(full)),
+            reference_limit=np.full(len(MAJOR), radius_rad),
+        ),
+        warnings=(),
+        payload_body=int(model.site("payload").bodyid[0]),
+        control=HexapodControl(testbed, goal, nominal, elastic_system(model), **control),
+        machine=HexapodMachine(testbed, start_m=start_m, floor_m_per_s2=floor_m_per_s2),
+        coordinates=task_coordinates,
+        dither=DITHER,
+    )

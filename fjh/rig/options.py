@@ -1,0 +1,272 @@
+"""How a robot is controlled: each option declared, checked and parsed once, for commands and code.
+
+Nothing is imported that takes time: the help text does not wait for it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from fjh.rig.units import ROW_NAMES, ROWS
+from fjh.rig.within import check_within
+from fjh.study.errors import WrongInput
+from fjh.study.option import Option
+
+Sensing = Literal["task", "joints", "both"]
+"""A sensor of the task frame; encoders of the actuators and forward kinematics; or both sensors."""
+
+Limited = Literal["stated", "none"]
+"""Limits of the displacements: those that the file states, or none."""
+
+Feedforward = Literal["default", "on", "off"]
+"""Whether the path is demanded through the inverse of the linear model; by default on, but for the
+hexapod, as in the paper."""
+
+JacobianChoice = Literal["analytic", "constant"]
+"""Jacobian of the hexapod's mapping: of the estimated pose at every control tick, or of the nominal
+pose as eq. (39)."""
+
+Switch = Literal["on", "off"]
+
+DITHER_SIZE = 0.1
+"""Largest dither as a part of the path: of what it moves an actuator, and of its size for a major
+row. A failed actuator leaves its part of the dither uncancelled."""
+
+COST_PART = 0.5
+"""Largest motion of a major row by the default dither while nothing has failed, as a part of one
+standard deviation of a sample of its sensor."""
+
+LARGEST_WEIGHT = 1e12
+
+BOUNDS = {
+    "size": (1e-12, 1e3),
+    "servo": (1e-3, 1e6),
+    "noise": (1e-15, 1e3),
+    "crossover": (1e-6, 1e6),
+    "period": (1e-7, 1.0),
+    "turn": (1e-3, 1e6),
+    "duration": (1e-6, 1e4),
+}
+"""Least and largest value of each number, in its unit."""
+
+Model = Annotated[
+    Path | None,
+    Option(metavar="MODEL.xml", help="The robot, MJCF.  [default: the hexapod]", positional=True),
+]
+MachineFile = Annotated[
+    Path | None,
+    Option(metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod]"),
+]
+Site = Annotated[
+    str, Option(metavar="NAME", help="Task frame: a site, or a body, by name or number.")
+]
+Axes = Annotated[
+    str | None, Option(metavar="NAME", help="Site that gives the axes.  [default: world]")
+]
+MAJOR = Option(
+    metavar="ROWS",
+    help="Major rows of the twist [rx, ry, rz, x, y, z], turns about axes and then motions along "
+    "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
+)
+Keyframe = Annotated[
+    str | None,
+    Option(
+        metavar="KEY",
+        help="Where the robot starts: name or number.  [default: the first, or qpos0]",
+    ),
+]
+Pinned = Annotated[
+    tuple[str, ...] | None,
+    Option(
+        metavar="NAME,...",
+        help="Sites or bodies that stand, such as feet: welded where the robot starts, or "
+        "NAME:point, which may turn.",
+    ),
+]
+Turn = Annotated[
+    float,
+    Option(metavar="S", help="Time of one turn of a circle or spiral, in seconds."),
+]
+Dither = Annotated[
+    str,
+    Option(
+        metavar="HZ",
+        help="A small motion in the null space of the major rows, for the diagnosis: none, "
+        "designed (the direction and frequency that separate failures best, at 2, 5, 10 or 20 "
+        f"Hz), or a frequency in Hz. No actuator moves further than {DITHER_SIZE:g} of what the "
+        f"path moves one, and by dynamics no major row further than {DITHER_SIZE:g} of the path's "
+        "size. default: designed at 10 or 20 Hz, and no major row moves further than "
+        f"{COST_PART:g} of the noise of a sample; none where no failure is separated by it.",
+    ),
+]
+Controller = Annotated[
+    str | None,
+    Option(
+        metavar="NAME",
+        help="Another controller, package.module:factory (docs/other-controllers.md).",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """How a robot is controlled; `major`, weights and `pinned` may be text with commas between.
+
+    Raises:
+        WrongInput: A value that no robot can have; what a robot lacks is found when it is read.
+    """
+
+    site: Site = "payload"
+    axes: Axes = None
+    major: Annotated[tuple[int, ...], MAJOR] = (0, 1)
+    size: Annotated[
+        float | None,
+        Option(
+            metavar="R",
+            help="Radius of the path, [rad] or [m].  [default: 1 mrad, or a thousandth of the "
+            "model's extent; the hexapod's 0.1 mrad]",
+        ),
+    ] = None
+    sense: Annotated[
+        Sensing,
+        Option(
+            help="task: a sensor of the major rows; joints: encoders, and forward kinematics; "
+            "both: the diagnosis looks at both."
+        ),
+    ] = "both"
+    noise: Annotated[
+        float | None,
+        Option(
+            metavar="SIGMA",
+            help="Standard deviation of one sample of each sensor, [rad] or [m].  [default: a "
+            "hundredth of what a path of the default size moves it: of a row 0.01 mrad, or 1e-5 "
+            "of the model's extent]",
+        ),
+    ] = None
+    crossover: Annotated[
+        float | None,
+        Option(
+            metavar="HZ",
+            help="Gain crossover of the loops.  [default: the highest with a sensitivity peak of "
+            "1.7]",
+        ),
+    ] = None
+    feedforward: Annotated[
+        Feedforward,
+        Option(
+            help="Whether the path is demanded through the inverse of the linear model, and the "
+            "loops add to it. By default on; off for the hexapod, as in the paper."
+        ),
+    ] = "default"
+    period: Annotated[
+        float, Option(metavar="S", help="Control period, in whole physics steps.")
+    ] = 1e-3
+    joint_weight: Annotated[
+        tuple[float, ...] | None,
+        Option(
+            metavar="W,...",
+            help="W1, one number or one an actuator.  [default: 1, unless there is a secondary "
+            "weight]",
+        ),
+    ] = None
+    secondary_weight: Annotated[
+        tuple[float, ...] | None,
+        Option(metavar="W,...", help="W2, one number a secondary row."),
+    ] = None
+    limits: Annotated[
+        Limited,
+        Option(
+            help="Displacements of the actuators: within the ranges that the file states, or "
+            "unlimited."
+        ),
+    ] = "stated"
+    keyframe: Keyframe = None
+    pinned: Pinned = None
+    servo: Annotated[
+        float | None,
+        Option(
+            metavar="HZ",
+            help="Natural frequency of the position servos that torque motors get.",
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        """Check all values, and parse text."""
+        parsed: dict[str, Any] = {"major": rows_of("major", self.major)}
+        for name in ("joint_weight", "secondary_weight"):
+            if (given := getattr(self, name)) is not None:
+                parsed[name] = weights_of(name, given)
+        parsed["pinned"] = pinned_of(self.pinned)
+        for name, value in parsed.items():
+            object.__setattr__(self, name, value)
+        for name in ("size", "noise", "crossover", "period", "servo"):
+            if (value := getattr(self, name)) is not None or name == "period":
+                check_bounds(name, value)
+        kinds = {"sense": Sensing, "feedforward": Feedforward, "limits": Limited}
+        for name, kind in kinds.items():
+            if (value := getattr(self, name)) not in get_args(kind):
+                expected = ", ".join(get_args(kind))
+                raise WrongInput(f"{name} must be one of {expected}, got {value!r:.80}")
+
+
+def check_bounds(name: str, value: Any, of: str | None = None) -> None:
+    """Raise a `WrongInput` unless a value is a number within :data:`BOUNDS` of its option."""
+    try:
+        check_within(name, value, *BOUNDS[of or name])
+    except ValueError as error:
+        raise WrongInput(str(error)) from None
+
+
+_ROWS = {each: k for k in range(6) for each in (ROW_NAMES[k], ROWS[k], str(k))}
+"""Rows of a twist, by what each may be called."""
+
+
+def rows_of(name: str, given: Any) -> tuple[int, ...]:
+    """Major rows by name or number, as a sequence or as text with commas between.
+
+    Raises:
+        WrongInput: There are none, others, or one twice; the argument's name is `name`.
+    """
+    parts = _parts(given)
+    found = tuple(_ROWS[part] for part in parts if part in _ROWS)
+    if not found or len(set(found)) < len(parts):
+        expected = f"different rows from 0 to 5 or of {','.join(ROW_NAMES)}"
+        raise WrongInput(f"{name} must be {expected}, got {given!s:.80}")
+    return found
+
+
+def weights_of(name: str, given: Any) -> tuple[float, ...]:
+    """Weights, as a number, a sequence, or text with commas between.
+
+    Raises:
+        WrongInput: They are no numbers, negative, or larger than :data:`LARGEST_WEIGHT`.
+    """
+    try:
+        values = tuple(float(part) for part in _parts(given))
+    except ValueError:
+        raise WrongInput(f"{name} must be numbers with commas between, got {given!s:.80}") from None
+    if not all(0 <= value <= LARGEST_WEIGHT for value in values):
+        raise WrongInput(f"{name} must be from 0 to {LARGEST_WEIGHT:g}, got {given!s:.80}")
+    return values
+
+
+def pinned_of(given: Any) -> tuple[str, ...] | None:
+    """Frames that stand, NAME or NAME:point, likewise; None of none.
+
+    Raises:
+        WrongInput: One has no name.
+    """
+    names = () if given is None else tuple(_parts(given))
+    if not all(name.removesuffix(":point") for name in names):
+        raise WrongInput(f"pinned must be NAME or NAME:point,..., got {given!s:.80}")
+    return names or None
+
+
+def _parts(given: Any) -> list[str]:
+    parts = given.split(",") if isinstance(given, str) else given
+    return [str(part).strip() for part in (parts if isinstance(parts, Iterable) else [parts])]
+
+
+DEFAULT_OPTIONS = RobotOptions()
+"""Those of a command that is given none."""

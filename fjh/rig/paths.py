@@ -1,0 +1,73 @@
+"""Paths of the major task: displacements from the start, row by row."""
+
+from pathlib import Path
+
+import numpy as np
+
+import argument_checks as check
+from fjh.rig.hexapod.trajectory import spiral
+from fjh.study.errors import WrongInput
+from fjh.study.foreign import read_arrays
+from fjh.study.spelling import nearest
+from sim import Array
+
+PATHS = ("spiral", "circle", "steps")
+"""Paths that have a name."""
+
+_SOFT_START_S = 0.5
+
+
+def path_of(
+    name: str, rows: int, size: float, time_s: Array, turn_s: float, period_s: float
+) -> Array:
+    """Desired major displacements, tick by tick, shape (N, rows), in [rad] or [m].
+
+    A spiral or circle is in the first two rows, or a sine in the only one; the others stay at zero.
+    A circle begins at rest at the start, and steps go out and back along one row after the other.
+
+    Raises:
+        WrongInput: No such path, or a file that holds none.
+    """
+    path = np.zeros((len(time_s), rows))
+    if name == "spiral":
+        duration_s = float(time_s[-1] + period_s)
+        plane = spiral(time_s, size, duration_s / turn_s, duration_s)
+    elif name == "circle":
+        # The phase starts at rest, so that the start of the motion is no jump of the velocity.
+        ramp = np.minimum(time_s, _SOFT_START_S)
+        phase = time_s - ramp + ramp**2 / (2 * _SOFT_START_S)
+        angle = 2 * np.pi * phase / turn_s
+        plane = size * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    elif name == "steps":
+        step = (4 * time_s / turn_s).astype(int) % (2 * rows)
+        at = np.flatnonzero(step % 2 == 1)
+        path[at, step[at] // 2] = size
+        return path
+    else:
+        return _from_file(Path(name), rows, time_s)
+    path[:, : min(rows, 2)] = plane[:, :rows]
+    return path
+
+
+def _from_file(file: Path, rows: int, time_s: Array) -> Array:
+    """A path from `time_s` (K,) and `desired` (K, rows) in an .npz file, between them linear."""
+    if file.suffix != ".npz":
+        near = nearest(str(file), PATHS)
+        raise WrongInput(f"path must be {', '.join(PATHS)} or FILE.npz, got {file!s:.80}{near}")
+    arrays = read_arrays(file)
+    try:
+        times = check.finite("time_s", arrays["time_s"])
+        desired = check.finite("desired", arrays["desired"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise WrongInput(f"path {file} holds no path: {error}") from None
+    if (
+        times.ndim != 1
+        or not len(times)
+        or desired.shape != (len(times), rows)
+        or (np.diff(times) <= 0).any()
+    ):
+        raise WrongInput(
+            f"path {file} must have ascending time_s (N,) and desired (N, {rows}), got shapes "
+            f"{times.shape} and {desired.shape}"
+        )
+    return np.column_stack([np.interp(time_s, times, column) for column in desired.T])

@@ -1,0 +1,161 @@
+"""Results on disk: a set of files appears whole or not at all."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from filelock import FileLock, Timeout
+
+from fjh.study.errors import OutputError, WrongInput
+from fjh.study.interrupts import uninterrupted
+
+if TYPE_CHECKING:  # the help text does not wait for NumPy's import
+    from numpy.typing import NDArray
+
+LOCK, STAGING = ".fjh.lock", ".fjh-staging-"
+
+UNFINISHED = "unfinished.jsonl"
+"""Rows of finished runs, until all are published (experiments.study)."""
+
+
+def usable_folder(path: Path, option: str = "--out") -> Path:
+    """The folder itself, if it exists or can be made; to be called before any work is done.
+
+    Raises:
+        OutputError: It is a file, lies below one, is not writable, or is no path at all.
+    """
+    here = path.absolute()
+    nearest = next(place for place in (here, *here.parents) if os.path.lexists(place))
+    if not nearest.is_dir():
+        raise OutputError(f"{option} {path} cannot be a folder: {nearest} is not one")
+    if not os.access(nearest, os.W_OK):
+        raise OutputError(f"{option} {path} cannot be written: no permission in {nearest}")
+    try:
+        here.lstat()
+    except FileNotFoundError:
+        pass  # it will be made
+    except OSError as error:
+        raise OutputError(f"{option} {path} cannot be made: {error.strerror}") from None
+    return path
+
+
+def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
+    """The folder of a file of this ending, if it can be written there.
+
+    Raises:
+        OutputError: It has another ending, or its folder cannot be used.
+    """
+    if path.suffix != suffix:
+        raise OutputError(f"{option} {path} must end in {suffix}")
+    return usable_folder(path.parent, option)
+
+
+@contextmanager
+def made(folder: Path) -> Iterator[None]:
+    """Make the folder and those above it; on leaving, those of them that are empty are removed."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for place in missing:
+            with suppress(OSError):  # it is not empty
+                place.rmdir()
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other studies out of a folder; the system takes the lock back however this one ends.
+
+    Raises:
+        WrongInput: Another study is at work there.
+        OutputError: The disk or the folder refuses.
+    """
+    with ExitStack() as held:
+        try:
+            held.enter_context(made(folder))
+            held.enter_context(FileLock(folder / LOCK, timeout=0))
+        except Timeout:
+            raise WrongInput(f"{folder} is in use by another study: wait for its end") from None
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OutputError(f"{folder} could not be written: {reason}") from None
+        held.callback((folder / LOCK).unlink, missing_ok=True)
+        for left in folder.glob(f"{STAGING}*"):  # by a study that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+
+
+@contextmanager
+def published(folder: Path, index: str) -> Iterator[Path]:
+    """A temporary folder to write into; at the end of the block its files move to `folder`.
+
+    After an error they are deleted. The folder is made if need be; files of the same names are
+    replaced, and files that the former index lists as `files` and the new set has not are removed.
+    No other file is touched. The index, which names the others, is removed first and moved last:
+    where it is, all files that it lists are.
+
+    Raises:
+        OutputError: The disk or the folder refuses; what was there before is still whole.
+    """
+    try:
+        with made(folder), tempfile.TemporaryDirectory(dir=folder, prefix=STAGING) as staging:
+            yield Path(staging)
+            with uninterrupted():  # all of them, or none
+                _move_all(Path(staging), folder, index)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{folder} could not be written: {reason}") from None
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON; NaN is refused, since JSON has none."""
+    path.write_text(json_text(content), encoding="utf-8")
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """Content as indented JSON; `ValueError` for NaN and infinity, which JSON does not have."""
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def write_index(path: Path, summary: dict[str, Any]) -> dict[str, Any]:
+    """What is written as the last file of a set: the summary, and as `files` the names of all."""
+    files = sorted({path.name, *(file.name for file in path.parent.iterdir())})
+    content = summary | {"files": files}
+    write_json(path, content)
+    return content
+
+
+def write_arrays(path: Path, arrays: "Mapping[str, NDArray[Any]]") -> None:
+    """Write an `.npz`, readable without pickle."""
+    import numpy as np  # late, as above
+
+    np.savez(path, allow_pickle=False, **dict(arrays))
+
+
+def _move_all(staging: Path, folder: Path, index: str) -> None:
+    names = sorted((file.name for file in staging.iterdir()), key=lambda name: name == index)
+    for name in names:
+        if (folder / name).is_dir():
+            raise OutputError(f"{folder / name} is a folder where a file is to be written")
+    outdated = _listed(folder / index) - set(names)
+    (folder / index).unlink(missing_ok=True)
+    for name in outdated:
+        (folder / name).unlink(missing_ok=True)
+    for name in names:
+        (staging / name).replace(folder / name)
+
+
+def _listed(index: Path) -> set[str]:
+    """Files beside an index that it lists; none if it is missing or of another program."""
+    try:
+        names = json.loads(index.read_bytes())["files"]
+        plain = {name for name in names if Path(name).name == name}
+        return {name for name in plain if (index.parent / name).is_file()}
+    except (OSError, ValueError, LookupError, TypeError):
+        return set()

@@ -1,0 +1,107 @@
+"""Figures for print: widths, colours, style, and how they are saved. No display is needed."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
+
+from fjh.study.palette import BLACK, BLUE, VERMILION
+
+PAGE_IN = 7.16
+"""Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
+COLUMN_IN = 3.5
+
+DESIRED, MEASURED, START = BLACK, BLUE, VERMILION
+COLOR_MAP = "cividis"
+"""For a quantity: perceptually uniform, and the same to colour-blind readers."""
+
+TEXT_PT, TITLE_PT = 7, 8
+"""The only two sizes of text: 7 pt is the least that journals print."""
+
+_NO_DATE = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+
+matplotlib.use("Agg")
+matplotlib.rc("figure", dpi=220, titlesize=TITLE_PT, labelsize=TEXT_PT)
+matplotlib.rc("font", size=TEXT_PT)
+matplotlib.rc("axes", titlesize=TITLE_PT, labelsize=TEXT_PT, grid=True, linewidth=0.6)
+matplotlib.rc("xtick", labelsize=TEXT_PT)
+matplotlib.rc("ytick", labelsize=TEXT_PT)
+matplotlib.rc("xtick.major", width=0.6)
+matplotlib.rc("ytick.major", width=0.6)
+matplotlib.rc("legend", fontsize=TEXT_PT, borderpad=0.3, columnspacing=1.0)
+matplotlib.rc("legend", handlelength=1.6, labelspacing=0.3)
+matplotlib.rc("grid", alpha=0.3, linewidth=0.5)
+matplotlib.rc("lines", linewidth=1.0, markersize=3.5)
+matplotlib.rc("hatch", linewidth=0.4)
+# Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike wherever it is
+# opened, so that its letters are outlines. The same figure is the same file, to the bit.
+matplotlib.rc("pdf", fonttype=42)
+matplotlib.rc("svg", fonttype="path", hashsalt="fjh")
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure of this size in print, laid out so that nothing overlaps."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def one_legend(figure: Figure, columns: int) -> None:
+    """One legend below all panels, each label once."""
+    found = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        found |= dict(zip(labels, handles, strict=True))
+    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+
+
+def logarithmic(axes: Axes, names: str) -> None:
+    """Scale x, y or both ("xy"): 1, 2, 5 of each decade as plain numbers, however few decades."""
+    for name in names:
+        axes.set(**{f"{name}scale": "log"})
+        axis = getattr(axes, f"{name}axis")
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(NullLocator())
+
+
+def name_rows(axes: Axes, names: Sequence[str], *, right: bool = False) -> None:
+    """Write the names of the rows 0, 1, ... beside the axes, where the layout keeps no room."""
+    place = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
+    style = {"va": "center", "ha": "left" if right else "right", "annotation_clip": False}
+    for row, name in enumerate(names):
+        text = axes.annotate(name, (float(right), row), (6 if right else -6, 0), **place, **style)
+        text.set_in_layout(False)
+
+
+@contextmanager
+def names_in_any_script() -> Iterator[None]:
+    """Draw letters that the font lacks as boxes, without a warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")
+        yield
+
+
+def save_figure(
+    figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
+) -> None:
+    """Write `name.png` and `name.pdf`, or the formats asked for; the same bytes every time."""
+    for file, content in printed(figure, name, formats).items():
+        (folder / file).write_bytes(content)
+
+
+def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
+    """What :func:`save_figure` writes, by the names of the files."""
+    files = {}
+    with names_in_any_script():
+        if figure.axes and (layout := figure.get_layout_engine()):
+            layout.execute(figure)
+            figure.set_layout_engine("none")  # laid out once: all formats are alike
+        for suffix in formats:
+            figure.savefig(content := BytesIO(), format=suffix, metadata=_NO_DATE[suffix])
+            files[f"{name}.{suffix}"] = content.getvalue()
+    return files

@@ -1,0 +1,196 @@
+"""Which failures of one actuator can be told apart: of a robot by its sensors, of a matrix by it.
+
+Of a robot by the steady response to a dither that the major task does not feel, at the robot's
+start, as docs/diagnosis-design.md says. By the linear model alone: nothing is simulated.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pandas as pd
+from scipy.sparse.csgraph import connected_components
+
+from argument_checks.ties import least
+from fjh.rig.dither import CONDITIONS, rig_dither
+from fjh.rig.mjcf import robot_rig
+from fjh.rig.options import Sensing, Switch
+from fjh.rig.rig import Rig
+from fjh.rig.units import ROWS, by_unit
+from fjh.study.errors import WrongInput
+from fjh.survey.subject import Subject
+from ftc.fdi.dither_design import DitherDesign
+from ftc.fdi.fault_model import Fault
+from ftc.fdi.sensor_choice import ranked_sensors
+from ftc.fdi.separation import separations
+from ftc.fdi.uncertainty import CERTAIN
+from sim import HEXAPOD_MJCF, Array
+
+SENSES: tuple[Sensing, ...] = ("task", "joints", "both")
+MOST_ADDED = 3  # further sensors that are looked for
+MOST_ACTUATORS = 12  # with more the search of a dither takes minutes
+
+_ERRORS = ("gain", "stiffness", "damping", "inertia", "delay_s")
+"""Of the model, that change signatures."""
+_STILL = 1e-9  # part of the largest motion that is round-off
+_ONE_VELOCITY = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def isolation_of(
+    subject: Subject, model: Path | None, sensors: Switch, servo: float | None
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """A row for each set of sensors, and settings: under what, or why nothing can be said."""
+    robot, refused = subject.robot, "isolation_refused"
+    if robot is None:
+        alike = alike_columns(subject.system.J_T, subject.actuators, subject.system.rank_tolerance)
+        return pd.DataFrame([alike]), {refused: None}
+    if sensors == "off":
+        return pd.DataFrame(), {refused: "it was not asked for"}
+    if (count := len(subject.actuators)) > MOST_ACTUATORS:
+        said = f"it takes minutes for more than {MOST_ACTUATORS} actuators; there are {count}"
+        return pd.DataFrame(), {refused: said}
+    at = None if subject.instead is None else robot.scene.start.qpos
+    # The loops are of position servos; all else takes the file as it is.
+    options = replace(robot.options, servo=servo, sense="both")
+    try:
+        rig = robot_rig(model or HEXAPOD_MJCF, options, at)
+        sensed = [told_apart(rig, sense)[1] for sense in SENSES]
+    except (WrongInput, ValueError) as error:
+        return pd.DataFrame(), {refused: str(error)}
+    rows, known = [subject.row_units[row] for row in subject.major], asdict(CONDITIONS.uncertainty)
+    return pd.DataFrame(sensed), {
+        refused: None,
+        "measuring_time_s": CONDITIONS.time_s,
+        **{f"uncertainty_{name}": known[name] for name in _ERRORS},
+        **by_unit("path_size", rig.size, rows),
+        **by_unit("sensor_noise", rig.noise, rows),
+        **by_unit("encoder_noise", rig.encoder_noise, subject.units),
+    }
+
+
+def alike_columns(B: Array, names: Sequence[Any], tolerance: float) -> dict[str, Any]:
+    """Which inputs of an effectiveness matrix no sensor of its effects tells apart.
+
+    A failure of an input changes the effects along its column. Two failures whose columns are
+    parallel look alike, however well the effects are measured and whatever the inputs do; any
+    others differ in direction. Inputs without effect are not seen at all. The `nearest` others have
+    the least angle, each effect in units of its row's norm.
+
+    Args:
+        B: Effects per input, shape (m, n).
+        names: Of the inputs.
+        tolerance: Fraction of the scale below which a singular value is zero, as of the rank
+            decisions of a :class:`prioritized.ConstrainedSystem`: of two columns of norm one.
+    """
+    rows = np.linalg.norm(B, axis=1, keepdims=True)
+    scaled = np.divide(B, rows, out=np.zeros_like(B), where=rows > 0.0)
+    size = np.linalg.norm(scaled, axis=0)
+    seen = np.flatnonzero(size > tolerance * size.max(initial=0.0))
+    unit = (scaled / np.where(size > 0.0, size, 1.0))[:, seen]
+    # Of [a, b] the singular values are |a - b| and |a + b| over the root of two.
+    apart, sums = (
+        np.linalg.norm(unit[:, :, None] + sign * unit[:, None, :], axis=0) for sign in (-1, 1)
+    )
+    small, large = np.minimum(apart, sums), np.maximum(apart, sums)
+    count, of_group = connected_components(small <= tolerance * large, directed=False)
+    groups = [[names[k] for k in seen[of_group == group]] for group in range(count)]
+    found = {
+        "sensors": "effects",
+        "isolable": sum(len(group) == 1 for group in groups),
+        "alike": [group for group in groups if len(group) > 1],
+        "without_effect": [names[k] for k in np.setdiff1d(np.arange(B.shape[1]), seen)],
+        "nearest": [],
+        "smallest_angle_deg": None,
+    }
+    if count > 1:
+        between = np.where(of_group[:, None] == of_group, np.inf, small)
+        i, j = divmod(least(between.ravel()), len(seen))
+        angle = float(np.rad2deg(2 * np.arctan2(small[i, j], large[i, j])))
+        found |= {"nearest": [names[seen[i]], names[seen[j]]], "smallest_angle_deg": angle}
+    return found
+
+
+def with_sensors(rig: Rig, sense: Sensing) -> Rig:
+    """The same robot whose diagnosis looks at these sensors; task rows come first."""
+    noise = None if sense == "task" else rig.control.encoder_noise
+    return replace(rig, control=replace(rig.control, sense=sense, encoder_noise=noise))
+
+
+def told_apart(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
+    """The dither that is best for some sensors, and the row of what they tell apart with it.
+
+    Single failures: each actuator locked, free and with half its force. Further sensors are each
+    the best beside those before it; there are none where none helps.
+
+    Raises:
+        ValueError: Nothing can move beside the major task.
+    """
+    looking = with_sensors(rig, sense)
+    watched, design = looking.watched, rig_dither(looking, "designed")
+    if design is None:
+        raise ValueError("the major task leaves no motion by which failures could be told apart")
+    apart, dither = design.separations, design.dither
+    exact = separations(watched, dither, replace(CONDITIONS, uncertainty=CERTAIN))
+    left, added, isolable = candidates(rig, sense), dict[str, int](), apart.isolable()
+    most = len(isolable)
+    while left and len(added) < MOST_ADDED and most < len(apart.faults):
+        best = ranked_sensors(watched, left, dither, CONDITIONS)[0]
+        if (with_it := len(best.separations.isolable())) <= most:
+            break
+        added[best.name] = most = with_it
+        row, noise = left.pop(best.name)
+        watched = watched.measured(np.vstack([watched.plant.C, row]), [*watched.noise, noise])
+
+    def named(faults: Iterable[Fault]) -> list[str]:
+        return [f"{rig.actuators[each.actuator]} {each.kind}" for each in faults]
+
+    return design, {
+        "sensors": sense,
+        "failures": len(apart.faults),
+        "isolable": len(isolable),
+        "isolable_with_exact_model": len(exact.isolable()),
+        "not_isolable": named(each for each in apart.faults if each not in isolable),
+        "undetected": named(apart.undetected()),
+        "alike": [[rig.actuators[k] for k in group] for group in apart.alike_actuators()],
+        "least_separation": apart.least,
+        "dither_hz": dither.frequency_hz,
+        "dither_amplitude": dither.amplitude,
+        "dither_direction": list(dither.direction),
+        "further_sensors": list(added),
+        "isolable_with_further": list(added.values()),
+    }
+
+
+def candidates(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
+    """Rows per state of what a further sensor may measure, and its noise, by its name.
+
+    Encoders of the actuators, the other rows of the twist, and encoders of hinges and slides that
+    nothing drives; those that the robot does not have. All are as precise as forward kinematics
+    from encoders of the actuators.
+    """
+    linear, model = rig.machine.robot.linear, rig.machine.robot.scene.own
+    assert linear.motion is not None  # that of a plant
+    encoders, twist, moves = linear.C_active, linear.C_twist, linear.motion
+    found = {} if sense != "task" else _named("encoder of", rig.actuators, encoders)
+    for k, name in enumerate(ROWS):
+        if k not in rig.major or sense == "joints":
+            found[f"sensor of {name}"] = twist[k]
+    driven = {drive.joint for drive in rig.machine.robot.alone.drives}
+    free = [k for k in range(model.njnt) if k not in driven and model.jnt_type[k] in _ONE_VELOCITY]
+    at = model.jnt_dofadr[free]
+    positions = np.hstack([moves[at], np.zeros_like(moves[at])])
+    found |= _named("encoder of", [linear.joints[k] for k in at], positions)
+    per_encoder = np.linalg.pinv(encoders[:, : moves.shape[1]])
+    moved = {k: np.abs(row[: len(per_encoder)] @ per_encoder).max() for k, row in found.items()}
+    return {
+        name: (row, float(rig.encoder_noise * moved[name]))
+        for name, row in found.items()
+        if moved[name] > _STILL * max(moved.values())
+    }
+
+
+def _named(kind: str, names: Sequence[str], rows: Array) -> dict[str, Array]:
+    return {f"{kind} {name}": row for name, row in zip(names, rows, strict=True)}

@@ -1,1 +1,0 @@
-"""The hexapod: kinematics in closed form, detector, gauges beside the struts, spiral."""

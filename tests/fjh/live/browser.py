@@ -1,0 +1,254 @@
+"""The command as a process of its own, and its page in a browser that nobody sees."""
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
+
+ROOT = Path(__file__).parents[3]
+FLAGS = (
+    *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update"),
+    *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+)
+SMALL: ViewportSize = {"width": 800, "height": 420}
+"""Of a window: what is drawn without a graphics card costs time by the pixel."""
+_SELDOM = """
+const next = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = draw => setTimeout(() => next(draw), {});
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""A picture in so many ms leaves the processor to the machines."""
+_PATIENCE_S = 120.0
+_LONG_S = 3.0
+"""Longer than a click takes: after it, new machines are younger than the former ones were."""
+_SAID = re.compile(
+    r"(?P<clock_s>[\d.]+) s, (?P<pace>[\d.]+) of real time\n+State: (?P<happens>.*)\n+"
+    r"supervised (?P<error>[^\n]*) RMS\n(?P<supervised>.*)\n+"
+    r"not supervised (?P<other_error>[^\n]*) RMS\n(?P<other>.*)\n+(?:(?P<last>.*)\n+)?Error, %"
+)
+_UNITS = {"": 1.0, "m": 1e-3, "µ": 1e-6, "u": 1e-6, "n": 1e-9}
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a page says at a moment.
+
+    Attributes:
+        clock_s: Time of the machines.
+        happens: What is broken and what is disturbed.
+        errors: RMS of the supervised machine and of the other one, [rad] or [m].
+        supervised: What the pilot of the supervised machine believes.
+        last: What the last click did, or nothing.
+    """
+
+    clock_s: float
+    happens: str
+    errors: tuple[float, float]
+    supervised: str
+    last: str
+
+    def named(self, actuator: str) -> list[str]:
+        """What kinds an actuator is taken for, such as free or weak."""
+        found = re.match(rf"{actuator} is ([\w ]+)", self.supervised, re.IGNORECASE)
+        return found[1].split(" or ") if found else []
+
+
+class Seen:
+    """A page of a browser, by what a person sees of it and does with it."""
+
+    def __init__(self, page: Page, url: str, picture_s: float = 1.0) -> None:
+        """Open the page and wait until the machines move; it draws at most so often."""
+        self.page = page
+        page.set_default_timeout(1e3 * _PATIENCE_S)
+        page.add_init_script(_SELDOM.format(round(1e3 * picture_s)))
+        page.goto(url)
+        self.until(lambda said: said.clock_s > 0)
+
+    @property
+    def said(self) -> Said | None:
+        """None where it says nothing yet."""
+        found = _SAID.search(self.page.locator("body").inner_text())
+        if found is None:
+            return None
+        errors = _in_units(found["error"]), _in_units(found["other_error"])
+        last = found["last"] or ""
+        return Said(float(found["clock_s"]), found["happens"], errors, found["supervised"], last)
+
+    def until(self, holds: Callable[[Said], bool]) -> Said:
+        """What it says when something holds of it."""
+        end = time.monotonic() + _PATIENCE_S
+        while True:
+            said = self.said
+            if said is not None and holds(said):
+                return said
+            assert time.monotonic() < end, f"the page still says {said}"
+            self.page.wait_for_timeout(50)
+
+    def make(self, actuator: str, word: str) -> None:
+        """Click a word beside the name of an actuator."""
+        self.beside(actuator).get_by_role("button", name=word, exact=True).click()
+
+    @property
+    def actuators(self) -> list[str]:
+        """Names of what can be broken."""
+        text = self.page.locator("body").inner_text()
+        rows = text.partition("Break an actuator")[2].partition("Disturb")[0].split()
+        return [word for word in rows if word not in ("●", "sound", "lock", "free", "weak")]
+
+    def beside(self, label: str) -> Locator:
+        """The row of a label."""
+        name = self.page.get_by_text(label, exact=True)
+        return name.locator("xpath=ancestor::div[.//button or .//input][1]")
+
+    def click(self, button: str) -> None:
+        """A button."""
+        self.page.get_by_role("button", name=button, exact=True).click()
+
+    def tick(self, box: str) -> None:
+        """A box, which changes."""
+        self.page.get_by_label(box, exact=True).click()
+
+    def choose(self, dropdown: str, word: str) -> None:
+        """A word of a list."""
+        self.page.get_by_label(dropdown, exact=True).click()
+        self.page.get_by_role("option", name=word, exact=True).click()
+
+    def write(self, slider: str, value: float) -> None:
+        """A number into the field of a slider."""
+        field = self.beside(slider).locator("input[inputmode=decimal]")
+        field.fill(f"{value:g}")
+        field.press("Enter")
+
+    def close_notice(self) -> None:
+        """That the browser draws without a graphics card."""
+        notice = self.page.get_by_role("alert").filter(has_text="Software WebGL")
+        notice.get_by_role("button").click()
+
+    def renew(self) -> Said:
+        """New machines, when the diagnosis has learned what they are like."""
+        before = self.until(lambda said: said.clock_s > _LONG_S).clock_s
+        self.click("New machines")
+        self.until(lambda said: said.clock_s < before)
+        return self.until(lambda said: said.supervised == "All actuators are believed sound.")
+
+
+def _in_units(size: str) -> float:
+    """Of "3.56 µrad" or so; of several, the first."""
+    found = re.match(r"([\d.e+-]+) (\w?)(?:rad|m)\b", size)
+    assert found, size
+    return float(found[1]) * _UNITS[found[2]]
+
+
+@contextmanager
+def browsed() -> Iterator[Browser]:
+    """A browser."""
+    program = shutil.which("chromium")
+    assert program, "Chromium is not installed: apt-get install chromium"
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@dataclass(frozen=True)
+class Served:
+    """The command that runs.
+
+    Attributes:
+        process: In a session of its own.
+        url: Of its page, as it prints it.
+        folder: Of its recordings.
+    """
+
+    process: "subprocess.Popen[str]"
+    url: str
+    folder: Path
+
+    @property
+    def port(self) -> int:
+        """That it listens at."""
+        return int(self.url.rpartition(":")[2])
+
+    def ended(self, number: int = signal.SIGINT) -> tuple[int, str, str]:
+        """Send it a signal: exit code, and what it wrote after its first line."""
+        self.process.send_signal(number)
+        out, error = self.process.communicate(timeout=60)
+        return self.process.returncode, out, error
+
+
+def started(folder: Path, *words: str) -> "subprocess.Popen[str]":
+    """`fjh live` with these words."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "experiments", "live", *words, "--out", str(folder)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=_heard,
+        text=True,
+    )
+
+
+def _heard() -> None:
+    """What a shell in the background has ignored, a child would ignore as well."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@contextmanager
+def served(folder: Path, *words: str) -> Iterator[Served]:
+    """The command from the line that says where its page is until the end of the block."""
+    process = started(folder, *words)
+    try:
+        assert process.stdout and process.stderr
+        line = process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert found, line + process.stderr.read()
+        yield Served(process, found[0], folder)
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def free_port() -> int:
+    """Where nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def listens(process: int) -> list[tuple[str, int]]:
+    """Addresses and ports at which a process listens, as the kernel lists them."""
+    inodes = set[str]()
+    for entry in Path(f"/proc/{process}/fd").iterdir():
+        with suppress(FileNotFoundError):  # it was closed since
+            if found := re.fullmatch(r"socket:\[(\d+)\]", str(entry.readlink())):
+                inodes.add(found[1])
+    listening = "0A"
+    rows = [row.split() for row in _sockets()]
+    return [_address(row[1]) for row in rows if row[3] == listening and row[9] in inodes]
+
+
+def _sockets() -> list[str]:
+    tables = [Path(f"/proc/net/{name}") for name in ("tcp", "tcp6")]
+    return [row for each in tables if each.exists() for row in each.read_text().splitlines()[1:]]
+
+
+def _address(field: str) -> tuple[str, int]:
+    """Of hexadecimal words of four bytes, each the other way round, and a port."""
+    words, port = field.split(":")
+    raw = b"".join(bytes.fromhex(words[k : k + 8])[::-1] for k in range(0, len(words), 8))
+    family: Any = socket.AF_INET if len(raw) == 4 else socket.AF_INET6
+    return socket.inet_ntop(family, raw), int(port, 16)

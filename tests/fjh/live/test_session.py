@@ -1,0 +1,242 @@
+"""Two machines and all that can be done to them between two ticks."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from fjh.live import session as sessions
+from fjh.live.course import COURSES, REST
+from fjh.live.session import LASTING, Kind, Session
+from fjh.rig import Rig
+from fjh.rig.run import SOUND
+from ftc.supervisor import SupervisorState
+from tests.ftc.test_handover import LSB_PERCENT
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+LEARNED = 1000
+"""Ticks after which the sound machine is known: it takes 0.8 s."""
+
+
+@cache
+def rig() -> Rig:
+    return Rig.hexapod()
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session(rig())
+
+
+def said(session: Session) -> str:
+    """What the supervised pilot believes."""
+    return session.flights[0].belief
+
+
+def inputs(session: Session) -> np.ndarray:
+    """Of both flights now, (2, n)."""
+    return np.array([flight.state.inputs for flight in session.flights])
+
+
+def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
+    """What is clicked twice is done once; the models of both machines are then the same."""
+    assert session.states == [SOUND] * 6
+    for actuator in range(6):
+        for kind in (*KINDS[::-1], KINDS[1]):
+            for _ in range(2):
+                session.make(actuator, kind)
+            assert session.states[actuator] == kind
+        session.advance(1)
+    assert session.states == [KINDS[1]] * 6
+    for flight in session.flights:
+        struck = [(k, kind) for _, k, kind in flight.changes if kind != SOUND]
+        assert struck == [(k, kind) for k in range(6) for kind in (*KINDS[:0:-1], KINDS[1])]
+        plant = flight._bench.plant
+        locks = [plant.model.equality(f"lock{k}").id for k in range(1, 7)]
+        assert plant.data.eq_active[locks].all()
+
+
+@pytest.mark.parametrize("name", LASTING)
+def test_a_disturbance_that_was_switched_off_is_over(session, name):
+    """Both machines then go on without it; what is said twice is done once; it can begin anew."""
+    calm = Session(rig())
+    for each in (session, calm):
+        each.advance(20)
+    for on in (True, True, False, False):
+        session.last(name, on)
+        assert session.going_on == ({name} if on else set())
+    assert [len(flight.events) for flight in session.flights] == [1, 1]
+    for each in (session, calm):
+        each.advance(20)
+    for ours, theirs in zip(session.flights, calm.flights, strict=True):
+        np.testing.assert_array_equal(ours.run(0).qpos, theirs.run(0).qpos)
+    session.last(name, True)
+    session.advance(20)
+    calm.advance(20)
+    for ours, theirs in zip(session.flights, calm.flights, strict=True):
+        assert (ours.run(40).measured != theirs.run(40).measured).any()
+
+
+def test_a_bump_is_over_by_itself_and_is_felt_by_both_machines(session):
+    calm = Session(rig())
+    session.disturb("bump")
+    assert session.going_on == set()
+    for each in (session, calm):
+        each.advance(30)
+    for ours, theirs in zip(session.flights, calm.flights, strict=True):
+        assert np.abs(ours.run(0).true - theirs.run(0).true).max() > 1e-6
+
+
+def test_weights_change_without_a_step_of_the_inputs(session):
+    """Against the same session with its weights as they were: the last bit, and then they move."""
+    as_before = Session(rig())
+    for each in (session, as_before):
+        each.advance(400)
+    session.weigh([8.0, 1.0, 1.0, 8.0, 1.0, 1.0])
+    for each in (session, as_before):
+        each.advance(1)
+    assert np.abs(inputs(session) - inputs(as_before)).max() <= 2 * LSB_PERCENT
+    for each in (session, as_before):
+        each.advance(250)
+    assert (np.abs(inputs(session) - inputs(as_before)).max(axis=1) > 20 * LSB_PERCENT).all()
+    assert session.goal.joint_weight == (8.0, 1.0, 1.0, 8.0, 1.0, 1.0)
+
+
+def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
+    session.advance(60)
+    first = [flight.run(0) for flight in session.flights]
+    session.make(2, "free")
+    session.last("hum", True)
+    session.follow("steps")
+    session.advance(30)
+    session.follow("circle")
+    session.restart()
+    assert session.tick == 1 and session.states == [SOUND] * 6 and session.going_on == set()
+    session.advance(60)
+    for run, flight in zip(first, session.flights, strict=True):
+        again = flight.run(0)
+        for name in ("qpos", "inputs", "measured", "desired"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+        assert again.failures == () and again.events == ()
+
+
+@pytest.mark.parametrize("name", COURSES)
+def test_another_path_is_followed_by_both_after_a_second(session, name):
+    session.advance(30)
+    session.follow(name)
+    begin = session.tick
+    session.advance(20)
+    for flight in session.flights:
+        wanted, _ = session.course.at(np.arange(20))
+        np.testing.assert_array_equal(flight.desired[begin : begin + 20], wanted)
+    assert session.course.name == name
+    session.restart()
+    assert session.course.name == name and not session.course.desired[0].any()
+    assert session.course.desired.any() == (name != REST)
+
+
+def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monkeypatch):
+    """Here a minute is 0.1 s."""
+    monkeypatch.setattr(sessions, "KEPT_S", 0.1)
+    session.restart()
+    session.make(0, "locked")
+    session.make(1, "weak")
+    session.advance(39)
+    early = session.last_minute()[0]
+    assert len(early.time_s) == 40 and early.time_s[0] == 0.0
+    session.make(0, SOUND)
+    session.advance(120)
+    for run in session.last_minute():
+        assert len(run.time_s) == 100 and run.time_s[-1] == pytest.approx(0.159)
+        assert [(each.number, each.kind) for each in run.failures] == [(1, "weak")]
+
+
+def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
+    monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
+    session = Session(rig())
+    assert session.advance(30) == 30 and session.advance(30) == 19 and session.advance(30) == 0
+    assert session.tick == 50 and all(flight.has_ended for flight in session.flights)
+    session.restart()
+    assert session.advance(10) == 10
+
+
+def test_without_diagnosis_both_machines_fly_alike(session):
+    session.diagnose(False)
+    session.restart()
+    session.advance(30)
+    one, other = session.flights
+    np.testing.assert_array_equal(one.run(0).qpos, other.run(0).qpos)
+    assert said(session) == "Does not diagnose: it goes on with what it knows."
+
+
+# What takes seconds of flight.
+
+
+def until(session: Session, holds: Callable[[Session], bool], within_s: float) -> float:
+    """Fly on until something holds; the seconds that it took."""
+    begin, ticks = session.tick, round(0.02 / rig().period_s)
+    while not holds(session):
+        assert (session.tick - begin) * rig().period_s < within_s, said(session)
+        session.advance(ticks)
+    return (session.tick - begin) * rig().period_s
+
+
+def names(session: Session) -> dict[int, str]:
+    state = session.flights[0].state
+    if not isinstance(state, SupervisorState):
+        return {}
+    return {each.fault.actuator: each.fault.kind for each in state.standing}
+
+
+@pytest.mark.long
+def test_diagnosis_that_is_switched_on_again_names_what_was_broken_before():
+    """It does not take the broken machine for the sound one.
+
+    As locked: without force since before anybody looked, a strut stands where it stood.
+    """
+    session = Session(rig())
+    session.advance(LEARNED)
+    session.make(0, "free")
+    until(session, lambda s: names(s) == {0: "free"}, 0.5)
+    session.diagnose(False)
+    assert said(session).startswith("Does not diagnose")
+    session.advance(200)
+    session.diagnose(True)
+    assert "takes the first" not in said(session)
+    until(session, lambda s: names(s).keys() == {0}, 1.0)
+
+
+@pytest.mark.long
+def test_what_breaks_while_nobody_diagnoses_is_named_when_somebody_does():
+    session = Session(rig())
+    session.advance(LEARNED)
+    session.diagnose(False)
+    session.make(3, "locked")
+    session.advance(300)
+    session.diagnose(True)
+    until(session, lambda s: names(s) == {3: "locked"}, 1.0)
+
+
+@pytest.mark.long
+def test_diagnosis_that_never_saw_the_sound_machine_says_that_it_learns():
+    session = Session(rig())
+    session.advance(100)
+    session.diagnose(False)
+    session.diagnose(True)
+    assert said(session) == "It takes the first 0.8 s for the sound machine."
+    took = until(session, lambda s: said(s) == "All actuators are believed sound.", 1.0)
+    assert took == pytest.approx(0.8, abs=0.03)
+
+
+@pytest.mark.long
+def test_weights_that_change_leave_what_is_believed():
+    session = Session(rig())
+    session.advance(LEARNED)
+    session.make(4, "locked")
+    until(session, lambda s: names(s) == {4: "locked"}, 0.5)
+    session.weigh([2.0] * 6)
+    assert names(session) == {4: "locked"}
+    session.advance(200)
+    assert names(session) == {4: "locked"}

@@ -1,0 +1,296 @@
+"""Somebody else's controller on the testbed: the page, its columns, its failures."""
+
+import contextlib
+import importlib
+import io
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import control
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.app.cli import main
+from experiments.recover import hexapod_basis, plan
+from experiments.recover.row import row_of
+from experiments.recover.tables import goals
+from experiments.table1 import BY_NAME, CONFIGURATIONS, printed
+from experiments.table1 import checks as table1_checks
+from fjh.rig import Rig
+from fjh.rig.hexapod.columns import COLUMNS
+from fjh.rig.hexapod.rig import hexapod_rig, pursuing
+from fjh.rig.hexapod.testbed import TestbedConfig
+from fjh.rig.other_controller import controller_factory, controller_label, fly_with
+from fjh.study.errors import WrongInput
+from ftc.controller import Measurement
+from ftc.goal import Goal
+from ftc.loop import run_loop
+from tests.rrd import scalars
+
+LEAST: list[plan.Block] = [
+    *(("failure", mismatch, 1.0, 1) for mismatch in ("exact", "all")),
+    ("pair", "all", 1.0, 1),
+]
+"""Of the cases of `fjh paper recover`."""
+
+PAGE = (Path(__file__).parents[3] / "docs" / "other-controllers.md").read_text()
+(EXAMPLES,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+BROKEN = """
+from page_examples import PseudoInverse
+
+class Broken(PseudoInverse):  # where a failure is known, at 0.05 s
+    def __init__(self, task):
+        super().__init__(task)
+        self.fails = bool(task.goal.locked_at)
+
+    def step(self, state, reference, measurement):
+        self.ticks = getattr(self, "ticks", -1) + 1
+        if self.fails and self.ticks == 50:
+            raise RuntimeError("no strut left")
+        return super().step(state, reference, measurement)
+"""
+SHORT_S = 0.6
+
+
+@pytest.fixture(scope="module", autouse=True)
+def folder(tmp_path_factory) -> Iterator[Path]:
+    """The working directory, with the page's examples and one that fails."""
+    place = tmp_path_factory.mktemp("own")
+    (place / "page_examples.py").write_text(EXAMPLES)
+    (place / "page_broken.py").write_text(BROKEN)
+    (place / "page_unimportable.py").write_text("1 / 0")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", list(sys.path))
+        patch.chdir(place)
+        yield place
+    for name in [name for name in sys.modules if name.startswith("page_")]:
+        del sys.modules[name]
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return hexapod_rig()
+
+
+@pytest.fixture(scope="module")
+def examples(folder):
+    importlib.invalidate_caches()
+    return {name: controller_factory(f"page_examples:{name}") for name in ("LQG", "PseudoInverse")}
+
+
+def test_the_page_has_60_lines_at_most():
+    assert len(PAGE.splitlines()) <= 60
+
+
+# Names.
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("page_examples", "must be package.module:factory, got page_examples"),
+        ("page_examples:", "must be package.module:factory"),
+        ("../own:LQG", "must be package.module:factory"),
+        ("page_nowhere:LQG", "importing page_nowhere raised ModuleNotFoundError"),
+        ("page_unimportable:LQG", "importing page_unimportable raised ZeroDivisionError"),
+        ("page_examples:lqg", r"page_examples\.py has no function or class lqg"),
+        ("page_examples:np.pi", "has no function or class np.pi"),
+    ],
+)
+@pytest.mark.parametrize("study", ["table1", "recover"])
+def test_a_wrong_name_is_one_sentence_and_nothing_runs(study, name, said, capsys, tmp_path):
+    assert main([study, "--controller", name, "--out", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and len(err.strip().splitlines()) == 1
+    assert re.search(said, err)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_module_of_the_users_hides_none_that_is_installed(tmp_path, monkeypatch):
+    """`control` is python-control, whatever lies in the folder."""
+    (tmp_path / "control.py").write_text("def lqg(task): ...")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(WrongInput, match=r"site-packages.* has no function or class lqg"):
+        controller_factory("control:lqg")
+
+
+def test_labels_are_names_of_files():
+    assert controller_label("a.b:Own.lqg") == "Own_lqg"
+
+
+# The task, and the examples on a linear plant.
+
+
+def test_the_task_holds_the_machine_without_its_failures(rig):
+    """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
+    known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
+    task = pursuing(rig, known).task
+    gain = -task.nominal.plant.C @ np.linalg.solve(task.nominal.plant.A, task.nominal.plant.B)
+    np.testing.assert_allclose(gain, task.major_jacobian, atol=4e-3 * np.abs(gain).max())
+    assert task.goal == known and task.period_s == 1e-3
+    assert np.array_equal(task.limits[0], -task.limits[1])
+
+
+@pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
+@pytest.mark.parametrize("locked", [(), (0,)])
+def test_the_examples_reach_a_constant_reference_without_error(rig, examples, name, locked):
+    """Integral action, on the linear plant: zero on average, since the converters quantize."""
+    goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
+    task = pursuing(rig, goal).task
+    plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
+
+    class Machine:
+        x = np.zeros(plant.nstates)
+
+        def measure(self):
+            return Measurement(plant.C @ self.x, task.nominal.displacement @ self.x)
+
+        def apply(self, inputs):
+            self.x = plant.A @ self.x + plant.B @ task.drives.displacements(inputs)
+
+    desired = np.tile([5e-5, -2e-5], (1500, 1))
+    run = run_loop(Machine(), examples[name](task), desired)
+    assert np.abs((run.measured - desired)[-500:].mean(axis=0)).max() < 1e-3 * 5e-5
+    assert not run.inputs[:, list(locked)].any()
+
+
+def test_another_controller_meets_the_same_noise(rig):
+    """Measured less true angle, tick by tick: equal up to the angles' own round-off."""
+    path = TestbedConfig().spiral_rad(SHORT_S)
+    ours = rig.fly(rig.controller(), path, seed=3)
+    theirs, failure = fly_with(rig, "page_examples:PseudoInverse", path, seed=3)
+    assert failure is None
+    own, other = ours.measured - ours.true, theirs.measured - theirs.true
+    assert own.std() > 2e-7
+    np.testing.assert_allclose(other, own, atol=1e-12)
+
+
+# Table I.
+
+
+@pytest.fixture(scope="module")
+def compared(folder, tmp_path_factory, faults_of_figures):
+    """Table I, 0.6 s of it, with a controller that fails in one of its columns."""
+    out, error = tmp_path_factory.mktemp("table1") / "out", io.StringIO()
+    name, words = "page_broken:Broken", ["table1", "--quick", "--out", str(out)]
+    short = TestbedConfig(quick_duration_s=SHORT_S)
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as text:
+        patch.setitem(CONFIGURATIONS, "calibrated", short)
+        patch.setattr(sys, "stderr", error)
+        code = main([*words, "--controller", name])
+    summary = json.loads((out / "table1.json").read_text())
+    return {"out": out, "code": code, "error": error.getvalue(), "text": text.getvalue()} | summary
+
+
+THEIRS = ["Broken_W_a", "Broken_W_d", "Broken_W_a_uncorrected"]
+SENTENCE = (
+    "page_broken:Broken raised RuntimeError: no strut left (page_broken.py, line 12), at 0.050 s"
+)
+
+
+def test_its_columns_stand_beside_ours_in_every_file(compared):
+    out, columns = compared["out"], compared["columns"]
+    assert [each["name"] for each in columns] == [*(each.name for each in COLUMNS), *THEIRS]
+    assert {path.name for path in out.iterdir()} == set(compared["files"])
+    assert {"controller.png", "controller.pdf"} <= set(compared["files"])
+    page = (out / "table1.md").read_text()
+    assert f"| {' | '.join(THEIRS)} |" in page
+    for column in columns[-3:]:
+        with np.load(out / column["data"]) as data:
+            off_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
+            assert len(off_urad) == round(1e3 * SHORT_S)
+        stated = column["alpha_rms_urad"], column["beta_rms_urad"]
+        np.testing.assert_allclose(stated, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
+        assert f"{stated[0]:.4f}" in page
+        assert len(scalars(out / column["recording"], "/task/true")[0]) > 0
+
+
+def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
+    """Its inputs stay as they were last sent; the two sound columns pass."""
+    assert compared["code"] == 1
+    assert SENTENCE in compared["error"] and "Broken_W_d" in compared["error"]
+    assert [each.get("failure") for each in compared["columns"][-3:]] == [None, SENTENCE, None]
+    with np.load(compared["out"] / "Broken_W_d.npz") as data:
+        inputs = data["strut_input_percent"]
+    assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
+    assert SENTENCE in (compared["out"] / "table1.md").read_text()
+    columns, further = (pd.DataFrame(compared[name]) for name in ("columns", "further_runs"))
+    failed = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
+    assert len(failed) == 1 and SENTENCE in failed[0]
+    columns.loc[columns.name == THEIRS[2], "closure_residual_max_m"] = 2e-8
+    found = table1_checks(columns, further, SHORT_S)
+    assert len([each for each in found if not each.passed]) == 2
+
+
+def test_the_figure_of_both_controllers_is_legible(compared, faults_of_figures):
+    assert faults_of_figures("controller") == []
+
+
+def test_our_columns_are_those_without_another_controller(compared, rig):
+    column, path = COLUMNS[3], TestbedConfig().spiral_rad(SHORT_S)
+    own = pursuing(rig, column.goal, jacobian="analytic")
+    alone = own.fly(own.controller(), path, failures=column.failures)
+    with np.load(compared["out"] / "W_d.npz") as data:
+        assert np.array_equal(data["true_rad"], alone.true)
+    columns = pd.DataFrame(compared["columns"])
+    assert (
+        columns[["controller", "failure"]].isna().all(axis=1).tolist() == [True] * 6 + [False] * 3
+    )
+    ours, same = (printed(each, *BY_NAME, cut=True) for each in (columns[:6], columns))
+    pd.testing.assert_frame_equal(ours, same)
+
+
+# Recovery.
+
+
+@pytest.mark.long
+def test_another_controller_recovers_or_not_in_the_same_case():
+    """Told of no failure, the integrator of the page is about a fault-unaware one."""
+    case = plan.hexapod_failures(LEAST, 0, 1.0, 0, "page_examples:PseudoInverse")[1]
+    row = row_of(case)
+    assert row["status"] == "flown" and row["controller_failure"] is None
+    for span in ("before", "during", "after"):
+        assert 0.3 < row[f"rms_other_{span}"] / row[f"rms_unaware_{span}"] < 3
+
+
+@pytest.mark.long
+def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
+    """With the least of everything: notes, JSON, dataset, figure and recording."""
+    monkeypatch.setattr(plan, "QUICK", LEAST)
+    words = ["--quick", "--quiet", "--out", str(tmp_path)]
+    main(["recover", *words, "--controller", "page_examples:LQG"])
+    summary = json.loads((tmp_path / "recover.json").read_text())
+    names = ("beliefs", "by_mismatch", "by_kind", "healthy", "pairs", "shown", "controller")
+    tables = {name: pd.DataFrame(summary[name]) for name in names}
+    [entry] = tables["controller"].itertuples()
+    assert entry.name == "page_examples:LQG" and entry.failed == 0
+    assert {"LQG_locked.npz", "LQG_locked.rrd"} <= set(summary["files"])
+    assert "RMS error of page_examples:LQG" in (tmp_path / "recover.md").read_text()
+    rows = pd.read_parquet(tmp_path / "recover.parquet")
+    [row] = rows.query("sort == 'failure' and mismatch == 'all'").itertuples()
+    assert entry.after_over_informed == pytest.approx(row.rms_other_after / row.rms_informed_after)
+    assert goals(tables)[-1].passed
+    spoilt = tables["controller"].assign(failed=1, failure="it raised")
+    found = goals(tables | {"controller": spoilt})[-1]
+    assert not found.passed and "it raised" in str(found)
+
+
+def test_a_controller_whose_module_has_changed_is_another(folder):
+    """Runs of both must not be mixed by --resume."""
+
+    def basis() -> dict[str, Any]:
+        return hexapod_basis(0, True, False, "page_examples:LQG")
+
+    before = basis()
+    page = folder / "page_examples.py"
+    text = page.read_text()
+    page.write_text(text + "\n# edited\n")
+    after = basis()
+    page.write_text(text)
+    assert [name for name in after if after[name] != before[name]] == ["controller_sha256"]
+    assert basis() == before

@@ -1,0 +1,77 @@
+"""Every displacement has its unit: from the model's joints to the names of published numbers."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fjh.rig import Rig
+from fjh.rig.bodies import model_name
+from fjh.rig.units import by_unit, said
+from sim.mjcf.transmission import drives
+
+_ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
+
+
+@given(rows=_ROWS)
+def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
+    units = [unit for unit, _ in rows]
+    entries = by_unit("rms", [value for _, value in rows], units)
+    left = {key: iter(own) for key, own in entries.items()}
+    assert [next(left[f"rms_{unit}"]) for unit in units] == [value for _, value in rows]
+    assert all(list(own) == [] for own in left.values())
+    assert by_unit("rms", None, units) == dict.fromkeys(entries)
+
+
+@given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))
+def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
+    number, unit = said(sign * size, "m").split()
+    power = {"m": 0, "mm": -3, "µm": -6, "nm": -9}[unit]
+    assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
+    assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000
+    assert size > 9e5 or "e" not in number
+
+
+def test_a_model_is_called_as_its_file_says_or_as_its_file():
+    """In one line, whatever XML can hold; what MuJoCo calls a model without a name is no name."""
+    for stated, name in (
+        (' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x"),
+    ):  # fmt: skip
+        model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
+        assert model_name(model, Path("some/file.xml")) == name
+
+
+TRANSMISSIONS = """
+<mujoco>
+  <worldbody>
+    <site name="ground"/>
+    <body><joint name="turn"/><geom size="0.1"/>
+      <body><joint name="other" axis="1 0 0"/><geom size="0.1"/>
+        <body><joint name="shift" type="slide"/><geom size="0.1"/><site name="tip"/></body>
+      </body></body>
+  </worldbody>
+  <tendon>
+    <fixed name="sum"><joint joint="turn" coef="1"/><joint joint="other" coef="2"/></fixed>
+    <fixed name="mixed"><joint joint="turn" coef="1"/><joint joint="shift" coef="2"/></fixed>
+    <spatial name="cable"><site site="ground"/><site site="tip"/></spatial>
+  </tendon>
+  <actuator>
+    <motor joint="turn"/><motor joint="shift"/>
+    <motor tendon="sum"/><motor tendon="mixed"/><motor tendon="cable"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_an_actuator_that_turns_a_joint_moves_by_an_angle_all_others_by_a_length():
+    known = drives(mujoco.MjModel.from_xml_string(TRANSMISSIONS))
+    assert [drive.unit for drive in known] == ["rad", "m", "rad", "m", "m"]
+
+
+@pytest.mark.long
+def test_the_hexapods_struts_are_lengths_and_its_pointing_is_angles():
+    rig = Rig.hexapod()
+    assert set(rig.units) == {"m"}
+    assert set(rig.row_units) == {"rad"}

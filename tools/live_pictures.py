@@ -1,0 +1,37 @@
+"""Screenshots of the page for the documentation: `python -m tools.live_pictures FOLDER`."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import ViewportSize
+
+from fjh.rig import Rig
+from sim import MODELS
+from tests.fjh.live.browser import Seen, browsed, free_port, served
+
+SIZE: ViewportSize = {"width": 1400, "height": 900}
+SINCE_S = 4.0
+"""Simulated time for which something has been broken."""
+ARM = (str(MODELS / "arm.xml"), "--site", "payload", "--major", "3,4,5")
+ELBOW = Rig.of_mjcf(ARM[0], major=[3, 4, 5]).actuators[3]
+SHOWN = {"live": ((), "strut1", "free"), "live_arm": (ARM, ELBOW, "lock")}
+"""Words of the command, and what is broken."""
+
+
+def main(folder: Path) -> None:
+    """Make all of them."""
+    with browsed() as browser, tempfile.TemporaryDirectory() as out:
+        for name, (words, actuator, word) in SHOWN.items():
+            with served(Path(out), *words, "--port", str(free_port())) as command:
+                page = Seen(browser.new_page(viewport=SIZE), command.url)
+                page.close_notice()
+                begin = page.until(lambda said: "believed sound" in said.supervised).clock_s
+                page.make(actuator, word)
+                page.until(lambda said, end=begin + SINCE_S: said.clock_s > end)
+                page.page.screenshot(path=folder / f"{name}.png")
+                page.page.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,97 @@
+"""`make test-processors`: the short tests, computed as on other processors.
+
+The last bits of a sum depend on the order of its terms, and that on the kernels of OpenBLAS and
+numpy, which are chosen by the processor, and on the number of threads. Each setting forces a choice
+that this processor can follow; the last keeps the choice and reverses the order of the test files.
+
+    python tools/processors.py            every setting; the exit code is the number that failed
+    python tools/processors.py NAME ...   those named
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+KERNELS = ("Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX")
+"""Of OpenBLAS, for processors of 2008 (SSE4) to 2017 (AVX-512)."""
+
+LOADED = """
+import numpy, scipy.linalg, threadpoolctl
+numpy.linalg.svd(numpy.ones((50, 50)))
+print(*sorted({pool["architecture"] for pool in threadpoolctl.threadpool_info()}))
+"""
+FEATURES = "import numpy; print(*numpy.show_config(mode='dicts')['SIMD Extensions']['found'])"
+
+
+def output(code: str, **environment: str) -> str:
+    """What Python prints, or nothing where it does not survive."""
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True
+    )
+    return "" if ran.returncode else ran.stdout.strip()
+
+
+def settings() -> dict[str, dict[str, str]]:
+    """Environment variables by the name of a setting; it says what cannot be set here."""
+    found, seen = {}, {}
+    for kernel in KERNELS:
+        loaded = output(LOADED, OPENBLAS_CORETYPE=kernel)
+        if loaded in seen:
+            print(f"{kernel}: computed here with the kernels of {loaded}, as {seen[loaded]}")
+        elif not loaded or (kernel not in loaded and kernel != "Zen"):
+            print(f"{kernel}: this processor cannot run it")
+        else:
+            seen[loaded] = kernel
+            found[kernel] = {"OPENBLAS_CORETYPE": kernel}
+    wide = [
+        name for name in output(FEATURES).split() if name.startswith(("AVX2", "FMA3", "AVX512"))
+    ]
+    found["no-avx2-fma3"] = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide)}
+    found["two-threads"] = {"OPENBLAS_NUM_THREADS": "2"}
+    found["reversed"] = {}
+    return found
+
+
+def run(name: str, environment: dict[str, str]) -> bool:
+    """Whether the short tests pass."""
+    print(f"== {name}: {environment or 'test files from the last to the first'}", flush=True)
+    files = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("test_*.py"))
+    order = ["--no-loadscope-reorder", *reversed(files)] if name == "reversed" else []
+    words = ("--numprocesses", "auto", "--dist", "loadfile", "--quiet", "-m", "not long", *order)
+    start = time.monotonic()
+    code = subprocess.run(
+        [sys.executable, "-m", "pytest", *words],
+        cwd=ROOT,
+        env=os.environ
+        | {"OPENBLAS_NUM_THREADS": "1", "PROCESSOR_TIME": "unlimited"}  # other kernels are slower
+        | environment,
+    ).returncode
+    said = "passed" if code == 0 else f"FAILED, exit code {code}"
+    print(f"== {name}: {said}, {time.monotonic() - start:.0f} s", flush=True)
+    return code == 0
+
+
+def main() -> int:
+    """Number of settings in which a test failed."""
+    parser = argparse.ArgumentParser(description="The short tests as on other processors.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="settings; all unless given")
+    words = parser.parse_args()
+    known = settings()
+    if unknown := set(words.names) - set(known):
+        parser.error(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(known)}")
+    chosen = words.names or list(known)
+    try:
+        failed = [name for name in chosen if not run(name, known[name])]
+    except KeyboardInterrupt:
+        print("interrupted")
+        return 130
+    print(f"{len(chosen) - len(failed)} of {len(chosen)} settings passed", *failed, sep="\n")
+    return len(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""`make robots`: every robot of some registry packages through a trial, and docs/robots.md.
+
+    python -m tools.public_robots                          those without a result yet
+    python -m tools.public_robots --only panda --only ur5e   those whose name has one of these, anew
+    python -m tools.public_robots --page                   the page alone, of the results there are
+
+Packages, files and results are in build/robots; delete its `trials` to begin anew.
+"""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from fjh.study.provenance import processor, versions
+from tools.public_robots.page import page
+from tools.public_robots.registry import Model, install, models
+from tools.public_robots.trial import LIMIT_S
+
+ROOT = Path(__file__).parents[2]
+BUILD = ROOT / "build" / "robots"
+PAGE = ROOT / "docs" / "robots.md"
+PROCESSES = 2
+
+
+def main() -> None:
+    """Try robots, and write the page."""
+    parser = argparse.ArgumentParser(description="Published robots, from their file to a flight.")
+    parser.add_argument("--only", action="append", metavar="NAME", help="robots with this in it")
+    parser.add_argument("--page", action="store_true", help="write the page alone")
+    words = parser.parse_args()
+    install(BUILD / "packages")
+    found = models(BUILD / "packages")
+    if not words.page:
+        chosen = [each for each in found if _is_due(each, words.only)]
+        with ThreadPoolExecutor(PROCESSES) as pool:
+            for done, (model, record) in enumerate(pool.map(_tried, chosen), 1):
+                print(f"{done} of {len(chosen)} {_label(model)}: {_outcome(record)}", flush=True)
+    records = {_label(each): _entry(each) for each in found if _result(each).is_file()}
+    (BUILD / "robots.json").write_text(json.dumps(records, indent=1))
+    text = page(PAGE.read_text(encoding="utf-8"), list(records.values()), _conditions(records))
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def _label(model: Model) -> str:
+    return f"{model.package}/{model.name}"
+
+
+def _result(model: Model) -> Path:
+    return BUILD / "trials" / model.package / f"{model.name}.json"
+
+
+def _entry(model: Model) -> dict[str, Any]:
+    named = {"package": model.package, "name": model.name, "source": model.source}
+    return named | json.loads(_result(model).read_text())
+
+
+def _conditions(records: dict[str, dict[str, Any]]) -> str:
+    """When and with what, in a sentence."""
+    dates = sorted({each["date"] for each in records.values() if "date" in each})
+    commits = sorted({each["commit"][:7] for each in records.values() if "commit" in each})
+    with_them = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return (
+        f"{' to '.join(dict.fromkeys([dates[0], dates[-1]]))}, commit {', '.join(commits)}, "
+        f"{with_them}. Exact plants, seed 0, one flight each; at most {LIMIT_S} s of "
+        f"processor time a robot, {PROCESSES} processes at once, one BLAS thread each, "
+        f"{processor()}."
+    )
+
+
+def _is_due(model: Model, only: list[str] | None) -> bool:
+    if only:
+        return any(part in _label(model) for part in only)
+    return not _result(model).is_file()
+
+
+def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
+    """The result of a process of its own."""
+    out = _result(model)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if model.xml is None:
+        out.write_text(json.dumps({"stage": "load", "refused": model.refusal}))
+        return model, _entry(model)
+    file, unfinished = (
+        BUILD / "models" / model.package / f"{model.name}.xml",
+        out.with_suffix(".part"),
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(model.xml)
+    words = [sys.executable, "-W", "ignore", "-m", "tools.public_robots.trial", file, unfinished]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    code = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True).returncode
+    more: dict[str, Any] = {}
+    if code == -signal.SIGXCPU:
+        more = {"timeout_s": LIMIT_S}
+    elif code:
+        more = {"traceback": f"the process ended with code {code}"}
+    begun = json.loads(unfinished.read_text()) if unfinished.is_file() else {"stage": "load"}
+    out.write_text(json.dumps(begun | more, indent=1))
+    unfinished.unlink(missing_ok=True)
+    return model, _entry(model)
+
+
+def _outcome(record: dict[str, Any]) -> str:
+    for key in ("traceback", "refused"):
+        if key in record:
+            return f"{record['stage']}: {key}: {record[key]}"[:200]
+    return "flies" if record["stage"] is None else f"{record['stage']}: more than {LIMIT_S} s"
+
+
+if __name__ == "__main__":
+    main()
