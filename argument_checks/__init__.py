@@ -13,6 +13,7 @@ from argument_checks.arrays import all_positive as all_positive
 from argument_checks.arrays import common_axes as common_axes
 from argument_checks.arrays import exactly as exactly
 from argument_checks.arrays import finite as finite
+from argument_checks.arrays import flat as flat
 from argument_checks.arrays import frozen as frozen
 from argument_checks.arrays import is_masked as is_masked
 from argument_checks.arrays import is_moderate as is_moderate
@@ -37,6 +38,10 @@ from argument_checks.matrices import matrix as matrix
 from argument_checks.matrices import positive_semidefinite as positive_semidefinite
 from argument_checks.matrices import sized as sized
 from argument_checks.matrices import weight as weight
+from argument_checks.records import computed as computed
+from argument_checks.records import keep as keep
+from argument_checks.records import lock as lock
+from argument_checks.records import made as made
 from argument_checks.scalars import at_most_one as at_most_one
 from argument_checks.scalars import duration as duration
 from argument_checks.scalars import fraction as fraction

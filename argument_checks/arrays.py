@@ -155,3 +155,14 @@ def is_masked(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return any(map(is_masked, value))
     return isinstance(value, np.ma.MaskedArray)
+
+
+def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
+    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C.
+
+    Without batch axes the array itself.
+    """
+    if not lead:
+        return np.ascontiguousarray(A)
+    shape = A.shape[A.ndim - own :]
+    return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)

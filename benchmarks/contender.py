@@ -14,55 +14,34 @@ class Contender:
     """Something to be timed.
 
     Attributes:
-        name: Of its times.
         call: Is timed with nothing around it.
-        arguments: Makes new ones for each round, which is not timed: nothing kept from an earlier
-            call is of use.
-        units: Control ticks or mappings in one call.
-        rounds: How often it is timed in a turn.
+        arguments: Makes new ones for each round, of all its calls, which is not timed: nothing kept
+            from an earlier round is of use.
+        units: Control ticks or mappings in one round.
+        rounds: How often it is timed in a turn; one is not warmed up.
     """
 
-    name: str
     call: Callable[..., Any]
-    arguments: Callable[[], Sequence[tuple[Any, ...]]] = lambda: [()]
-    units: int = 1
-    rounds: int = 20
+    arguments: Callable[[], Sequence[tuple[Any, ...]]]
+    units: int
+    rounds: int = 10
 
 
-@dataclass(frozen=True)
-class Question:
-    """Contenders, and their answers to the same problems.
+def agree(answers: Mapping[str, Array], tolerance: float) -> None:
+    """Refuse to time contenders that solve other problems than the first of them, which is ours.
 
-    Attributes:
-        contenders: By name.
-        apart: Of each that answers, the largest distance of its answers from what all agree on, as
-            a fraction of it.
-        tolerance: Largest distance that counts as agreement.
+    Args:
+        answers: Of each contender to the same N problems, (N, n).
+        tolerance: Largest distance from ours, as a fraction of the largest entry of ours.
+
+    Raises:
+        ValueError: Names who is further away; NaN is no agreement either.
     """
-
-    contenders: Mapping[str, Contender]
-    apart: Mapping[str, float]
-    tolerance: float = 0.0
-
-    def check(self) -> None:
-        """Raise a ValueError that names who solves another problem; NaN is no agreement either."""
-        wrong = {name: d for name, d in self.apart.items() if not d <= self.tolerance}
-        if wrong:
-            who = ", ".join(f"{name} by {distance:.1e}" for name, distance in wrong.items())
-            raise ValueError(f"answers differ by more than {self.tolerance:.0e}: {who}")
-
-
-def question(
-    contenders: Sequence[Contender], answers: Mapping[str, Array], tolerance: float
-) -> Question:
-    """A question whose answers, (N, n) each, are compared with the median of all.
-
-    With three contenders or more, one that is wrong does not move the median.
-    """
-    middle = np.median(list(answers.values()), axis=0)
-    size = np.abs(middle).max(axis=-1)
+    ours, *_ = answers.values()
+    size = np.abs(ours).max(axis=-1)
     apart = {
-        name: float((np.abs(each - middle).max(axis=-1) / size).max())
+        name: float((np.abs(each - ours).max(axis=-1) / size).max())
         for name, each in answers.items()
     }
-    return Question({each.name: each for each in contenders}, apart, tolerance)
+    if wrong := [f"{who} by {far:.1e}" for who, far in apart.items() if not far <= tolerance]:
+        raise ValueError(f"answers differ by more than {tolerance:.0e}: {', '.join(wrong)}")

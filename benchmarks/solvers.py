@@ -10,11 +10,9 @@ from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from scipy.linalg.lapack import dgglse
 
-from benchmarks.contender import Contender, Question, question
-from fjh.rig.hexapod.columns import MAJOR, SECONDARY
+from benchmarks.contender import Contender, agree
 from prioritized import lexicographic_least_squares, velocity_mapping
 from sim import Array
 
@@ -26,11 +24,14 @@ with warnings.catch_warnings():
     placo: Any = import_module("placo")
 
 TOLERANCE = 1e-9  # of the answers, as a fraction of the rates
+MAJOR, SECONDARY = [0, 1], [3, 4, 5, 2]
+"""Rows of J, as the hexapod has them."""
 EQUALITY = 5
 """daqp's mark of a constraint that holds with equality."""
 STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-14}
 """With daqp's defaults its levels are met to 6e-3 of these rates only; these cost no time."""
-SECOND = SECONDARY[:2]  # task rows of the second of three levels
+SECOND = SECONDARY[:2]
+"""Rows of J in the second of three levels."""
 
 
 @dataclass(frozen=True)
@@ -110,24 +111,22 @@ class Solver:
     returned.
     """
 
-    name: str
     solve: Callable[..., Any]
-    prepare: Callable[[Any], tuple[Any, ...]] = lambda problem: (problem,)
+    prepare: Callable[[Problem], tuple[Any, ...]] = lambda problem: (problem,)
     rates: Callable[[Any], Array] = np.asarray
 
     def with_build(self) -> "Solver":
         """The same, its arguments made within the time."""
         solve, prepare = self.solve, self.prepare
-        name = f"{self.name}_built"
-        return Solver(name, lambda problem: solve(*prepare(problem)), rates=self.rates)
+        return Solver(lambda problem: solve(*prepare(problem)), rates=self.rates)
 
-    def contender(self, problems: Sequence[Problem], suffix: str = "", size: int = 1) -> Contender:
+    def contender(self, problems: Sequence[Problem], size: int = 1) -> Contender:
         """To be timed on problems of `size` mappings each, in new arrays for each round."""
 
         def arguments() -> list[tuple[Any, ...]]:
             return [self.prepare(deepcopy(each)) for each in problems]
 
-        return Contender(self.name + suffix, self.solve, arguments, size * len(problems))
+        return Contender(self.solve, arguments, size * len(problems))
 
     def answers(self, problems: Sequence[Problem]) -> Array:
         """Rates of each problem, shape (N, n)."""
@@ -171,41 +170,15 @@ def _levels(problem: Problem) -> tuple[Any, ...]:
     return problem.levels(), *(problem.limits or ())
 
 
-def _empty_program(problem: Problem) -> tuple[Any, Problem]:
+def _by_placo(problem: Problem) -> Array:
+    A, b, J_m, v_m = problem.parts()
     program = placo.Problem()
     program.regularization = 0.0  # by default 1e-8, which is seen in the answers
-    return program, problem
-
-
-def _build_and_solve(program: Any, problem: Problem) -> Array:
-    A, b, J_m, v_m = problem.parts()
     rates = program.add_variable(len(problem.joint)).expr()
     program.add_constraint(rates.left_multiply(J_m) == v_m).configure("hard", 1.0)
     program.add_constraint(rates.left_multiply(A) == b).configure("soft", 1.0)
-    return _solve_program(program)
-
-
-def _built_program(problem: Problem) -> tuple[Any]:
-    """Solved once, so that its memory is allocated: the first time takes 40 % longer."""
-    program, _ = _empty_program(problem)
-    _build_and_solve(program, problem)
-    return (program,)
-
-
-def _solve_program(program: Any) -> Array:
     program.solve()
     return program.x
-
-
-def _formula(problem: Problem) -> Array:
-    """Eq. (25), Theorem 3, as printed; without the rows of W2 it is Theorem 4."""
-    J_m, J_s = problem.J[MAJOR], problem.J[SECONDARY]
-    W1, W2 = np.diag(problem.joint_weight), np.diag(problem.secondary_weight)
-    J_m_pinv, N = np.linalg.pinv(J_m), scipy.linalg.null_space(J_m)
-    K = N @ np.linalg.pinv(np.vstack([W1 @ N, W2 @ J_s @ N]))
-    gain = J_m_pinv - K @ np.vstack([W1 @ J_m_pinv, W2 @ J_s @ J_m_pinv])
-    desired = np.concatenate([W1 @ problem.joint, W2 @ problem.secondary])
-    return gain @ problem.major + K @ desired
 
 
 def _constrained_least_squares(problem: Problem) -> tuple[Any, ...]:
@@ -213,56 +186,55 @@ def _constrained_least_squares(problem: Problem) -> tuple[Any, ...]:
     return A, J_m, b, v_m
 
 
-OURS = Solver("prioritized", _map)
-DAQP = Solver("daqp", daqp.solve, _flat, itemgetter(0))
-PLACO = Solver("placo", _solve_program, _built_program)
-PLACO_BUILT = Solver("placo_built", _build_and_solve, _empty_program)
-FORMULA = Solver("pinv_formula", _formula)
-LAPACK = Solver("dgglse", dgglse, _constrained_least_squares, itemgetter(3))
-LEVELS = (
-    Solver("levels", lexicographic_least_squares, _levels, attrgetter("x")),
-    Solver("daqp_levels", lambda *given: daqp.solve(*given, **STRICT), _in_levels, itemgetter(0)),
-)
+OURS = Solver(_map)
+DAQP = Solver(daqp.solve, _flat, itemgetter(0))
+PLACO = Solver(_by_placo)
+LAPACK = Solver(dgglse, _constrained_least_squares, itemgetter(3))
+LEVELS = Solver(lexicographic_least_squares, _levels, attrgetter("x"))
+DAQP_LEVELS = Solver(lambda *given: daqp.solve(*given, **STRICT), _in_levels, itemgetter(0))
 
 
-def _asked(problems: Sequence[Problem], solvers: Sequence[Solver], suffix: str = "") -> Question:
-    answers = {each.name + suffix: each.answers(problems) for each in solvers}
-    contenders = [each.contender(problems, suffix) for each in solvers]
-    return question(contenders, answers, TOLERANCE)
+def _compared(problems: Sequence[Problem], **solvers: Solver) -> dict[str, Contender]:
+    agree({name: each.answers(problems) for name, each in solvers.items()}, TOLERANCE)
+    return {name: each.contender(problems) for name, each in solvers.items()}
 
 
-def problem_1(rng: np.random.Generator) -> Question:
+def problem_1(rng: np.random.Generator) -> dict[str, Contender]:
     """One Problem 1 of the hexapod's size."""
-    solvers = (OURS, DAQP, DAQP.with_build(), PLACO, PLACO_BUILT, FORMULA, LAPACK)
-    return _asked([random_problem(6, rng) for _ in range(64)], solvers)
+    solvers = {"daqp": DAQP, "daqp_built": DAQP.with_build(), "placo": PLACO, "lapack": LAPACK}
+    return _compared([random_problem(6, rng) for _ in range(64)], ours=OURS, **solvers)
 
 
-def many_actuators(rng: np.random.Generator) -> Question:
+def many_actuators(rng: np.random.Generator) -> dict[str, Contender]:
     """The same with 200 actuators."""
-    solvers = (OURS, DAQP, PLACO, FORMULA, LAPACK)
-    return _asked([random_problem(200, rng) for _ in range(2)], solvers, "_n200")
+    return _compared([random_problem(200, rng) for _ in range(2)], ours=OURS, daqp=DAQP)
 
 
-def batch(rng: np.random.Generator) -> Question:
-    """10,000 of them in one call, beside the first ones by LAPACK."""
+def batch(rng: np.random.Generator) -> dict[str, Contender]:
+    """10,000 of them in one call, beside the first ones by daqp, one by one."""
     size, shown = 10_000, 64
-    problems = random_problem(6, rng, (size,))
-    names = ("J", "major", "joint", "secondary")
+    together = random_problem(6, rng, (size,))
     alone = [
-        replace(problems, **{name: getattr(problems, name)[k] for name in names})
+        replace(
+            together,
+            J=together.J[k],
+            major=together.major[k],
+            joint=together.joint[k],
+            secondary=together.secondary[k],
+        )
         for k in range(shown)
     ]
-    answers = {"prioritized_batch": _map(problems)[:shown], LAPACK.name: LAPACK.answers(alone)}
-    return question([OURS.contender([problems], "_batch", size)], answers, TOLERANCE)
+    agree({"ours": _map(together)[:shown], "daqp": DAQP.answers(alone)}, TOLERANCE)
+    return {"ours": OURS.contender([together], size), "daqp": DAQP.contender(alone)}
 
 
-def limited(rng: np.random.Generator) -> Question:
+def limited(rng: np.random.Generator) -> dict[str, Contender]:
     """Problem 1 with limits that bind."""
-    solvers = (OURS, DAQP, DAQP.with_build())
-    return _asked([random_limited(6, rng) for _ in range(64)], solvers, "_limited")
-
-
-def three_levels(rng: np.random.Generator) -> Question:
-    """Three levels with limits that bind."""
     problems = [random_limited(6, rng) for _ in range(64)]
-    return _asked(problems, (*LEVELS, LEVELS[1].with_build()))
+    return _compared(problems, ours=OURS, daqp=DAQP, daqp_built=DAQP.with_build())
+
+
+def three_levels(rng: np.random.Generator) -> dict[str, Contender]:
+    """Three levels with limits that bind."""
+    problems, built = [random_limited(6, rng) for _ in range(64)], DAQP_LEVELS.with_build()
+    return _compared(problems, ours=LEVELS, daqp=DAQP_LEVELS, daqp_built=built)

@@ -2,89 +2,59 @@
 
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ik, loops, robots, solvers
-from benchmarks.contender import Contender, Question
+from benchmarks.contender import Contender
+from benchmarks.table import contenders
 
-TURNS = 5
+TURNS = 10
 """All contenders of a question take turns, so that disturbances affect all alike."""
-LOOPS = ("hexapod", *loops.MAJOR)
-TICKS = ("hexapod", "arm", "ur5e", "humanoid_one_foot", "humanoid")
-SOLVED = ("prioritized", "daqp", "daqp_built", "placo", "placo_built", "pinv_formula", "dgglse")
-IK = tuple(each.name for each in ik.ROBOTS)
-QUESTIONS: dict[str, tuple[Callable[[np.random.Generator], Question], list[str]]] = {
-    "problem_1": (solvers.problem_1, [*SOLVED]),
-    "limited": (
-        solvers.limited,
-        ["prioritized_limited", "daqp_limited", "daqp_built_limited"],
-    ),
-    "three_levels": (solvers.three_levels, ["levels", "daqp_levels", "daqp_levels_built"]),
-    "n200": (
-        solvers.many_actuators,
-        [f"{name}_n200" for name in SOLVED if not name.endswith("built")],
-    ),
-    "batch": (solvers.batch, ["prioritized_batch"]),
-    **{
-        f"tick_{name}": (partial(robots.tick, name), [f"{name}_tick", f"{name}_mink"])
-        for name in TICKS
-    },
-    **{f"ik_{name}": (partial(ik.ik, name), [f"ik_{name}", f"ik_{name}_mink"]) for name in IK},
-    **{
-        f"loop_{name}": (
-            partial(loops.loop, name),
-            [f"{name}_{kind}" for kind in ("physics", "loop", "supervised")],
-        )
-        for name in LOOPS
-    },
+QUESTIONS: dict[str, Callable[[np.random.Generator], dict[str, Contender]]] = {
+    **{f"loop_{name}": partial(loops.loop, name) for name in ("hexapod", *loops.MAJOR)},
+    **{f"tick_{name}": partial(robots.tick, name) for name in robots.ROBOTS},
+    **{f"ik_{name}": partial(ik.ik, name) for name in ik.ROBOTS},
+    "problem_1": solvers.problem_1,
+    "limited": solvers.limited,
+    "three_levels": solvers.three_levels,
+    "batch": solvers.batch,
+    "many_actuators": solvers.many_actuators,
 }
-"""Each question, and the names of its contenders."""
 
 
 @cache
-def asked(name: str) -> Question:
-    """A question, once all agree on the answers.
-
-    Raises:
-        ValueError: They do not; it is not timed.
-    """
-    found = QUESTIONS[name][0](np.random.default_rng(0))
-    found.check()
-    return found
-
-
-def _all_of(contender: Contender) -> Callable[[Any], None]:
-    call = contender.call
-
-    def once(given: Any) -> None:
-        for each in given:
-            call(*each)
-
-    return once
+def asked(question: str) -> dict[str, Contender]:
+    """Who answers a question, once all agree on the answers; a ValueError if they do not."""
+    return QUESTIONS[question](np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
     ("question", "turn", "name"),
     [
         (question, turn, name)
-        for question, (_, names) in QUESTIONS.items()
+        for question, names in contenders().items()
         for turn in range(TURNS)
-        for name in names
+        for name in (names if turn % 2 else names[::-1])
     ],
 )
 def test_time(benchmark, question, turn, name):
     """The library and its peers on the same problems, on one thread, garbage collection on."""
+    one = asked(question)[name]
+
+    def round_of(given: list[tuple]) -> None:
+        call = one.call
+        for each in given:
+            call(*each)
+
+    benchmark.group = f"{question}, turn {turn}"
+    benchmark.extra_info.update(question=question, turn=turn, name=name, units=one.units)
     with threadpool_limits(1):
-        contender = asked(question).contenders[name]
-        benchmark.group = f"{question}, turn {turn}"
-        benchmark.extra_info.update(name=name, units=contender.units)
         benchmark.pedantic(
-            _all_of(contender),
-            setup=lambda: ((contender.arguments(),), {}),
-            rounds=contender.rounds,
-            warmup_rounds=1,
+            round_of,
+            setup=lambda: ((one.arguments(),), {}),
+            rounds=one.rounds,
+            warmup_rounds=int(one.rounds > 1),
         )

@@ -32,10 +32,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!argument_checks|experiments|fjh|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
-    ("py:class", r"sim\.kinematics\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
-    ("py:class", r"sim\.mjcf\.frame\.Located"),
-    ("py:class", r"sim\.kinematics\.(task\.HasRows|machine\.OfAnyPose)"),  # inside
-    ("py:class", r"ftc\.[\w.]+\.(Pose|Posture|State)"),  # type variables
+    ("py:.*", r"(sim|ftc)\.\w+\.[\w.]+"),  # inside: what is public has a shorter name
 ]
 
 # The pages are read on GitHub, too: what is enabled here, GitHub reads alike.

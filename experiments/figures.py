@@ -28,7 +28,8 @@ from fjh.study.plotting import PAGE_IN, new_figure
 from fjh.study.result import Picture, Result, Shown, origin
 from fjh.study.spelling import check_file
 from prioritized import failure_atlas
-from sim import Array, LinearPlant, load_model, model_sha256
+from sim import Array, LinearPlant, load_model
+from sim.mjcf import model_sha256
 
 
 class OpenLoop(NamedTuple):

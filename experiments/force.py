@@ -32,18 +32,9 @@ from prioritized import (
     canonical_basis,
     force_mapping,
 )
-from sim import (
-    HEXAPOD_MJCF,
-    NOMINAL,
-    Array,
-    Failure,
-    FailureKind,
-    Plant,
-    failed_plant,
-    jacobians,
-    load_model,
-    weightless,
-)
+from sim import HEXAPOD_MJCF, NOMINAL, Array, Failure, Plant, jacobians, load_model
+from sim.mjcf import weightless
+from sim.plant import FailureKind, failed_plant
 
 # Sizes of what is asked for: the major moment, the secondary force, and (at most) the moment about
 # z_b. Together they take up to some 20 N of a coil, which has 80.

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from fjh.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
 from fjh.rig.compromise import compromising, weighted_pseudo_inverse
 from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.coil import Coils
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY, hexapod_arrays
 from fjh.rig.hexapod.controller import Loop, StrutMapping
 from fjh.rig.hexapod.detector import pointing_angles
@@ -19,23 +20,10 @@ from fjh.rig.hexapod.forward import forward_kinematics
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.run import Run
-from ftc.controller import Measurement, PrioritizedController
-from ftc.goal import Goal
-from ftc.loop import run_loop
-from ftc.oracle import NestedState
+from ftc import Goal, Measurement, NestedState, PrioritizedController, run_loop
 from prioritized import ConstrainedSystem
-from sim import (
-    HEXAPOD_MJCF,
-    Array,
-    Bench,
-    Coils,
-    Failure,
-    JacobianReader,
-    Plant,
-    Pose,
-    Reading,
-    load_model,
-)
+from sim import HEXAPOD_MJCF, Array, Bench, Failure, JacobianReader, Plant, Pose, load_model
+from sim.plant import Reading
 
 BENCH = TestbedConfig()
 EQUAL = Goal(joint_weight=(1.0,) * 6)

@@ -33,7 +33,7 @@ from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from fjh.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.workers import in_parallel
-from ftc.control.mapping import DisplacementForm
+from ftc.control import DisplacementForm
 from prioritized import ConstrainedSystem
 from sim import Array, Pose, jacobians, load_model
 

@@ -18,6 +18,7 @@ from fjh.rig.arm import ARM_MJCF, POINTING, camera_axes, smooth_step
 from fjh.rig.arm import SECONDARY as NOT_POINTING
 from fjh.rig.checks import CLOSURE_LIMIT_M
 from fjh.rig.compromise import Compromise
+from fjh.rig.hexapod.amplifier import displacement_limits
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from fjh.rig.hexapod.controller import StrutMapping, sampled
@@ -30,21 +31,11 @@ from fjh.study.palette import BLACK, BLUE, GREEN, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.workers import call, in_parallel
-from ftc.control.anti_windup import circle_margin
-from ftc.controller import PrioritizedController
-from ftc.goal import Goal
+from ftc import Goal, PrioritizedController
+from ftc.control import circle_margin
 from prioritized import ConstrainedSystem, Kinematics, velocity_mapping, viable_rates
-from sim import (
-    NOMINAL,
-    Array,
-    Failure,
-    JacobianReader,
-    advance,
-    displacement_limits,
-    failed_plant,
-    linearize,
-    load_model,
-)
+from sim import NOMINAL, Array, Failure, JacobianReader, advance, linearize, load_model
+from sim.plant import failed_plant
 
 # The spiral is 40 times larger than that of Table I, and the detector must see it. All numbers of
 # this block are chosen.
@@ -202,7 +193,7 @@ class Condition:
 
     @property
     def locked_at(self) -> dict[int, float]:
-        """As in :class:`ftc.goal.Goal`."""
+        """As in :class:`ftc.Goal`."""
         return {0: STUCK_M} if self.stuck else {}
 
     @property

@@ -32,10 +32,12 @@ from fjh.study.palette import BLACK, GREEN
 from fjh.study.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.workers import call, in_parallel
-from ftc.fdi.fault_model import Fault, fault_model
-from ftc.goal import Goal
+from ftc import Goal
+from ftc.fdi import Fault, fault_model
 from prioritized import Classes, FailureAtlas, failure_atlas
-from sim import Array, Failure, FailureKind, Plant, linearize, load_model, weightless
+from sim import Array, Failure, Plant, linearize, load_model
+from sim.mjcf import weightless
+from sim.plant import FailureKind
 
 STRUT = 0  # the one that fails, strut 1 as in the paper
 RATIOS = tuple(10.0**k for k in range(3, -4, -1))  # its suspension over its own flexures

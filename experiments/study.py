@@ -19,7 +19,7 @@ from fjh.study.option import OnProgress, Option
 from fjh.study.provenance import code_sha256, processor, versions
 from fjh.study.result import plain
 from fjh.study.workers import CORES, cluster, finished, processes
-from sim import model_sha256
+from sim.mjcf import model_sha256
 
 Row = dict[str, Any]
 

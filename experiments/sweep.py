@@ -34,7 +34,7 @@ from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
 from fjh.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.spelling import check_file
-from ftc.fdi.fault_model import Fault
+from ftc.fdi import Fault
 from prioritized import failure_atlas
 from sim import NOMINAL, Array, ModelError, SimulationDiverged, load_model
 

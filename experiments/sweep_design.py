@@ -20,7 +20,7 @@ from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.options import JacobianChoice
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
-from ftc.goal import Goal
+from ftc import Goal
 from sim import Failure
 
 DEFAULT = Path(__file__).with_name("sweep.toml")

@@ -28,17 +28,9 @@ from fjh.study.provenance import version_properties
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.workers import in_parallel
 from prioritized import ConstrainedSystem, Kinematics, failure_atlas
-from sim import (
-    HEXAPOD_MJCF,
-    Array,
-    Plant,
-    failed_plant,
-    jacobians,
-    linearize,
-    load_model,
-    mass_matrix,
-    model_sha256,
-)
+from sim import HEXAPOD_MJCF, Array, Plant, jacobians, linearize, load_model
+from sim.mjcf import mass_matrix, model_sha256
+from sim.plant import failed_plant
 
 STEP = 1e-4  # [m] or [rad]: far above the closures' nanometres, small beside a hand of 0.1 m
 PERIOD_S = 0.01

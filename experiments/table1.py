@@ -44,7 +44,8 @@ from fjh.study.plotting import (
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.spelling import check_file
 from fjh.study.workers import call, in_parallel
-from sim import Array, ModelError, load_model, model_sha256
+from sim import Array, ModelError, load_model
+from sim.mjcf import model_sha256
 
 ConfigurationName = Literal["calibrated", "demand-limit"]
 CONFIGURATIONS: dict[ConfigurationName, TestbedConfig] = {

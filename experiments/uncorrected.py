@@ -34,7 +34,7 @@ from fjh.study.palette import BLUE, GREEN, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, Shown, check, origin
 from fjh.study.workers import call, in_parallel
-from ftc.fdi.fault_model import Fault
+from ftc.fdi import Fault
 from sim import NOMINAL, Array, ModelError, Plant, SimulationDiverged, linearize, load_model
 
 STRUT = 0  # that locks, strut 1 as in the paper

@@ -34,11 +34,10 @@ from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure, one_legend
 from fjh.study.provenance import version_properties, versions
 from fjh.study.result import Check, Picture, Result, Shown, check
-from ftc.fdi.fault_model import Fault
-from ftc.tracking import deciding_sentence, is_possible
+from ftc import deciding_sentence, is_possible
+from ftc.fdi import Fault
 from sim import CLOSURE_TOLERANCE, Array, Failure, SimulationDiverged
-from sim.plant.beyond_linear import Met
-from sim.plant.friction import dry_friction
+from sim.plant import Met, dry_friction
 
 NONE: list[Any] = []
 """Nothing happens."""

@@ -79,7 +79,7 @@ def steps(
         disturbance: Added to the next state, shape (N, s).
         limit: Largest demand of each compensator, a number or shape (S,).
         anti_windup: Whether a compensator at its limit keeps its state while the error would drive
-            it further, as in :class:`ftc.controller.PrioritizedController`; a truth value or shape
+            it further, as in :class:`ftc.PrioritizedController`; a truth value or shape
             (S,).
         feedforward: Demands to which the compensators add, shape (N, m) or (S, N, m); None is none.
         start: First state of the plant, shape (..., s); None is rest.

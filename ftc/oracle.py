@@ -50,7 +50,7 @@ class OracleController:
         lost_displacements: What each actuator loses then of its displacement, (n,); None: the
             displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
-        acting: As of :meth:`ftc.controller.PrioritizedController.transfer`.
+        acting: As of :meth:`ftc.PrioritizedController.transfer`.
 
     Raises:
         ValueError, TypeError: Not controllers of as many actuators, no tick, no function, or not so

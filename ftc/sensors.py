@@ -76,7 +76,7 @@ class SensorChecks:
 
         Args:
             state: Before it.
-            measurement: What should have the attributes of a :class:`ftc.controller.Measurement`.
+            measurement: What should have the attributes of a :class:`ftc.Measurement`.
             sent: Inputs of the drives since the measurement before, shape (n,).
             estimable: Whether encoders can stand in for a task's sensor that is lost.
         """

@@ -107,7 +107,7 @@ class Tracking:
         handover_s: In which the secondary motion of a former mapping fades.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
         unused: What an actuator without force counts as, as in
-            :func:`ftc.reconfiguration.goal_after`.
+            :func:`ftc.goal_after`.
 
     All arrays are copied, and read-only.
 

@@ -21,21 +21,12 @@ from prioritized._mapping.task import task_selection
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mapping.velocity_arguments import velocity_mapping
-from prioritized._mechanism.active_constraint import ActiveConstraint, active_constraint
-from prioritized._mechanism.conditioning import clear_of_errors
-from prioritized._mechanism.decisions import MajorTask, respanned
-from prioritized._mechanism.elimination import (
-    Partition,
-    PassiveMotion,
-    passive_motion,
-    regular_motion,
-)
-from prioritized._mechanism.measure import Measure, is_uniform, units_of
+from prioritized._mechanism.decisions import respanned
+from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.names import Known, Names, known_actuators, known_velocities
-from prioritized._mechanism.ordered import Stacked, in_order
-from prioritized._mechanism.statics import constraint_gain, internal_rows, torque_gain
-from prioritized._mechanism.task_motion import TaskMotion
-from prioritized._solver.arrays import none, read_only
+from prioritized._mechanism.reduced import Reduced
+from prioritized._mechanism.statics import internal_rows, torque_gain
+from prioritized._solver.arrays import read_only
 from prioritized._solver.canonical import canonical
 from prioritized._solver.limits import limits
 from prioritized._solver.rank import RANK_TOLERANCE
@@ -85,20 +76,16 @@ class Kinematics:
         return self._J
 
     @cached_property
+    def _reduced(self) -> Reduced:
+        """The same in natural units, for the mappings."""
+        return Reduced(self.system)
+
+    @cached_property
     def _J(self) -> Array:
+        own = self._reduced
         if self.system.geometry.accuracy is None:
-            return self.natural
-        return read_only(self.task_units[:, None] * self.natural / self.rate_units)
-
-    @property
-    def natural(self) -> Array:
-        """Task Jacobian in natural units, shape (m, n - q)."""
-        return self._jacobian[0]
-
-    @property
-    def scale(self) -> float:
-        """Size of the terms whose difference is :attr:`natural`; ranks are decided against it."""
-        return self._jacobian[1]
+            return own.J
+        return read_only(own.task_units[:, None] * own.J / own.rate_units)
 
     @property
     def self_motion(self) -> Array:
@@ -107,15 +94,7 @@ class Kinematics:
 
     @cached_property
     def _self_motion(self) -> Array:
-        return read_only(canonical(respanned(self.natural_self_motion, self.task_units)))
-
-    @property
-    def natural_self_motion(self) -> Array:
-        """Orthonormal basis of :attr:`self_motion` in natural units, shape (m, k)."""
-        if not self._motion.free.shape[1]:  # the common case, at every tick
-            return none((self.system.shape[0], 0))
-        moved = self._task_motion.moved
-        return moved.U[:, : int(moved.rank)]
+        return read_only(canonical(respanned(self._reduced.self_motion, self._reduced.task_units)))
 
     @cached_property
     def internal_force(self) -> Array:
@@ -123,20 +102,8 @@ class Kinematics:
 
         Columns: the c rows of J_C, then the s stuck joints by velocity index.
         """
-        return read_only(canonical(respanned(self._internal, 1.0 / self._force_units)).T)
-
-    @cached_property
-    def _internal(self) -> Array:
-        """Orthonormal basis of the internal forces in natural units, shape (c + s, r)."""
-        rows, stuck = internal_rows(self.system, self._motion), self.system.joints.stuck
-        return np.linalg.qr(rows.T)[0] if stuck.size else rows.T
-
-    @property
-    def _force_units(self) -> Array:
-        """Natural units of the velocities that these forces do work with, (c + s,)."""
-        geometry = self.system.geometry
-        stuck = geometry.velocity_units[self.system.joints.stuck]
-        return np.append(geometry.constraint_units, stuck)
+        own = self._reduced
+        return read_only(canonical(respanned(own.internal_force, 1.0 / own.force_units)).T)
 
     @property
     def active_constraint(self) -> Array:
@@ -145,39 +112,28 @@ class Kinematics:
 
     @cached_property
     def _active_constraint(self) -> Array:
-        return read_only(canonical(respanned(self.constraint.T, 1.0 / self.rate_units)).T)
-
-    @property
-    def constraint(self) -> Array:
-        """Constraints of the active rates in natural units, orthonormal rows (r', n - q)."""
-        return self._constraint.rows if self.is_tied else none((0, len(self.active)))
+        own = self._reduced
+        return read_only(canonical(respanned(own.constraint.T, 1.0 / own.rate_units)).T)
 
     @cached_property
     def passive_gain(self) -> Array:
         """Passive rates per active rate, eq. (10), shape (N - n + q, n - q)."""
-        gain = self._moving_units * self._motion.gain / self.rate_units
+        own = self._reduced
+        gain = own.moving_units * own.motion.gain / own.rate_units
         return read_only(self.system.joints.among_passive(gain))
 
     @cached_property
     def passive_self_motion(self) -> Array:
         """Orthonormal basis of the passive motion, active joints locked, shape (N - n + q, d)."""
-        free = canonical(respanned(self._motion.free, self._moving_units[:, 0]))
+        own = self._reduced
+        free = canonical(respanned(own.motion.free, own.moving_units[:, 0]))
         return read_only(self.system.joints.among_passive(free))
-
-    @property
-    def _moving_units(self) -> Array:
-        """Natural units of the passive joints that move, (p, 1)."""
-        return self.system.geometry.velocity_units[self.system.joints.moving, None]
-
-    @cached_property
-    def constraint_gain(self) -> Array:
-        """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
-        return read_only(self._constraint_gain / self._force_units[:, None] * self.task_units)
 
     @cached_property
     def _constraint_gain(self) -> Array:
-        """Constraint forces per task force in natural units, shape (c + s, m)."""
-        return constraint_gain(self.system, self._motion, self._internal.T)
+        """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
+        own = self._reduced
+        return own.constraint_gain / own.force_units[:, None] * own.task_units
 
     @property
     def gap(self) -> float:
@@ -191,48 +147,21 @@ class Kinematics:
         Errors of the geometry are multiplied by up to as much in the passive rates. In natural
         units, where the mechanism states them: otherwise it depends on the units of J_C.
         """
-        return self._condition
-
-    @cached_property
-    def _condition(self) -> float:
-        geometry, moving = self.system.geometry, self.system.joints.moving
-        rank = len(moving) - int(self.system.rigid.freedom)
-        if not rank:
-            return 1.0
-        sigma = np.linalg.svd(geometry.closure.take(moving, 1), compute_uv=False)
-        return float(sigma[0] / sigma[rank - 1])
-
-    @cached_property
-    def _motion(self) -> PassiveMotion:
-        return passive_motion(self.system)
-
-    @cached_property
-    def _jacobian(self) -> tuple[Array, float]:
-        return self.system.reduced(self._motion.gain)
-
-    @cached_property
-    def _constraint(self) -> ActiveConstraint:
-        return active_constraint(self.system, self._motion.left_null)
-
-    @cached_property
-    def _task_motion(self) -> TaskMotion:
-        system, motion = self.system, self._motion
-        if self.is_tied or motion.free.shape[1] or not system.is_rigid:
-            return TaskMotion.of(system.motions, self.active)
-        return regular_motion(system, motion)
+        return self._reduced.closure_condition
 
     @cached_property
     def _torque_gain(self) -> Array:
         """Torques in equilibrium with a task force and its constraint forces, (n - q, m)."""
-        gain = torque_gain(self.system, self._motion, self._constraint_gain)
-        return gain / self.rate_units[:, None] * self.task_units
+        own = self._reduced
+        gain = torque_gain(self.system, own.motion, own.constraint_gain)
+        return gain / own.rate_units[:, None] * own.task_units
 
     @cached_property
     def _internal_gain(self) -> Array:
         """Constraint forces per torque that is out of equilibrium without them, (c + s, n - q)."""
-        rows = internal_rows(self.system, self._motion)
-        gain = rows.T @ self._constraint.inverse.T
-        return gain / self._force_units[:, None] * self.rate_units
+        own = self._reduced
+        gain = internal_rows(self.system, own.motion).T @ own.active_constraint.inverse.T
+        return gain / own.force_units[:, None] * own.rate_units
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
@@ -270,7 +199,7 @@ class Kinematics:
                 force, the least in norm where several balance them. None is eta = 0.
         """
         force = check.vector("f", f, self.J.shape[0])
-        f_C = force @ self.constraint_gain.T
+        f_C = force @ self._constraint_gain.T
         if torques is None:
             return f_C
         rest = check.vector("torques", torques, len(self.active)) - force @ self._torque_gain.T
@@ -290,7 +219,7 @@ class Kinematics:
             "idle": partial(self._known, self.passive),
             "constrained_active": partial(self._known, self.active),
         }
-        return Manipulability(self._major(S_m, S_s), partial(getattr, self), known)
+        return Manipulability(self._reduced.major(S_m, S_s), partial(getattr, self), known)
 
     def _known(self, velocities: Indices) -> Known:
         """These velocities by name, in the words of the system."""
@@ -320,10 +249,10 @@ class Kinematics:
         the survivors; rates, desired ones too, are the survivors' alone:
         `desired[..., kin.actuators]`.
         """
-        W1 = self.survivors.matrix("joint_weight", joint_weight)
-        T = self.survivors.matrix("tie_metric", tie_metric)
-        box = self.survivors.pair(rate_limits)
-        rows = self.survivors.rows("rate_rows", rate_rows)
+        W1 = self._survivors.matrix("joint_weight", joint_weight)
+        T = self._survivors.matrix("tie_metric", tie_metric)
+        box = self._survivors.pair(rate_limits)
+        rows = self._survivors.rows("rate_rows", rate_rows)
         mapping = velocity_mapping(
             self.J,
             major,
@@ -337,78 +266,7 @@ class Kinematics:
             rate_rows=rows,
             when_limited=when_limited,
         )
-        return mapping.of_mechanism(self)
-
-    @property
-    def is_tied(self) -> bool:
-        """Whether the loops may constrain the active rates."""
-        return len(self._motion.left_null) > 0
-
-    @property
-    def measured(self) -> tuple[Array, float]:
-        """J and its size, rows in natural units, and rates where these are of two kinds."""
-        return self._in_rates(self.natural, self.scale)
-
-    def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
-        """J and its size as `measured`, without what counts as lost for S_m v and S_s v.
-
-        :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
-        (k, m1) of v_m.
-        """
-        task = self._major(S_m, S_s)
-        J, scale = task.handed_on(self.natural, self.scale, self.constraint, metric)
-        return self._in_rates(J, float(scale))
-
-    def _in_rates(self, J: Array, scale: float) -> tuple[Array, float]:
-        unit = self.common_unit
-        return (J, scale) if unit == 1.0 else (read_only(J / unit), scale / unit)
-
-    def holds(self, S_m: Array) -> bool:
-        """Whether no self-motion moves the task S_m v."""
-        return not self._motion.free.shape[1] or not self._major(S_m).moved.rank
-
-    def gap_of(self, S_m: Array, S_s: Array) -> float:
-        """Smallest gap of the rank decisions that a mapping of this task rests on."""
-        return float(self._major(S_m, S_s).gap)
-
-    def gain_uncertainty(self, S_m: Array) -> float:
-        """Relative error that the accuracy of the geometry allows the least gain of this task."""
-        return self._major(S_m).gain_uncertainty
-
-    def measure(self, S_m: Array) -> Measure:
-        """Natural units of v_m = S_m v and of the rates."""
-        return Measure(units_of(S_m, self.task_units), self.rate_units)
-
-    @property
-    def task_units(self) -> Array:
-        """Natural unit of each task velocity, shape (m,)."""
-        return self.system.geometry.task_units
-
-    @property
-    def rate_units(self) -> Array:
-        """Natural unit of each rate, shape (n - q,)."""
-        return self.system.geometry.velocity_units[self.active]
-
-    @property
-    def clear(self) -> float:
-        """Part of `scale` above which a singular value of J is clearly not zero."""
-        geometry, motion = self.system.geometry, self._motion
-        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
-
-    @property
-    def mixed_units(self) -> Array | None:
-        """Natural units of the rates where these are of two kinds, (n - q,)."""
-        units = self.rate_units
-        return None if is_uniform(units) else units
-
-    @property
-    def common_unit(self) -> float:
-        """Natural unit of all rates; 1 where they are of two kinds."""
-        units = self.rate_units
-        return float(units[0]) if len(units) and self.mixed_units is None else 1.0
-
-    def _major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
-        return MajorTask(self._task_motion, S_m, S_m[:0] if S_s is None else S_s)
+        return mapping._of_mechanism(self)
 
     def hierarchy(
         self,
@@ -456,31 +314,18 @@ class Kinematics:
         A `torque_weight`, `tie_metric`, `torque_limits` or `torque_rows` for all n actuators is cut
         to the survivors; torques, desired ones too, are the survivors' alone.
         """
-        W3 = self.survivors.matrix("torque_weight", torque_weight)
-        T = self.survivors.matrix("tie_metric", tie_metric)
-        box = self.survivors.pair(torque_limits)
-        rows = self.survivors.rows("torque_rows", torque_rows)
+        W3 = self._survivors.matrix("torque_weight", torque_weight)
+        T = self._survivors.matrix("tie_metric", tie_metric)
+        box = self._survivors.pair(torque_limits)
+        rows = self._survivors.rows("torque_rows", torque_rows)
         given = ForceLimits(box, rows, force_rows, when_limited)
         weights, metrics = (W3, secondary_weight), (major_metric, T)
         return force_mapping_of(self, major, secondary, weights, metrics, given)
 
-    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]:
-        """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
-
-        And whether no self-motion moves the first level.
-        """
-        rows, is_held = (
-            levels.at(self.natural, self.scale),
-            self.holds(levels.first / self.task_units),
-        )
-        if not len(self.active):
-            return rows, is_held
-        return in_order(self._task_motion, levels, rows), is_held
-
     @property
-    def survivors(self) -> Survivors:
+    def _survivors(self) -> Survivors:
         """What cuts arguments that are given for all n actuators to those that survive."""
-        return Survivors(self.actuators, len(self.system.joints.actuated))
+        return Survivors.of(self.system.joints)
 
     def attainable(
         self,
@@ -499,8 +344,8 @@ class Kinematics:
         Raises:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
-        within, units = self._limits("rate_limits", rate_limits), self.mixed_units
-        moves = not self.holds(task_selection(major, None, len(self.J))[0])
+        within, units = self._limits("rate_limits", rate_limits), self._reduced.mixed_units
+        moves = not self._reduced.holds(task_selection(major, None, len(self.J))[0])
         own = within if units is None else within / units
         return attainable(of_rates(self._task(major)), own, RANK_TOLERANCE, self_motion=moves)
 
@@ -522,15 +367,16 @@ class Kinematics:
         Raises:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
-        within, units = self._limits("torque_limits", torque_limits), self.mixed_units
+        within, units = self._limits("torque_limits", torque_limits), self._reduced.mixed_units
         own = within if units is None else within * units
         return attainable(of_torques(self._task(major)), own, RANK_TOLERANCE)
 
     def _task(self, major: Sequence[int] | ArrayLike) -> Problem:
         """The problem of a major task, without weights."""
-        J, scale = self.decided(*task_selection(major, None, len(self.J)))
-        C, Q = self.constraint, self.natural_self_motion
-        return unweighted(J, major, C, Q, scale, RANK_TOLERANCE).natural(self.task_units, 1.0)
+        own = self._reduced
+        J, scale = own.decided(*task_selection(major, None, len(self.J)))
+        problem = unweighted(J, major, own.constraint, own.self_motion, scale, RANK_TOLERANCE)
+        return problem.natural(own.task_units, 1.0)
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Array:
-        return limits(name, self.survivors.pair(value), len(self.actuators))
+        return limits(name, self._survivors.pair(value), len(self.actuators))

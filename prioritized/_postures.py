@@ -93,21 +93,20 @@ class Postures:
         Raises:
             ValueError: An argument has a wrong shape or index or is not finite; it is named.
         """
-        one = self.each[0]  # units are the mechanism's own, at every posture
+        one, each = self.each[0], [kin._reduced for kin in self.each]
+        units = each[0]  # the mechanism's own, at every posture
         S_m, S_s = task_selection(major, secondary, self.J.shape[-2])
-        M = one.measure(S_m).metric
-        J, scale = zip(*(kin.decided(S_m, S_s, M) for kin in self.each), strict=True)
-        W1, natural = one.survivors.matrix("joint_weight", joint_weight), self._stacked(J)
+        M = units.measure(S_m).metric
+        J, scale = zip(*(there.decided(S_m, S_s, M) for there in each), strict=True)
+        W1, natural = one._survivors.matrix("joint_weight", joint_weight), self._stacked(J)
         mapping = velocity_mapping(natural, major, secondary, W1, secondary_weight, major_metric=M)
-        return mapping.natural(
-            one.task_units,
-            one.mixed_units,
+        return mapping._in_natural_units(
+            units.task_units,
+            units.mixed_units,
             J=natural,
             scale=self._stacked(scale),
-            active_constraint=self._stacked(_filled([kin.constraint for kin in self.each])),
-            self_motion=transposed(
-                self._stacked(_filled([kin.natural_self_motion.T for kin in self.each]))
-            ),
+            active_constraint=self._stacked(_filled([there.constraint for there in each])),
+            self_motion=transposed(self._stacked(_filled([there.self_motion.T for there in each]))),
         )
 
     def _stacked(self, arrays: Array | Sequence[Array | float]) -> Array:

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_continuous_are
 from scipy.signal import lfilter
 
-from ftc.fdi.fault_model import Fault, FaultModel
+from ftc.fdi import Fault
+from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.hypotheses import bank_of
 

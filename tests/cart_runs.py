@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
-from ftc.fdi.fault_model import NominalModel, fault_model
+from ftc.fdi import NominalModel, fault_model
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.evidence import Evidence
 

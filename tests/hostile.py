@@ -20,8 +20,8 @@ import numpy as np
 
 from argument_checks import is_masked
 from fjh.rig.hexapod.forward import UnreachableLengths
-from ftc.control.compensator import NoResponse, UnstableLoop
-from ftc.tracking import TaskLost
+from ftc import TaskLost
+from ftc.control import NoResponse, UnstableLoop
 from sim import ModelError, SimulationDiverged
 
 OUR_ERRORS = (ValueError, TypeError, ModelError, UnreachableLengths)

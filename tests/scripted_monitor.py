@@ -5,12 +5,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from ftc.fdi import CERTAIN, Fault, monitor
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.verdict import Verdict
-from ftc.fdi.monitor import MonitorState, monitor
-from ftc.fdi.uncertainty import CERTAIN
+from ftc.fdi.monitor import MonitorState
 from tests.cart_runs import carts
 
 NOMINAL = carts(0, n=3)  # 5 ms a tick

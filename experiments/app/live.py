@@ -1,12 +1,12 @@
 """The command `fjh live`: a machine in the browser that one can break."""
 
-import shlex
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
-from experiments.app.terminal import print_ending, progress
+from experiments.app.terminal import progress
 from fjh.rig.options import DEFAULT_OPTIONS, Model, RobotOptions
-from fjh.study.files import usable_file, usable_folder
+from fjh.study.files import usable_folder
 from fjh.study.option import Option, seed_of
 
 
@@ -23,10 +23,6 @@ def live(
         ),
     ] = None,
     seed: Annotated[int, seed_of("all noise, and of what is drawn of disturbances")] = 0,
-    tour: Annotated[
-        Path | None,
-        Option(metavar="FILE.html", help="Write a page of all that can happen, and end."),
-    ] = None,
     out: Annotated[
         Path, Option(metavar="FOLDER", help="Folder for recordings that are asked for.")
     ] = Path("results", "live"),
@@ -41,40 +37,19 @@ def live(
     until Ctrl-C; no other page that is open there can press its buttons. It is there within 8 s,
     the first time on a computer after up to two minutes.
 
-    Writes nothing, unless asked for the last minute: live_1.rrd and so on in the folder. With
-    --tour nobody has to watch: each failure and disturbance is flown for 4.5 s and filmed, on one
-    page that needs no network; two minutes, less for the hexapod.
+    Writes nothing, unless asked for the last minute: live_1.rrd and so on in the folder.
 
     Example: fjh live arm.xml --site tool --major x,y,z
     """
-    if tour is not None:
-        _tour(tour, model, robot, seed)
-        return
     usable_folder(out)
-    with progress("live"):
-        from fjh.live.page import HOST, Page, local_server, stop
-        from fjh.rig.mjcf import rig_of
+    with ExitStack() as at_end:
+        with progress("live"):
+            from fjh.live.page import HOST, LocalServer, Page
+            from fjh.rig.mjcf import rig_of
 
-        rig = rig_of(model, robot)
-        server = local_server(port)
-        try:
+            rig = rig_of(model, robot)
+            server = LocalServer(port)
+            at_end.callback(server.stop)
             page = Page(server, rig, out, seed)
-        except BaseException:
-            stop(server)
-            raise
-    try:
         print(f"{rig.title}: http://{HOST}:{server.get_port()} (Ctrl-C ends it)", flush=True)
         page.run()
-    finally:
-        stop(server)
-
-
-def _tour(file: Path, model: Path | None, options: RobotOptions, seed: int) -> None:
-    usable_file(file, ".html", "--tour")
-    with progress("live") as on_progress:
-        from fjh.live.tour import stops, write_tour
-
-        films = write_tour(file, stops(model, options), seed, on_progress)
-    robot = [] if model is None else [str(model)]
-    checked = f"{len(films)} pairs of flights; every number on the page is of them."
-    print_ending(checked, file, shlex.join(["fjh", "live", *robot]))

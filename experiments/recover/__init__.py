@@ -47,8 +47,9 @@ from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.result import Check, Result, origin
 from fjh.study.spelling import check_file
 from fjh.study.workers import call, in_parallel
-from ftc.fdi.diagnosis import DEFAULT_CONFIG
-from sim import CLOSURE_TOLERANCE, Failure, model_sha256
+from ftc.fdi import DEFAULT_CONFIG
+from sim import CLOSURE_TOLERANCE, Failure
+from sim.mjcf import model_sha256
 
 HOURS, TURN_S = 2.0, 4.0
 OF_TRACK = Option("As of `fjh track`.", listed=False)

@@ -15,7 +15,7 @@ from fjh.rig.events import EVENTS
 from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure
 from fjh.study.result import Picture
-from ftc.fdi.fault_model import KINDS
+from ftc.fdi import KINDS
 
 _AFTER = {"supervised": BLUE, "unaware": ORANGE, "other": PURPLE}
 """Controllers whose error after recovery is compared with that of an informed one."""

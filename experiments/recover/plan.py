@@ -21,10 +21,9 @@ from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions, Sensing
 from fjh.rig.reach import check_reach
 from fjh.rig.rig import Rig
-from ftc.fdi.dither import Dither
-from ftc.fdi.dither_design import DitherDesign
-from ftc.fdi.fault_model import KINDS, Fault
-from sim import Array, Failure, FailureKind
+from ftc.fdi import KINDS, Dither, DitherDesign, Fault
+from sim import Array, Failure
+from sim.plant import FailureKind
 
 BENCH = TestbedConfig()
 Sort = Literal["failure", "size", "pair", "healthy", "event"]

@@ -14,14 +14,18 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.fault_tolerance import DITHER, STILL, fault_text
 from fjh.rig.prediction import linear_loop
 from fjh.rig.rig import Rig
-from ftc.control.compensator import sensitivity_peak
-from ftc.fdi.design.isolability import isolability
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
-from ftc.fdi.separation import ACCURACY
-from ftc.goal import Goal
-from ftc.linear_loop import LinearLoop, simulate
-from ftc.reconfiguration import WEAKEST
+from ftc import WEAKEST, Goal, LinearLoop, simulate
+from ftc.control import sensitivity_peak
+from ftc.fdi import (
+    ACCURACY,
+    KINDS,
+    Dither,
+    Fault,
+    FaultKind,
+    NominalModel,
+    fault_model,
+    isolability,
+)
 from sim import NOMINAL, Array
 
 ALIKE = 6.18

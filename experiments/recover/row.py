@@ -16,13 +16,8 @@ from fjh.rig.other_controller import fly_with
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, tick_of
 from fjh.study.errors import WrongInput
-from ftc.controller import Measurement
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault, static_share
-from ftc.fdi.isolation.causes import Cause
-from ftc.oracle import NEVER, OracleController, OracleState
-from ftc.reconfiguration import goal_after
-from ftc.tracking import is_possible
+from ftc import NEVER, Measurement, OracleController, OracleState, goal_after, is_possible
+from ftc.fdi import Cause, Diagnosis, Fault, static_share
 from sim import Array, Failure, SimulationDiverged
 
 CONTROLLERS = ("supervised", "informed", "unaware")

@@ -12,7 +12,7 @@ from argument_checks.ties import greatest
 from experiments.recover.predictions import ISOLABLE
 from fjh.rig.rig import Rig
 from fjh.study.result import Check, Shown, check
-from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi import DEFAULT_CONFIG
 
 WORST = 1.1
 """Design requirement, in every run: RMS error over that of a controller that does nothing."""

@@ -9,7 +9,8 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Indices
 from prioritized import ConstrainedSystem, Kinematics, Task
-from sim import Array, LocatedFunction, LocatedRates, TaskFunction
+from sim import Array, TaskFunction
+from sim.tasks import LocatedFunction, LocatedRates
 
 
 class Levels(NamedTuple):

@@ -12,10 +12,7 @@ import argument_checks as check
 from argument_checks import Indices
 from prioritized import Kinematics, viable_rates
 from sim import Array, Distances, Jacobians, ranges
-from sim.mjcf.drive import Drive
-from sim.mjcf.limits import Coupled
-from sim.mjcf.model import joint_name, name_of
-from sim.mjcf.transmission import drive_rows
+from sim.mjcf import Coupled, Drive, drive_rows, joint_name, name_of
 
 Limited = float | Mapping[str, float] | None
 """One number for every velocity, one for each joint by its name, or no limit."""
@@ -402,7 +399,7 @@ class LimitsOf(NamedTuple):
             period_s=period_s,
         )
         is_coupled = self.has_rows or (
-            braked and (len(kinematics.passive) > 0 or kinematics.is_tied)
+            braked and (len(kinematics.passive) > 0 or len(kinematics.active_constraint) > 0)
         )
         if not is_coupled:
             return VelocityLimits(

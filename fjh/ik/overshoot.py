@@ -63,7 +63,7 @@ class Trial(NamedTuple):
             way: What all tasks ask for until the next tick, (t,).
             motion: Of all velocities, (N,).
         """
-        units, far = kinematics.rate_units, dict[int, tuple[Array, Array]]()
+        units, far = _rate_units(kinematics), dict[int, tuple[Array, Array]]()
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
@@ -146,16 +146,14 @@ class Trial(NamedTuple):
 
     def _bend(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:
         """Second derivatives of all rows by the rates in natural units, (n, n, m)."""
-        motions, loops = (
-            kinematics.velocities(np.diag(kinematics.rate_units)),
-            kinematics.system.joints.moving,
-        )
+        units, loops = _rate_units(kinematics), kinematics.system.joints.moving
+        motions = kinematics.velocities(np.diag(units))
         rows = []
         for motion in (0.0 * motions[0], *motions):
             self._move(at, _SMALL * motion)
             if len(loops):  # passive joints follow otherwise, too
                 there = self.system.at_pose(self.reader.at(self.data)).kinematics()
-                rows.append(there.J * kinematics.rate_units)
+                rows.append(there.J * units)
             else:
                 rows.append(self.reader.read(self.data).J_T @ motions.T)
         return np.transpose((np.array(rows[1:]) - rows[0]) / _SMALL, (0, 2, 1))
@@ -167,3 +165,8 @@ def _root(S: Array, least: float) -> Array:
     size = np.abs(size)
     kept = size > least
     return np.sqrt(size[kept])[:, None] * V[:, kept].T
+
+
+def _rate_units(kinematics: Kinematics) -> Array:
+    """Natural units of the rates, (n,)."""
+    return kinematics.system.geometry.velocity_units[kinematics.active]

@@ -8,7 +8,7 @@ import numpy as np
 from fjh.ik.limits import RETURNING, RateLimits, VelocityLimits
 from prioritized import ConstrainedSystem, Hierarchy, HierarchySolution, Kinematics, Status
 from sim import Array, Jacobians
-from sim.mjcf.model import listed
+from sim.mjcf import listed
 
 _LEAST = 1e-2
 """Damping of levels after the first one that is held back, per size of their rows."""

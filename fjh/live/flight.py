@@ -1,7 +1,7 @@
 """One machine with its pilot in flight, tick by tick, for a time that is not known beforehand."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from fjh.rig.events import Event
 from fjh.rig.events.effects import Effect
 from fjh.rig.events.hooks import Hooks, effect_of
 from fjh.rig.run import SOUND, run_of
-from ftc.loop import LoopRun, one_tick
-from ftc.status import status
-from ftc.supervisor import SupervisorState
-from sim import Array, Failure, FailureKind, Pose
+from ftc import LoopRun, SupervisorState, one_tick, status
+from sim import Array, Failure, Pose
+
+Kind = Literal["sound", "locked", "free", "weak"]
 
 
 class Flight:
@@ -25,7 +25,7 @@ class Flight:
         state: Of the pilot.
         tick: So many are done.
         desired: Of all ticks, shape (N, m1).
-        changes: When actuators, by number, became of which kind: a failure's, or `SOUND`.
+        changes: When actuators, by number, became of which kind.
         events: What else happened.
     """
 
@@ -42,7 +42,7 @@ class Flight:
         self.desired, self._measured = np.empty((ticks, m1)), np.empty((ticks, m1))
         self._inputs = np.empty((ticks, len(rig.actuators)))
         self._effects = dict[str, Effect]()
-        self.changes, self.events = list[tuple[float, int, str]](), list[Event]()
+        self.changes, self.events = list[tuple[float, int, Kind]](), list[Event]()
 
     @property
     def now_s(self) -> float:
@@ -50,9 +50,9 @@ class Flight:
         return self.tick * self.rig.period_s
 
     @property
-    def has_ended(self) -> bool:
-        """Whether all its ticks are done."""
-        return self.tick == len(self._time_s)
+    def left(self) -> int:
+        """Ticks that it has left."""
+        return len(self._time_s) - self.tick
 
     def step(self, reference: Array, demand: Array | None) -> None:
         """One tick.
@@ -68,19 +68,17 @@ class Flight:
         self._inputs[k] = self.state.inputs
         self.tick = k + 1
 
-    def strike(self, actuator: int, kind: FailureKind) -> None:
-        """Let an actuator fail, from the next tick on.
+    def make(self, actuator: int, kind: Kind) -> None:
+        """Let an actuator that works fail, from the next tick on, or work again.
 
         Raises:
             sim.ModelError: It is to lock and has no lock.
         """
-        Failure(actuator, kind, self.now_s).strike(self._bench.plant)
+        if kind == SOUND:
+            self._bench.plant.repair(actuator)
+        else:
+            Failure(actuator, kind, self.now_s).strike(self._bench.plant)
         self.changes.append((self.now_s, actuator, kind))
-
-    def repair(self, actuator: int) -> None:
-        """Let an actuator work again, from the next tick on."""
-        self._bench.plant.repair(actuator)
-        self.changes.append((self.now_s, actuator, SOUND))
 
     def begin(self, name: str) -> None:
         """An event that is of no actuator, from the next tick on."""
@@ -96,10 +94,10 @@ class Flight:
         if (effect := self._effects.pop(name, None)) is not None:
             self._hooks.end(effect)
 
-    def hand_over(self, pilot: Any, state: Any) -> None:
-        """Go on with another pilot, whose state this is."""
-        self.pilot, self.state = pilot, state
-        self._since = self.tick - getattr(state, "ticks", 0)
+    def hand_over(self, pilot: Any, state: Any = None) -> None:
+        """Go on with another pilot in a state; None is what it makes of the present one."""
+        self.pilot, self.state = pilot, pilot.transfer(self.state) if state is None else state
+        self._since = self.tick - getattr(self.state, "ticks", 0)
 
     @property
     def belief(self) -> str:
@@ -140,7 +138,7 @@ class Flight:
         begin_s, ticks = first * self.rig.period_s, slice(first, self.tick)
         last = {actuator: at_s for at_s, actuator, _ in self.changes if at_s < begin_s}
         failures = [
-            Failure(actuator, kind, at_s)  # pyright: ignore[reportArgumentType]
+            Failure(actuator, kind, at_s)
             for at_s, actuator, kind in self.changes
             if kind != SOUND and (at_s >= begin_s or last[actuator] == at_s)
         ]

@@ -9,6 +9,7 @@ one class that answers the handshake and reads the messages, before viser does.
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import Any, Literal
 
@@ -63,11 +64,9 @@ def guarded(server: viser.ViserServer, started: list[bool]) -> Callable[..., Any
                 return connection.respond(403, f"Only the page at http://127.0.0.1:{port} may.\n")
             return process_request(connection, request)
 
-        def connect(*parts: Any, **more: Any) -> ServerConnection:
-            return _Connection(server, *parts, **more)
-
-        own = {"logger": _LOGGER, "max_size": _LARGEST_MESSAGE, "create_connection": connect}
-        return serve(*arguments, process_request=answer, **others | own)
+        own = {"logger": _LOGGER, "max_size": _LARGEST_MESSAGE}
+        own |= {"create_connection": partial(_Connection, server), "process_request": answer}
+        return serve(*arguments, **others | own)
 
     return start
 

@@ -17,7 +17,7 @@ from fjh.live.gate import guarded
 from fjh.live.kept import keep
 from fjh.live.panel import Panel
 from fjh.live.session import LONGEST_S, Session
-from fjh.live.stage import FRAME_S, NAMES, Stage
+from fjh.live.stage import FRAME_S, Stage
 from fjh.rig import Rig
 from fjh.study.errors import WrongInput
 from sim import ModelError, SimulationDiverged
@@ -33,43 +33,36 @@ _AT_ONCE = 5
 
 
 class LocalServer(viser.ViserServer):
-    """Of this machine and its own page alone, without a tunnel to the internet."""
+    """Of this machine and its own page alone, without a word and a tunnel to the internet."""
 
-    def __init__(self, port: int) -> None:
-        """Begin to listen at a port, or the next that is free; see :mod:`.gate`."""
+    def __init__(self, port: int | None) -> None:
+        """Listen on the loopback interface; None is `PORT`, or the next that is free.
+
+        Raises:
+            WrongInput: The port is taken.
+        """
         started, serve = list[bool](), websockets.asyncio.server.serve
         websockets.asyncio.server.serve = guarded(self, started)  # type: ignore[assignment]
         try:
-            super().__init__(HOST, port, verbose=False)
+            with redirect_stdout(io.StringIO()):  # it would print a table of its addresses
+                super().__init__(HOST, PORT if port is None else port, verbose=False)
         finally:
             websockets.asyncio.server.serve = serve
         if not started:  # another viser: nothing would be checked
             self.stop()
             raise WrongInput(f"viser {viser.__version__} is not known: pip install viser==1.1.1")
+        if port not in (None, self.get_port()):
+            self.stop()
+            raise WrongInput(f"--port {port}: another program listens there; leave --port out")
+
+    def stop(self) -> None:
+        """End it."""
+        with redirect_stdout(io.StringIO()):
+            super().stop()
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """None: there is none."""
         return None
-
-
-def local_server(port: int | None) -> LocalServer:
-    """A server on the loopback interface; None is `PORT`, or the next that is free.
-
-    Raises:
-        WrongInput: The port is taken.
-    """
-    with redirect_stdout(io.StringIO()):  # it would print a table of its addresses
-        server = LocalServer(PORT if port is None else port)
-    if port is not None and server.get_port() != port:
-        stop(server)
-        raise WrongInput(f"--port {port}: another program listens there; leave --port out")
-    return server
-
-
-def stop(server: viser.ViserServer) -> None:
-    """End it without a word of its own."""
-    with redirect_stdout(io.StringIO()):
-        server.stop()
 
 
 class Page:
@@ -83,12 +76,12 @@ class Page:
         """Draw them; the last minute is saved in the folder."""
         self.session, self._folder = Session(rig, seed), folder
         self._clicks = SimpleQueue[Callable[[], object]]()
-        self._stage = Stage(server, rig, self.session.flights, NAMES)
+        self._stage = Stage(server, self.session)
         how = {"show_logo": False, "show_share_button": False, "control_width": "large"}
         server.gui.configure_theme(**how)
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(f"fjh live: {rig.title}")
-        self._panel = Panel(server, self.session, self._do, self._save, self._stage.factor)
+        self._panel = Panel(server, self.session, self._stage, self._do, self._save)
         self._paces = deque([(time.perf_counter(), 0.0)], maxlen=round(1 / FRAME_S))
         self._flown_s, self._frame, self._server = 0.0, 0, server
 
@@ -136,12 +129,11 @@ class Page:
 
     def show(self) -> None:
         """One frame."""
-        session, self._stage.factor = self.session, self._panel.factor
         begin, flown_s = self._paces[0]
         now = time.perf_counter()
         self._paces.append((now, self._flown_s))
         with self._server.atomic():
-            self._stage.show(session.flights, session.states, session.course.outline)
+            self._stage.show()
             if self._frame % _SAID_EVERY == 0:
                 self._panel.show((self._flown_s - flown_s) / max(now - begin, 1e-6))
         self._frame += 1

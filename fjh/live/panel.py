@@ -9,19 +9,17 @@ import viser
 from viser.uplot import Legend, Series
 
 from fjh.live.course import COURSES
+from fjh.live.flight import Kind
 from fjh.live.gate import NOW
-from fjh.live.session import LASTING, Kind, Session
-from fjh.live.stage import COLORS, NAMES
+from fjh.live.session import Session
+from fjh.live.stage import COLORS, NAMES, Stage
 from fjh.rig.events import EVENTS
-from fjh.rig.run import SOUND
+from fjh.rig.run import SOUND, rms
 from fjh.rig.units import norms_said
 from sim import Array
 
-Do = Callable[..., None]
-"""Has a function called with arguments between two ticks."""
-
 _KINDS: dict[str, Kind] = {"sound": "sound", "lock": "locked", "free": "free", "weak": "weak"}
-BUTTONS = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
+LASTING = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
 _PLOTTED = 250
 """Frames."""
 _WEIGHTS = 0.1, 10.0
@@ -33,20 +31,16 @@ class Panel:
     """What a person sees beside the machines, and does.
 
     Attributes:
-        factor: By which motion is to be magnified.
         said: What the last click did, or why it did nothing.
     """
 
     def __init__(
-        self, server: viser.ViserServer, session: Session, do: Do, save: Callable[[], None],
-        factor: int,
+        self, server: viser.ViserServer, session: Session, stage: Stage,
+        do: Callable[..., None], save: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Make all elements; what is clicked is done by `do`."""
+        """Make all elements; what is clicked is done by `do`, between two ticks."""
         self._session, self._do, gui = session, do, server.gui
-        self.factor, self.said = factor, ""
         self._html = gui.add_html("")
-        self._times = deque[float](maxlen=_PLOTTED)
-        self._errors = [deque[float](maxlen=_PLOTTED) for _ in NAMES]
         lines = [Series(label=n, stroke=c, width=2) for n, c in zip(NAMES, COLORS, strict=True)]
         self._plot = gui.add_uplot(
             (np.zeros(2), *[np.zeros(2)] * len(NAMES)), (Series(label="s"), *lines),
@@ -55,10 +49,11 @@ class Panel:
         )  # fmt: skip
         self._add_breaks(gui)
         self._add_control(gui)
-        view = gui.add_slider("motion times", 1, 10 * factor, 1, factor)
-        view.on_update(lambda _: setattr(self, "factor", view.value))
+        view = gui.add_slider("motion times", 1, 10 * stage.factor, 1, stage.factor)
+        view.on_update(lambda _: setattr(stage, "factor", view.value))
         gui.add_button("Save the last minute").on_click(lambda _: do(save))
         gui.add_button("New machines").on_click(lambda _: do(self._restart))
+        self.calm("")
 
     def _add_breaks(self, gui: viser.GuiApi) -> None:
         session = self._session
@@ -74,10 +69,10 @@ class Panel:
             bump = gui.add_button("Bump", hint=EVENTS["bump"].sentence)
             bump.on_click(lambda _: self._do(self._bump))
             self._lasting = {}
-            for name in LASTING:
-                box = gui.add_checkbox(BUTTONS[name], False, hint=EVENTS[name].sentence)
+            for name, words in LASTING.items():
+                box = gui.add_checkbox(words, False, hint=EVENTS[name].sentence)
                 box.on_update(
-                    lambda event, name=name: self._do(session.last, name, event.target.value)
+                    lambda event, name=name: self._do(session.disturb, name, event.target.value)
                 )
                 self._lasting[name] = box
 
@@ -108,7 +103,7 @@ class Panel:
     def calm(self, said: str) -> None:
         """After new machines: nothing goes on any more."""
         self.said = said
-        self._times.clear()
+        self._times = deque[float](maxlen=_PLOTTED)
         self._errors = [deque[float](maxlen=_PLOTTED) for _ in NAMES]
         for box in self._lasting.values():
             box.value = False
@@ -125,8 +120,7 @@ class Panel:
     def _rms(self, ticks: int) -> list[Array]:
         now = self._session.tick
         late = slice(max(0, now - ticks), now)
-        both = [flight.error(late) for flight in self._session.flights]
-        return [np.sqrt((each**2).mean(axis=0)) for each in both]
+        return [rms(flight.error(late)) for flight in self._session.flights]
 
     def show(self, real_time_factor: float) -> None:
         """What is so now."""

@@ -3,18 +3,16 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from fjh.live.course import COURSES, course
-from fjh.live.flight import Flight
+from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.run import SOUND
-from ftc.supervisor import Supervisor, SupervisorState
+from ftc import Supervisor, SupervisorState
 
-Kind = Literal["sound", "locked", "free", "weak", "loose"]
-LASTING = ("hum", "stuck", "sag")
 LONGEST_S = 300.0
 """Of a flight: its machine then is replaced. That of two hexapods logs 0.4 GB."""
 KEPT_S = 60.0
@@ -29,7 +27,7 @@ class Session:
         course: What both follow.
         goal: Of both.
         states: Of the actuators.
-        going_on: Which of `LASTING` are.
+        going_on: Events that are not over by themselves.
         diagnoses: Whether the first is supervised at present.
     """
 
@@ -38,19 +36,16 @@ class Session:
         self.rig, self._seed, self.goal = rig, seed, rig.goal
         self._supervisor, self.diagnoses = rig.supervisor(), True
         self._learned: Supervisor | None = None
-        self._begin(COURSES[0])
+        self.restart(COURSES[0])
 
-    def restart(self) -> None:
-        """Sound machines after one tick at rest; path, goal and diagnosis stay."""
-        self._begin(self.course.name)
-
-    def _begin(self, path: str) -> None:
+    def restart(self, path: str | None = None) -> None:
+        """Sound machines after one tick at rest; goal, diagnosis and, if None, path stay."""
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
         pilot = self._supervisor if self.diagnoses else self._unaware
         self.flights = [Flight(rig, each, ticks, self._seed) for each in (pilot, self._unaware)]
         self.states: list[Kind] = [SOUND] * len(rig.actuators)
         self.going_on = set[str]()
-        self.course, self._since = course(rig, path), 0
+        self.course, self._since = course(rig, path or self.course.name), 0
         self.advance(1)
 
     @property
@@ -68,11 +63,9 @@ class Session:
         Raises:
             sim.SimulationDiverged: The physics left the finite numbers.
         """
-        begin = self.tick
-        desired, demands = self.course.at(begin - self._since + np.arange(ticks))
+        ticks = min(ticks, self.flights[0].left)
+        desired, demands = self.course.at(self.tick - self._since + np.arange(ticks))
         for k in range(ticks):
-            if self.flights[0].has_ended:
-                return k
             for flight in self.flights:
                 flight.step(desired[k], None if demands is None else demands[k])
         return ticks
@@ -86,29 +79,22 @@ class Session:
         if self.states[actuator] == kind:
             return
         self._learn()
-        for flight in self.flights:
-            if self.states[actuator] != SOUND:
-                flight.repair(actuator)
-        self.states[actuator] = SOUND
-        if kind != SOUND:
-            for flight in self.flights:
-                flight.strike(actuator, kind)
-            self.states[actuator] = kind
+        steps: tuple[Kind, ...] = (SOUND, kind)
+        for each in steps:
+            if each != self.states[actuator]:
+                for flight in self.flights:
+                    flight.make(actuator, each)
+                self.states[actuator] = each
 
-    def disturb(self, name: str) -> None:
-        """Something happens that is over by itself, such as a bump."""
-        self._learn()
-        for flight in self.flights:
-            flight.begin(name)
-
-    def last(self, name: str, on: bool) -> None:
-        """One of `LASTING` begins, or ends."""
+    def disturb(self, name: str, on: bool | None = None) -> None:
+        """An event begins, or ends; None is one that is over by itself, such as a bump."""
         if on == (name in self.going_on):
             return
         self._learn()
-        self.going_on ^= {name}
+        if on is not None:
+            self.going_on ^= {name}
         for flight in self.flights:
-            (flight.begin if on else flight.end)(name)
+            (flight.end if on is False else flight.begin)(name)
 
     def follow(self, name: str) -> None:
         """Another path, after the present one faded out."""
@@ -121,15 +107,15 @@ class Session:
             return  # a slider says the same several times
         self.goal = replace(self.goal, joint_weight=weights)
         self._supervisor = self.rig.supervisor(goal=self.goal)
-        self._go_on(self.flights[0], self._supervised if self.diagnoses else self._unaware)
-        self._go_on(self.flights[1], self._unaware)
+        self.flights[0].hand_over(self._supervised if self.diagnoses else self._unaware)
+        self.flights[1].hand_over(self._unaware)
 
     def diagnose(self, on: bool) -> None:
         """Look for failures from now on, or go on with what is known."""
         self._learn()
         self.diagnoses, first = on, self.flights[0]
         if on:
-            self._go_on(first, self._supervised)
+            first.hand_over(self._supervised)
         elif isinstance(state := first.state, SupervisorState):
             first.hand_over(state.current, state.controller)
 
@@ -147,11 +133,7 @@ class Session:
             with suppress(ValueError):  # not long enough, or there was a failure
                 self._learned = self._supervisor.calibrated(state)
 
-    def _go_on(self, flight: Flight, pilot: Any) -> None:
-        flight.hand_over(pilot, pilot.transfer(flight.state))
-
     def last_minute(self) -> tuple[Run, Run]:
         """What happened to both of late."""
         first = max(0, self.tick - round(KEPT_S / self.rig.period_s))
-        one, other = (flight.run(first) for flight in self.flights)
-        return one, other
+        return self.flights[0].run(first), self.flights[1].run(first)

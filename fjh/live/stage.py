@@ -5,15 +5,15 @@ from functools import partial
 
 import mujoco
 import numpy as np
-import trimesh
 import viser
 from mjviser.conversions import merge_geoms
 from scipy.spatial.transform import Rotation
 
-from fjh.live.flight import Flight
+from fjh.live.session import Session
 from fjh.recording.file import rgb, round_down
 from fjh.recording.machine import ahead_of
-from fjh.recording.motion import BODIES, Motion, mover
+from fjh.recording.motion import Motion, mover
+from fjh.recording.view import stated_of
 from fjh.rig import Rig
 from fjh.rig.bodies import body_name
 from fjh.rig.run import SOUND
@@ -34,35 +34,28 @@ _DRAWN_GROUPS = 3
 """The first groups of geoms are what MuJoCo's viewer shows."""
 
 
-def factor_of(rig: Rig) -> int:
-    """By which the motion of a rig is magnified to be seen."""
-    turns = "rad" in rig.row_units
-    seen = _TURN_RAD if turns else _SHIFT * float(rig.model.stat.extent)
-    return int(round_down(max(1.0, seen / rig.size)))
-
-
 class Stage:
-    """The machines of some flights, each with its path.
+    """Both machines of a session, each with its path.
 
     Attributes:
         factor: By which all motion is magnified.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, rig: Rig, flights: Sequence[Flight], names: Sequence[str]
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, session: Session) -> None:
         """Draw them at rest, next to each other as the eye that the MJCF states sees them."""
+        self._session, rig, flight = session, session.rig, session.flights[0]
         model, extent = rig.model, float(rig.model.stat.extent)
+        seen = _TURN_RAD if "rad" in rig.row_units else _SHIFT * extent
+        self.factor = int(round_down(max(1.0, seen / rig.size)))
         ahead = _from_above(ahead_of(model))
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
-        self._pointer, self.factor = Pointer(rig, *flights[0].frame), factor_of(rig)
-        places = [(k - (len(names) - 1) / 2) * _APART * extent * right for k in range(len(names))]
+        self._pointer = Pointer(rig, *flight.frame)
         self._actors = [
-            Actor(server.scene, rig, name, place, color)
-            for name, place, color in zip(names, places, COLORS, strict=False)
+            Actor(server.scene, rig, name, side * _APART / 2 * extent * right, color)
+            for name, side, color in zip(NAMES, (-1, 1), COLORS, strict=True)
         ]
-        self._moves = mover(model, rig.file is None, flights[0].seen(slice(0, 1))[1][0])
+        self._moves = mover(model, rig.file is None, flight.seen(slice(0, 1))[1][0])
         centre = model.stat.center + np.array([0.0, 0.0, _HIGHER * extent])
         camera = server.initial_camera
         camera.look_at, camera.up = centre, np.array([0.0, 0.0, 1.0])
@@ -75,22 +68,18 @@ class Stage:
                 client.camera.position = centre - _DISTANCE / aspect * extent * ahead
                 client.camera.look_at = centre  # it has moved along
 
-    def show(
-        self, flights: Sequence[Flight], states: Sequence[str], course: Array,
-        tick: int | None = None,
-    ) -> None:  # fmt: skip
-        """How they are after a tick, None is the last, what failed, and where they go: (N, m1)."""
-        every = max(1, round(FRAME_S / flights[0].rig.period_s))
-        path = self._pointer.at(course, self.factor)
-        for actor, flight in zip(self._actors, flights, strict=True):
-            now = flight.tick if tick is None else tick
-            task, qpos, _ = flight.seen(slice(now - 1, now))
+    def show(self) -> None:
+        """How they are now, what failed, and where they go."""
+        session = self._session
+        every = max(1, round(FRAME_S / session.rig.period_s))
+        path = self._pointer.at(session.course.outline, self.factor)
+        for actor, flight in zip(self._actors, session.flights, strict=True):
+            last = flight.tick - 1
+            task, qpos, _ = flight.seen(slice(last, last + 1))
             actor.move(self._moves(task, qpos, self.factor))
-            late = flight.seen(
-                slice(now - 1 - every * min(_TRAIL, (now - 1) // every), now, every)
-            )[2]
-            actor.trail(self._pointer.at(late, self.factor), path)
-            actor.color(states)
+            trail = slice(last - every * min(_TRAIL, last // every), last + 1, every)
+            actor.trail(self._pointer.at(flight.seen(trail)[2], self.factor), path)
+            actor.color(session.states)
 
 
 def _from_above(ahead: Array) -> Array:
@@ -129,18 +118,23 @@ class Actor:
     ) -> None:
         """Draw it at a place, with a trail of a colour, below a name."""
         model, root = rig.model, "/" + name.replace(" ", "_")
-        self._place, self._scene, self._root = place, scene, root
+        self._place, red = place, np.array(rgb(FAILED))
         self._frames = dict[int, viser.FrameHandle]()
         self._sound, self._failed = dict[int, viser.GlbHandle](), dict[int, viser.MeshHandle]()
         for body in range(model.nbody):
             first = model.body_geomadr[body]
-            geoms = [g for g in range(first, first + model.body_geomnum[body]) if _drawn(model, g)]
-            if geoms:
-                self._add(body, merge_geoms(model, geoms))
+            geoms = [k for k in range(first, first + model.body_geomnum[body]) if _drawn(model, k)]
+            if not geoms:
+                continue
+            mesh, under = merge_geoms(model, geoms), f"{root}/bodies/{body}"
+            self._frames[body] = scene.add_frame(under, show_axes=False)
+            self._sound[body] = scene.add_mesh_trimesh(f"{under}/sound", mesh)
+            self._failed[body] = scene.add_mesh_simple(
+                f"{under}/failed", mesh.vertices, mesh.faces, color=red, visible=False
+            )
         ids = {body_name(model, k): k for k in range(model.nbody)}
         self._moves = model.body_weldid != 0
-        bodies = BODIES if rig.file is None else [(body,) for body in rig.bodies]
-        self._bodies = [[ids[b] for b in each if b in ids] for each in bodies]
+        self._bodies = [[ids[body] for body in each] for each in stated_of(rig).bodies]
         top = model.stat.center + np.array([0.0, 0.0, 0.75 * model.stat.extent])
         scene.add_label(f"{root}/name", name, position=place + top, anchor="bottom-center")
         lines = partial(
@@ -148,14 +142,6 @@ class Actor:
         )
         self._trail = lines(f"{root}/trail", colors=np.array(rgb(color)), thickness=3.0)
         self._course = lines(f"{root}/course", colors=np.array(rgb(_GREY)), thickness=1.0)
-
-    def _add(self, body: int, mesh: trimesh.Trimesh) -> None:
-        under = f"{self._root}/bodies/{body}"
-        self._frames[body] = self._scene.add_frame(under, show_axes=False)
-        self._sound[body] = self._scene.add_mesh_trimesh(f"{under}/sound", mesh)
-        self._failed[body] = self._scene.add_mesh_simple(
-            f"{under}/failed", mesh.vertices, mesh.faces, color=np.array(rgb(FAILED)), visible=False
-        )
 
     def move(self, motion: Motion) -> None:
         """To the last time of a motion."""
@@ -175,9 +161,9 @@ class Actor:
         """What has failed."""
         bad = {b for bodies, each in zip(self._bodies, states, strict=True) if each != SOUND
                for b in bodies}  # fmt: skip
-        for body, failed in self._failed.items():
-            if failed.visible != (body in bad):
-                failed.visible, self._sound[body].visible = body in bad, body not in bad
+        for body in self._failed:
+            self._failed[body].visible = body in bad
+            self._sound[body].visible = body not in bad
 
 
 def _drawn(model: mujoco.MjModel, geom: int) -> bool:

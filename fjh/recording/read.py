@@ -24,7 +24,8 @@ from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
 from fjh.study.foreign import read_arrays
 from fjh.study.spelling import LARGEST_FILE
-from sim import MODELS, load_model, model_sha256
+from sim import MODELS, load_model
+from sim.mjcf import model_sha256
 
 LARGEST = 1e6
 """Largest value in [s], [rad], [m] or [%]: what a machine does stays far below."""

@@ -25,7 +25,7 @@ from fjh.rig import Rig, Run
 from fjh.rig.run import SOUND
 from fjh.rig.units import ROWS, said
 from fjh.study.palette import BLACK, FAILED, GREEN, ORANGE
-from sim import model_sha256
+from sim.mjcf import model_sha256
 
 ERROR, INPUT, SECONDARY = "task/error", "actuators/input", "secondary/true"
 CLOSURE = "closure/residual"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ftc.goal import Goal
+from ftc import Goal
 from prioritized import (
     Kinematics,
     Status,
@@ -91,7 +91,7 @@ def compromising(
 ) -> Callable[[Kinematics], Compromise]:
     """A weighted pseudo-inverse of the survivors at any posture, with the goal's weights.
 
-    It is the `allocate` of a :class:`ftc.control.mapping.PrioritizedMapping`; arguments as
+    It is the `allocate` of a :class:`ftc.PrioritizedMapping`; arguments as
     :func:`weighted_pseudo_inverse`.
     """
 

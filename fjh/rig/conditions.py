@@ -8,7 +8,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import Failure, FailureKind
+from sim import Failure
+from sim.plant import FailureKind
 
 SOUND, LOCKED, FREE, LOOSE = 0, 1, 2, 3
 """Codes of actuators; the first three as in :class:`prioritized.FailureAtlas`."""

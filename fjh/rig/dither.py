@@ -12,11 +12,17 @@ from fjh.rig.options import COST_PART, DITHER_SIZE
 from fjh.rig.units import by_unit
 from fjh.study.errors import WrongInput
 from fjh.study.spelling import nearest
-from ftc.fdi.design.signatures import fault_responses
-from ftc.fdi.diagnosis import DEFAULT_CONFIG
-from ftc.fdi.dither import Dither
-from ftc.fdi.dither_design import Cost, DitherDesign, designed_dither
-from ftc.fdi.separation import Conditions, Separations, separations_at
+from ftc.fdi import (
+    DEFAULT_CONFIG,
+    Conditions,
+    Cost,
+    Dither,
+    DitherDesign,
+    Separations,
+    designed_dither,
+    fault_responses,
+    separations_at,
+)
 from sim import Array, Failure
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ import argument_checks as check
 from fjh.rig.draw import Draw, Family
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
-from sim import Array, Drive
+from sim import Array
+from sim.mjcf import Drive
 
 LIMITS: dict[str, tuple[float, float]] = {
     "gain": (0.0, 0.9),
@@ -49,7 +50,7 @@ class Mismatch:
             (alpha, beta), in a direction that is drawn.
         gain_drift_per_s: Half width of the relative rate at which each coil's gain changes.
         hysteresis: Part of the suspensions' stiffness that slips, as a Maxwell-slip chain
-            (:class:`sim.MaxwellSlip`); not drawn, but for where its elements slip.
+            (:class:`sim.plant.MaxwellSlip`); not drawn, but for where its elements slip.
         timestep_s: Of the physics; None is the model's.
         drift_per_s: Half width of the rate at which each sensor's zero moves, in standard
             deviations of one sample, of robots but the hexapod.

@@ -13,12 +13,9 @@ from fjh.rig.robot import Robot, robot_of, warnings_of
 from fjh.rig.robot_machine import RobotMachine
 from fjh.study.errors import WrongInput
 from fjh.study.spelling import check_file
-from ftc.control_task import ControlTask
-from ftc.controller import DirectDrive
-from ftc.tracking import TaskLost, Tracking, tracking
+from ftc import ControlTask, DirectDrive, TaskLost, Tracking, tracking
 from sim import Array, Plant, Pose
-from sim.mjcf.drive import names_of
-from sim.mjcf.frame import located
+from sim.mjcf import located, names_of
 
 
 def rig_of(model: Path | None, options: RobotOptions) -> Rig:

@@ -3,7 +3,7 @@
 Nothing is imported that takes time: the help text does not wait for it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -218,20 +218,25 @@ def check_bounds(name: str, value: Any, of: str | None = None) -> None:
         raise WrongInput(str(error)) from None
 
 
-_ROWS = {each: k for k in range(6) for each in (ROW_NAMES[k], ROWS[k], str(k))}
-"""Rows of a twist, by what each may be called."""
-
-
-def rows_of(name: str, given: Any) -> tuple[int, ...]:
+def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
     """Major rows by name or number, as a sequence or as text with commas between.
 
+    Args:
+        name: Of the argument, for messages.
+        given: The rows.
+        names: Of all rows, in lists if they have several; those of a twist if there are none.
+
     Raises:
-        WrongInput: There are none, others, or one twice; the argument's name is `name`.
+        WrongInput: There are none, others, or one twice.
     """
+    every = names or (ROWS, ROW_NAMES)
+    numbers = [str(k) for k in range(len(every[0]))]
+    known = {each: k for own in (numbers, *every) for k, each in enumerate(own)}
     parts = _parts(given)
-    found = tuple(_ROWS[part] for part in parts if part in _ROWS)
+    found = tuple(known[part] for part in parts if part in known)
     if not found or len(set(found)) < len(parts):
-        expected = f"different rows from 0 to 5 or of {','.join(ROW_NAMES)}"
+        listed = ",".join(every[-1])
+        expected = f"different rows from 0 to {len(numbers) - 1} or of {listed:.80}"
         raise WrongInput(f"{name} must be {expected}, got {given!s:.80}")
     return found
 

@@ -14,7 +14,7 @@ from fjh.rig.rig import Rig
 from fjh.rig.run import Run
 from fjh.study.errors import WrongInput
 from fjh.study.spelling import nearest
-from ftc.guarded_controller import GuardedController
+from ftc import GuardedController
 
 
 def controller_label(name: str) -> str:

@@ -10,14 +10,9 @@ import scipy.linalg
 import argument_checks as check
 from argument_checks.ties import greatest
 from fjh.rig.run import tick_of
-from ftc.control.compensator import sensitivity_peak
-from ftc.controller import PrioritizedController
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, at_rest, fault_model
-from ftc.goal import Goal
-from ftc.linear_loop import LinearLoop, Stage, steps
-from ftc.reconfiguration import goal_after
+from ftc import Goal, LinearLoop, PrioritizedController, Stage, goal_after, steps
+from ftc.control import sensitivity_peak
+from ftc.fdi import Diagnosis, Dither, Fault, at_rest, fault_model
 from sim import Array, Failure
 
 if TYPE_CHECKING:

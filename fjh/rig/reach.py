@@ -12,7 +12,7 @@ from fjh.rig.prediction import Prediction, predicted
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, diagnosed_since
 from fjh.study.errors import WrongInput
-from ftc.fdi.dither import Dither
+from ftc.fdi import Dither
 from sim import Array, Failure
 
 _POINTS = 100

@@ -30,21 +30,21 @@ from fjh.rig.run import Run, simulate, tick_of
 from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
 from fjh.study.spelling import nearest
-from ftc.control.compensator import Channel, Margins
-from ftc.control.mapping import PrioritizedMapping
-from ftc.control_task import ControlTask
-from ftc.controller import PrioritizedController
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel
-from ftc.feedforward import inverse_feedforward
-from ftc.goal import Goal
-from ftc.oracle import OracleController
-from ftc.reconfiguration import Unused
-from ftc.supervisor import Supervisor
+from ftc import (
+    ControlTask,
+    Goal,
+    OracleController,
+    PrioritizedController,
+    PrioritizedMapping,
+    Supervisor,
+    Unused,
+    inverse_feedforward,
+)
+from ftc.control import Channel, Margins
+from ftc.fdi import Dither, Fault, NominalModel
 from prioritized import Manipulability
-from sim import Array, Bench, Body, Failure, Pose, model_sha256
-from sim.mjcf.drive import number_of
-from sim.mjcf.part import Part
+from sim import Array, Bench, Body, Failure, Pose
+from sim.mjcf import Part, model_sha256, number_of
 
 _TURNS = 3
 """First rows of a twist."""
@@ -413,7 +413,7 @@ class Rig:
 
         Args:
             controller: As of :meth:`supervisor` or :meth:`controller`; any
-                :class:`ftc.loop.Controller`.
+                :class:`ftc.Controller`.
             path: Desired displacements of the major rows, tick by tick, shape (N, m1).
             failures: What happens, actuators by name or number.
             seed: Of the noise of all sensors.

@@ -13,23 +13,12 @@ import argument_checks as check
 from fjh.rig.options import RobotOptions
 from fjh.study.errors import WrongInput
 from fjh.study.spelling import nearest
-from ftc.goal import Goal
-from ftc.reconfiguration import Unused
-from ftc.tracking import is_possible, mapping_for
+from ftc import Goal, Unused, is_possible, mapping_for
 from prioritized import ConstrainedSystem
-from sim import (
-    Array,
-    ClosureError,
-    LinearPlant,
-    Mechanism,
-    ModelError,
-    Pin,
-    Plant,
-)
-from sim.mjcf.model import listed, start_of
-from sim.mjcf.transmission import drives
-from sim.plant.beyond_linear import beyond_linear
-from sim.scene.scene import Scene, robot_scene
+from sim import Array, ClosureError, LinearPlant, Mechanism, ModelError, Pin, Plant
+from sim.mjcf import drives, listed, start_of
+from sim.plant import beyond_linear
+from sim.scene import Scene, robot_scene
 
 _SIZE = 1e-3
 """Of a path, in radians or extents of the model: so small that the linear model holds."""
@@ -142,7 +131,7 @@ def robot_of(
 ) -> Robot:
     """The robot of a file; `at` are joint positions (nq,) to start at, None is the keyframe.
 
-    `settle` as of :func:`sim.scene.scene.robot_scene`.
+    `settle` as of :func:`sim.scene.robot_scene`.
 
     Raises:
         WrongInput: A weight or keyframe that the robot does not have.

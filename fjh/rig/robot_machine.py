@@ -10,7 +10,8 @@ import numpy as np
 from fjh.rig.draw import Draw
 from fjh.rig.mismatch import EXACT, Mismatch, sampled_model, without
 from fjh.rig.robot import Robot
-from sim import Array, Bench, Failure, JointSensors, Pose, Reading, Sensors, TaskSensor
+from sim import Array, Bench, Failure, Pose
+from sim.plant import JointSensors, Reading, Sensors, TaskSensor
 
 ALL = Mismatch(gain=0.03, damping=0.2, inertia=0.02, delay_ticks=1, drift_per_s=0.1, steps=2)
 """Everything at once: gains, dampers, inertias and delay as of the hexapod's testbed."""

@@ -4,24 +4,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from argument_checks.ties import greatest
 from fjh.rig.events import Event
-from ftc.fdi.fault_model import FaultKind
-from ftc.loop import Controller, LoopRun, run_loop
-from ftc.sensors import Sensors
-from ftc.status import explanation
-from ftc.supervisor import SupervisorState
-from sim import Array, Bench, Drive, Failure, Pose
+from ftc import Controller, LoopRun, Sensors, SupervisorState, explanation, run_loop
+from ftc.fdi import FaultKind
+from sim import Array, Bench, Failure, Pose
+from sim.mjcf import Drive
 
 if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 
-SOUND = "sound"
+SOUND: Final = "sound"
 """What an actuator is, or is taken for, that works."""
 
 

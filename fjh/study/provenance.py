@@ -13,7 +13,7 @@ import psutil
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-SOURCES = (
+_SOURCES = (
     "argument_checks/**/*.py",
     "experiments/**/*.py",
     "fjh/**/*.py",
@@ -24,7 +24,7 @@ SOURCES = (
     "prioritized/**/*.py",
     "sim/**/*.py",
 )
-REPORT = ("experiments/app/*.py",)
+_REPORT = ("experiments/app/*.py",)
 """All that makes numbers, figures and captions; and the report itself, which only shows them."""
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
@@ -60,15 +60,10 @@ def commit() -> str:
     return f"{_git('rev-parse', 'HEAD')}{changes}"
 
 
-def code_sha256(sources: Iterable[str] = SOURCES, without: Iterable[str] = REPORT) -> str:
-    """SHA-256 over the names and contents of project files.
-
-    Args:
-        sources: Patterns of the files, below the project's root.
-        without: Patterns of those among them that do not count.
-    """
+def code_sha256() -> str:
+    """SHA-256 over the names and contents of the files that make numbers."""
     digest = hashlib.sha256()
-    for file in sorted(_matching(sources) - _matching(without)):
+    for file in sorted(_matching(_SOURCES) - _matching(_REPORT)):
         digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()

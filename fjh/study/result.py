@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fjh.study.files import published, write_arrays, write_index
 from fjh.study.provenance import versions
-from sim import model_sha256
+from sim.mjcf import model_sha256
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

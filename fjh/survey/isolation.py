@@ -5,8 +5,7 @@ start, as docs/diagnosis-design.md says. By the linear model alone: nothing is s
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -22,49 +21,42 @@ from fjh.rig.rig import Rig
 from fjh.rig.units import ROWS, by_unit
 from fjh.study.errors import WrongInput
 from fjh.survey.subject import Subject
-from ftc.fdi.dither_design import DitherDesign
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.sensor_choice import ranked_sensors
-from ftc.fdi.separation import separations
-from ftc.fdi.uncertainty import CERTAIN
-from sim import HEXAPOD_MJCF, Array
+from ftc.fdi import CERTAIN, DitherDesign, Fault, ranked_sensors, separations
+from sim import Array
 
 SENSES: tuple[Sensing, ...] = ("task", "joints", "both")
-MOST_ADDED = 3  # further sensors that are looked for
 MOST_ACTUATORS = 12  # with more the search of a dither takes minutes
+MOST_ADDED = 3  # further sensors that are looked for
 
-_ERRORS = ("gain", "stiffness", "damping", "inertia", "delay_s")
-"""Of the model, that change signatures."""
 _STILL = 1e-9  # part of the largest motion that is round-off
 _ONE_VELOCITY = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def isolation_of(
-    subject: Subject, model: Path | None, sensors: Switch, servo: float | None
+    subject: Subject, sensors: Switch, servo: float | None
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """A row for each set of sensors, and settings: under what, or why nothing can be said."""
-    robot, refused = subject.robot, "isolation_refused"
+    robot, count = subject.robot, len(subject.actuators)
     if robot is None:
         alike = alike_columns(subject.system.J_T, subject.actuators, subject.system.rank_tolerance)
-        return pd.DataFrame([alike]), {refused: None}
-    if sensors == "off":
-        return pd.DataFrame(), {refused: "it was not asked for"}
-    if (count := len(subject.actuators)) > MOST_ACTUATORS:
-        said = f"it takes minutes for more than {MOST_ACTUATORS} actuators; there are {count}"
-        return pd.DataFrame(), {refused: said}
-    at = None if subject.instead is None else robot.scene.start.qpos
+        return pd.DataFrame([alike]), {"isolation_refused": None}
     # The loops are of position servos; all else takes the file as it is.
-    options = replace(robot.options, servo=servo, sense="both")
+    options, at = replace(robot.options, servo=servo, sense="both"), None
+    if subject.instead is not None:
+        at = robot.scene.start.qpos
     try:
-        rig = robot_rig(model or HEXAPOD_MJCF, options, at)
+        if sensors == "off":
+            raise WrongInput("it was not asked for")
+        if count > MOST_ACTUATORS:
+            raise WrongInput(f"it takes minutes for {count} actuators, more than {MOST_ACTUATORS}")
+        rig = robot_rig(subject.file, options, at)
         sensed = [told_apart(rig, sense)[1] for sense in SENSES]
     except (WrongInput, ValueError) as error:
-        return pd.DataFrame(), {refused: str(error)}
-    rows, known = [subject.row_units[row] for row in subject.major], asdict(CONDITIONS.uncertainty)
+        return pd.DataFrame(), {"isolation_refused": str(error)}
+    rows = [subject.row_units[row] for row in subject.major]
     return pd.DataFrame(sensed), {
-        refused: None,
+        "isolation_refused": None,
         "measuring_time_s": CONDITIONS.time_s,
-        **{f"uncertainty_{name}": known[name] for name in _ERRORS},
         **by_unit("path_size", rig.size, rows),
         **by_unit("sensor_noise", rig.noise, rows),
         **by_unit("encoder_noise", rig.encoder_noise, subject.units),
@@ -82,35 +74,31 @@ def alike_columns(B: Array, names: Sequence[Any], tolerance: float) -> dict[str,
     Args:
         B: Effects per input, shape (m, n).
         names: Of the inputs.
-        tolerance: Fraction of the scale below which a singular value is zero, as of the rank
-            decisions of a :class:`prioritized.ConstrainedSystem`: of two columns of norm one.
+        tolerance: Sine of an angle that is none; and part of the largest column that is no effect.
     """
     rows = np.linalg.norm(B, axis=1, keepdims=True)
-    scaled = np.divide(B, rows, out=np.zeros_like(B), where=rows > 0.0)
+    scaled = B / np.where(rows > 0.0, rows, 1.0)
     size = np.linalg.norm(scaled, axis=0)
     seen = np.flatnonzero(size > tolerance * size.max(initial=0.0))
-    unit = (scaled / np.where(size > 0.0, size, 1.0))[:, seen]
-    # Of [a, b] the singular values are |a - b| and |a + b| over the root of two.
-    apart, sums = (
-        np.linalg.norm(unit[:, :, None] + sign * unit[:, None, :], axis=0) for sign in (-1, 1)
-    )
-    small, large = np.minimum(apart, sums), np.maximum(apart, sums)
-    count, of_group = connected_components(small <= tolerance * large, directed=False)
+    unit = scaled[:, seen] / size[seen]
+    both = (unit[:, :, None] + sign * unit[:, None, :] for sign in (-1, 1))
+    apart = np.minimum(*(np.linalg.norm(each, axis=0) for each in both))
+    count, of_group = connected_components(apart <= 2 * tolerance, directed=False)
     groups = [[names[k] for k in seen[of_group == group]] for group in range(count)]
-    found = {
+    nearest, angle = [], None
+    if count > 1:
+        between = np.where(of_group[:, None] == of_group, np.inf, apart)
+        i, j = divmod(least(between.ravel()), len(seen))
+        nearest = [names[seen[i]], names[seen[j]]]
+        angle = float(np.rad2deg(2 * np.arcsin(apart[i, j] / 2)))
+    return {
         "sensors": "effects",
         "isolable": sum(len(group) == 1 for group in groups),
         "alike": [group for group in groups if len(group) > 1],
         "without_effect": [names[k] for k in np.setdiff1d(np.arange(B.shape[1]), seen)],
-        "nearest": [],
-        "smallest_angle_deg": None,
+        "nearest": nearest,
+        "smallest_angle_deg": angle,
     }
-    if count > 1:
-        between = np.where(of_group[:, None] == of_group, np.inf, small)
-        i, j = divmod(least(between.ravel()), len(seen))
-        angle = float(np.rad2deg(2 * np.arctan2(small[i, j], large[i, j])))
-        found |= {"nearest": [names[seen[i]], names[seen[j]]], "smallest_angle_deg": angle}
-    return found
 
 
 def with_sensors(rig: Rig, sense: Sensing) -> Rig:
@@ -134,8 +122,8 @@ def told_apart(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
         raise ValueError("the major task leaves no motion by which failures could be told apart")
     apart, dither = design.separations, design.dither
     exact = separations(watched, dither, replace(CONDITIONS, uncertainty=CERTAIN))
-    left, added, isolable = candidates(rig, sense), dict[str, int](), apart.isolable()
-    most = len(isolable)
+    isolable, added = apart.isolable(), dict[str, int]()
+    left, most = further_sensors(rig, sense), len(isolable)
     while left and len(added) < MOST_ADDED and most < len(apart.faults):
         best = ranked_sensors(watched, left, dither, CONDITIONS)[0]
         if (with_it := len(best.separations.isolable())) <= most:
@@ -164,33 +152,33 @@ def told_apart(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
     }
 
 
-def candidates(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
-    """Rows per state of what a further sensor may measure, and its noise, by its name.
+def further_sensors(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
+    """Rows per state of what a sensor that the robot does not have may measure, and its noise.
 
     Encoders of the actuators, the other rows of the twist, and encoders of hinges and slides that
-    nothing drives; those that the robot does not have. All are as precise as forward kinematics
-    from encoders of the actuators.
+    nothing drives, by name. All are as precise as forward kinematics from the actuators' encoders.
     """
     linear, model = rig.machine.robot.linear, rig.machine.robot.scene.own
     assert linear.motion is not None  # that of a plant
-    encoders, twist, moves = linear.C_active, linear.C_twist, linear.motion
-    found = {} if sense != "task" else _named("encoder of", rig.actuators, encoders)
-    for k, name in enumerate(ROWS):
-        if k not in rig.major or sense == "joints":
-            found[f"sensor of {name}"] = twist[k]
+    encoders, moves = linear.C_active, linear.motion
     driven = {drive.joint for drive in rig.machine.robot.alone.drives}
     free = [k for k in range(model.njnt) if k not in driven and model.jnt_type[k] in _ONE_VELOCITY]
-    at = model.jnt_dofadr[free]
-    positions = np.hstack([moves[at], np.zeros_like(moves[at])])
-    found |= _named("encoder of", [linear.joints[k] for k in at], positions)
+    passive = {
+        linear.joints[k]: np.append(moves[k], 0.0 * moves[k]) for k in model.jnt_dofadr[free]
+    }
+    of_joints = dict(zip(rig.actuators, encoders, strict=True)) if sense == "task" else {}
+    found = {f"encoder of {name}": row for name, row in (of_joints | passive).items()}
+    found |= {
+        f"sensor of {name}": row
+        for k, (name, row) in enumerate(zip(ROWS, linear.C_twist, strict=True))
+        if k not in rig.major or sense == "joints"
+    }
     per_encoder = np.linalg.pinv(encoders[:, : moves.shape[1]])
-    moved = {k: np.abs(row[: len(per_encoder)] @ per_encoder).max() for k, row in found.items()}
+    moved = {
+        name: np.abs(row[: len(per_encoder)] @ per_encoder).max() for name, row in found.items()
+    }
     return {
         name: (row, float(rig.encoder_noise * moved[name]))
         for name, row in found.items()
         if moved[name] > _STILL * max(moved.values())
     }
-
-
-def _named(kind: str, names: Sequence[str], rows: Array) -> dict[str, Array]:
-    return {f"{kind} {name}": row for name, row in zip(names, rows, strict=True)}

@@ -1,6 +1,5 @@
 """A survey for a reader: printed tables, sentences, a figure, one page."""
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from pandas.api.types import is_float_dtype
 
 from fjh.rig.conditions import FREE, KINDS, LOCKED, counted, listed
 from fjh.rig.examined import NO_ROOM, Examined
@@ -25,53 +23,54 @@ from sim import Array
 _NEAR = 10.0  # gap of a rank decision below which a verdict is uncertain
 
 
-def shown(title: str, tables: Mapping[str, pd.DataFrame]) -> list[Shown]:
+def shown(subject: Subject, tables: Mapping[str, pd.DataFrame]) -> list[Shown]:
     """The printed tables; single failures without the columns that have no value."""
     conditions, isolation = tables["conditions"], tables["isolation"]
     single = conditions[conditions.failures < 2].dropna(axis=1, how="all")
     columns = [
-        f"{name}:{'.0%' if name.endswith(('_left', '_of_postures')) else '.3g'}"
-        if is_float_dtype(values)
-        else name
-        for name, values in single.items()
-        if not re.search("^worst_|_over_postures$|_directions$", name) and name not in _NOT_SHOWN
+        f"{name}{digits}"
+        for pattern, digits in _COLUMNS.items()
+        for name in single.filter(regex=pattern)
     ]
-    told_apart = "sensors isolable failures isolable_with_exact_model dither_hz:g "
-    told_apart += "further_sensors isolable_with_further"
-    if "nearest" in isolation:
-        told_apart = "sensors isolable alike without_effect nearest smallest_angle_deg:.3g"
     found = [
-        Shown(f"{title}: single failures", single, " ".join(columns), _LEGEND),
+        Shown(f"{subject.title}: single failures", single, " ".join(columns), _LEGEND),
         Shown("Conditions by failures", tables["counts"], "failures conditions:, survived:,"),
         Shown("What the failures of each actuator leave", tables["actuators"], _COSTS, _LEFT),
     ]
     if len(isolation):
-        words = isolation.map(_joined)
-        found.append(Shown("Failures that sensors tell apart", words, told_apart, _TOLD_APART))
+        columns = _OF_MATRIX if subject.robot is None else _OF_ROBOT
+        words = isolation.map(
+            lambda each: ", ".join(map(str, each)) if isinstance(each, list) else each
+        )
+        found.append(Shown("Failures that sensors tell apart", words, columns, _TOLD_APART))
     return found
 
 
-_NOT_SHOWN = ("failures", "locked", "free", "survived", "rank_gap")
+_COLUMNS = {
+    "^(failed|major_task)$": "",
+    "_left$": ":.0%",
+    "^(relative_manipulability|largest_gain.*|error_gain.*)(?<!_over_postures)$": ":.3g",
+    "^lost_secondary$": "",
+    "^share_of_postures$": ":.0%",
+}
+"""Patterns of the columns that are printed of conditions, and formats."""
 _LEGEND = (
     "left: in the worst direction within the limits, of that without failures. "
-    "relative_manipulability: sqrt(det J_m J_m^T) over that without failures; best_possible: what "
-    "no robot with as many actuators exceeds for every set of as many locked ones. largest_gain: "
+    "relative_manipulability: sqrt(det J_m J_m^T) over that without failures. largest_gain: "
     "norm of the actuators' motion per unit of the major task; error_gain: major error per norm of "
     "the actuators' errors. share_of_postures: at which the task is kept."
 )
 _COSTS = "actuator left_locked:.0% left_free:.0% doubles_survived:.0% costs_most"
 _LEFT = "left: in the mean over start and postures. doubles_survived: part of the double failures."
+_OF_MATRIX = "sensors isolable alike without_effect nearest smallest_angle_deg:.3g"
+_OF_ROBOT = (
+    "sensors isolable failures isolable_with_exact_model dither_hz:g further_sensors "
+    "isolable_with_further"
+)
 _TOLD_APART = (
     "isolable: failures (of a robot each actuator locked, free, half weak) that look like no "
     "failure of another actuator and not like none. further_sensors: the best, one after another."
 )
-
-
-def _joined(value: Any) -> Any:
-    """A list as a cell, groups in it with signs of equality; anything else as it is."""
-    if not isinstance(value, list):
-        return value
-    return ", ".join(" = ".join(one) if isinstance(one, list) else str(one) for one in value)
 
 
 def headline(subject: Subject, start: Examined) -> str:
@@ -98,23 +97,22 @@ def notes(
         yield subject.instead
     if near := int((start.left.gap < _NEAR).sum()):
         yield f"{near:,} verdicts would change with a tolerance of ranks within {_NEAR:g} times it."
-    if (speed := start.left.worst_speed) is not None and np.isinf(speed[0]):
-        yield f"No limit bounds the {subject.measure}: rates of norm one are compared."
     costly = actuators.actuator[actuators.costs_most].tolist()
     if 0 < len(costly) < len(actuators):
         yield f"The failure of {listed(costly, 'or')} costs most."
     if drawn := settings["postures_drawn"]:
         possible, closed = (settings[f"postures_{k}"] for k in ("possible", "examined"))
-        yield f"The task is possible without failures at {possible} of {closed} postures."
-        if drawn > closed:
-            yield f"{drawn - closed} more could not be closed within the joint ranges."
+        yield (
+            f"Of {drawn} other postures {closed} close within the joint ranges; the task is "
+            f"possible without failures at {possible} of them."
+        )
     if (refused := settings["isolation_refused"]) is not None:
         yield f"Which failures sensors tell apart is not said: {refused.removesuffix('.')}."
-    limits = {"rates" if subject.robot else "inputs": subject.rates, "forces": subject.torques}
-    for what, limited in limits.items():
-        if limited is not None:
-            source = limited.source or "none are stated, and one unit is taken for each actuator"
-            yield f"Limits of the {what}: {source}."
+    said = [
+        f"of the {what}: {source or 'none are stated, and one unit each is taken'}"
+        for what, source in subject.sources.items()
+    ]
+    yield f"Limits {'; '.join(said)}."
     for each in (*settings["left_out"], *subject.warnings):
         yield f"{each[0].upper()}{each[1:].removesuffix('.')}."
 
@@ -168,18 +166,15 @@ def figure_survey(subject: Subject, start: Examined) -> Figure:
 
 
 def _bars(axes: Axes, names: tuple[str, ...], start: Examined) -> None:
-    at = np.arange(len(names))
-    for kind, word in KINDS.items():
-        rows = start.singles[:, kind - LOCKED]
-        left, place = np.nan_to_num(start.speed_left[rows]), at + 0.2 * (2 * (kind - LOCKED) - 1)
-        axes.barh(place, left, 0.36, color=_COLORS[kind], label=word)
-        lost = ~start.survived[rows]
-        axes.plot(0 * place[lost], place[lost], **_MARK)
+    for (kind, word), rows, aside in zip(KINDS.items(), start.singles.T, (-0.2, 0.2), strict=True):
+        at, lost = np.arange(len(names)) + aside, ~start.survived[rows]
+        axes.barh(at, np.nan_to_num(start.speed_left[rows]), 0.36, color=_COLORS[kind], label=word)
+        axes.plot(0 * at[lost], at[lost], **_MARK)
     axes.plot([], [], **_MARK, label="task lost")
     axes.axvline(1.0, color=BLACK, lw=0.8, label="without failures")
     axes.set(xlabel="left, of that without failures", title="one failure")
     axes.set(ylim=(len(names) - 0.5, -0.5))
-    axes.set_yticks(at, names, parse_math=False)
+    axes.set_yticks(range(len(names)), names, parse_math=False)
     axes.grid(axis="y", visible=False)
 
 
@@ -189,15 +184,13 @@ def _pairs(axes: Axes, names: tuple[str, ...], left: Array) -> None:
     shown = axes.imshow(np.where(left == 0, -1.0, left), cmap=lost, vmin=0.0, vmax=1.0)
     n = len(names)
     step = -(-n // _MOST_NAMES)
-    some = np.arange(0, n - step + 1, step)
-    at = np.concatenate([some, n + some])
+    at = [k + part for part in (0, n) for k in range(0, n - step + 1, step)]
     labels = [names[k % n] for k in at]
     axes.set_xticks(at, labels, rotation=90, parse_math=False)
     axes.set_yticks(at, labels, parse_math=False)
-    for k, word in enumerate(KINDS.values()):
-        middle = (0.25 + 0.5 * k, 1.02)
-        axes.text(*middle, word, transform=axes.transAxes, ha="center")
-        axes.text(1.02, 1 - middle[0], word, transform=axes.transAxes, va="center", rotation=-90)
+    for middle, word in zip((0.25, 0.75), KINDS.values(), strict=True):
+        axes.text(middle, 1.02, word, transform=axes.transAxes, ha="center")
+        axes.text(1.02, 1 - middle, word, transform=axes.transAxes, va="center", rotation=-90)
     axes.axhline(n - 0.5, color=BLACK, lw=0.6)
     axes.axvline(n - 0.5, color=BLACK, lw=0.6)
     axes.grid(visible=False)
@@ -208,10 +201,9 @@ def _pairs(axes: Axes, names: tuple[str, ...], left: Array) -> None:
 def pair_table(start: Examined) -> Array:
     """What is left of each pair, locked ones first, shape (2 n, 2 n); singles on the diagonal."""
     n = start.codes.shape[1]
-    left = np.full((2 * n, 2 * n), np.nan)
+    table, left = np.full((2 * n, 2 * n), np.nan), np.where(start.survived, start.speed_left, 0.0)
+    failed = np.hstack([start.codes == LOCKED, start.codes == FREE])
     for row in np.flatnonzero((start.failures == 1) | (start.failures == 2)):
-        failed = np.flatnonzero(start.codes[row])
-        at = failed + n * (start.codes[row, failed] - LOCKED)
-        kept = start.speed_left[row] if start.survived[row] else 0.0
-        left[at[0], at[-1]] = left[at[-1], at[0]] = kept
-    return left
+        one, *_, other = np.flatnonzero(failed[row]).repeat(2)
+        table[one, other] = table[other, one] = left[row]
+    return table

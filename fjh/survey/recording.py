@@ -4,7 +4,7 @@ What the sound robot can do there and the failed one cannot; or, where a free ac
 robot move with every other one held, that motion.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -12,17 +12,16 @@ import numpy as np
 
 from fjh.recording.file import RecordingInfo
 from fjh.recording.layout import write_scenes
-from fjh.recording.machine import Failing
 from fjh.recording.scene import Scene, condition_scene
 from fjh.recording.signals import Plot
 from fjh.rig.bodies import body_name
-from fjh.rig.conditions import KINDS, listed
+from fjh.rig.conditions import KINDS, in_words, listed
 from fjh.rig.examined import Examined, directions_in_words
 from fjh.study.result import literal
 from fjh.survey.subject import Subject, common
 from prioritized import Kinematics
 from sim import Array
-from sim.mjcf.transmission import drives
+from sim.mjcf import drives
 
 MOST = 6  # cells that a screen has room for, one recording
 _SIZE = 1e-3  # largest joint velocity times time, [rad] or [m]: loops stay closed to first order
@@ -39,28 +38,27 @@ class Loss:
     direction: Array  # of the task rows, a unit vector (m,)
     velocities: Array  # along it, of all joints, then of drives that are no joints, (N,)
     drifts: bool  # whether it is a self-motion of the failed robot
-    rows: tuple[int, ...]  # of the conditions
+    rows: list[int]  # of the conditions
+
+    def is_along(self, other: "Loss") -> bool:
+        """Whether a reader takes both for the same."""
+        apart = (np.abs(self.direction - s * other.direction).max() for s in (-1, 1))
+        return self.drifts == other.drifts and min(apart) < _SAME
 
 
 def losses(subject: Subject, start: Examined) -> list[Loss]:
     """Each direction once, with all single failures that cost it, in the order of these."""
+    found = list[Loss]()
     if subject.robot is None or not start.survived[0]:
-        return []
-    found: list[Loss] = []
+        return found
     for row in start.singles.T.ravel().tolist():
         for loss in _of_condition(subject, start, row):
-            same = next((k for k, other in enumerate(found) if _are_same(loss, other)), None)
+            same = next((each for each in found if each.is_along(loss)), None)
             if same is None:
                 found.append(loss)
             else:
-                found[same] = replace(found[same], rows=(*found[same].rows, row))
+                same.rows.append(row)
     return found
-
-
-def _are_same(one: Loss, other: Loss) -> bool:
-    return one.drifts == other.drifts and (
-        min(np.abs(one.direction + sign * other.direction).max() for sign in (-1, 1)) < _SAME
-    )
 
 
 def _of_condition(subject: Subject, start: Examined, row: int) -> list[Loss]:
@@ -79,9 +77,9 @@ def _of_condition(subject: Subject, start: Examined, row: int) -> list[Loss]:
         direction = np.zeros(len(subject.rows))
         direction[rows] = part
         rates = mapping(direction[major], secondary_velocity=direction[secondary])
-        found.append(Loss(direction, sound.velocities(rates), False, (row,)))
+        found.append(Loss(direction, sound.velocities(rates), False, [row]))
     return found + [
-        Loss(each, self_motion(failed, subject.system.J_T, each), True, (row,))
+        Loss(each, self_motion(failed, subject.system.J_T, each), True, [row])
         for each in bases["unstable"].T
     ]
 
@@ -104,30 +102,22 @@ def write_losses(
     found = losses(subject, start)
     results = {"study": "survey", "robot": subject.title, "verdict": verdict}
     properties = {"model_sha256": subject.sha256, "command": command}
-    for part, begin in enumerate(range(0, len(found), MOST), start=1):
-        shown = found[begin : begin + MOST]
-        scenes = {title(subject, start, loss): _scene(subject, start, loss) for loss in shown}
-        notes = [
-            f"# {literal(subject.title)}",
-            "",
-            *(f"- {literal(title(subject, start, loss, most=99))}" for loss in shown),
-            "",
-            f"{len(shown)} of {len(found)} directions. Made by `{command}`.",
-        ]
-        number = "" if part == 1 else f"_{part}"
+    for begin in range(0, len(found), MOST):
+        shown, number = found[begin : begin + MOST], f"_{begin // MOST + 1}" * (begin > 0)
+        titles = [title(subject, start, loss, most=99) for loss in shown]
+        notes = "\n- ".join([f"# {literal(subject.title)}\n", *map(literal, titles)])
+        notes += f"\n\n{len(shown)} of {len(found)} directions. Made by `{command}`."
         identity, name = f"survey-{subject.title}{number}", f"Survey of {subject.title}{number}"
-        about = RecordingInfo(identity, name, "\n".join(notes), properties, results)
+        about = RecordingInfo(identity, name, notes, properties, results)
+        scenes = {title(subject, start, loss): _scene(subject, start, loss) for loss in shown}
         write_scenes(folder / f"survey{number}.rrd", about, scenes, pages=False)
 
 
 def title(subject: Subject, start: Examined, loss: Loss, most: int = 3) -> str:
     """The failures, of many the first, and the direction."""
-    codes, parts = start.codes[list(loss.rows)], []
-    for kind, word in KINDS.items():
-        if names := [subject.actuators[k] for k in np.nonzero(codes == kind)[1]]:
-            parts.append(f"{listed(names, 'or', most)} {word}")
+    failures = [in_words(start.codes[row], subject.actuators) for row in loss.rows]
     what = directions_in_words(loss.direction[:, None], subject.rows)
-    return f"{', or '.join(parts)}: {what} {'drifts' if loss.drifts else 'is lost'}"
+    return f"{listed(failures, 'or', most)}: {what} {'drifts' if loss.drifts else 'is lost'}"
 
 
 def _scene(subject: Subject, start: Examined, loss: Loss) -> Scene:
@@ -141,18 +131,15 @@ def _scene(subject: Subject, start: Examined, loss: Loss) -> Scene:
     qpos = np.tile(nominal, (len(time_s), 1))
     for each, size in zip(qpos, wave, strict=True):
         mujoco.mj_integratePos(model, each, joints, size)
-    still = np.zeros_like(wave)
-    values = 1e6 * np.column_stack([still, wave] if loss.drifts else [wave, still])
+    values = 1e6 * np.outer(wave, [not loss.drifts, loss.drifts])
     along = np.flatnonzero(np.abs(loss.direction) > _PART)
-    unit = common(tuple(subject.row_units[k] for k in along))
+    unit = common(tuple(f"u{subject.row_units[k]}" for k in along)).replace("mixed", "1e-6 rad, m")
     names = ("without failures", "after the failure")
-    unit = "1e-6 rad, m" if unit == "mixed" else f"u{unit}"
     plot = Plot("along", f"along the direction [{unit}]", names, time_s, values)
-    failing, driven, codes = list[Failing](), drives(model), start.codes[list(loss.rows)]
-    for actuator in np.flatnonzero(codes.any(axis=0)).tolist():
-        if (joint := driven[actuator].joint) is not None:
-            kinds = [word for kind, word in KINDS.items() if (codes[:, actuator] == kind).any()]
-            body = body_name(model, int(model.jnt_bodyid[joint]))
-            said = f"{subject.actuators[actuator]} {listed(kinds, 'or')}"
-            failing.append(([body], [(0.0, said)]))
+    failing, codes = [], start.codes[loss.rows]
+    for drive, name, own in zip(drives(model), subject.actuators, codes.T, strict=True):
+        if own.any() and drive.joint is not None:
+            kinds = [word for kind, word in KINDS.items() if kind in own]
+            body = body_name(model, int(model.jnt_bodyid[drive.joint]))
+            failing.append(([body], [(0.0, f"{name} {listed(kinds, 'or')}")]))
     return condition_scene(model, time_s, qpos, [plot], nominal=nominal, failing=failing)

@@ -304,9 +304,13 @@ class PrioritizedMapping(Generic[Pose]):
         """What the form of the mapping leaves to do.
 
         Raises:
-            ValueError: What it goes on from is missing.
+            ValueError: What it goes on from is missing, or an argument has a wrong shape.
         """
-        wanted = None if secondary_reference is None else self._of_survivors(secondary_reference)
+        n, wanted = self.actuators, None
+        demand = _vector("demand", demand, len(self._major))
+        if secondary_reference is not None:
+            reference = _vector("secondary_reference", secondary_reference, n)
+            wanted = self._of_survivors(reference)
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
@@ -319,7 +323,8 @@ class PrioritizedMapping(Generic[Pose]):
         elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
         else:
-            here, task = self._of_survivors(commanded), self._task(pose)
+            here = self._of_survivors(_vector("commanded", commanded, n))
+            task = self._task(pose)
         joint = -here if wanted is None else wanted - here
         if task is None:
             return _Step(here, demand, joint, wanted, self._still)
@@ -443,3 +448,9 @@ class PrioritizedMapping(Generic[Pose]):
         every = np.zeros(self.actuators)
         every[self._surviving] = displacements
         return every
+
+
+def _vector(name: str, value: Array, size: int) -> Array:
+    """One vector; at every tick what is one already is passed on."""
+    is_right = check.is_plain(value) and value.shape == (size,)
+    return value if is_right else check.exactly(name, value, size)

@@ -44,7 +44,7 @@ def ranked_sensors(
         nominal: The plant without failures, and what is measured of it already.
         candidates: By name: what a sensor measures, a row per state (s,), and the standard
             deviation of one sample. A disturbance in `conditions` does not reach it.
-        dither: As of :func:`ftc.fdi.separation.separations`.
+        dither: As of :func:`ftc.fdi.separations`.
         conditions: As there.
 
     Raises:

@@ -53,7 +53,8 @@ class Asked:
         tie_metric: ArrayLike | None,
     ) -> "Asked":
         """Levels of tasks of a mechanism; see :meth:`Kinematics.hierarchy`."""
-        survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
+        survivors, reduced = mechanism._survivors, mechanism._reduced
+        units = reduced.task_units, reduced.rate_units
         levels = tuple(
             level_of(f"levels[{k}]", tuple(map(survivors.task, each)), *units)
             for k, each in enumerate(tasks)
@@ -75,7 +76,8 @@ class Asked:
 
     def at(self, mechanism: "Kinematics") -> "Asked":
         """These levels for the mechanism at another pose, or after other failures."""
-        survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
+        survivors, reduced = mechanism._survivors, mechanism._reduced
+        units = reduced.task_units, reduced.rate_units
         if all(map(_equal, (survivors.actuators, *units), (self.survivors.actuators, *self.units))):
             return self
         return Asked.of(mechanism, self.tasks, self.tie_metric)

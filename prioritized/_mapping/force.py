@@ -53,10 +53,6 @@ class ForceMapping(ReadOnly):
     torques = major @ f_m + torque @ torques_desired + secondary @ f_s_desired
 
     Attributes:
-        torque_gains: Gains of the torques: `major` (..., n, m1), `torque` (..., n, n), `secondary`
-            (..., n, m2).
-        secondary_gains: Gains of the secondary force, (..., m2, .).
-        internal_gains: Gains of the internal force, (..., r, .).
         achieved: Major force in equilibrium per major force commanded, (..., m1, m1).
         reaction: Orthogonal projector on the task forces that the structure bears without any
             torque, shape (..., m, m); zero when there are none. Where these have a major part, the
@@ -64,27 +60,22 @@ class ForceMapping(ReadOnly):
         rank: Dimension of the major forces that equilibrium admits, shape (...).
         gap: Factor by which the rank threshold could change before any rank would, shape (...).
         status: What holds for every problem of the batch.
-        problem: The checked arguments.
-        limiting: Limits of the unknowns [f_m; f_s; eta]; those of the torques are its first rows.
-            None is none.
-        torque_limits: Lower and upper limits of the torques, shape (2, n); None is none.
         closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
-        units: In which the problem states forces and torques; None are those of J.
     """
 
-    torque_gains: Gains
-    secondary_gains: Gains
-    internal_gains: Gains
+    _torque_gains: Gains
+    _secondary_gains: Gains
+    _internal_gains: Gains
     achieved: Array
     reaction: Array
     rank: Indices
     gap: Array
     status: Status
-    problem: Problem
-    limiting: Limiting | None
-    torque_limits: Limits | None
+    _problem: Problem
+    _limiting: Limiting | None  # of the unknowns [f_m; f_s; eta]; its first rows are the torques'
+    _torque_limits: Limits | None
     closure_condition: float = 1.0
-    units: "ForceUnits | None" = None
+    _units: "ForceUnits | None" = None  # in which the problem is stated; None are those of J
 
     def __str__(self) -> str:
         sentences = (
@@ -97,10 +88,10 @@ class ForceMapping(ReadOnly):
     @property
     def characteristic_length(self) -> float | None:
         """As of a :class:`VelocityMapping`."""
-        if self.units is None:
+        if self._units is None:
             return None
-        is_met = self.status is not Status.LEAST_SQUARES and self.limiting is None
-        return self.units.measure.length(not is_met, self.problem.has_ties)
+        is_met = self.status is not Status.LEAST_SQUARES and self._limiting is None
+        return self._units.measure.length(not is_met, self._problem.has_ties)
 
     @cached_property
     def largest_gain(self) -> Array:
@@ -109,24 +100,24 @@ class ForceMapping(ReadOnly):
         In natural units where there are two kinds of either.
         """
         gain = self.major
-        if self.units is not None:
-            gain = self.units.measure.inverse.of_gain(gain)
+        if self._units is not None:
+            gain = self._units.measure.inverse.of_gain(gain)
         return read_only(largest(gain))
 
     @property
     def major(self) -> Array:
         """Torques per major force, shape (..., n, m1)."""
-        return self.torque_gains[0]
+        return self._torque_gains[0]
 
     @property
     def torque(self) -> Array:
         """Torques per desired torque, shape (..., n, n)."""
-        return self.torque_gains[1]
+        return self._torque_gains[1]
 
     @property
     def secondary(self) -> Array:
         """Torques per desired secondary force, shape (..., n, m2)."""
-        return self.torque_gains[2]
+        return self._torque_gains[2]
 
     def __call__(
         self,
@@ -135,9 +126,9 @@ class ForceMapping(ReadOnly):
         secondary_force: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint torques, shape (..., n); what is None counts as zero."""
-        if self.limiting is not None:
+        if self._limiting is not None:
             return self.solve(f_major, torque, secondary_force).torques
-        return _respond(self.torque_gains, f_major, torque, secondary_force)
+        return _respond(self._torque_gains, f_major, torque, secondary_force)
 
     def solve(
         self,
@@ -162,7 +153,7 @@ class ForceMapping(ReadOnly):
         Raises:
             ValueError: A force or torque of the wrong shape or not finite, by its name.
         """
-        problem = self.problem
+        problem = self._problem
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
             problem.lead,
@@ -171,38 +162,33 @@ class ForceMapping(ReadOnly):
             torque=(torque, n),
             secondary_force=(secondary_force, len(problem.S_s)),
         )
-        if self.units is not None:
-            p = p * self.units.inputs
+        if self._units is not None:
+            p = p * self._units.inputs
         begun = None if start is None else check.instance("start", start, ForceSolution).point
-        best = optimum(self.levels, p, self._within, problem.tolerance, begun)
+        best = optimum(self._levels, p, self._within, problem.tolerance, begun)
         return ForceSolution(self, p, best)
 
     @property
-    def forces(self) -> Forces:
+    def _forces(self) -> Forces:
         """Task force and torques per unknown."""
-        return forces_of(self.problem)
+        return forces_of(self._problem)
 
     @property
-    def levels(self) -> list[Level]:
+    def _levels(self) -> list[Level]:
         """Problem 6 as levels of least squares."""
-        return force_levels(self.problem, self.forces)
+        return force_levels(self._problem, self._forces)
 
     @property
-    def rows(self) -> tuple[Rows, ...]:
+    def _rows(self) -> tuple[Rows, ...]:
         """Inequality rows of the unknowns; the first are the torques, if without limits."""
         return self._within.rows
 
     @property
     def _within(self) -> Limiting:
-        if self.limiting is not None:
-            return self.limiting
-        n = self.problem.J.shape[-1]
-        return _of_torques(self.forces, limits("torque_limits", None, n))
-
-    @property
-    def tolerance(self) -> float:
-        """Fraction of the scale below which a singular value is zero."""
-        return self.problem.tolerance
+        if self._limiting is not None:
+            return self._limiting
+        n = self._problem.J.shape[-1]
+        return _of_torques(self._forces, limits("torque_limits", None, n))
 
     def secondary_force(
         self,
@@ -211,7 +197,7 @@ class ForceMapping(ReadOnly):
         secondary_force: ArrayLike | None = None,
     ) -> Array:
         """The secondary force f_s that goes with the torques, shape (..., m2)."""
-        return _respond(self.secondary_gains, f_major, torque, secondary_force)
+        return _respond(self._secondary_gains, f_major, torque, secondary_force)
 
     def internal_force(
         self,
@@ -220,7 +206,7 @@ class ForceMapping(ReadOnly):
         secondary_force: ArrayLike | None = None,
     ) -> Array:
         """The internal force eta that goes with the torques, shape (..., r): one per row of C."""
-        return _respond(self.internal_gains, f_major, torque, secondary_force)
+        return _respond(self._internal_gains, f_major, torque, secondary_force)
 
     def residual(self, f_major: ArrayLike) -> Array:
         """Part of the major force that no equilibrium admits, shape (..., m1)."""
@@ -371,12 +357,13 @@ def force_mapping_of(
         scale=None,
         rank_tolerance=RANK_TOLERANCE,
     )
-    measure, rows = mechanism.measure(own.S_m), mechanism.task_units
-    secondary_units, rates = units_of(own.S_s, rows), mechanism.rate_units
-    C, common = mechanism.constraint, mechanism.common_unit
+    reduced = mechanism._reduced
+    measure, rows = reduced.measure(own.S_m), reduced.task_units
+    secondary_units, rates = units_of(own.S_s, rows), reduced.rate_units
+    C, common = reduced.constraint, reduced.common_unit
     internal = (mechanism.active_constraint / rates) @ C.T
     units = ForceUnits(measure, secondary_units, rows, rates, internal)
-    J, scale = mechanism.decided(own.S_m, own.S_s)
+    J, scale = reduced.decided(own.S_m, own.S_s)
     problem = own._replace(
         J=J * common,  # torques of J and of C are added
         S_m=own.S_m * rows / measure.major[:, None],
@@ -384,7 +371,7 @@ def force_mapping_of(
         weight=own.weight / rates,
         secondary_weight=own.secondary_weight / secondary_units,
         active_constraint=C,
-        self_motion=mechanism.natural_self_motion,
+        self_motion=reduced.self_motion,
         major_metric=None if own.major_metric is None else own.major_metric / measure.major,
         tie_metric=own.tie_metric / rates,
         scale=np.asarray(scale * common),
@@ -392,7 +379,7 @@ def force_mapping_of(
     mapping = _solved(problem, given, units)
     return replace(
         mapping,
-        gap=np.minimum(mapping.gap, mechanism.gap_of(own.S_m, own.S_s)),
+        gap=np.minimum(mapping.gap, reduced.major(own.S_m, own.S_s).gap),
         closure_condition=mechanism.closure_condition,
     )
 
@@ -417,18 +404,18 @@ def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> F
         to_eta = units.internal @ to_eta * units.inputs
         reaction = _spanned(reaction, 1.0 / units.task)
     return ForceMapping(
-        torque_gains=tuple(np.split(torques, [m1, m1 + n], axis=-1)),
-        secondary_gains=tuple(np.split(to_f_s, [m1, m1 + n], axis=-1)),
-        internal_gains=tuple(np.split(to_eta, [m1, m1 + n], axis=-1)),
+        _torque_gains=tuple(np.split(torques, [m1, m1 + n], axis=-1)),
+        _secondary_gains=tuple(np.split(to_f_s, [m1, m1 + n], axis=-1)),
+        _internal_gains=tuple(np.split(to_eta, [m1, m1 + n], axis=-1)),
         achieved=to_f_m[..., :m1],
         reaction=on_axes(reaction, problem.lead),
         rank=np.broadcast_to(major_rank, problem.lead),
         gap=np.broadcast_to(smallest_gap(decisions), problem.lead),
         status=_status(in_equilibrium=major_rank == m1, determined=work_rank == m1),
-        problem=problem,
-        limiting=limited,
-        torque_limits=None if given.torques is None else limits("torque_limits", given.torques, n),
-        units=units,
+        _problem=problem,
+        _limiting=limited,
+        _torque_limits=None if given.torques is None else limits("torque_limits", given.torques, n),
+        _units=units,
     )
 
 

@@ -95,7 +95,7 @@ class Hierarchy:
             bounds = Bounds(
                 *(old if new is None else new for new, old in zip(given, bounds, strict=True))
             )
-            limiting, bounds = bounds.of(kinematics.survivors), bounds.kept()
+            limiting, bounds = bounds.of(kinematics._survivors), bounds.kept()
         return _at(kinematics, asked, limiting, bounds)
 
     def solve(
@@ -156,10 +156,10 @@ class Hierarchy:
 
     def _asked_of(self, kinematics: "Kinematics") -> Asked:
         """The levels as asked for of another mechanism."""
-        if not hasattr(kinematics, "in_order"):
+        if not hasattr(kinematics, "hierarchy"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         shape = len(self.J), self.asked.survivors.n
-        there = len(kinematics.J), kinematics.survivors.n
+        there = len(kinematics.J), kinematics._survivors.n
         if there != shape:
             raise ValueError(
                 f"kinematics must have {shape[0]} task rows and {shape[1]} actuators, got {there}"
@@ -198,13 +198,13 @@ def hierarchy(
 ) -> Hierarchy:
     """The hierarchy of a mechanism; see :meth:`Kinematics.hierarchy`."""
     bounds, asked = Bounds(rate_limits, rate_rows), asked_of(mechanism, levels, tie_metric)
-    return _at(mechanism, asked, bounds.of(mechanism.survivors), bounds.kept())
+    return _at(mechanism, asked, bounds.of(mechanism._survivors), bounds.kept())
 
 
 def _at(mechanism: "Kinematics", asked: Asked, limiting: Limiting, bounds: Bounds) -> Hierarchy:
-    decided, is_held = mechanism.in_order(asked.stacked)
+    decided, is_held = mechanism._reduced.in_order(asked.stacked)
     return Hierarchy(
-        *(asked, asked.damping, mechanism.J, tuple(decided), mechanism.constraint),
+        *(asked, asked.damping, mechanism.J, tuple(decided), mechanism._reduced.constraint),
         *(limiting, bounds, is_held),
     )
 

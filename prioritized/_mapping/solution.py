@@ -38,13 +38,13 @@ class Limited(ReadOnly):
     @property
     def asked(self) -> Array:
         """The major task as the problem states it, shape (..., m1)."""
-        return self.targets[..., : len(self.mapping.problem.S_m)]
+        return self.targets[..., : len(self.mapping._problem.S_m)]
 
     @cached_property
     def unlimited(self) -> Array:
         """The unknowns without limits, (..., n)."""
         mapping = self.mapping
-        return optimum(mapping.levels, self.targets, None, mapping.tolerance).x
+        return optimum(mapping._levels, self.targets, None, mapping._problem.tolerance).x
 
     @property
     def residual(self) -> Array:
@@ -68,7 +68,7 @@ class Limited(ReadOnly):
     def limited(self) -> Mask:
         """Whether limits hold the major task back, (...)."""
         lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
-        terms = np.abs(self.mapping.levels[1].A).sum(axis=(-2, -1))
+        terms = np.abs(self.mapping._levels[1].A).sum(axis=(-2, -1))
         round_off = 1e3 * ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
         held_back = lost > ACCURACY * np.linalg.norm(self.asked, axis=-1) + round_off
         return read_only(np.asarray(held_back))
@@ -99,7 +99,7 @@ class VelocitySolution(Limited):
     @property
     def rates(self) -> Array:
         """Of the surviving actuators, within the limits exactly, shape (..., n)."""
-        return self.mapping.own(self.optimum.x)
+        return self.mapping._own_rates(self.optimum.x)
 
     @property
     def active_limits(self) -> NDArray[np.int8]:
@@ -112,7 +112,7 @@ class VelocitySolution(Limited):
         return self.optimum.active_rows
 
     def _major(self, x: Array) -> Array:
-        return times(self.mapping.problem.major_jacobian, x)
+        return times(self.mapping._problem.major_jacobian, x)
 
     @cached_property
     def gains(self) -> Array:
@@ -122,15 +122,15 @@ class VelocitySolution(Limited):
         `when_limited` "scaled", v_m is the one that is left of it.
         """
         free = self.active_limits[..., None, :] == 0
-        levels = [each._replace(A=each.A * free) for each in self.mapping.levels]
+        levels = [each._replace(A=each.A * free) for each in self.mapping._levels]
         nothing = np.zeros((1, levels[0].target.shape[-1]))
         rows, first = [], 0
-        for each in self.mapping.rows:
+        for each in self.mapping._rows:
             held = self.active_rows[..., first : first + len(each.G), None] != 0
             first += len(each.G)
             rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
-        X, _ = lexicographic([*rows, *levels], self.mapping.tolerance)
-        return read_only(self.mapping.own_gains(X * np.swapaxes(free, -1, -2)))
+        X, _ = lexicographic([*rows, *levels], self.mapping._problem.tolerance)
+        return read_only(self.mapping._own_gains(X * np.swapaxes(free, -1, -2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,46 +142,46 @@ class ForceSolution(Limited):
     @property
     def torques(self) -> Array:
         """Of the surviving actuators, within the limits exactly, shape (..., n)."""
-        limit, units = self.mapping.rows[0], self.mapping.units
+        limit, units = self.mapping._rows[0], self.mapping._units
         torques = times(limit.G, self.optimum.x)
         if units is not None:
             torques = torques / units.torques
-        box = self.mapping.torque_limits
+        box = self.mapping._torque_limits
         return read_only(torques if box is None else torques.clip(*box))
 
     @property
     def active_limits(self) -> NDArray[np.int8]:
         """Limits that the torques are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
-        return self.optimum.active_rows[..., : len(self.mapping.rows[0].limits[0])]
+        return self.optimum.active_rows[..., : len(self.mapping._rows[0].limits[0])]
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
         """The same for `torque_rows`, then `force_rows`, (..., r)."""
-        return self.optimum.active_rows[..., len(self.mapping.rows[0].limits[0]) :]
+        return self.optimum.active_rows[..., len(self.mapping._rows[0].limits[0]) :]
 
     @property
     def residual(self) -> Array:
         """Part of the major force that no equilibrium within the limits admits, (..., m1)."""
-        lacking, units = super().residual, self.mapping.units
+        lacking, units = super().residual, self.mapping._units
         return lacking if units is None else read_only(lacking / units.measure.major)
 
     @property
     def secondary_force(self) -> Array:
         """The secondary force f_s that goes with the torques, shape (..., m2)."""
-        force, units = self._parts[1], self.mapping.units
+        force, units = self._parts[1], self.mapping._units
         return force if units is None else force / units.secondary
 
     @property
     def internal_force(self) -> Array:
         """The internal force eta that goes with them, shape (..., r): one per row of C."""
-        force, units = self._parts[2], self.mapping.units
+        force, units = self._parts[2], self.mapping._units
         return force if units is None else times(units.internal, force)
 
     @property
     def _parts(self) -> list[Array]:
-        problem = self.mapping.problem
+        problem = self.mapping._problem
         m1, m2 = len(problem.S_m), len(problem.S_s)
         return np.split(self.optimum.x, [m1, m1 + m2], axis=-1)
 
     def _major(self, x: Array) -> Array:
-        return x[..., : len(self.mapping.problem.S_m)]
+        return x[..., : len(self.mapping._problem.S_m)]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._mapping.tasks import Task
+from prioritized._mechanism.elimination import Joints
 
 
 class Survivors(NamedTuple):
@@ -17,6 +18,11 @@ class Survivors(NamedTuple):
 
     actuators: Indices
     n: int
+
+    @classmethod
+    def of(cls, joints: Joints) -> "Survivors":
+        """Those of a mechanism."""
+        return cls(joints.actuators, len(joints.actuated))
 
     def matrix(self, name: str, value: ArrayLike | None) -> Array | None:
         """A weight, or rows, with a column for each actuator."""

@@ -42,28 +42,22 @@ class VelocityMapping:
 
     A call solves for the rates alone, without a singular value decomposition where no rank is in
     doubt. Gains, ranks and gaps are computed when first used, and so is J at another pose.
-
-    Attributes:
-        damping: Of the major task.
-        kinematics: The mechanism that J belongs to; None for a J given as a matrix.
-        limiting: Limits of the rates, or None.
-        directions: Of the major and of the secondary task.
     """
 
-    damping: float
-    kinematics: "Kinematics | None"
-    limiting: Limiting | None
-    directions: tuple[Array, Array]
+    _damping: float
+    _kinematics: "Kinematics | None"  # that J belongs to; None for a J given as a matrix
+    _limiting: Limiting | None
+    _directions: tuple[Array, Array]  # of the major and of the secondary task
 
     def __init__(
         self, problem: Problem, damping: float = 0.0, limiting: Limiting | None = None
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
-        parts = {"damping": damping, "limiting": limiting, "kinematics": None}
-        vars(self).update(parts, directions=(problem.S_m, problem.S_s), _own=problem)
+        parts = {"_damping": damping, "_limiting": limiting, "_kinematics": None}
+        vars(self).update(parts, _directions=(problem.S_m, problem.S_s), _own=problem)
 
     @staticmethod
-    def of_plain(
+    def _of_plain(
         plain: Plain,
         directions: tuple[Array, Array],
         limiting: Limiting | None,
@@ -76,17 +70,17 @@ class VelocityMapping:
             limiting: Limits of the rates, or None.
         """
         mapping = object.__new__(VelocityMapping)
-        parts = {"damping": 0.0, "limiting": limiting, "kinematics": None}
-        vars(mapping).update(parts, directions=directions, _plain=plain)
+        parts = {"_damping": 0.0, "_limiting": limiting, "_kinematics": None}
+        vars(mapping).update(parts, _directions=directions, _plain=plain)
         return mapping
 
-    def of_mechanism(self, kinematics: "Kinematics") -> "VelocityMapping":
+    def _of_mechanism(self, kinematics: "Kinematics") -> "VelocityMapping":
         """Mapping of a mechanism, with its J and constraints."""
-        mapping = VelocityMapping(self._own, self.damping, self.limiting)
-        vars(mapping).update(kinematics=kinematics)
+        mapping = VelocityMapping(self._own, self._damping, self._limiting)
+        vars(mapping).update(_kinematics=kinematics)
         return mapping
 
-    def natural(
+    def _in_natural_units(
         self, task_units: Array, rate_units: Array | None, **mechanism: Array | None
     ) -> "VelocityMapping":
         """Mapping of a J, its scale and constraints whose rows and rates are in natural units.
@@ -97,8 +91,8 @@ class VelocityMapping:
             mechanism: These arrays, as in :class:`Problem`.
         """
         problem = self._own.natural(task_units, 1.0 if rate_units is None else rate_units)
-        mapping = VelocityMapping(problem._replace(**mechanism), self.damping, self.limiting)
-        vars(mapping).update(directions=self.directions, rate_units=rate_units)
+        mapping = VelocityMapping(problem._replace(**mechanism), self._damping, self._limiting)
+        vars(mapping).update(_directions=self._directions, _rate_units=rate_units)
         return mapping
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -111,7 +105,7 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        given, limiting = (v_major, joint_velocity, secondary_velocity), self.limiting
+        given, limiting = (v_major, joint_velocity, secondary_velocity), self._limiting
         if limiting is None or limiting.is_box:
             box = None if limiting is None else limiting.box
             if "_origin" in vars(self):
@@ -120,24 +114,24 @@ class VelocityMapping:
                 rates = None if self._plain is None else self._plain.rates(*given, box)
             if rates is not None:
                 return rates
-        return self.own(self._solved(*given, None)[1].x)
+        return self._own_rates(self._solved(*given, None)[1].x)
 
     @cached_property
-    def rate_units(self) -> Array | None:
+    def _rate_units(self) -> Array | None:
         """Natural units in which the problem states the rates, (n,); None are those of J."""
-        return None if self.kinematics is None else self.kinematics.mixed_units
+        return None if self._kinematics is None else self._kinematics._reduced.mixed_units
 
-    def own(self, rates: Array) -> Array:
+    def _own_rates(self, rates: Array) -> Array:
         """Rates of the problem (..., n) in the units of J, within the limits exactly."""
-        if self.rate_units is None:
+        if self._rate_units is None:
             return rates
-        own = rates * self.rate_units
-        return own if self.limiting is None else own.clip(*self.limiting.box)
+        own = rates * self._rate_units
+        return own if self._limiting is None else own.clip(*self._limiting.box)
 
     def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
         """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
         tick, (major, *others), problem = self.tick(), given, self._first._own
-        if tick is None or self.kinematics is None:
+        if tick is None or self._kinematics is None:
             return None
         sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
         rest = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
@@ -148,7 +142,7 @@ class VelocityMapping:
             if any(v.ndim > 1 for v in targets):
                 return None
         asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
-        velocities = tick.at_jacobians(self.kinematics.system.geometry, asked, box)
+        velocities = tick.at_jacobians(self._kinematics.system.geometry, asked, box)
         return None if velocities is None else velocities[tick.basis.joints[0]]
 
     def _solved(
@@ -159,7 +153,7 @@ class VelocityMapping:
         start: Point | None,
     ) -> tuple[Array, Optimum]:
         """Target and desired velocities (..., m1 + n + m2), checked, and the optimum."""
-        problem = self.problem
+        problem = self._problem
         p = joined(
             problem.lead,
             "v_major",
@@ -167,15 +161,15 @@ class VelocityMapping:
             joint_velocity=(joint_velocity, problem.J.shape[-1]),
             secondary_velocity=(secondary_velocity, len(problem.S_s)),
         )
-        if self.rate_units is not None:
+        if self._rate_units is not None:
             first, last = len(problem.S_m), p.shape[-1] - len(problem.S_s)
-            p[..., first:last] /= self.rate_units
-        return p, optimum(self.levels, p, self._within, problem.tolerance, start)
+            p[..., first:last] /= self._rate_units
+        return p, optimum(self._levels, p, self._within, problem.tolerance, start)
 
     @property
     def _within(self) -> Limiting | None:
         """The limits as the problem states them."""
-        units, limiting = self.rate_units, self.limiting
+        units, limiting = self._rate_units, self._limiting
         return limiting if limiting is None or units is None else limiting.natural(units)
 
     @property
@@ -194,15 +188,15 @@ class VelocityMapping:
             The tick, or None where it could never answer, as of a J given as a matrix, with
             `rate_rows` or springs.
         """
-        if self.kinematics is None:
+        if self._kinematics is None:
             return None
         tick = self._first._tick
-        return None if tick is None else tick.at(self.kinematics)
+        return None if tick is None else tick.at(self._kinematics)
 
     @cached_property
     def _tick(self) -> Tick | None:
         """The tick of the mechanism that the mapping was made for; see :meth:`tick`."""
-        problem, limiting, kinematics = self._own, self.limiting, self.kinematics
+        problem, limiting, kinematics = self._own, self._limiting, self._kinematics
         is_box = limiting is None or limiting.is_box
         if kinematics is None or problem.lead or not is_box:
             return None
@@ -216,44 +210,41 @@ class VelocityMapping:
     @cached_property
     def _plain(self) -> Plain | None:
         """J and weights for one call of a kernel; None where there is more than these."""
-        kinematics = self.kinematics
-        is_tied = kinematics is not None and kinematics.is_tied
-        if self.damping or is_tied or self.rate_units is not None or "_origin" in vars(self):
+        kinematics = self._kinematics
+        is_tied = kinematics is not None and kinematics._reduced.is_tied
+        if self._damping or is_tied or self._rate_units is not None or "_origin" in vars(self):
             return None
-        return plain_of(self._stated, 0.0 if kinematics is None else kinematics.clear)
-
-    @property
-    def problem(self) -> Problem:
-        """The checked arguments."""
-        return self._problem
+        return plain_of(self._stated, 0.0 if kinematics is None else kinematics._reduced.clear)
 
     @cached_property
     def _problem(self) -> Problem:
-        kinematics, stated = self.kinematics, self._stated
+        """The checked arguments."""
+        kinematics, stated = self._kinematics, self._stated
         if kinematics is None:
             return stated
-        J, scale = kinematics.decided(*self.directions, stated.major_metric)
+        J, scale = kinematics._reduced.decided(*self._directions, stated.major_metric)
         return stated._replace(J=J, scale=np.asarray(scale))
 
     @cached_property
     def _stated(self) -> Problem:
         """The problem in natural units, before any rank of J is decided."""
-        kinematics, own = self.kinematics, self._first._own
+        kinematics, own = self._kinematics, self._first._own
         if kinematics is None:
             return own
-        units, (J, scale) = self.rate_units, kinematics.measured
+        reduced = kinematics._reduced
+        units, (J, scale) = self._rate_units, reduced.measured
         M = own.major_metric
         if M is None:
-            M = kinematics.measure(self.directions[0]).metric
-        there = own.natural(kinematics.task_units, 1.0 if units is None else units)
-        made = {"J": J, "scale": np.asarray(scale), "active_constraint": kinematics.constraint}
+            M = reduced.measure(self._directions[0]).metric
+        there = own.natural(reduced.task_units, 1.0 if units is None else units)
+        made = {"J": J, "scale": np.asarray(scale), "active_constraint": reduced.constraint}
         return there._replace(**made, major_metric=M)
 
     @cached_property
     def _own(self) -> Problem:
         """The checked arguments in the units of J, without the constraints of a mechanism."""
         assert self._plain is not None
-        return self._plain.problem(*self.directions)
+        return self._plain.problem(*self._directions)
 
     def solve(
         self,
@@ -282,24 +273,15 @@ class VelocityMapping:
         return VelocitySolution(self, p, best)
 
     @property
-    def rows(self) -> tuple[Rows, ...]:
+    def _rows(self) -> tuple[Rows, ...]:
         """Inequality rows of the rates of the problem."""
         within = self._within
         return () if within is None else within.rows
 
-    @property
-    def tolerance(self) -> float:
-        """Fraction of the scale below which a singular value is zero."""
-        return self.problem.tolerance
-
-    @property
-    def levels(self) -> list[Level]:
-        """Problem 1 as levels of least squares."""
-        return self._levels
-
     @cached_property
     def _levels(self) -> list[Level]:
-        return velocity_levels(self.problem, self.damping)
+        """Problem 1 as levels of least squares."""
+        return velocity_levels(self._problem, self._damping)
 
     def at(
         self, kinematics: "Kinematics", *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
@@ -316,18 +298,18 @@ class VelocityMapping:
             ValueError: It has another number of task rows or surviving actuators; or limits of a
                 wrong length, or not in order.
         """
-        if not hasattr(kinematics, "decided"):
+        if not hasattr(kinematics, "hierarchy"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         first, there = self._first, kinematics.system.shape
         shape = first._own.J.shape
         if there != shape:
             raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
-        limiting = self.limiting
+        limiting = self._limiting
         if rate_limits is not None:
-            box = limits("rate_limits", kinematics.survivors.pair(rate_limits), shape[1])
+            box = limits("rate_limits", kinematics._survivors.pair(rate_limits), shape[1])
             limiting = self._bounded_by(box)
-        mapping, parts = object.__new__(VelocityMapping), {"directions": self.directions}
-        parts |= {"damping": self.damping, "kinematics": kinematics, "limiting": limiting}
+        mapping, parts = object.__new__(VelocityMapping), {"_directions": self._directions}
+        parts |= {"_damping": self._damping, "_kinematics": kinematics, "_limiting": limiting}
         vars(mapping).update(parts, _origin=first)
         return mapping
 
@@ -341,17 +323,17 @@ class VelocityMapping:
         """
         box = limits("rate_limits", rate_limits, self._first._own.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
-        vars(mapping).update(vars(self), limiting=self._bounded_by(box))
+        vars(mapping).update(vars(self), _limiting=self._bounded_by(box))
         return mapping
 
     def _bounded_by(self, box: Limits) -> Limiting:
         """The limits of this mapping with another box of the rates."""
-        return Limiting(box) if self.limiting is None else self.limiting._replace(box=box)
+        return Limiting(box) if self._limiting is None else self._limiting._replace(box=box)
 
     def __str__(self) -> str:
         sentences = (
             as_sentence(self.status.value),
-            *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self.gain_uncertainty),
+            *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self._gain_uncertainty),
             *servo_sentences(self.amplification),
             *length_sentences(self.characteristic_length),
             *closure_sentences(self.closure_condition),
@@ -366,24 +348,24 @@ class VelocityMapping:
     @property
     def major(self) -> Array:
         """Gain of the major velocity, shape (..., n, m1)."""
-        return self._gains[..., : len(self.problem.S_m)]
+        return self._gains[..., : len(self._problem.S_m)]
 
     @property
     def joint(self) -> Array:
         """Gain of the desired rates, shape (..., n, n)."""
-        first = len(self.problem.S_m)
-        return self._gains[..., first : first + self.problem.J.shape[-1]]
+        first = len(self._problem.S_m)
+        return self._gains[..., first : first + self._problem.J.shape[-1]]
 
     @property
     def secondary(self) -> Array:
         """Gain of the desired secondary velocity, shape (..., n, m2)."""
-        return self._gains[..., len(self.problem.S_m) + self.problem.J.shape[-1] :]
+        return self._gains[..., len(self._problem.S_m) + self._problem.J.shape[-1] :]
 
     @cached_property
     def achieved(self) -> Array:
         """Major velocity reached per major velocity commanded, shape (..., m1, m1)."""
-        gain = self._solution[0][..., : len(self.problem.S_m)]
-        return check.frozen(on_axes(self.problem.major_jacobian @ gain, self.problem.lead))
+        gain = self._solution[0][..., : len(self._problem.S_m)]
+        return check.frozen(on_axes(self._problem.major_jacobian @ gain, self._problem.lead))
 
     @cached_property
     def largest_gain(self) -> Array:
@@ -403,12 +385,16 @@ class VelocityMapping:
         """
         if self._measure is None:
             return None
-        is_met = self.status is Status.EXACT and self.limiting is None
-        return self._measure.length(not is_met, self.problem.has_ties)
+        is_met = self.status is Status.EXACT and self._limiting is None
+        return self._measure.length(not is_met, self._problem.has_ties)
 
     @property
     def _measure(self) -> Measure | None:
-        return None if self.kinematics is None else self.kinematics.measure(self.directions[0])
+        return (
+            None
+            if self._kinematics is None
+            else self._kinematics._reduced.measure(self._directions[0])
+        )
 
     @cached_property
     def amplification(self) -> Array:
@@ -418,81 +404,81 @@ class VelocityMapping:
         where the major task is met. A servo that errs by 1 % of the rates moves the major task by
         up to this many percent of the motion commanded.
         """
-        J, X = self.problem.S_m @ self.problem.admissible_jacobian, self._solution[0]
+        J, X = self._problem.S_m @ self._problem.admissible_jacobian, self._solution[0]
         units = ones(len(J)) if self._measure is None else self._measure.major
         gain = largest(X[..., : len(units)] * units)
         return read_only(np.asarray(largest(J / units[:, None]) * gain))
 
     @property
-    def gain_uncertainty(self) -> float:
+    def _gain_uncertainty(self) -> float:
         """Relative error that the accuracy of the geometry allows the largest gain.
 
         0 for a J given as a matrix, and where part of the major task is out of reach.
         """
-        return (
-            0.0 if self.kinematics is None else self.kinematics.gain_uncertainty(self.directions[0])
-        )
+        if self._kinematics is None:
+            return 0.0
+        return self._kinematics._reduced.major(self._directions[0]).gain_uncertainty
 
     @property
     def closure_condition(self) -> float:
         """As in :class:`Manipulability`; 1 for a J given as a matrix."""
-        return 1.0 if self.kinematics is None else self.kinematics.closure_condition
+        return 1.0 if self._kinematics is None else self._kinematics.closure_condition
 
     @property
     def rank(self) -> Indices:
         """Rank of the major task on the admissible rates, shape (...)."""
-        return np.broadcast_to(self._solution[1][1].rank, self.problem.lead)
+        return np.broadcast_to(self._solution[1][1].rank, self._problem.lead)
 
     @cached_property
     def gap(self) -> Array:
         """Factor by which the rank threshold could change before any rank would, shape (...)."""
         gap = smallest_gap(self._solution[1])
-        if self.kinematics is not None:
-            gap = np.minimum(gap, self.kinematics.gap_of(*self.directions))
-        return np.broadcast_to(gap, self.problem.lead)
+        if self._kinematics is not None:
+            gap = np.minimum(gap, self._kinematics._reduced.major(*self._directions).gap)
+        return np.broadcast_to(gap, self._problem.lead)
 
     @property
     def status(self) -> Status:
         """What holds for every problem of the batch."""
-        S_m = self.problem.S_m
+        S_m = self._problem.S_m
         if not self._is_held:
             return Status.SELF_MOTION
         if not np.all(self.rank == len(S_m)):
             return Status.LEAST_SQUARES
-        return Status.DAMPED if self.damping else Status.EXACT
+        return Status.DAMPED if self._damping else Status.EXACT
 
     @property
     def _is_held(self) -> bool:
         """Whether no self-motion moves the major task, in any problem of the batch."""
-        S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
-        if self.kinematics is not None:
-            return self.kinematics.holds(self.directions[0])
+        S_m, Q, tolerance = self._problem.S_m, self._problem.self_motion, self._problem.tolerance
+        if self._kinematics is not None:
+            return self._kinematics._reduced.holds(self._directions[0])
         moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
         return not np.any(moved.rank > 0)
 
     @cached_property
     def _solution(self) -> tuple[Array, list[RankedSvd]]:
         """Gains of the problem, and its rank decisions."""
-        return velocity_gains(self.problem, self.damping)
+        return velocity_gains(self._problem, self._damping)
 
     @cached_property
     def _gains(self) -> Array:
-        return check.frozen(self.own_gains(self._solution[0]))
+        return check.frozen(self._own_gains(self._solution[0]))
 
-    def own_gains(self, X: Array) -> Array:
+    def _own_gains(self, X: Array) -> Array:
         """Gains X of the problem (..., n, m1 + n + m2) in the units of J."""
-        if self.rate_units is None:
+        if self._rate_units is None:
             return X
-        m1, m2 = len(self.problem.S_m), len(self.problem.S_s)
-        inputs = np.concatenate([ones(m1), self.rate_units, ones(m2)])
-        return self.rate_units[:, None] * X / inputs
+        m1, m2 = len(self._problem.S_m), len(self._problem.S_s)
+        inputs = np.concatenate([ones(m1), self._rate_units, ones(m2)])
+        return self._rate_units[:, None] * X / inputs
 
 
 def _tasks_of(mapping: VelocityMapping, own: Problem) -> tuple[tuple[Task, ...], ...]:
     """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
-    (S_m, S_s), M, W1 = mapping.directions, own.major_metric, own.weight
+    (S_m, S_s), M, W1 = mapping._directions, own.major_metric, own.weight
     if M is not None and len(M) > len(S_m):
         M = np.linalg.qr(M, mode="r")
     rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
     beside = [Task(S_s, own.secondary_weight)] if len(own.secondary_weight) else []
-    return (Task(S_m, M, damping=mapping.damping),), (rates, *beside)
+    return (Task(S_m, M, damping=mapping._damping),), (rates, *beside)

@@ -161,7 +161,7 @@ def of_plain_arrays(
     if not plain.is_moderate:
         return None
     limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
-    return VelocityMapping.of_plain(plain, directions, limited)
+    return VelocityMapping._of_plain(plain, directions, limited)
 
 
 # Row 1 is no True.

@@ -19,7 +19,7 @@ from sim.kinematics.entry_accuracy import EntryAccuracy
 from sim.kinematics.jacobian import Jacobians
 from sim.kinematics.machine import Machine
 from sim.kinematics.payload import Payload
-from sim.kinematics.pose import Pose, made, principal
+from sim.kinematics.pose import Pose, principal
 from sim.kinematics.reader import JacobianReader
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state, start_of
@@ -208,11 +208,11 @@ class Mechanism:
         self._workspaces.append(space)
         for array in (gaps, J_T, J_C, qpos):
             array.setflags(write=False)
-        return made(
+        return check.made(
             JointPosture,
             mechanism=self,
             qpos=qpos,
-            pose=made(
+            pose=check.made(
                 Pose,
                 rotation=seen[:9].reshape(3, 3),
                 translation_m=seen[9:12],

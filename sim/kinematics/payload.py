@@ -8,7 +8,7 @@ import numpy as np
 import argument_checks as check
 from kernels import lib, pointer
 from sim.array import Array
-from sim.kinematics.pose import Pose, computed
+from sim.kinematics.pose import Pose
 from sim.mjcf.frame import Located
 
 _WORLD = check.frozen(np.eye(3))
@@ -43,7 +43,7 @@ class Payload:
         """Motion from the nominal pose, in base axes: rotation R_now R_nominal^T."""
         rotation, translation_m = np.empty((3, 3)), np.empty(3)
         lib.seen_from(*map(pointer, (*self.frames(data).values(), rotation, translation_m)))
-        return computed(Pose, rotation=rotation, translation_m=translation_m)
+        return check.computed(Pose, rotation=rotation, translation_m=translation_m)
 
     def frames(self, data: mujoco.MjData) -> dict[str, Array]:
         """What the compiled code takes to see this motion, by names of kernels.h.

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import argument_checks as check
 from kernels import lib, pointer
-from sim.array import Array, lock
+from sim.array import Array
 from sim.kinematics.rigid import adjoint, homogeneous, rigid_motion, rotation_of
 from sim.mjcf.frame import one_half_turn
 
@@ -38,8 +38,8 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Check the arguments, and keep read-only copies."""
-        keep(self, "rotation", 3, 3)
-        keep(self, "translation_m", 3)
+        check.keep(self, "rotation", 3, 3)
+        check.keep(self, "translation_m", 3)
         _ = self.lead  # raises where there is none
 
     def moved(self, twist: Array) -> "Pose":
@@ -55,13 +55,13 @@ class Pose:
         rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
         lib.move(
             math.prod(lead),
-            pointer(flat(self.rotation, 2, lead)),
-            pointer(flat(self.translation_m, 1, lead)),
-            pointer(flat(twist, 1, lead)),
+            pointer(check.flat(self.rotation, 2, lead)),
+            pointer(check.flat(self.translation_m, 1, lead)),
+            pointer(check.flat(twist, 1, lead)),
             pointer(rotation),
             pointer(translation_m),
         )
-        return computed(Pose, rotation=rotation, translation_m=translation_m)
+        return check.computed(Pose, rotation=rotation, translation_m=translation_m)
 
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
@@ -69,7 +69,10 @@ class Pose:
         if known is not None:
             return known.copy()
         lead = self.lead
-        rotation, translation_m = flat(self.rotation, 2, lead), flat(self.translation_m, 1, lead)
+        rotation, translation_m = (
+            check.flat(self.rotation, 2, lead),
+            check.flat(self.translation_m, 1, lead),
+        )
         displacement = np.empty((*lead, 6))
         given = map(pointer, (rotation, translation_m, displacement))
         principal(lib.displacements(math.prod(lead), *given), displacement)
@@ -129,8 +132,8 @@ class Pose:
 
     def _batch(self, lead: tuple[int, ...]) -> RigidTransform:
         """Broadcast to batch axes and then as one batch."""
-        rotation = Rotation.from_matrix(flat(self.rotation, 2, lead))
-        return RigidTransform.from_components(flat(self.translation_m, 1, lead), rotation)
+        rotation = Rotation.from_matrix(check.flat(self.rotation, 2, lead))
+        return RigidTransform.from_components(check.flat(self.translation_m, 1, lead), rotation)
 
     @property
     def lead(self) -> tuple[int, ...]:
@@ -143,7 +146,7 @@ class Pose:
 
 def _of_batch(batch: RigidTransform, lead: tuple[int, ...]) -> Pose:
     rotation, translation_m = batch.rotation.as_matrix(), batch.translation
-    return computed(
+    return check.computed(
         Pose,
         rotation=rotation.reshape(*lead, 3, 3),
         translation_m=translation_m.reshape(*lead, 3),
@@ -167,37 +170,6 @@ def principal(largest_rad: float, twists: Array) -> None:
     """
     if largest_rad > _CLEARLY_LESS_RAD:
         twists[..., :3] = one_half_turn(twists[..., :3])
-
-
-def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
-    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C.
-
-    Without batch axes the array itself.
-    """
-    if not lead:
-        return np.ascontiguousarray(A)
-    shape = A.shape[A.ndim - own :]
-    return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)
-
-
-def computed(kind: type[_Kind], **fields: Any) -> _Kind:
-    """A frozen record of new arrays that come from checked ones, at every tick: locked alone."""
-    record = made(kind, **fields)
-    lock(record)
-    return record
-
-
-def made(kind: type[_Kind], **fields: Any) -> _Kind:
-    """The same of arrays that are locked already."""
-    record = object.__new__(kind)
-    record.__dict__.update(fields)
-    return record
-
-
-def keep(frozen: object, name: str, *shape: int) -> None:
-    """Check an array of a frozen dataclass, and keep a read-only copy, in C's order."""
-    A = np.array(check.shaped(name, getattr(frozen, name), *shape), order="C")
-    object.__setattr__(frozen, name, check.read_only(A))
 
 
 NOMINAL = Pose(np.eye(3), np.zeros(3))

@@ -15,7 +15,6 @@ from sim.errors import ClosureError, ModelError
 from sim.kinematics.entry_accuracy import EntryAccuracy, Natural, frames_of
 from sim.kinematics.jacobian import Jacobians, JacobianViews
 from sim.kinematics.machine import Machine, OfAnyPose
-from sim.kinematics.pose import made
 from sim.kinematics.rows import Matrices, RowSource, task_rows
 from sim.kinematics.structure import (
     Structure,
@@ -168,7 +167,7 @@ class JacobianReader:
         now = known.structure
         J_T, J_C = self._source.rows(data, now, known.spare)
         qpos, outside = check.read_only(data.qpos.copy()), _outside(model, data)
-        return made(
+        return check.made(
             Jacobians,
             J_T=check.read_only(J_T),
             J_C=check.read_only(J_C),
@@ -176,7 +175,7 @@ class JacobianReader:
             gear=now.gear,
             rows=self._rows.copy(),
             closure_residual=residual,
-            machine=made(
+            machine=check.made(
                 Machine,
                 model=model,
                 qpos=qpos,
@@ -186,7 +185,7 @@ class JacobianReader:
                 variables=now.variables,
                 of_any_pose=known.of_any_pose,
             ),
-            accuracy=made(
+            accuracy=check.made(
                 EntryAccuracy,
                 natural=known.natural,
                 residual=residual,

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from sim.array import Array, lock
+from sim.array import Array
 
 _SLIDE, _HINGE, _BALL, _FREE = (
     int(kind)
@@ -37,7 +37,7 @@ class Ranges:
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        lock(self)
+        check.lock(self)
 
 
 def ranges(model: mujoco.MjModel) -> Ranges:

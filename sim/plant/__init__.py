@@ -1,1 +1,17 @@
-"""The plant: physics, actuators that fail, amplifiers, sensors in a loop, linear models."""
+"""The plant: physics, actuators that fail, sensors in a loop, linear models; hooks of events."""
+
+from sim.plant.actuators import locks_of as locks_of
+from sim.plant.actuators import switch_off as switch_off
+from sim.plant.bench import JointSensors as JointSensors
+from sim.plant.bench import Reading as Reading
+from sim.plant.bench import Sensors as Sensors
+from sim.plant.bench import TaskSensor as TaskSensor
+from sim.plant.bench import hooks_of as hooks_of
+from sim.plant.bench import measured_by as measured_by
+from sim.plant.bench import sent_by as sent_by
+from sim.plant.beyond_linear import Met as Met
+from sim.plant.beyond_linear import beyond_linear as beyond_linear
+from sim.plant.failure import FailureKind as FailureKind
+from sim.plant.failure import failed_plant as failed_plant
+from sim.plant.friction import dry_friction as dry_friction
+from sim.plant.slip import MaxwellSlip as MaxwellSlip

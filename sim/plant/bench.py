@@ -13,14 +13,14 @@ from argument_checks.arrays import as_float64
 from kernels import Struct, lib, pointer
 from sim.array import Array
 from sim.kinematics.mechanism import JointPosture, Mechanism
-from sim.kinematics.pose import Pose, computed, principal
+from sim.kinematics.pose import Pose, principal
 from sim.plant.failure import Failure
 from sim.plant.plant import Plant, physics_steps
 from sim.plant.slip import MaxwellSlip
 
 
 class Reading(NamedTuple):
-    """What sensors read at one tick, as :class:`ftc.controller.Measurement`.
+    """What sensors read at one tick, as :class:`ftc.Measurement`.
 
     Attributes:
         output: The major task, shape (m1,).
@@ -299,7 +299,7 @@ class Bench:
         tick, data = self._tick, self.plant.data
         rows = pointer(data.efc_pos), pointer(data.efc_id), data.ne
         principal(lib.observe(self._log.pointer, tick, *rows), self.task[tick])
-        pose = computed(
+        pose = check.computed(
             Pose,
             rotation=self.rotation[tick],
             translation_m=self.translation_m[tick],

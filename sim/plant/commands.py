@@ -12,6 +12,7 @@ from sim.errors import ModelError
 from sim.mjcf.drive import Drive
 from sim.mjcf.dynamics import has_linear_spring, is_slack
 from sim.mjcf.law import Law, law_of
+from sim.mjcf.ranges import ranges
 from sim.mjcf.transmission import drive_rows
 
 _STEP = 1e-6
@@ -202,3 +203,21 @@ def displacement_range(
                     least, most = np.sort(room / slope)
                     lower[n], upper[n] = max(lower[n], least), min(upper[n], most)
     return lower, upper
+
+
+def rest_limits(
+    model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...], commands: Commands
+) -> tuple[Array, Array]:
+    """Displacements at which drives can rest, within the ranges of MJCF: (n,) each, [m] or [rad].
+
+    From the pose of `data`; infinite where no range is stated.
+    """
+    limits, stroke = ranges(model), np.tile([-np.inf, np.inf], (len(drives), 1))
+    for row, drive in zip(stroke, drives, strict=True):
+        if drive.joint is not None:
+            here = data.qpos[model.jnt_qposadr[drive.joint]]
+            row[:] = limits.joint[model.jnt_dofadr[drive.joint]] - here
+        elif drive.tendon is not None:
+            row[:] = limits.tendon[drive.tendon] - data.ten_length[drive.tendon]
+    least, most = displacement_range(commands, model, drives)
+    return np.maximum(stroke[:, 0], least), np.minimum(stroke[:, 1], most)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 import argument_checks as check
-from sim.array import Array, lock
+from sim.array import Array
 from sim.closing.equalities import check_closures, closure_rows
 from sim.errors import ModelError
 from sim.kinematics.task import Task, task_jacobian, task_list, to_axes_of
@@ -73,7 +73,7 @@ class LinearPlant:
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        lock(self)
+        check.lock(self)
 
     def named(self, y: Array) -> tuple[str, ...]:
         """The joints that mostly move in some motions y (k, ...), real or complex, in their order.

@@ -39,8 +39,7 @@ from sim.plant.actuators import (
     take_spring,
     yields,
 )
-from sim.plant.commands import commands_of, spring_forces
-from sim.plant.displacement_limits import rest_limits
+from sim.plant.commands import commands_of, rest_limits, spring_forces
 from sim.plant.holding import holding_forces, refuse_beyond_ranges
 from sim.plant.linear import LinearPlant, linear_plant
 from sim.warning import divergences

@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 from experiments.app.cli import app_of, main
 from fjh.study.errors import OutputError
 from fjh.study.files import published
-from sim.mjcf.model import HEXAPOD_MJCF
+from sim import HEXAPOD_MJCF
 
 
 def sentence(capsys) -> str:

@@ -5,16 +5,12 @@ from typing import Any
 import control
 import numpy as np
 
-from ftc import Fault, monitor
-from ftc.control.anti_windup import circle_margin, tracking_gain
-from ftc.control.compensator import sensitivity_peak
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import resting_displacements, static_gain, static_share
-from ftc.linear_loop import LinearLoop, simulate
-from ftc.sensor_check import SensorCheck
-from ftc.sensors import SensorChecks
-from ftc.supervisor import supervisor_for
+from ftc import LinearLoop, SensorCheck, SensorChecks, simulate, supervisor_for
+from ftc.control import circle_margin, sensitivity_peak
+from ftc.control.anti_windup import tracking_gain
+from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor, static_share
+from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.fault_model import resting_displacements, static_gain
 from ftc.time_limit import time_limit
 from tests.ftc.hostile_loop import FAULTY, SWING
 from tests.ftc.hostile_machine import (

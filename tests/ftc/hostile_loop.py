@@ -6,21 +6,18 @@ from typing import Any
 import numpy as np
 
 from ftc import (
-    Fault,
     Goal,
     GuardedController,
     Measurement,
     OracleController,
     PrioritizedController,
     PrioritizedMapping,
+    SensorCheck,
+    SensorChecks,
     Supervisor,
-    monitor,
     run_loop,
 )
-from ftc.fdi.diagnosis import DEFAULT_CONFIG
-from ftc.fdi.dither import Dither
-from ftc.sensor_check import SensorCheck
-from ftc.sensors import SensorChecks
+from ftc.fdi import DEFAULT_CONFIG, Dither, Fault, monitor
 from tests.ftc.hostile_machine import (
     DESIRED,
     DRIVES,

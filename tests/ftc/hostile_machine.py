@@ -14,14 +14,13 @@ from ftc import (
     LocalGeometry,
     LoopShape,
     Measurement,
-    NominalModel,
     PrioritizedController,
     PrioritizedMapping,
     Supervisor,
     compensator,
-    monitor,
     tracking,
 )
+from ftc.fdi import NominalModel, monitor
 from prioritized import ConstrainedSystem
 
 PERIOD_S, N, M1 = 1e-3, 3, 2

@@ -9,22 +9,19 @@ import numpy as np
 
 from ftc import (
     ControlTask,
-    Fault,
     Goal,
     GuardedController,
     LocalGeometry,
     LoopShape,
-    MechanismGeometry,
-    NominalModel,
     Tracking,
     compensator,
-    fault_model,
     goal_after,
     inverse_feedforward,
     margins,
     tracking,
 )
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis
+from ftc.control.mechanism import MechanismGeometry
+from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Fault, NominalModel, fault_model
 from ftc.fdi.friction import DryFriction
 from tests.ftc.hostile_loop import FAULTY, SWING
 from tests.ftc.hostile_machine import (

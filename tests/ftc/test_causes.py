@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ftc.fdi.isolation.causes import Cause
-from ftc.fdi.monitor import MonitorState, monitor
+from ftc.fdi import Cause, monitor
+from ftc.fdi.monitor import MonitorState
 from tests.ftc.test_outside_hypotheses import BEGIN, CONFIG, HZ, NOMINAL, SOUND, TICK_S, TICKS
 
 WIDE = replace(CONFIG.uncertainty, command=1e3, supply=0.3, scale=0.3)

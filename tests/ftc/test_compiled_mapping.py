@@ -11,12 +11,9 @@ import pytest
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from ftc.control.local_mapping import PreviousCommand
-from ftc.control.mapping import PrioritizedMapping
-from ftc.goal import Goal
-from ftc.tracking import mapping_for
-from sim import NOMINAL, Mechanism, load_model
-from sim.mjcf.model import MODELS
+from ftc import Goal, PrioritizedMapping, mapping_for
+from ftc.control import PreviousCommand
+from sim import MODELS, NOMINAL, Mechanism, load_model
 
 ROBOTS = {"arm": (3, 4, 5), "hand": (3, 4), "arms": (3, 4, 5), "platform": (3, 4)}
 """Bundled ones and their major rows, beside the hexapod."""

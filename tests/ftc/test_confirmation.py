@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ftc.fdi.fault_model import Fault, fault_model
+from ftc.fdi import Fault, fault_model, monitor
 from ftc.fdi.isolation.hypotheses import believed_model, hypothesis_bank
-from ftc.fdi.monitor import monitor
 from tests.scripted_monitor import (
     LOCKED,
     NOMINAL,

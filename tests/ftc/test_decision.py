@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fjh.rig import Rig
-from ftc.controller import DirectDrive
+from ftc import DirectDrive, Goal
 from ftc.decision import Case, Outlook
-from ftc.fdi.fault_model import Fault
-from ftc.goal import Goal
+from ftc.fdi import Fault
 from sim import Failure
 
 RIG = Rig.hexapod()

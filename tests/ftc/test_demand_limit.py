@@ -16,10 +16,10 @@ from fjh.rig.hexapod.paper import TABLE_I_URAD
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.hexapod.trajectory import spiral
-from ftc.controller import Measurement
-from ftc.fdi.fault_model import fault_model
-from ftc.linear_loop import Stage, steps
-from sim import Array, Failure, failed_plant, linearize
+from ftc import Measurement, Stage, steps
+from ftc.fdi import fault_model
+from sim import Array, Failure, linearize
+from sim.plant import failed_plant
 
 LOCK_1 = (Failure(0, "locked"),)
 TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)

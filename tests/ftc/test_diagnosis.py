@@ -10,12 +10,10 @@ from fjh.rig.hexapod.fault_tolerance import HEAVE
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.prediction import linear_loop
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.monitor import Monitor, MonitorState, monitor
+from ftc import simulate
+from ftc.fdi import DEFAULT_CONFIG, KINDS, Diagnosis, Dither, Fault, NominalModel, monitor
+from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.uncertainty import STEP, TYPICAL, perturbed
-from ftc.linear_loop import simulate
 
 BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)

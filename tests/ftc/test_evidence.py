@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ftc._records import changed
+from ftc.fdi import Uncertainty
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.isolation.evidence import EXTRA, Evidence
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.uncertainty import Uncertainty
 from kernels import lib, pointer
 from tests.cart_runs import ONSETS, Record, carts
 

@@ -13,14 +13,26 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.fault_tolerance import HEAVE, nominal_model
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.fdi.design.isolability import isolability
-from ftc.fdi.design.signatures import fault_responses, steady_signatures
-from ftc.fdi.dither import Dither
-from ftc.fdi.dither_design import Cost, designed_dither
-from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_model
-from ftc.fdi.sensor_choice import ranked_sensors
-from ftc.fdi.separation import ALIKE, Conditions, Separations, separations, separations_at
-from ftc.fdi.uncertainty import Uncertainty
+from ftc.fdi import (
+    KINDS,
+    Conditions,
+    Cost,
+    Dither,
+    Fault,
+    NominalModel,
+    Separations,
+    Uncertainty,
+    designed_dither,
+    fault_model,
+    fault_responses,
+    isolability,
+    ranked_sensors,
+    separations,
+    separations_at,
+)
+from ftc.fdi.design.signatures import steady_signatures
+from ftc.fdi.fault_model import FaultModel
+from ftc.fdi.separation import ALIKE
 from sim import NOMINAL, load_model
 from tests.hostile import Target, complaints
 

@@ -8,8 +8,9 @@ import pytest
 
 from fjh.rig.hexapod.fault_tolerance import fault_text, nominal_model
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from sim import Failure, LinearPlant, Plant, failed_plant, linearize, load_model
+from ftc.fdi import KINDS, Fault, NominalModel, fault_model
+from sim import Failure, LinearPlant, Plant, linearize, load_model
+from sim.plant import failed_plant
 
 MODEL, BENCH = load_model(), TestbedConfig()
 ANGLES = nominal_model(MODEL, BENCH)

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ftc
-from ftc.fdi.fault_model import NominalModel, fault_model
-from ftc.feedforward import WEIGHT, inverse_feedforward
+from ftc import inverse_feedforward
+from ftc.fdi import NominalModel, fault_model
+from ftc.feedforward import WEIGHT
 
 PERIOD_S = 2e-3
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from ftc.control.compensator import margins, sensitivity_peak
+from ftc import margins
+from ftc.control import sensitivity_peak
 from ftc.control.frequency_response import frequency_response
 from tests.random_systems import orthogonal
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc import Stage, steps
+from ftc.fdi import CERTAIN, Fault, NominalModel, fault_model, monitor
 from ftc.fdi.friction import DryFriction
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.monitor import monitor
-from ftc.fdi.uncertainty import CERTAIN, TYPICAL, uncertain_model
-from ftc.linear_loop import Stage, steps
+from ftc.fdi.uncertainty import TYPICAL, uncertain_model
 from tests.ftc.test_servo_faults import Carts
 
 MASS, LIMIT, SOFTNESS, RATE = 2.0, 0.5, 0.05, 100.0

@@ -11,13 +11,22 @@ import mujoco
 import numpy as np
 import pytest
 
-from ftc.control.compensator import LoopShape, NoResponse, UnstableLoop, compensator, margins
-from ftc.control.geometry import LocalGeometry
-from ftc.control.mapping import PrioritizedMapping
-from ftc.controller import DirectDrive, Measurement, PrioritizedController
-from ftc.goal import Goal
-from ftc.linear_loop import Stage, steps
-from ftc.oracle import NEVER, OracleController
+from ftc import (
+    NEVER,
+    DirectDrive,
+    Goal,
+    LocalGeometry,
+    LoopShape,
+    Measurement,
+    OracleController,
+    PrioritizedController,
+    PrioritizedMapping,
+    Stage,
+    compensator,
+    margins,
+    steps,
+)
+from ftc.control import NoResponse, UnstableLoop
 from prioritized import ConstrainedSystem
 from sim import HEXAPOD_MJCF, Failure, Plant, jacobians, linearize, load_model
 

@@ -2,6 +2,7 @@
 
 import pickle
 import time
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError, is_dataclass, replace
 from typing import Any
 
@@ -9,18 +10,24 @@ import control
 import numpy as np
 import pytest
 
-from ftc import ControlTask, Goal, GuardedController, Measurement, NominalModel, OracleController
+from ftc import (
+    ControlTask,
+    Goal,
+    GuardedController,
+    LinearLoop,
+    Measurement,
+    OracleController,
+    SensorCheck,
+)
+from ftc.fdi import Dither, NominalModel, monitor
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.dither import Dither
 from ftc.fdi.friction import DryFriction
-from ftc.fdi.monitor import monitor
-from ftc.linear_loop import LinearLoop
-from ftc.sensor_check import SensorCheck
 from ftc.time_limit import time_limit
 from tests.ftc.hostile_fdi import CLOSED
 from tests.ftc.hostile_loop import GUARDED, ORACLE, TASK
 from tests.ftc.hostile_machine import (
     DESIRED,
+    LIMITS,
     MODEL,
     NOMINAL,
     PILOT,
@@ -29,6 +36,7 @@ from tests.ftc.hostile_machine import (
     STILL,
     SUPERVISED,
     N,
+    mapping,
     pilot,
 )
 from tests.ftc.hostile_models import LOADED
@@ -182,3 +190,14 @@ def test_a_state_does_not_grow_with_its_ticks():
         if tick in (2999, 5999):
             sizes.append(len(pickle.dumps((state.watch, state.sensors, state.controller))))
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["demand", "commanded", "secondary_reference"])
+def test_an_argument_of_a_mapping_that_has_a_wrong_shape_is_named(name):
+    """By the caller's name, whatever the form of the mapping makes of it."""
+    right: dict[str, Any] = {"demand": DESIRED, "commanded": STILL, "secondary_reference": STILL}
+    one = mapping(form="gauss_newton", task=lambda pose: pose, limits=LIMITS)
+    answers: Callable[..., Any]
+    for answers in (one.tick, one.displacements, one.within_limits):
+        with pytest.raises(ValueError, match=f"^{name} must be . finite numbers, got shape"):
+            answers(pose=STILL, **(right | {name: np.zeros(5)}))

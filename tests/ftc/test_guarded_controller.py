@@ -11,12 +11,8 @@ import control
 import numpy as np
 import pytest
 
-from ftc.control_task import ControlTask
-from ftc.controller import DirectDrive, Measurement
-from ftc.fdi.fault_model import NominalModel
-from ftc.goal import Goal
-from ftc.guarded_controller import GuardedController
-from ftc.loop import LoopRun, run_loop
+from ftc import ControlTask, DirectDrive, Goal, GuardedController, LoopRun, Measurement, run_loop
+from ftc.fdi import NominalModel
 
 PERIOD_S, TICKS, BAD = 1e-3, 20, 7
 J = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])

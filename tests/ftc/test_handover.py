@@ -12,13 +12,11 @@ from fjh.rig.hexapod.detector import pointing_angles
 from fjh.rig.hexapod.fault_tolerance import HEAVE
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.control.mapping import DisplacementForm
-from ftc.controller import BumplessTransfer, Measurement, PrioritizedController
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, fault_model
-from ftc.goal import Goal
-from ftc.reconfiguration import goal_after, lost_displacement
+from ftc import Goal, Measurement, PrioritizedController, goal_after
+from ftc.control import DisplacementForm
+from ftc.controller import BumplessTransfer
+from ftc.fdi import Diagnosis, Dither, Fault, fault_model
+from ftc.reconfiguration import lost_displacement
 from sim import NOMINAL, Failure
 
 BENCH, RIG = TestbedConfig(), hexapod_rig()

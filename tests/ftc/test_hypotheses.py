@@ -8,11 +8,10 @@ import scipy.linalg
 import scipy.optimize
 from scipy.stats import multivariate_normal
 
+from ftc.fdi import CERTAIN, Cause, Fault, Uncertainty
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.uncertainty import CERTAIN, Uncertainty, perturbed
+from ftc.fdi.uncertainty import perturbed
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 
 SPREAD = 1 / np.sqrt(12)  # of a uniform variable over a cell of width one

@@ -7,14 +7,21 @@ from fjh.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.prediction import linear_loop
+from ftc import LinearLoop, simulate
+from ftc.fdi import (
+    CERTAIN,
+    KINDS,
+    Cause,
+    Dither,
+    Fault,
+    NominalModel,
+    Uncertainty,
+    fault_model,
+    isolability,
+)
 from ftc.fdi.design.isolability import distances as from_causes
-from ftc.fdi.design.isolability import isolability
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.uncertainty import CERTAIN, TYPICAL, Uncertainty
-from ftc.linear_loop import LinearLoop, simulate
+from ftc.fdi.uncertainty import TYPICAL
 
 BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)

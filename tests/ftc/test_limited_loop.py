@@ -7,12 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from ftc.control.anti_windup import circle_margin, tracking_gain
+from ftc import (
+    DirectDrive,
+    Goal,
+    LocalGeometry,
+    Measurement,
+    PrioritizedController,
+    PrioritizedMapping,
+)
+from ftc.control import circle_margin
+from ftc.control.anti_windup import tracking_gain
 from ftc.control.bumpless_transfer import bumpless_transfer
-from ftc.control.geometry import LocalGeometry
-from ftc.control.mapping import PrioritizedMapping
-from ftc.controller import DirectDrive, Measurement, PrioritizedController
-from ftc.goal import Goal
 from prioritized import ConstrainedSystem
 from tests.profiles import examples
 

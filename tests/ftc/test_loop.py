@@ -20,8 +20,8 @@ from fjh.rig.hexapod.curvature import (
 from fjh.rig.hexapod.detector import pointing_angles, secondary_motion
 from fjh.rig.hexapod.forward import forward_kinematics
 from fjh.rig.hexapod.rig import nominal_testbed
-from ftc.control.local_mapping import PreviousCommand
-from ftc.goal import Goal
+from ftc import Goal
+from ftc.control import PreviousCommand
 from sim import NOMINAL, Plant, load_model
 
 MACHINE = hexapod(load_model())

@@ -6,12 +6,17 @@ import control
 import numpy as np
 import pytest
 
-from ftc.control.geometry import LocalGeometry
-from ftc.control.mapping import DisplacementForm, PrioritizedMapping
-from ftc.controller import ControllerState, DirectDrive, Measurement, PrioritizedController
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, fault_model
-from ftc.goal import Goal
+from ftc import (
+    DirectDrive,
+    Goal,
+    LocalGeometry,
+    Measurement,
+    PrioritizedController,
+    PrioritizedMapping,
+)
+from ftc.control import DisplacementForm
+from ftc.controller import ControllerState
+from ftc.fdi import Dither, Fault, fault_model
 from prioritized import ConstrainedSystem
 from tests.ftc.test_handover import (
     BENCH,

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from ftc.fdi import CERTAIN, Fault, fault_model, monitor
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.fault_model import Fault, fault_model
-from ftc.fdi.monitor import MonitorState, monitor
-from ftc.fdi.uncertainty import CERTAIN
+from ftc.fdi.monitor import MonitorState
 from tests.cart_runs import carts
 
 NOMINAL, SOUND, TICK_S, HZ = carts(0, n=3), fault_model(carts(0, n=3)), 5e-3, 5.0

@@ -6,10 +6,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from ftc.fdi import CERTAIN, Uncertainty
 from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.detection.watch import corrected
 from ftc.fdi.detection.whitening import Spectrum
-from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
 J, P = 4, 2
 seeds = pytest.mark.parametrize("seed", range(5))

@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc.fdi import Fault, NominalModel, fault_model
 from ftc.fdi.friction import DryFriction
 from sim import Plant
 from tests.sim.test_friction import plant_of

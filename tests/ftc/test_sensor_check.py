@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftc.sensor_check import SensorCheck, SensorState
+from ftc import SensorCheck
+from ftc.sensor_check import SensorState
 
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))

@@ -6,17 +6,10 @@ import control
 import numpy as np
 import pytest
 
+from ftc.fdi import CERTAIN, KINDS, Fault, NominalModel, fault_model, monitor
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.fault_model import (
-    KINDS,
-    Fault,
-    NominalModel,
-    fault_model,
-    resting_displacements,
-)
+from ftc.fdi.fault_model import resting_displacements
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.monitor import monitor
-from ftc.fdi.uncertainty import CERTAIN
 from sim import Failure
 from tests.sim.test_released import lifted, servos
 

@@ -5,8 +5,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftc.fdi.fault_model import Fault, NominalModel, static_share
-from ftc.reconfiguration import WEAKEST, used_share
+from ftc import WEAKEST
+from ftc.fdi import Fault, NominalModel, static_share
+from ftc.reconfiguration import used_share
 from tests.cart_runs import carts
 from tests.ftc.test_servo_faults import Carts
 from tests.profiles import examples

@@ -5,11 +5,8 @@ from dataclasses import replace
 import pytest
 
 from fjh.rig import Rig
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.isolation.causes import Cause
-from ftc.goal import Goal
-from ftc.status import status
+from ftc import Goal, status
+from ftc.fdi import Cause, Diagnosis, Fault
 
 START = Rig.hexapod().supervisor().start()
 LOCKED = Diagnosis.told(Fault(2, "locked"), 1e-6)

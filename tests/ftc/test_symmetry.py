@@ -11,10 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftc.fdi.dither import Dither
-from ftc.fdi.dither_design import Cost, designed_dither
-from ftc.fdi.sensor_choice import ranked_sensors
-from ftc.fdi.separation import Conditions
+from ftc.fdi import Conditions, Cost, Dither, designed_dither, ranked_sensors
 from prioritized import (
     ConstrainedSystem,
     Kinematics,

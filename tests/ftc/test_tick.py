@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from fjh.rig.hexapod.closed_form import Hexapod
 from kernels import Struct, lib, pointer
-from sim import Bench, Plant, Pose, TaskSensor, load_model
+from sim import Bench, Plant, Pose, load_model
+from sim.plant import TaskSensor
 
 SEEDS = range(8)
 

@@ -9,19 +9,12 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from ftc.controller import Measurement
-from ftc.fdi.fault_model import Fault, fault_model
-from ftc.goal import Goal
-from ftc.tracking import (
-    LARGEST_PEAK,
-    TaskLost,
-    Tracking,
-    is_possible,
-    mapping_for,
-    tracking,
-)
+from ftc import Goal, Measurement, TaskLost, Tracking, is_possible, mapping_for, tracking
+from ftc.fdi import Fault, fault_model
+from ftc.tracking import LARGEST_PEAK
 from prioritized import ConstrainedSystem
-from sim import HEXAPOD_MJCF, Bench, Failure, Mechanism, Plant, TaskSensor, load_model
+from sim import HEXAPOD_MJCF, Bench, Failure, Mechanism, Plant, load_model
+from sim.plant import TaskSensor
 
 ARM, HAND, ARMS = (
     load_model(HEXAPOD_MJCF.with_name(f"{name}.xml"), add_locks=True)

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from fjh.rig import Rig
-from ftc import run_loop
-from ftc.controller import Measurement
-from ftc.goal import Goal
-from ftc.loop import one_tick
+from ftc import Goal, Measurement, one_tick, run_loop
 from sim import Failure
 from tests.ftc.test_handover import LSB_PERCENT
 

@@ -8,8 +8,8 @@ import control
 import numpy as np
 import pytest
 
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.uncertainty import CERTAIN, Uncertainty, perturbed, uncertain_model
+from ftc.fdi import CERTAIN, KINDS, Fault, NominalModel, Uncertainty, fault_model
+from ftc.fdi.uncertainty import perturbed, uncertain_model
 
 SMALL = 1e-5
 FAULTS = [[], [Fault(1, "locked")], [Fault(1, "free")], [Fault(1, "weak", 0.4)]]

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
+from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault
 from ftc.fdi.design.isolability import distances
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.detection.residual_test import residual_test
-from ftc.fdi.diagnosis import DEFAULT_CONFIG
-from ftc.fdi.fault_model import Fault, FaultModel
+from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.hypotheses import bank_of
 from ftc.fdi.isolation.verdict import Verdict
-from ftc.fdi.uncertainty import CERTAIN
 from tests.aircraft import (
     DEGREES,
     FREQUENCIES,

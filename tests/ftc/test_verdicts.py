@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from ftc.fdi import CERTAIN, Fault, Uncertainty, fault_model
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.fault_model import Fault, fault_model
 from ftc.fdi.isolation.evidence import LOST
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)

@@ -6,11 +6,10 @@ import control
 import numpy as np
 import pytest
 
+from ftc.fdi import CERTAIN, Fault, Uncertainty
 from ftc.fdi.detection.watch import Watch, WatchState
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from tests.cart_runs import Record, carts, outputs
 
 NOMINAL, PERIOD_S = carts(1), 10e-3

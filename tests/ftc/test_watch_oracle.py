@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ftc.fdi import CERTAIN
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.detection.residual_test import WINDOWS, residual_test
 from ftc.fdi.detection.watch import Watch, WatchState
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
-from ftc.fdi.uncertainty import CERTAIN
 from tests.cart_runs import Record, carts
 from tests.spectra import spectrum_of
 

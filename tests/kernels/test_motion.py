@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kernels import Struct, lib, pointer
-from sim import Mechanism, Pose, load_model
-from sim.mjcf.model import MODELS
+from sim import MODELS, Mechanism, Pose, load_model
 
 
 @pytest.mark.parametrize("largest", [0.0, 1e-9, 0.1, 3.0])

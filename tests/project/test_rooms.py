@@ -1,11 +1,13 @@
 """The rooms and their parts: who may import whom."""
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -115,6 +117,79 @@ def test_the_page_for_contributors_says_what_a_room_may_import(room):
     page = (ROOT / "CONTRIBUTING.md").read_text()
     row = next(line for line in page.splitlines() if line.startswith(f"| `{room}/` |"))
     assert set(re.findall(r"[\w]+", row.split("|")[3])) == ALLOWED[room]
+
+
+PUBLIC = (
+    *("prioritized", "sim", "sim.mjcf", "sim.plant", "sim.scene", "sim.tasks"),
+    *("ftc", "ftc.control", "ftc.fdi"),
+)
+"""Modules with lists of public names; all else of these rooms is inside."""
+
+
+FOR_USERS = {
+    # What public functions return, for who annotates; and rows of one body seen from another.
+    *(f"prioritized.{name}" for name in ("Attainable", "ForceMapping", "ForceSolution")),
+    "sim.Relative",
+}
+"""Public names that neither other rooms nor pages use."""
+
+
+def public_names(module: str) -> set[str]:
+    """What such a module lists."""
+    found = vars(importlib.import_module(module)).items()
+    return {
+        name
+        for name, value in found
+        if not name.startswith("_") and not isinstance(value, ModuleType)
+    } - {"log_warnings"}  # which `sim` calls
+
+
+def imports_of_others(*suffixes: str) -> set[tuple[str, str, str]]:
+    """File, module and name of what files outside import of these rooms, tests left out."""
+    found = set()
+    for file in tracked(*suffixes):
+        room, text = file.parts[0], (ROOT / file).read_text()
+        blocks = [text] if file.suffix == ".py" else re.findall(r"```python\n(.*?)```", text, re.S)
+        for node in (node for block in blocks for node in ast.walk(ast.parse(block))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                module = node.module.removeprefix("fjh.")
+                if module.split(".")[0] in {"prioritized", "sim", "ftc"} - {room}:
+                    found |= {(str(file), module, alias.name) for alias in node.names}
+    return {each for each in found if not each[0].startswith(("tests/", "tools/"))}
+
+
+def tracked(*suffixes: str) -> list[Path]:
+    """Files of the project with these endings."""
+    listed = subprocess.run(
+        ["git", "ls-files", *(f"*{suffix}" for suffix in suffixes)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [Path(line) for line in listed.stdout.splitlines() if (ROOT / line).is_file()]
+
+
+def test_a_room_is_used_by_its_public_names_alone():
+    wrong = {
+        f"{file} imports {name} from {module}"
+        for file, module, name in imports_of_others(".py", ".md")
+        if module not in PUBLIC or name not in {*public_names(module), "fdi"}
+    }
+    assert not wrong, "\n".join(sorted(wrong))
+
+
+def test_every_public_name_is_used_outside_its_room():
+    """By another room, an example or a page: nothing else is public."""
+    used = {(module, name) for _, module, name in imports_of_others(".py", ".md")}
+    pages = "".join((ROOT / file).read_text() for file in tracked(".md", "examples/*.py"))
+    unused = {
+        f"{module}.{name}"
+        for module in PUBLIC
+        for name in public_names(module)
+        if (module, name) not in used and f"{module}.{name}" not in pages
+    }
+    assert unused == FOR_USERS
 
 
 ORDER = {

@@ -2,13 +2,11 @@
 
 import re
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 import fjh
-import prioritized
-import sim
+from tests.project.test_rooms import PUBLIC, public_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -76,13 +74,9 @@ def test_github_leaves_the_equations_of_a_page_alone(page):
     assert eaten(page.read_text() + r"$\lbrace$ and $\{$") == [r"\{"]
 
 
-@pytest.mark.parametrize("package", [prioritized, sim], ids=lambda package: package.__name__)
-def test_the_reference_has_every_public_name(package):
-    names = {
-        name
-        for name, value in vars(package).items()
-        if not name.startswith("_") and not isinstance(value, ModuleType)
-    }
+@pytest.mark.parametrize("module", PUBLIC)
+def test_the_reference_has_every_public_name(module):
+    names = public_names(module)
     missing = {name for name in names if not re.search(rf":: {name}$", REFERENCE, re.MULTILINE)}
     assert missing == {"Array"} & names  # the type of all arrays, explained in words
 
@@ -90,12 +84,3 @@ def test_the_reference_has_every_public_name(package):
 def test_the_reference_names_what_the_one_package_gives():
     named = set(re.findall(r"`fjh\.(\w+)`", (ROOT / "docs" / "api" / "fjh.md").read_text()))
     assert named == set(fjh.__all__)
-
-
-def test_the_reference_has_every_module_of_ftc():
-    modules = {
-        ".".join(file.relative_to(ROOT).with_suffix("").parts)
-        for file in (ROOT / "ftc").rglob("*.py")
-        if file.stem != "__init__"
-    }
-    assert set(re.findall(r":: (ftc\.[\w.]+)$", REFERENCE, re.MULTILINE)) == modules

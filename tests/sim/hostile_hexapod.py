@@ -5,29 +5,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from fjh.rig.hexapod.amplifier import Amplifier, displacement_limits
 from fjh.rig.hexapod.closed_form import Hexapod, Posture, hexapod
+from fjh.rig.hexapod.coil import Coils
 from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
 from fjh.rig.hexapod.forward import forward_kinematics
 from fjh.rig.hexapod.strut_sensors import StrutSensors
 from fjh.rig.hexapod.trajectory import spiral
-from sim import (
-    HEXAPOD_MJCF,
-    NOMINAL,
-    Amplifier,
-    Coils,
-    Jacobians,
-    MaxwellSlip,
-    Pose,
-    displacement_limits,
-    element_id,
-    jacobians,
-    joint_stiffness,
-    linearize,
-    load_model,
-    mass_matrix,
-    model_sha256,
-    weightless,
-)
+from sim import HEXAPOD_MJCF, NOMINAL, Jacobians, Pose, jacobians, linearize, load_model
+from sim.mjcf import element_id, joint_stiffness, mass_matrix, model_sha256, weightless
+from sim.plant import MaxwellSlip
 from tests.hostile import Target
 
 MODEL = load_model()

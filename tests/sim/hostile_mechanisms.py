@@ -11,7 +11,6 @@ from sim import (
     CenterOfMass,
     Distances,
     JacobianReader,
-    Machine,
     Mechanism,
     Pin,
     Pose,
@@ -24,6 +23,7 @@ from sim import (
     pose_of,
     ranges,
 )
+from sim.kinematics.machine import Machine
 from tests.hostile import Target
 
 ARM = load_model(MODELS / "arm.xml")

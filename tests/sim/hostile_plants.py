@@ -4,19 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from sim import (
-    NOMINAL,
-    Bench,
-    Failure,
-    JointSensors,
-    MaxwellSlip,
-    Mechanism,
-    Plant,
-    TaskSensor,
-    failed_plant,
-    linearize,
-    servoed,
-)
+from sim import NOMINAL, Bench, Failure, Mechanism, Plant, linearize, servoed
+from sim.plant import JointSensors, MaxwellSlip, TaskSensor, failed_plant
 from tests.hostile import Target
 from tests.sim.hostile_hexapod import DATA, MODEL
 from tests.sim.hostile_mechanisms import ARM, AT_REST

@@ -11,7 +11,6 @@ from sim import (
     DampingTask,
     FrameTask,
     JointCouplingTask,
-    LocatedRates,
     LookAtTask,
     Pose,
     PostureTask,
@@ -19,6 +18,7 @@ from sim import (
     TaskFunction,
     load_model,
 )
+from sim.tasks import LocatedRates
 from tests.hostile import Target
 
 ARM = load_model(MODELS / "arm.xml")

@@ -18,10 +18,10 @@ from sim import (
     advance,
     assemble,
     jacobians,
-    mass_matrix,
     pose_error,
     pose_of,
 )
+from sim.mjcf import mass_matrix
 from tests.sim.test_jacobian import everything
 
 # A parallelogram in the plane, on a base that turns about an axis in that plane: of the connect's

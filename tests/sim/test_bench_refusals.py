@@ -8,28 +8,26 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fjh.rig.hexapod.amplifier import Amplifier
 from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.coil import Coils
 from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
 from fjh.rig.hexapod.strut_sensors import StrutSensors
 from fjh.rig.hexapod.trajectory import spiral
 from sim import (
     HEXAPOD_MJCF,
     NOMINAL,
-    Amplifier,
-    Coils,
     Failure,
     Jacobians,
     ModelError,
     Plant,
     Pose,
-    element_id,
-    failed_plant,
     jacobians,
     linearize,
     load_model,
-    mass_matrix,
-    model_sha256,
 )
+from sim.mjcf import element_id, mass_matrix, model_sha256
+from sim.plant import failed_plant
 from tests.hostile import Target, refusals
 
 NAN, INF = np.nan, np.inf

@@ -4,9 +4,9 @@ import mujoco
 import pytest
 
 from sim import Body
-from sim.mjcf.frame import located
+from sim.mjcf import located
 from sim.mjcf.part import task_part
-from sim.plant.beyond_linear import Met, beyond_linear
+from sim.plant import Met, beyond_linear
 
 PAIR = """
 <mujoco>

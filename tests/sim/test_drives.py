@@ -7,19 +7,9 @@ import numpy as np
 import pytest
 
 from prioritized import ConstrainedSystem
-from sim import (
-    Drive,
-    Jacobians,
-    Machine,
-    ModelError,
-    assemble,
-    element_id,
-    jacobians,
-    pose_error,
-    pose_of,
-)
-from sim.mjcf.drive import names_of, number_of
-from sim.mjcf.transmission import drives
+from sim import Jacobians, ModelError, assemble, jacobians, pose_error, pose_of
+from sim.kinematics.machine import Machine
+from sim.mjcf import Drive, drives, element_id, names_of, number_of
 
 # A planar five-bar on a rail, closed by a connect: three freedoms, driven by a servo on a cable
 # over two joints, one on a rope between two points, and one on the rail.

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import Bench, Plant, TaskSensor
+from sim import Bench, Plant
+from sim.plant import TaskSensor
 
 PENDULUM = mujoco.MjModel.from_xml_string("""
 <mujoco><option timestep="1e-3" gravity="0 0 0"/><worldbody><body>

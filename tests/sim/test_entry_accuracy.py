@@ -9,15 +9,7 @@ import pytest
 
 from fjh.ik import Ik
 from prioritized import ConstrainedSystem
-from sim import (
-    CenterOfMass,
-    FrameTask,
-    JacobianReader,
-    Mechanism,
-    jacobians,
-    load_model,
-    pose_of,
-)
+from sim import CenterOfMass, FrameTask, JacobianReader, Mechanism, jacobians, load_model, pose_of
 from sim.mjcf.rounding import roundings
 from tests.three_rrr import EXACT, six_digits, taken, three_rrr
 

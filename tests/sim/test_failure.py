@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim import Failure, FailureKind
-from sim.mjcf.drive import number_of
+from sim import Failure
+from sim.mjcf import number_of
+from sim.plant import FailureKind
 
 KINDS = st.sampled_from(get_args(FailureKind))
 NAMES = st.text(min_size=1).filter(lambda name: not name.isdecimal())

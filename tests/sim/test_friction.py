@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from sim import Plant, load_model
-from sim.plant.friction import dry_friction
+from sim.plant import dry_friction
 
 ARM = """
 <mujoco>

@@ -7,7 +7,11 @@ import pytest
 
 import sim
 from fjh.rig.hexapod import closed_form
-from sim import NOMINAL, Bench, Plant, Pose, TaskSensor
+from fjh.rig.hexapod.coil import Coils
+from sim import NOMINAL, Bench, Plant, Pose
+from sim.kinematics.entry_accuracy import EntryAccuracy
+from sim.kinematics.machine import Machine
+from sim.plant import MaxwellSlip, Reading, TaskSensor
 from tests.frozen import writable
 from tests.sim import hostile_mechanisms
 from tests.sim.hostile_hexapod import COILS, DATA, JACOBIANS, MACHINE, MODEL, POSE, POSTURE
@@ -17,9 +21,9 @@ MADE = {
     closed_form.Posture: POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": np.eye(6)},
     closed_form.Hexapod: {"bottom_m": MACHINE.bottom_m, "top_m": MACHINE.top_m},
     sim.Jacobians: {name: JACOBIANS[name] for name in ("J_T", "J_C", "active", "gear")},
-    sim.Coils: COILS,
-    sim.MaxwellSlip: {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))},
-    sim.Machine: hostile_mechanisms.MACHINE,
+    Coils: COILS,
+    MaxwellSlip: {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))},
+    Machine: hostile_mechanisms.MACHINE,
 }
 """Records that anybody can make, and of what."""
 GIVEN = {
@@ -50,7 +54,7 @@ def test_every_record_with_arrays_is_made_or_given():
     assert set(frozen) - known == set()
 
 
-INNER = {sim.EntryAccuracy}
+INNER = {EntryAccuracy}
 """Its arrays are those of the Jacobians that it belongs to."""
 
 
@@ -96,9 +100,9 @@ def test_a_bench_does_not_change_with_what_it_was_made_of():
 
 def test_a_sensor_cannot_change_the_log():
     class Greedy:
-        def read(self, pose: Pose, displacements: np.ndarray) -> sim.Reading:
+        def read(self, pose: Pose, displacements: np.ndarray) -> Reading:
             pose.rotation[:] = 0.0
-            return sim.Reading(displacements, displacements)
+            return Reading(displacements, displacements)
 
     bench = Bench(Plant(MODEL), Greedy(), time_s=np.zeros(1), period_s=2e-3)
     with pytest.raises(ValueError, match="read-only"):

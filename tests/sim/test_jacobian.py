@@ -18,10 +18,9 @@ from sim import (
     Pose,
     assemble,
     jacobians,
-    joint_stiffness,
     linearize,
-    mass_matrix,
 )
+from sim.mjcf import joint_stiffness, mass_matrix
 
 # A planar four-bar closed by a connect: three closure rows of rank two.
 FOUR_BAR = """

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import HEXAPOD_MJCF, ModelError, Plant, element_id, load_model
+from sim import HEXAPOD_MJCF, ModelError, Plant, load_model
+from sim.mjcf import element_id
 
 ROBOT = """
 <mujoco>

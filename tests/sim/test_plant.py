@@ -13,8 +13,7 @@ from fjh.rig.hexapod.controller import nominal_loops
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.study.workers import in_parallel
-from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
-from sim.mjcf.model import HEXAPOD_MJCF
+from sim import HEXAPOD_MJCF, ModelError, Plant, SimulationDiverged, linearize, load_model
 from tests.closed_form import closed_form, modes_of
 
 PERIOD_S = 1e-3

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim import Bench, Body, Failure, MaxwellSlip, Plant, Reading, linearize
+from sim import Bench, Body, Failure, Plant, linearize
+from sim.plant import MaxwellSlip, Reading
 
 PERIOD_S, SETTLING_S = 1e-3, 0.3
 

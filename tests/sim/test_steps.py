@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from prioritized import ConstrainedSystem
-from sim import MODELS, advance, assemble, jacobians, load_model, mass_matrix, pose_of
+from sim import MODELS, advance, assemble, jacobians, load_model, pose_of
+from sim.mjcf import mass_matrix
 from tests.sim.test_assembly import FIVE_BAR, model_of, moved, stretched
 from tests.sim.walker import FEET, feet_of, reader_of, velocity, walker
 

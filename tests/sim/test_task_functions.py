@@ -25,7 +25,8 @@ from sim import (
     pose_of,
 )
 from sim.kinematics.pose import way_between
-from sim.mjcf.frame import one_half_turn, rotation_vector
+from sim.mjcf import one_half_turn
+from sim.mjcf.frame import rotation_vector
 
 HUMANOID = load_model(MODELS / "humanoid.xml")
 BALL = mujoco.MjModel.from_xml_string(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim import Body, ModelError, assemble, jacobians, load_model
-from sim.scene.scene import robot_scene
+from sim.scene import robot_scene
 
 INERTIA = (
     '<inertial><mass value="1"/>'

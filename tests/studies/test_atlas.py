@@ -26,7 +26,7 @@ from fjh.rig.hexapod.fault_tolerance import (
     strut_and_payload_stiffness,
 )
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.goal import Goal
+from ftc import Goal
 from prioritized import failure_atlas
 from sim import NOMINAL
 from tests.conftest import FLOWN

@@ -25,7 +25,7 @@ from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.study.palette import BLACK, BLUE, SKY, YELLOW
 from fjh.study.plotting import COLUMN_IN, new_figure, save_figure
 from prioritized import FailureAtlas, failure_atlas
-from sim.mjcf.model import HEXAPOD_MJCF
+from sim import HEXAPOD_MJCF
 from tests.made import run_of
 from tests.printed import faults
 

@@ -38,15 +38,15 @@ from experiments.goals_physics import (
 from fjh.rig.arm import ARM_MJCF, smooth_step
 from fjh.rig.compromise import compromising, weighted_pseudo_inverse
 from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.coil import COPPER_PER_K, Coils
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from fjh.rig.hexapod.controller import StrutMapping, nominal_loops
 from fjh.rig.hexapod.detector import pointing_angles
 from fjh.rig.hexapod.forward import forward_kinematics
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.controller import Measurement
-from ftc.goal import Goal
+from ftc import Goal, Measurement
 from prioritized import velocity_mapping
-from sim import COPPER_PER_K, NOMINAL, Coils, Plant, Pose, jacobians, load_model
+from sim import NOMINAL, Plant, Pose, jacobians, load_model
 
 STROKE_M = 635e-6
 seeds = st.integers(0, 2**32 - 1)

@@ -27,15 +27,15 @@ from experiments.limits import (
     strategies,
     tuned_clipping,
 )
+from fjh.rig.hexapod.amplifier import displacement_limits
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import Testbed
-from ftc.controller import PrioritizedController
-from ftc.goal import Goal
+from ftc import Goal, PrioritizedController
 from prioritized import ConstrainedSystem, velocity_mapping
-from sim import Failure, displacement_limits
+from sim import Failure
 from tests.profiles import examples
 
 

@@ -7,7 +7,8 @@ import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from experiments import systems
-from sim import MODELS, Jacobians, Plant, jacobians, joint_stiffness, load_model, mass_matrix
+from sim import MODELS, Jacobians, Plant, jacobians, load_model
+from sim.mjcf import joint_stiffness, mass_matrix
 from tests.project.test_docs import THEORY, markdown_row, unmarked
 
 PERIOD_S = 1e-3

@@ -30,12 +30,10 @@ from fjh.rig.hexapod.mismatch import ALL, ALONE, DRAWN, OTHER, differing
 from fjh.rig.mismatch import Mismatch
 from fjh.rig.run import Diagnosed
 from fjh.study.errors import Interrupted, WrongInput
-from ftc.controller import Measurement
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.isolation.causes import Cause
-from ftc.oracle import NEVER
-from sim import Failure, FailureKind, SimulationDiverged
+from ftc import NEVER, Measurement
+from ftc.fdi import Cause, Diagnosis, Fault
+from sim import Failure, SimulationDiverged
+from sim.plant import FailureKind
 
 WHOLE = plan.hexapod_failures(plan.WHOLE, healthy_for(2.0), BENCH.duration_s, 7)
 EVENTFUL = plan.hexapod_events(EVENTS, plan.EVENTS_EACH, 3600.0, 1)

@@ -20,8 +20,9 @@ from fjh.rig.events import EVENTS, Event
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import DITHER_SIZE, RobotOptions, Sensing
 from fjh.study.errors import WrongInput
-from ftc.fdi.dither_design import DitherDesign
-from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
+from ftc.fdi import DitherDesign
+from sim import HEXAPOD_MJCF, Failure, Pose
+from sim.plant import FailureKind
 
 MAJOR = {"arm": (0, 1), "hand": (3, 4), "platform": (3, 4), "arms": (3, 4, 5)}
 FAILS_S = 1.2

@@ -15,7 +15,8 @@ from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.prediction import loop_peak
-from sim import NOMINAL, Failure, Plant, jacobians, joint_stiffness, linearize, weightless
+from sim import NOMINAL, Failure, Plant, jacobians, linearize
+from sim.mjcf import joint_stiffness, weightless
 
 
 def failed(**tables: pd.DataFrame) -> list[str]:

@@ -43,7 +43,7 @@ from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.study.errors import Interrupted, WrongInput
-from ftc.goal import Goal
+from ftc import Goal
 from sim import Failure, SimulationDiverged
 from tests.figure_checks import faults
 

@@ -21,8 +21,8 @@ from fjh.rig.run import Diagnosed
 from fjh.study.errors import WrongInput
 from fjh.study.result import Result
 from fjh.track import Flown, agreement, checks, rows_of, track
-from ftc.fdi.fault_model import Fault
-from ftc.tracking import deciding_sentence, is_possible
+from ftc import deciding_sentence, is_possible
+from ftc.fdi import Fault
 from sim import HEXAPOD_MJCF, Array, Failure
 from tests.robots import PANDA
 

@@ -31,7 +31,7 @@ from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.prediction import open_loop, pole_radius
 from fjh.rig.run import Run, rms
-from ftc.goal import Goal
+from ftc import Goal
 from sim import NOMINAL, Failure, Plant, linearize, load_model
 from tests.figure_checks import faults
 from tests.made import made_run

@@ -141,7 +141,6 @@ def flight(measured, predicted, **more):
         "uncompared": None,
         "wrong": [],
         "named_after_ms": None,
-        "named_as": None,
     }
     return common | {"measured": measured, "predicted": predicted} | more
 

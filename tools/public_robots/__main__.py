@@ -86,10 +86,8 @@ def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
     if model.xml is None:
         out.write_text(json.dumps({"stage": "load", "refused": model.refusal}))
         return model, _entry(model)
-    file, unfinished = (
-        BUILD / "models" / model.package / f"{model.name}.xml",
-        out.with_suffix(".part"),
-    )
+    file = BUILD / "models" / model.package / f"{model.name}.xml"
+    unfinished = out.with_suffix(".part")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(model.xml)
     words = [sys.executable, "-W", "ignore", "-m", "tools.public_robots.trial", file, unfinished]

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
+from math import hypot
 from typing import Any
 
 from fjh.rig.units import ROWS
@@ -55,7 +56,7 @@ def ratio(flight: Record | None) -> float | None:
     """Measured over predicted RMS, all rows together; None where nothing is predicted of it."""
     if flight is None or flight["predicted"] is None or flight["uncompared"] is not None:
         return None
-    measured, predicted = (_norm(flight[key]) for key in ("measured", "predicted"))
+    measured, predicted = (hypot(*flight[key]) for key in ("measured", "predicted"))
     return measured / predicted if predicted else None
 
 
@@ -68,10 +69,6 @@ def silently_wrong(record: Record) -> bool:
 
 def _is_close(value: float) -> bool:
     return abs(value - 1.0) <= AGREES
-
-
-def _norm(values: Sequence[float]) -> float:
-    return sum(value * value for value in values) ** 0.5
 
 
 def _counts(records: Sequence[Record]) -> str:

@@ -61,10 +61,8 @@ def models(folder: Path) -> list[Model]:
     found, seen = list[Model](), set[str]()
     for package in PACKAGES:
         for file in files(folder / package):
-            name, source = (
-                f"{file.parent.name}-{file.stem}",
-                str(file.relative_to(folder / package)),
-            )
+            name = f"{file.parent.name}-{file.stem}"
+            source = str(file.relative_to(folder / package))
             try:
                 xml = stripped(file)
             except ValueError as error:

@@ -27,7 +27,7 @@ from fjh.rig.reach import learnt_s, uncompared
 from fjh.rig.run import rms
 from fjh.study.errors import WrongInput
 from fjh.study.provenance import commit
-from ftc.tracking import is_possible
+from ftc import is_possible
 from prioritized import ConstrainedSystem
 from sim import (
     Array,
@@ -40,7 +40,7 @@ from sim import (
     jacobians,
     load_model,
 )
-from sim.mjcf.transmission import drive_rows, drives
+from sim.mjcf import drive_rows, drives
 from tools.public_robots.task_frame import NoTask, TaskFrame, task_frame
 
 STAGES = ("load", "assemble", "jacobians", "power", "classified", "rig", "sound", "lock")
@@ -233,7 +233,7 @@ def _named(run: Run, failed: list[str]) -> dict[str, Any]:
     right = [each for each in run.diagnoses if each.actuator in failed and each.time_s >= FAILS_S]
     wrong = [str(each) for each in run.diagnoses if each not in right]
     delay_ms = round(1e3 * (right[0].time_s - FAILS_S)) if right else None
-    return {"named_after_ms": delay_ms, "named_as": right and right[0].kind, "wrong": wrong}
+    return {"named_after_ms": delay_ms, "wrong": wrong}
 
 
 def servo_hz(model: mujoco.MjModel) -> float | None:

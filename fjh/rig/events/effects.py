@@ -18,7 +18,8 @@ from fjh.study.spelling import nearest
 
 if TYPE_CHECKING:
     from fjh.rig.events.hooks import Target
-    from sim import Array, FailureKind
+    from sim import Array
+    from sim.plant import FailureKind
 
 Of = Literal["actuator", "supply", "machine", "sensor"]
 Cause = Literal["offset", "supply", "scale"]

@@ -14,10 +14,9 @@ from fjh.rig.draw import Draw
 from fjh.rig.events.effects import EVENTS, Effect, Event
 from fjh.rig.run import tick_of
 from fjh.study.errors import WrongInput
-from sim import Array, Drive, Failure, Reading
-from sim.mjcf.transmission import drives
-from sim.plant.actuators import locks_of, switch_off
-from sim.plant.bench import hooks_of, measured_by, sent_by
+from sim import Array, Failure
+from sim.mjcf import Drive, drives
+from sim.plant import Reading, hooks_of, locks_of, measured_by, sent_by, switch_off
 
 if TYPE_CHECKING:
     from fjh.rig.rig import Rig

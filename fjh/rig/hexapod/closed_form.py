@@ -9,10 +9,8 @@ import numpy as np
 
 import argument_checks as check
 from kernels import Struct, lib, pointer
-from sim.array import Array
-from sim.errors import ModelError
-from sim.kinematics.pose import Pose, computed, flat, keep
-from sim.mjcf.model import element_id
+from sim import Array, ModelError, Pose
+from sim.mjcf import element_id
 
 
 @dataclass(frozen=True)
@@ -33,8 +31,8 @@ class Posture(Pose):
     def __post_init__(self) -> None:
         """Check the arguments, and keep read-only copies."""
         super().__post_init__()
-        keep(self, "displacement_m", 6)
-        keep(self, "inverse_jacobian", 6, 6)
+        check.keep(self, "displacement_m", 6)
+        check.keep(self, "inverse_jacobian", 6, 6)
 
     def twist(self, displacement_m: Array) -> Array:
         """The displacement [rotation vector; translation] (6,) of small strut displacements (6,).
@@ -76,7 +74,7 @@ class Hexapod:
     def __post_init__(self) -> None:
         """Check the arguments, and keep read-only copies."""
         for name in ("bottom_m", "top_m"):
-            keep(self, name, 6, 3)
+            check.keep(self, name, 6, 3)
             check.exactly(name, getattr(self, name), 6, 3)
 
     @cached_property
@@ -115,7 +113,7 @@ class Hexapod:
         if isinstance(pose, Posture):
             return pose
         length_m, A = self.lengths_and_jacobian(pose)
-        return computed(
+        return check.computed(
             Posture,
             rotation=pose.rotation,
             translation_m=pose.translation_m,
@@ -134,7 +132,7 @@ class Hexapod:
         check.flag("singular", singular)
         lead = pose.lead
         length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
-        poses = flat(pose.rotation, 2, lead), flat(pose.translation_m, 1, lead)
+        poses = check.flat(pose.rotation, 2, lead), check.flat(pose.translation_m, 1, lead)
         given = map(pointer, (*poses, length_m, A))
         if not lib.strut_lengths(self.nodes.pointer, math.prod(lead), *given) and not singular:
             raise ValueError(_NO_LENGTH)
@@ -159,7 +157,7 @@ class Hexapod:
         found = lib.follow(self.nodes.pointer, *map(pointer, (*given, *fields)))
         if found != lib.FOLLOWED:
             raise ValueError(_SINGULAR if found == lib.SINGULAR else _NO_LENGTH)
-        return computed(
+        return check.computed(
             Posture, rotation=R, translation_m=t, displacement_m=moved_m, inverse_jacobian=A
         )
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from fjh.rig.hexapod.detector import secondary_motion
 from fjh.rig.run import Run
-from ftc.goal import Goal
-from sim import Array, Failure, FailureKind
+from ftc import Goal
+from sim import Array, Failure
+from sim.plant import FailureKind
 
 MAJOR = [0, 1]
 """Rows of the payload's twist that matter: (alpha, beta), the pointing task."""

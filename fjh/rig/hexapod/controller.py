@@ -12,19 +12,15 @@ from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from fjh.rig.hexapod.detector import pointing_angles, secondary_motion
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.options import JacobianChoice
-from ftc.control.compensator import (
+from ftc import Goal, LoopShape, PrioritizedController, PrioritizedMapping, compensator, margins
+from ftc.control import (
     Compensator,
-    LoopShape,
+    DisplacementForm,
     Margins,
     NoResponse,
+    PreviousCommand,
     UnstableLoop,
-    compensator,
-    margins,
 )
-from ftc.control.local_mapping import PreviousCommand
-from ftc.control.mapping import DisplacementForm, PrioritizedMapping
-from ftc.controller import PrioritizedController
-from ftc.goal import Goal
 from prioritized import ConstrainedSystem, Kinematics, WhenLimited
 from sim import NOMINAL, Array, LinearPlant, ModelError, Plant, Pose, linearize
 
@@ -186,7 +182,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
 
         `stiffness`, over [struts; payload twist], determines where a free strut goes; `limits`,
         lower and upper, are of the strut displacements, shape (6,) each; `allocate` as in
-        :class:`ftc.control.mapping.PrioritizedMapping`.
+        :class:`ftc.PrioritizedMapping`.
 
         Raises:
             ValueError: Free or loose struts without stiffness: an unstable singularity. A strut

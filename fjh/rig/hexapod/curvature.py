@@ -9,8 +9,8 @@ from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import NO_COMMAND, StrutMapping
 from fjh.rig.hexapod.detector import pointing_angles, secondary_motion
 from fjh.rig.hexapod.forward import forward_kinematics
-from ftc.control.local_mapping import PreviousCommand
-from ftc.goal import Goal
+from ftc import Goal
+from ftc.control import PreviousCommand
 from sim import NOMINAL, Array
 
 MOST_STEPS = 20  # of Gauss-Newton

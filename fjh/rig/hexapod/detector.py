@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from kernels import lib, pointer
-from sim.array import Array
-from sim.mjcf.frame import one_half_turn
+from sim import Array
+from sim.mjcf import one_half_turn
 
 
 def pointing_angles(rotation: Array) -> Array:

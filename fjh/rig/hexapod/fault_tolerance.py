@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+import scipy.linalg
 
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.verdicts import Verdict, verdicts
-from ftc.control.springs import actuator_and_payload_stiffness
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel
-from ftc.reconfiguration import Unused
+from ftc import Unused
+from ftc.fdi import Dither, Fault, NominalModel
 from prioritized import ConstrainedSystem, FailureAtlas
-from sim import Array, Plant, element_id, jacobians, joint_stiffness
+from sim import Array, Jacobians, Plant, jacobians
+from sim.mjcf import element_id, joint_stiffness
 
 STRUTS = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
 """Names of the hexapod's actuators, as people know them, and in its file."""
@@ -24,11 +24,19 @@ def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
 
     The suspensions resist the struts; the flexures, all other springs, resist the payload.
     """
-    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    jac, stiffness = _nominal_jacobians(model), joint_stiffness(model)
+    flexures = stiffness.copy()
+    flexures[jac.active] = 0.0
+    # With the payload as the active joint of the mechanism, the passive rates follow it.
     free_joint = model.body_dofadr[element_id(model, "body", "payload")] + np.arange(6)
-    return actuator_and_payload_stiffness(
-        jac.J_T, jac.J_C, jac.active, free_joint, joint_stiffness(model)
-    )
+    kin = ConstrainedSystem(jac.J_T, jac.J_C, free_joint).kinematics()
+    follow = kin.passive_gain @ np.linalg.inv(kin.J)  # passive rates per payload twist
+    at_payload = follow.T @ (flexures[kin.passive, None] * follow)
+    return scipy.linalg.block_diag(np.diag(stiffness[jac.active]), at_payload)
+
+
+def _nominal_jacobians(model: mujoco.MjModel) -> Jacobians:
+    return jacobians(model, mujoco.MjData(model), site="payload", axes="base")
 
 
 def elastic_system(
@@ -40,7 +48,7 @@ def elastic_system(
         model: The hexapod.
         suspension: Stiffness of some struts' suspensions by strut 0..5, [N]/[m].
     """
-    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    jac = _nominal_jacobians(model)
     system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=joint_stiffness(model))
     return with_suspension(system, suspension or {})
 

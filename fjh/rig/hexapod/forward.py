@@ -5,8 +5,7 @@ import numpy as np
 import argument_checks as check
 from argument_checks.ties import greatest
 from fjh.rig.hexapod.closed_form import Hexapod
-from sim.array import Array
-from sim.kinematics.pose import NOMINAL, Pose
+from sim import NOMINAL, Array, Pose
 
 _ROUND_OFF = 16 * np.finfo(float).eps
 """Residual at which the struts have the lengths asked for, relative to what they are made of."""

@@ -13,7 +13,8 @@ from fjh.rig.hexapod.mismatch import ALL, SIZES, Differences, differing
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.mismatch import EXACT, Mismatch, without
 from fjh.rig.run import after_rest
-from sim import Array, Bench, Failure, Plant, Pose, Reading
+from sim import Array, Bench, Failure, Plant, Pose
+from sim.plant import Reading
 
 THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
 """Width of a one-third-octave band over its centre frequency."""

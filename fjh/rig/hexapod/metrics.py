@@ -9,7 +9,8 @@ import numpy as np
 from fjh.rig.hexapod.controller import Loop
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.study.provenance import version_properties
-from sim import Array, element_id
+from sim import Array
+from sim.mjcf import element_id
 
 
 def finite_or_none(value: float) -> float | None:

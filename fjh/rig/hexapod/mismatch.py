@@ -7,8 +7,9 @@ import numpy as np
 
 from fjh.rig.draw import Draw
 from fjh.rig.mismatch import Mismatch, sampled_model
-from sim import Array, MaxwellSlip, ModelError, Plant
-from sim.mjcf.transmission import drives
+from sim import Array, ModelError, Plant
+from sim.mjcf import drives
+from sim.plant import MaxwellSlip
 
 ALL = Mismatch(
     gain=0.03,

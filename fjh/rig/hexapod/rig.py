@@ -27,18 +27,19 @@ from fjh.rig.hexapod.machine import HexapodMachine
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.options import JacobianChoice
 from fjh.rig.rig import Rig
-from ftc.control.compensator import Compensator, Margins
-from ftc.control.mapping import DisplacementForm
-from ftc.control_task import ControlTask
-from ftc.controller import PrioritizedController
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, by_kind, of_actuators
-from ftc.goal import Goal
-from ftc.reconfiguration import Unused
-from ftc.sensor_check import SensorCheck
-from ftc.sensors import SensorChecks
-from ftc.supervisor import Supervisor, supervisor_for
-from ftc.tracking import is_possible
+from ftc import (
+    ControlTask,
+    Goal,
+    PrioritizedController,
+    SensorCheck,
+    SensorChecks,
+    Supervisor,
+    Unused,
+    is_possible,
+    supervisor_for,
+)
+from ftc.control import Compensator, DisplacementForm, Margins
+from ftc.fdi import Dither, Fault, NominalModel, by_kind, of_actuators
 from prioritized import ConstrainedSystem, Manipulability
 from sim import NOMINAL, Array, Plant, Pose, load_model
 

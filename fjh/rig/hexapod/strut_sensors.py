@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import argument_checks as check
-from sim.array import Array
+from sim import Array
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from fjh.rig.hexapod.amplifier import Amplifier
 from fjh.rig.hexapod.detector import Detector
 from fjh.rig.hexapod.strut_sensors import StrutSensors
 from fjh.rig.hexapod.trajectory import spiral
 from fjh.rig.within import check_within
-from ftc.control.compensator import Compensator
-from sim import Amplifier, Array
+from ftc.control import Compensator
+from sim import Array
 
 LIMITS: dict[str, tuple[float, float]] = {
     "duration_s": (1e-3, 3600.0),

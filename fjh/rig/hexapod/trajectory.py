@@ -3,7 +3,7 @@
 import numpy as np
 
 import argument_checks as check
-from sim.array import Array
+from sim import Array
 
 
 def spiral(

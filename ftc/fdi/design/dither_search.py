@@ -41,7 +41,7 @@ class DitherSearch:
     def best(self, rng: np.random.Generator) -> tuple[int, Array, Mask]:
         """Number of the frequency, commands (n,), and which pairs are separable, shape (n, n).
 
-        These as of :class:`ftc.fdi.dither_design.DitherDesign`.
+        These as of :class:`ftc.fdi.DitherDesign`.
         """
         n, r = self.basis.shape
         if not r:

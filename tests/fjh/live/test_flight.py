@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from fjh.live.flight import Flight
+from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
-from fjh.rig.events.effects import Effect
-from fjh.rig.events.hooks import Hooks
 from fjh.rig.run import SOUND
 from sim import HEXAPOD_MJCF, Failure, Pose
 
@@ -36,7 +34,7 @@ def flown(one: Rig, pilot: Any, path: np.ndarray, struck: Sequence[Any] = STRUCK
     begun = {round(at_s / period_s): name for name, at_s in HAPPENED}
     for k, reference in enumerate(path):
         if k in failing:
-            flight.strike(*failing[k])
+            flight.make(*failing[k])
         if k in begun:
             flight.begin(begun[k])
         flight.step(reference, None if demands is None else demands[k])
@@ -54,13 +52,6 @@ def assert_same(one: Run, other: Run) -> None:
             np.testing.assert_array_equal(ours.translation_m, theirs.translation_m)
         elif field.name in ("failures", "events", "diagnoses", "status", "undiagnosed"):
             assert ours == theirs, field.name
-
-
-def make(flight: Flight, actuator: int, kind: Any) -> None:
-    if kind == SOUND:
-        flight.repair(actuator)
-    else:
-        flight.strike(actuator, kind)
 
 
 def compared(one: Rig, pilot: Any, struck: Sequence[Any], duration_s: float) -> None:
@@ -87,12 +78,12 @@ def test_a_supervisor_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name):
 def test_what_is_struck_and_repaired_between_two_ticks_leaves_no_trace():
     one = rig("hexapod")
     path = one.path("circle", duration_s=0.3)
-    runs = []
-    for clicks in ((), ("weak", "locked", "free", SOUND)):
+    runs, kinds = [], get_args(Kind)
+    for clicks in ((), (*kinds[1:], kinds[0])):
         flight = Flight(one, one.controller(), len(path), SEED)
         for k, reference in enumerate(path):
             for kind in clicks if k == 150 else ():
-                make(flight, 2, kind)
+                flight.make(2, kind)
             flight.step(reference, None)
         runs.append(flight.run(0))
     np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
@@ -104,15 +95,16 @@ def test_a_flight_ends_after_its_ticks_and_knows_of_the_last_what_still_is_so():
     one = rig("hexapod")
     path = one.path("circle", duration_s=0.1)
     flight = Flight(one, one.controller(), len(path), SEED)
+    clicks: dict[int, tuple[int, Kind]]
     clicks = {10: (0, "locked"), 20: (1, "weak"), 30: (0, SOUND), 40: (2, "free"), 70: (3, "weak")}
     for k, reference in enumerate(path):
-        assert not flight.has_ended and flight.now_s == pytest.approx(k * one.period_s)
+        assert flight.left == len(path) - k and flight.now_s == pytest.approx(k * one.period_s)
         if k in clicks:
-            make(flight, *clicks[k])
+            flight.make(*clicks[k])
         if k == 5:
             flight.begin("bump")
         flight.step(reference, None)
-    assert flight.has_ended
+    assert flight.left == 0
     late = flight.run(50)
     assert [(each.actuator, each.kind) for each in late.failures] == [
         (1, "weak"),
@@ -158,21 +150,6 @@ def test_an_event_that_was_not_begun_can_be_ended_and_one_begun_twice_is_one():
     np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
 
 
-def test_hooks_add_effects_in_their_order_and_take_the_one_that_ends():
-    hooks, double = Hooks(), Effect(sent=lambda _, inputs: 2 * inputs)
-    shift = Effect(sent=lambda since, inputs: inputs + since)
-    assert hooks.is_empty
-    hooks.begin(0, double)
-    hooks.begin(5, shift)
-    inputs = np.ones(2)
-    np.testing.assert_array_equal(hooks.sent(4, inputs), 2.0)
-    np.testing.assert_array_equal(hooks.sent(7, inputs), 2.0 + 2)
-    hooks.end(double)
-    np.testing.assert_array_equal(hooks.sent(7, inputs), 1.0 + 2)
-    hooks.end(shift)
-    assert hooks.is_empty
-
-
 @pytest.mark.long
 def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
@@ -181,9 +158,9 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     flight = Flight(one, one.controller(), len(path), SEED)
     for k, reference in enumerate(path):
         if k == 200:
-            flight.hand_over(pilot, pilot.transfer(flight.state))
+            flight.hand_over(pilot)
         if k == 1100:
-            flight.strike(3, "locked")
+            flight.make(3, "locked")
         flight.step(reference, None)
     run = flight.run(0)
     (named,) = run.diagnoses

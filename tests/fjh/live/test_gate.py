@@ -13,16 +13,16 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
-from fjh.live.page import Page, local_server, stop
+from fjh.live.page import LocalServer, Page
 from fjh.rig import Rig
 from tests.fjh.live.browser import free_port
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> Iterator[Page]:
-    server = local_server(free_port())
+    server = LocalServer(free_port())
     yield Page(server, Rig.hexapod(), tmp_path_factory.mktemp("out"), seed=0)
-    stop(server)
+    server.stop()
 
 
 def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> ClientConnection:
@@ -113,7 +113,7 @@ def test_what_is_no_value_is_refused_and_what_is_beyond_a_range_is_clamped(page,
         send(updated(times, value=1e300))
         send(updated(group, value="free"))
         until(page, lambda: page.session.states[1] == "free")
-        until(page, lambda: page._panel.factor == handles[times].max)
+        until(page, lambda: page._stage.factor == handles[times].max)
         until(page, lambda: page.session.goal.joint_weight == (1.0, 1.0, 0.1, 1.0, 1.0, 1.0))
     changed = {uuid for uuid, handle in handles.items() if handle.value != before[uuid]}
     assert changed == {group, weight, times}

@@ -135,7 +135,7 @@ def test_a_saved_minute_is_where_the_page_says_and_holds_what_happened(page, hex
     file = hexapod.folder / "live_1.rrd"
     assert said.endswith(f"are in {file}.") and [*hexapod.folder.iterdir()] == [file]
     stated = json.loads(properties_of(file)["flight"])
-    assert [(each["actuator"], each["kind"]) for each in stated["failures"]] == [
+    assert [(each["actuator"], each["kind"]) for each in stated["incidents"]] == [
         ("strut3", "locked")
     ]
     assert stated["diagnoses"] and stated["diagnoses"][0]["actuator"] == "strut3"

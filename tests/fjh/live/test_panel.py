@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fjh.live.flight import Flight
-from fjh.live.page import LocalServer, Page, local_server, stop
+from fjh.live.page import LocalServer, Page
 from fjh.rig import Rig
 from fjh.rig.events import Event
 from fjh.study.errors import WrongInput
-from ftc.fdi.fault_model import Fault
+from ftc.fdi import Fault
 from sim import ModelError, SimulationDiverged
 from tests.fjh.live.browser import free_port
 from tests.ftc.test_handover import diagnosis
@@ -61,10 +61,6 @@ def test_a_failure_that_is_believed_is_named_with_its_kind(learned):
     assert says(sure) == "strut2 is locked; the other actuators do the task."
 
 
-def test_a_controller_says_that_it_does_not_diagnose():
-    assert says(rig().controller().start()) == ("Does not diagnose: it goes on with what it knows.")
-
-
 @pytest.mark.long
 def test_a_sensor_that_stands_still_is_said_beside_what_is_believed_of_actuators():
     path = rig().path("circle", duration_s=1.1)
@@ -77,9 +73,9 @@ def test_a_sensor_that_stands_still_is_said_beside_what_is_believed_of_actuators
 
 @pytest.fixture
 def server():
-    one = local_server(free_port())
+    one = LocalServer(free_port())
     yield one
-    stop(one)
+    one.stop()
 
 
 @pytest.fixture
@@ -150,13 +146,12 @@ def elements(page: Page) -> list[Any]:
 
 def test_a_client_cannot_open_a_tunnel_to_the_internet(server):
     """When a client clicks on sharing, viser asks this method, which opens none."""
-    assert isinstance(server, LocalServer)
     assert server.request_share_url() is None and server._share_tunnel is None
 
 
 def test_a_port_that_is_taken_is_refused_if_it_was_asked_for(server):
     with pytest.raises(WrongInput, match="another program listens there; leave --port out"):
-        local_server(server.get_port())
+        LocalServer(server.get_port())
 
 
 def test_new_machines_that_are_asked_for_just_before_a_frame_are_drawn_in_it(page):

@@ -9,10 +9,12 @@ import pytest
 
 from fjh.live import session as sessions
 from fjh.live.course import COURSES, REST
-from fjh.live.session import LASTING, Kind, Session
+from fjh.live.flight import Kind
+from fjh.live.panel import LASTING
+from fjh.live.session import Session
 from fjh.rig import Rig
 from fjh.rig.run import SOUND
-from ftc.supervisor import SupervisorState
+from ftc import SupervisorState
 from tests.ftc.test_handover import LSB_PERCENT
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -65,14 +67,14 @@ def test_a_disturbance_that_was_switched_off_is_over(session, name):
     for each in (session, calm):
         each.advance(20)
     for on in (True, True, False, False):
-        session.last(name, on)
+        session.disturb(name, on)
         assert session.going_on == ({name} if on else set())
     assert [len(flight.events) for flight in session.flights] == [1, 1]
     for each in (session, calm):
         each.advance(20)
     for ours, theirs in zip(session.flights, calm.flights, strict=True):
         np.testing.assert_array_equal(ours.run(0).qpos, theirs.run(0).qpos)
-    session.last(name, True)
+    session.disturb(name, True)
     session.advance(20)
     calm.advance(20)
     for ours, theirs in zip(session.flights, calm.flights, strict=True):
@@ -108,7 +110,7 @@ def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
     session.advance(60)
     first = [flight.run(0) for flight in session.flights]
     session.make(2, "free")
-    session.last("hum", True)
+    session.disturb("hum", True)
     session.follow("steps")
     session.advance(30)
     session.follow("circle")
@@ -157,7 +159,7 @@ def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
     monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
     session = Session(rig())
     assert session.advance(30) == 30 and session.advance(30) == 19 and session.advance(30) == 0
-    assert session.tick == 50 and all(flight.has_ended for flight in session.flights)
+    assert session.tick == 50 and not any(flight.left for flight in session.flights)
     session.restart()
     assert session.advance(10) == 10
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fjh.live.flight import Flight
-from fjh.live.page import local_server, stop
-from fjh.live.stage import NAMES, Pointer, Stage
+from fjh.live.page import LocalServer
+from fjh.live.session import Session
+from fjh.live.stage import Pointer, Stage
 from fjh.rig import Rig
 from sim import MODELS
 
@@ -61,10 +62,10 @@ def test_a_machine_is_seen_whatever_its_file_says_of_the_eye(elevation):
     rig = Rig.hexapod()
     model = copy.copy(rig.model)
     model.vis.global_.elevation = elevation
-    server = local_server(None)
+    server = LocalServer(None)
     try:
-        Stage(server, replace(rig, model=model), [flown(rig, 1)], NAMES[:1])
+        Stage(server, Session(replace(rig, model=model)))
         towards = server.initial_camera.look_at - server.initial_camera.position
     finally:
-        stop(server)
+        server.stop()
     assert np.isfinite(towards).all() and towards[2] < 0.0

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fjh.rig.hexapod import paper
+from fjh.rig.hexapod.amplifier import Amplifier
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from fjh.rig.hexapod.controller import StrutMapping, nominal_loops
@@ -15,9 +16,8 @@ from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.strut_sensors import StrutSensors
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.hexapod.trajectory import spiral
-from ftc.controller import Measurement, PrioritizedController
-from ftc.goal import Goal
-from sim import NOMINAL, Amplifier, Pose
+from ftc import Goal, Measurement, PrioritizedController
+from sim import NOMINAL, Pose
 
 EQUAL = (1.0,) * 6
 

@@ -19,9 +19,10 @@ from fjh.rig.events import EVENTS, Event, effects
 from fjh.rig.events.hooks import events_of
 from fjh.rig.run import tick_of
 from fjh.study.errors import WrongInput
-from ftc.oracle import NEVER
-from sim import HEXAPOD_MJCF, Failure, Reading
-from sim.mjcf.transmission import drives
+from ftc import NEVER
+from sim import HEXAPOD_MJCF, Failure
+from sim.mjcf import drives
+from sim.plant import Reading
 
 ONSET, TICKS = 30, 160
 OF_ONE = {name for name, kind in EVENTS.items() if kind.of == "actuator"}

@@ -27,9 +27,7 @@ from fjh.rig.hexapod.rig import hexapod_rig, pursuing
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.other_controller import controller_factory, controller_label, fly_with
 from fjh.study.errors import WrongInput
-from ftc.controller import Measurement
-from ftc.goal import Goal
-from ftc.loop import run_loop
+from ftc import Goal, Measurement, run_loop
 from tests.rrd import scalars
 
 LEAST: list[plan.Block] = [

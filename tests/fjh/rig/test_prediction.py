@@ -13,7 +13,7 @@ from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.machine import floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.goal import Goal
+from ftc import Goal
 from sim import Array, Failure
 from tests.fjh.rig.test_rig import FAILED_S, path_of, rig
 

@@ -13,11 +13,9 @@ from fjh.rig import Rig
 from fjh.rig.dither import rig_dither
 from fjh.rig.mismatch import Known, Mismatch
 from fjh.study.errors import WrongInput
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault
-from ftc.oracle import NEVER, OracleController
-from sim import HEXAPOD_MJCF, Body, Failure, Mechanism, Plant, load_model
-from sim.kinematics.reader import JacobianReader
+from ftc import NEVER, OracleController
+from ftc.fdi import Diagnosis, Fault
+from sim import HEXAPOD_MJCF, Body, Failure, JacobianReader, Mechanism, Plant, load_model
 from tests.robots import FINGER
 
 FAILED_S = 0.5

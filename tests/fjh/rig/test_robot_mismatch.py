@@ -18,7 +18,8 @@ from fjh.rig.options import RobotOptions
 from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL, SIZES, RobotMachine
 from fjh.study.errors import WrongInput
-from sim import HEXAPOD_MJCF, Bench, JointSensors, Mechanism, Plant, TaskSensor, load_model
+from sim import HEXAPOD_MJCF, Bench, Mechanism, Plant, load_model
+from sim.plant import JointSensors, TaskSensor
 
 ARM = HEXAPOD_MJCF.with_name("arm.xml")
 

@@ -10,8 +10,7 @@ import pytest
 from experiments.recover.row import Holding
 from fjh.rig import Rig
 from fjh.rig.run import Run
-from ftc.guarded_controller import GuardedController
-from ftc.oracle import NEVER
+from ftc import NEVER, GuardedController
 from sim import HEXAPOD_MJCF
 
 STRUCK, TICKS = 900, 1200

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fjh.rig import Rig
 from fjh.rig.bodies import model_name
 from fjh.rig.units import by_unit, said
-from sim.mjcf.transmission import drives
+from sim.mjcf import drives
 
 _ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
 

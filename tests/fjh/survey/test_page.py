@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
 from fjh.recording.properties import properties_of
+from fjh.rig.options import RobotOptions, rows_of
 from fjh.survey import recording
+from fjh.survey.conditions import Survey, surveyed
 from fjh.survey.page import headline
 from fjh.survey.recording import losses, title, write_losses
-from fjh.survey.subject import robot_options, robot_subject
-from fjh.survey.survey import Survey, surveyed
+from fjh.survey.subject import robot_subject
 from sim import MODELS
 from tests.rrd import entities, notes, scalars
 
@@ -132,7 +133,7 @@ ROPE = """
 
 
 def survey(file: Path, major: str) -> Survey:
-    subject = robot_subject(file, robot_options(file, major=major), None, None)
+    subject = robot_subject(file, RobotOptions(major=rows_of("major", major)), None, None)
     return surveyed(subject, 0, 0, lambda done, total: None)
 
 
@@ -184,7 +185,7 @@ def test_the_motion_is_along_the_direction_that_is_lost(surveys, name, monkeypat
         np.testing.assert_allclose(shown[:, int(loss.drifts)], size, atol=2e-3 * size.max())
         assert not shown[:, 1 - loss.drifts].any() and size.max() > 1e-4
         rates = loss.velocities[active]
-        for codes in found.start.codes[list(loss.rows)]:
+        for codes in found.start.codes[loss.rows]:
             failing = np.flatnonzero(codes)
             assert (codes[failing] == (2 if loss.drifts else 1)).all()
             assert np.abs(rates[failing]).max() > 1e-3 * np.abs(rates).max()
@@ -203,7 +204,9 @@ def test_every_lost_direction_of_the_survey_has_a_cell_with_its_failures(surveys
     lost = {row for loss in losses(found.subject, found.start) for row in loss.rows}
     said = [row for row in found.start.singles.ravel() if found.start.lost(row).size]
     assert lost == set(said)
-    assert "motor1, motor2, motor3 or motor4 locked: turn z is lost" in notes(file)
+    assert "motor1 locked, motor2 locked, motor3 locked or motor4 locked: turn z is lost" in notes(
+        file
+    )
     known = properties_of(file)
     assert (known["study"], known["robot"]) == ("survey", "planar platform on four legs")
     assert known["verdict"] == headline(found.subject, found.start)

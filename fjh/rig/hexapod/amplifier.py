@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 import argument_checks as check
+from argument_checks import Array
 from kernels import Struct, lib, pointer
-from sim.array import Array
+from sim import Plant
 
 
 @dataclass(frozen=True)
@@ -76,3 +79,45 @@ def _converted(name: str, value: Array, conversion: Struct) -> Array:
     y = np.empty(x.shape)
     lib.convert(conversion.pointer, x.size, pointer(np.ascontiguousarray(x)), pointer(y))
     return y
+
+
+def displacement_limits(
+    model: mujoco.MjModel, amplifier: Amplifier, current_limit_a: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Displacements at which actuators can rest: within their ranges, and within the current.
+
+    At rest a coil balances its suspension, so a displacement l takes the current
+    newton_per_m l / newton_per_a. What bends besides (flexures, the shifted weight) is neglected:
+    0.1 % of the current in the hexapod. An actuator that is locked rests anywhere without current:
+    its limits do not apply, and mappings of a failed mechanism leave them out.
+
+    Args:
+        model: As for :class:`Plant`. Ranges are those of the joint or tendon, of the control and
+            of the force that holds its spring; infinite where it states none.
+        amplifier: The drive chain of each actuator. 100 % of its input, its saturation and the
+            largest code of its converter limit the current.
+        current_limit_a: A smaller limit, for all or each of the actuators, shape () or (n,): what a
+            hot coil may carry, for example. None is the amplifier's alone.
+
+    Returns:
+        Lower and upper displacement from the nominal position, shape (n,) each, [m].
+
+    Raises:
+        ModelError: As :class:`Plant` for its actuators.
+        ValueError: A current is negative or not finite, or their number is wrong.
+        TypeError: `model` or `amplifier` is of another type.
+    """
+    check.instance("amplifier", amplifier, Amplifier)
+    lower, upper = Plant(check.instance("model", model, mujoco.MjModel)).limits()
+    full_m = amplifier.full_input_a * amplifier.newton_per_a / amplifier.newton_per_m
+    # The chain itself says what its converter leaves of full input: one code less upwards.
+    least_m, most_m = amplifier.displacements(amplifier.inputs(full_m * np.array([-2, 2])))
+    if current_limit_a is not None:
+        currents = check.not_negative("current_limit_a", current_limit_a)
+        if currents.shape not in ((), lower.shape):
+            raise ValueError(
+                f"current_limit_a must be one number or {len(lower)}, got shape {currents.shape}"
+            )
+        held_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
+        least_m, most_m = np.maximum(least_m, -held_m), np.minimum(most_m, held_m)
+    return np.maximum(lower, least_m), np.minimum(upper, most_m)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import exprel
 
 import argument_checks as check
-from sim.array import Array
+from argument_checks import Array
 
 COPPER_PER_K = 3.93e-3
 """Rise of copper's resistance, relative to that at 20 degrees Celsius, [1]/[K]."""

@@ -5,8 +5,9 @@ import copy
 import numpy as np
 import pytest
 
+from fjh.rig.hexapod.amplifier import displacement_limits
 from fjh.rig.hexapod.testbed import TestbedConfig
-from sim import Plant, displacement_limits
+from sim import Plant
 
 CURRENTS_A = [0.5, 1.0, 2.0, 3.0, 4.0, 9.0]
 

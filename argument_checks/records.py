@@ -1,0 +1,36 @@
+"""Frozen records of arrays: checked and copied where they come in, locked where they are made."""
+
+from typing import Any, TypeVar
+
+import numpy as np
+
+from argument_checks.arrays import read_only, shaped
+
+_Kind = TypeVar("_Kind")
+
+
+def lock(record: object) -> None:
+    """Make the arrays of a record read-only, at little cost: they are its own."""
+    for value in vars(record).values():
+        if type(value) is np.ndarray:
+            read_only(value)
+
+
+def computed(kind: type[_Kind], **fields: Any) -> _Kind:
+    """A frozen record of new arrays that come from checked ones, at every tick: locked alone."""
+    record = made(kind, **fields)
+    lock(record)
+    return record
+
+
+def made(kind: type[_Kind], **fields: Any) -> _Kind:
+    """The same of arrays that are locked already."""
+    record = object.__new__(kind)
+    record.__dict__.update(fields)
+    return record
+
+
+def keep(frozen: object, name: str, *shape: int) -> None:
+    """Check an array of a frozen dataclass, and keep a read-only copy, in C's order."""
+    A = np.array(shaped(name, getattr(frozen, name), *shape), order="C")
+    object.__setattr__(frozen, name, read_only(A))

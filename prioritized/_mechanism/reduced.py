@@ -1,0 +1,189 @@
+"""A mechanism reduced to its surviving active joints, in natural units, and what it decides."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from argument_checks import Array
+from prioritized._mechanism.active_constraint import ActiveConstraint, active_constraint
+from prioritized._mechanism.conditioning import clear_of_errors
+from prioritized._mechanism.decisions import MajorTask
+from prioritized._mechanism.elimination import (
+    Partition,
+    PassiveMotion,
+    passive_motion,
+    regular_motion,
+)
+from prioritized._mechanism.measure import Measure, is_uniform, units_of
+from prioritized._mechanism.ordered import Stacked, in_order
+from prioritized._mechanism.statics import constraint_gain, internal_rows
+from prioritized._mechanism.task_motion import TaskMotion
+from prioritized._solver.arrays import none, read_only
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """What mappings and classification solve with: eqs. (6) to (17) in natural units.
+
+    No rank and no least norm depends on the unit of length then. Computed when first used.
+
+    Attributes:
+        system: The mechanism, its joints sorted by what drives them.
+    """
+
+    system: Partition
+
+    @property
+    def J(self) -> Array:
+        """Task Jacobian, eq. (14), shape (m, n - q)."""
+        return self._jacobian[0]
+
+    @property
+    def scale(self) -> float:
+        """Size of the terms whose difference is J; ranks are decided against it."""
+        return self._jacobian[1]
+
+    @cached_property
+    def _jacobian(self) -> tuple[Array, float]:
+        return self.system.reduced(self.motion.gain)
+
+    @cached_property
+    def motion(self) -> PassiveMotion:
+        """How the passive joints follow the active ones."""
+        return passive_motion(self.system)
+
+    @cached_property
+    def task_motion(self) -> TaskMotion:
+        """How the whole task follows, and the rank decisions on it."""
+        system, motion = self.system, self.motion
+        if self.is_tied or motion.free.shape[1] or not system.is_rigid:
+            return TaskMotion.of(system.motions, system.joints.active)
+        return regular_motion(system, motion)
+
+    @property
+    def self_motion(self) -> Array:
+        """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
+        if not self.motion.free.shape[1]:  # the common case, at every tick
+            return none((self.system.shape[0], 0))
+        moved = self.task_motion.moved
+        return moved.U[:, : int(moved.rank)]
+
+    @property
+    def is_tied(self) -> bool:
+        """Whether the loops may constrain the active rates."""
+        return len(self.motion.left_null) > 0
+
+    @property
+    def constraint(self) -> Array:
+        """Constraints of the active rates, orthonormal rows (r', n - q)."""
+        rates = len(self.system.joints.active)
+        return self.active_constraint.rows if self.is_tied else none((0, rates))
+
+    @cached_property
+    def active_constraint(self) -> ActiveConstraint:
+        """The same, with the pseudo-inverse."""
+        return active_constraint(self.system, self.motion.left_null)
+
+    @cached_property
+    def internal_force(self) -> Array:
+        """Orthonormal basis of the internal forces, shape (c + s, r)."""
+        rows, stuck = internal_rows(self.system, self.motion), self.system.joints.stuck
+        return np.linalg.qr(rows.T)[0] if stuck.size else rows.T
+
+    @cached_property
+    def constraint_gain(self) -> Array:
+        """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
+        return constraint_gain(self.system, self.motion, self.internal_force.T)
+
+    @cached_property
+    def closure_condition(self) -> float:
+        """Condition number of the closure J_Cp on its rank, 1 without loops."""
+        geometry, moving = self.system.geometry, self.system.joints.moving
+        rank = len(moving) - int(self.system.rigid.freedom)
+        if not rank:
+            return 1.0
+        sigma = np.linalg.svd(geometry.closure.take(moving, 1), compute_uv=False)
+        return float(sigma[0] / sigma[rank - 1])
+
+    def major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
+        """The rank decisions on the task S_m v, and on S_s v with it at rest."""
+        return MajorTask(self.task_motion, S_m, S_m[:0] if S_s is None else S_s)
+
+    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]:
+        """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
+
+        And whether no self-motion moves the first level.
+        """
+        rows = levels.at(self.J, self.scale)
+        is_held = self.holds(levels.first / self.task_units)
+        if not len(self.system.joints.active):
+            return rows, is_held
+        return in_order(self.task_motion, levels, rows), is_held
+
+    @property
+    def measured(self) -> tuple[Array, float]:
+        """J and its size, rows in natural units, and rates where these are of two kinds."""
+        return self._in_rates(self.J, self.scale)
+
+    def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
+        """J and its size as `measured`, without what counts as lost for S_m v and S_s v.
+
+        :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
+        (k, m1) of v_m.
+        """
+        task = self.major(S_m, S_s)
+        J, scale = task.handed_on(self.J, self.scale, self.constraint, metric)
+        return self._in_rates(J, float(scale))
+
+    def _in_rates(self, J: Array, scale: float) -> tuple[Array, float]:
+        unit = self.common_unit
+        return (J, scale) if unit == 1.0 else (read_only(J / unit), scale / unit)
+
+    def holds(self, S_m: Array) -> bool:
+        """Whether no self-motion moves the task S_m v."""
+        return not self.motion.free.shape[1] or not self.major(S_m).moved.rank
+
+    @property
+    def clear(self) -> float:
+        """Part of `scale` above which a singular value of J is clearly not zero."""
+        geometry, motion = self.system.geometry, self.motion
+        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
+
+    def measure(self, S_m: Array) -> Measure:
+        """Natural units of v_m = S_m v and of the rates."""
+        return Measure(units_of(S_m, self.task_units), self.rate_units)
+
+    @property
+    def task_units(self) -> Array:
+        """Natural unit of each task velocity, shape (m,)."""
+        return self.system.geometry.task_units
+
+    @property
+    def rate_units(self) -> Array:
+        """Natural unit of each rate, shape (n - q,)."""
+        return self.system.geometry.velocity_units[self.system.joints.active]
+
+    @property
+    def force_units(self) -> Array:
+        """Natural units of the velocities that constraint forces do work with, (c + s,)."""
+        geometry = self.system.geometry
+        stuck = geometry.velocity_units[self.system.joints.stuck]
+        return np.append(geometry.constraint_units, stuck)
+
+    @property
+    def moving_units(self) -> Array:
+        """Natural units of the passive joints that move, (p, 1)."""
+        return self.system.geometry.velocity_units[self.system.joints.moving, None]
+
+    @property
+    def mixed_units(self) -> Array | None:
+        """Natural units of the rates where these are of two kinds, (n - q,)."""
+        units = self.rate_units
+        return None if is_uniform(units) else units
+
+    @property
+    def common_unit(self) -> float:
+        """Natural unit of all rates; 1 where they are of two kinds."""
+        units = self.rate_units
+        return float(units[0]) if len(units) and self.mixed_units is None else 1.0
