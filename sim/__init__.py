@@ -17,6 +17,7 @@ from sim.closing.step import advance as advance
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged
+from sim.kinematics.distances import FRACTIONS as FRACTIONS
 from sim.kinematics.distances import Distances as Distances
 from sim.kinematics.jacobian import Jacobians as Jacobians
 from sim.kinematics.mechanism import Mechanism as Mechanism

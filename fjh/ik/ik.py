@@ -16,7 +16,7 @@ from fjh.ik.limits import Limits, VelocityLimits
 from fjh.ik.overshoot import MISSED, NEGLIGIBLE, Trial
 from fjh.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
-from sim import Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
+from sim import FRACTIONS, Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
 
 
 class Ik:
@@ -253,13 +253,11 @@ class Ik:
             return [(partly[:nv], duration_s) for duration_s in braking.way(partly)]
 
         if distances is None:
-            fraction = next((each for each in _FRACTIONS if steps(each) is not None), 0.0)
+            fraction = next((each for each in FRACTIONS if steps(each) is not None), 0.0)
         else:
             fraction = distances.largest_fraction(data, steps)
         return (first + fraction * (velocities - first))[:nv], fraction
 
 
-_FRACTIONS = tuple(0.5**k for k in range(11))
-"""Of a step that are tried until brakes can still keep the limits."""
 _BENDS = 3
 """How often a step is corrected for tendons that turn on its way."""

@@ -390,11 +390,9 @@ class VelocityMapping:
 
     @property
     def _measure(self) -> Measure | None:
-        return (
-            None
-            if self._kinematics is None
-            else self._kinematics._reduced.measure(self._directions[0])
-        )
+        if self._kinematics is None:
+            return None
+        return self._kinematics._reduced.measure(self._directions[0])
 
     @cached_property
     def amplification(self) -> Array:

@@ -21,7 +21,7 @@ _TOUCHING_M, _LIFT_M = 1e-9, 1e-6
 """Witness points nearer than the first give no direction; geoms apart by the second do."""
 _ACCURACY_M = 1e-9
 """What a distance may lack of the one allowed: round-off of MuJoCo's."""
-FRACTIONS = (*(0.5**k for k in range(11)), 0.0)
+FRACTIONS = tuple(0.5**k for k in range(11))
 """Of a step, to be tried one after the other."""
 _GEOMETRY = (
     *("body_parentid", "body_pos", "body_quat", "jnt_type", "jnt_bodyid", "jnt_pos", "jnt_axis"),
@@ -199,7 +199,7 @@ class Distances:
         allowed = np.full(len(self.geom_pairs), self.margin_m)
         for k, distance, _ in self._measured(data, self.margin_m):
             allowed[k] = distance
-        for fraction in FRACTIONS[:-1]:
+        for fraction in FRACTIONS:
             every = steps(fraction)
             if every is not None and all(self._keeps(data, allowed, *step) for step in every):
                 return fraction
