@@ -3,6 +3,7 @@
 import hashlib
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from io import StringIO
 from pathlib import Path
 
@@ -225,8 +226,8 @@ def read_matrix(option: str, file: Path) -> pd.DataFrame:
     except WrongInput as error:
         raise WrongInput(f"{option}: {error}") from None
     except (OSError, ValueError) as error:
-        raise WrongInput(f"{called} cannot be read: {error}") from None
-    values = cells.apply(_in_numbers).to_numpy(dtype=float)
+        raise WrongInput(f"{called} cannot be read: {str(error).strip()}") from None
+    values = cells.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=float)
     if not 0 < min(values.shape) <= max(values.shape) <= MOST:
         raise WrongInput(f"{called} must have 1 to {MOST} rows and columns of numbers")
     for row, column in np.argwhere(~(np.abs(values) < LARGEST))[:1]:
@@ -245,33 +246,42 @@ def _cells(text: str) -> pd.DataFrame:
     """The cells as text, below and beside their names."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     mark = next((each for each in ",;\t" if any(each in line for line in lines)), None)
-    first = lines[0].split(mark) if lines else [""]
-    has_header = _in_numbers(pd.Series(first[1:] or first)).isna().all()
-    cells = pd.read_csv(
-        StringIO("\n".join(lines)),
+    read = partial(
+        pd.read_csv,
         sep=mark or r"\s+",
-        header=0 if has_header else None,
+        header=None,
         dtype=str,
         keep_default_na=False,
         skipinitialspace=True,
     )
-    took_names = not isinstance(cells.index, pd.RangeIndex)  # the first row has no corner
-    cells = cells.reset_index() if took_names else cells
-    has_names = len(cells) and cells.shape[1] > 1 and _in_numbers(cells.iloc[:, 0]).isna().all()
-    if took_names and not (has_names and cells.columns[0] == "index"):
-        raise ValueError("the first row has fewer names than there are columns")
+    if not lines:
+        raise ValueError("it has no numbers")
+    first = read(StringIO(lines[0])).iloc[0].str.strip().tolist()
+    has_header = not any(map(_is_number, first[1:] or first))
+    if len(lines) == has_header:
+        raise ValueError("it has no numbers")
+    cells = read(StringIO("\n".join(lines[has_header:])))
+    rows = [f"row {k}" for k in range(len(cells))]
+    has_names = cells.shape[1] > 1 and not cells[0].map(_is_number).any()
     if has_names:
-        cells = cells.set_index(cells.columns[0])
-    else:
-        cells.index = pd.Index([f"row {k}" for k in range(len(cells))])
-    if not has_header:
-        cells.columns = pd.Index([f"u{k + 1}" for k in range(cells.shape[1])])
-    return cells
+        rows = cells.pop(0).str.strip().tolist()
+    width = cells.shape[1]
+    columns = first[-width:] if has_header else [f"u{k + 1}" for k in range(width)]
+    if has_header and len(first) not in (width, width + has_names):
+        raise ValueError(f"the first row has {len(first)} names for {width} columns")
+    for what, names in (("rows", rows), ("columns", columns)):
+        if len(set(names)) < len(names) or "" in names:
+            raise ValueError(f"names of {what} must differ and not be empty")
+    return cells.set_axis(rows).set_axis(columns, axis=1)
 
 
-def _in_numbers(cells: pd.Series) -> pd.Series:
-    """NaN where a cell is no number."""
-    return pd.to_numeric(cells, errors="coerce")
+def _is_number(cell: str) -> bool:
+    """Whether Python reads a number in the text, be it infinite or none."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def numbers(option: str, text: str, counts: set[int]) -> Array:

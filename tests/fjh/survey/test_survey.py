@@ -239,16 +239,21 @@ def test_a_matrix_is_the_same_with_names_and_without(tmp_path):
 
 
 WRONG = {
-    "": "cannot be read: No columns",
-    "a,b,c\n": "1 to 200 rows",
+    "": "has no numbers",
+    "a,b,c\n": "has no numbers",
     "1,2\n3\n": "row 2, column 2 must be a number below",
     "1,2\n3,4,5\n": "cannot be read: Error tokenizing",
     "1,2\n3,x\n": "row 2, column 2 must be a number",
+    "1,nan\n": "row 1, column 2 must be a number",
+    "1,inf\n": "row 1, column 2 must be a number",
     "1,2,inf\n": "row 1, column 3 must be a number",
+    "nan,1\nnan,2\n": "row 1, column 1 must be a number",
     "1,2\nx,3\n": "row 2, column 1 must be a number",
     "1,,2\n": "row 1, column 2 must be a number",
-    "a,b,c,d\n1,2\n": "row 1, column 3 must be a number",
-    "a,b\n1,2,3\n": "fewer names than there are columns",
+    "a,a\n1,2\n": "names of columns must differ",
+    "x,1,2\nx,3,4\n": "names of rows must differ",
+    "a,b,c,d\n1,2\n": "the first row has 4 names for 2 columns",
+    "a,b\n1,2,3\n": "the first row has 2 names for 3 columns",
     f"a,b\n1,{'2' * 100_000}\n": "row 1, column 2 must be a number",
     "1," * 200 + "1\n": "1 to 200 rows",
 }
