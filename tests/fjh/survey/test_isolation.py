@@ -21,8 +21,10 @@ from fjh.survey.isolation import (
     with_sensors,
 )
 from fjh.survey.subject import matrix_subject, robot_subject
+from ftc import tracking
+from ftc.control.minimal import minimal
 from ftc.fdi import separations
-from sim import HEXAPOD_MJCF
+from sim import HEXAPOD_MJCF, Mechanism, Plant, load_model
 from tests.random_systems import SEEDS
 
 TOLERANCE = 1e-9
@@ -114,6 +116,29 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
         for other in more.values():
             assert len(separations(other, design.dither, CONDITIONS).isolable()) <= with_it
         watched, before = more[name], with_it
+
+
+@pytest.mark.long
+def test_sensors_of_a_survey_are_those_of_the_library():
+    """Built from `ftc` and `sim` alone, as on docs/diagnosis-design.md."""
+    rig = robot_rig(HAND, replace(PLACING, sense="both"))
+    model = load_model(HAND)
+    noise = [rig.noise] * 2 + [rig.encoder_noise] * 4
+    track = tracking(
+        Mechanism(model, axes=None),
+        Plant(model, base=None).linear(),
+        [3, 4],
+        noise=noise,
+        period_s=rig.period_s,
+        step_s=model.opt.timestep,
+        goal=rig.goal,
+        sense="both",
+    )
+    ours = with_sensors(rig, "both").watched
+    np.testing.assert_allclose(ours.noise, track.watched.noise)
+    hz = 2 * np.pi * np.array([1.0, 20.0])
+    for one, other in ((ours.plant, track.watched.plant), (minimal(ours.plant), ours.plant)):
+        np.testing.assert_allclose(one(1j * hz), other(1j * hz), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
 from experiments.app.cli import main
@@ -154,6 +155,30 @@ def test_a_hexarotor_hovers_without_a_rotor_only_if_some_neighbours_turn_alike(t
         start = of_matrix(hexarotor(tmp_path / "B.csv", turns), **hover).start
         assert start.survived[0]
         assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
+
+
+def test_what_is_left_about_a_held_effect_is_what_a_linear_program_reaches(tmp_path):
+    """A locked rotor keeps its thrust, a free one has none; the others have 0 to 6 N."""
+    rng, held = np.random.default_rng(0), np.array([15.0, 0.1, 0, 0])
+    file = hexarotor(tmp_path / "B.csv", "PPNNPN")
+    found = of_matrix(file, lower="0", upper="6", hold="15,0.1,0,0")
+    B = found.subject.system.J_T
+    rest = np.linalg.pinv(B) @ held
+    assert (rest > 0).all() and (rest < 6).all()
+    directions = rng.normal(size=(60, 4))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    for row in (0, 1, 2, 14):
+        code, reached = found.start.codes[row], []
+        stuck = np.where(code == FREE, 0.0, rest)
+        low, high = np.where(code, stuck, 0.0), np.where(code, stuck, 6.0)
+        bounds = np.column_stack([[*low, 0.0], [*high, np.inf]])
+        for direction in directions:
+            A = np.column_stack([B, -direction])
+            best = linprog([0] * 6 + [-1], A_eq=A, b_eq=held, bounds=bounds)
+            reached.append(best.x[-1] if best.success else 0.0)
+        radius = speeds(found.start)[row]
+        assert min(reached) >= radius * (1 - 1e-9)
+        assert radius == 0.0 or min(reached) < 2 * radius
 
 
 def room(columns: np.ndarray, low: np.ndarray, high: np.ndarray, held: np.ndarray) -> float:
@@ -309,6 +334,15 @@ def test_29_actuators_get_singles_and_doubles_and_a_sentence(tmp_path):
     assert found.counts.conditions.tolist() == [1, 2 * 29, 4 * comb(29, 2)]
     (sentence,) = found.left_out()
     assert "at most 2 failures (1,683)" in sentence
+
+
+def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
+    file = written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(4, 12)))
+    whole = of_matrix(file).start
+    monkeypatch.setattr("fjh.rig.examined._AT_ONCE", 12**2 * 10)
+    parts = of_matrix(file).start
+    np.testing.assert_array_equal(parts.survived, whole.survived)
+    np.testing.assert_array_equal(speeds(parts), speeds(whole))
 
 
 def test_of_few_actuators_every_condition_is_counted():
