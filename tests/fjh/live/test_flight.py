@@ -11,6 +11,8 @@ import pytest
 from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
+from fjh.rig.events.effects import Effect
+from fjh.rig.events.hooks import Hooks
 from fjh.rig.run import SOUND
 from sim import HEXAPOD_MJCF, Failure, Pose
 
@@ -148,6 +150,21 @@ def test_an_event_that_was_not_begun_can_be_ended_and_one_begun_twice_is_one():
         runs.append(flight.run(0))
     np.testing.assert_array_equal(runs[0].inputs, runs[1].inputs)
     np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
+
+
+def test_hooks_add_effects_in_their_order_and_take_the_one_that_ends():
+    hooks, double = Hooks(), Effect(sent=lambda _, inputs: 2 * inputs)
+    shift = Effect(sent=lambda since, inputs: inputs + since)
+    assert hooks.is_empty
+    hooks.begin(0, double)
+    hooks.begin(5, shift)
+    inputs = np.ones(2)
+    np.testing.assert_array_equal(hooks.sent(4, inputs), 2.0)
+    np.testing.assert_array_equal(hooks.sent(7, inputs), 2.0 + 2)
+    hooks.end(double)
+    np.testing.assert_array_equal(hooks.sent(7, inputs), 1.0 + 2)
+    hooks.end(shift)
+    assert hooks.is_empty
 
 
 @pytest.mark.long

@@ -61,6 +61,10 @@ def test_a_failure_that_is_believed_is_named_with_its_kind(learned):
     assert says(sure) == "strut2 is locked; the other actuators do the task."
 
 
+def test_a_controller_says_that_it_does_not_diagnose():
+    assert says(rig().controller().start()) == ("Does not diagnose: it goes on with what it knows.")
+
+
 @pytest.mark.long
 def test_a_sensor_that_stands_still_is_said_beside_what_is_believed_of_actuators():
     path = rig().path("circle", duration_s=1.1)
