@@ -8,6 +8,7 @@ from fjh.rig import Rig
 from sim import MODELS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
 def test_a_tick_leaves_no_reference_cycles(kind):
     """Runs of different lengths leave as much to collect: what is left is of a run, not a tick."""
