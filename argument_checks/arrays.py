@@ -1,6 +1,7 @@
-"""Arrays of finite numbers of moderate size, by shape."""
+"""Arrays of finite numbers of moderate size, limits, and weights."""
 
-from math import prod
+from collections.abc import Sequence
+from types import EllipsisType
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
@@ -21,43 +22,49 @@ SMALLEST = 1e-120
 """A matrix that is not zero must be as large, for the same reason: they must not vanish."""
 
 
-def real(name: str, value: ArrayLike | None) -> Array:
-    """A copy of finite real numbers of any shape as float64."""
-    if is_plain(value) and is_moderate(value):
-        return value.copy()  # the common case
-    A = as_float64(name, value)
-    if not np.isfinite(A).all():
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
-    if (largest := np.abs(A).max(initial=0.0)) >= LARGEST:
-        raise ValueError(f"{name} must be smaller than {LARGEST:g}, got {largest:.3g}")
-    return A
+def array(
+    name: str,
+    value: ArrayLike | None,
+    *shape: int | EllipsisType | None,
+    least: float | None = None,
+    finite: bool = True,
+    copy: bool = False,
+) -> Array:
+    """Real numbers as float64, finite ones unless told otherwise.
+
+    Args:
+        name: Of the argument.
+        value: A float64 array of the right shape is returned as it is.
+        shape: Length of each axis, None for any; a leading `...` is any batch axes. No shape is
+            any. Where it has two lengths or more, each matrix must be zero or not too small.
+        least: No number may be below it; None for any.
+        finite: Whether NaN and infinity are refused, and what is so large that products overflow.
+        copy: Whether to return a new array in any case.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and least is None and not copy:
+        size = dnrm2(value.ravel()) if value.size else 0.0
+        is_sized = size < LARGEST and (size >= SMALLEST or len(shape) < 2)
+        if is_sized and (not shape or value.shape == shape or _has_shape(value, shape)):
+            return value  # the common case
+    A = value if is_plain(value) else _as_float64(name, value)
+    if finite and not is_moderate(A):
+        if not np.isfinite(A).all():
+            raise ValueError(f"{name} must be finite, got NaN or infinity")
+        if (largest := np.abs(A).max()) >= LARGEST:
+            raise ValueError(f"{name} must be smaller than {LARGEST:g}, got {largest:.3g}")
+    if shape and not _has_shape(A, shape):
+        raise ValueError(f"{name} must have shape {_written(shape)}, got {A.shape}")
+    if least is not None and A.size and (low := A.min()) < least:
+        raise ValueError(f"{name} must {at_least(least)}, got {low:.6g}")
+    if len(shape) > 1 and shape[-2] is not ...:
+        _refuse_tiny(name, A)
+    return A.copy() if copy and A is value else A
 
 
-def as_float64(name: str, value: ArrayLike | None) -> Array:
-    """A copy of real numbers, infinite or not."""
-    if is_masked(value):
-        raise ValueError(f"{name} must have all its numbers, got a masked array: fill it first")
-    try:
-        raw = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
-    if raw.dtype.kind not in "fiu":
-        got = raw.dtype if value is not None else None
-        raise ValueError(f"{name} must hold real numbers, got {got}")
-    with np.errstate(over="ignore"):  # long doubles
-        return raw.astype(float)
-
-
-def finite(name: str, value: ArrayLike) -> Array:
-    """The same, but without a copy of what needs none: for what is called at every tick."""
-    # The common case, calls spared: is_plain and is_moderate.
-    if (
-        type(value) is np.ndarray
-        and value.dtype is _FLOAT64
-        and (not value.size or dnrm2(value.ravel()) < LARGEST)
-    ):
-        return value
-    return real(name, value)
+def at_least(least: float) -> str:
+    """What numbers must be that are not below this one, in words."""
+    signs = {0.0: "not be negative", SMALLEST: f"be positive, at least {SMALLEST:g}"}
+    return signs.get(least, f"be at least {least:g}")
 
 
 def is_plain(value: ArrayLike | None) -> TypeGuard[Array]:
@@ -70,62 +77,59 @@ def is_moderate(A: Array) -> bool:
     return A.size == 0 or dnrm2(A.ravel()) < LARGEST  # NaN is not
 
 
-def shaped(name: str, value: ArrayLike, *shape: int) -> Array:
-    """Finite numbers (..., *shape) with any leading batch axes; those of a float64 not copied."""
-    A = finite(name, value)
-    if A.ndim < len(shape) or A.shape[A.ndim - len(shape) :] != shape:
-        expected = ", ".join(map(str, ("...", *shape)))
-        raise ValueError(f"{name} must have shape ({expected}), got {A.shape}")
-    return A
+def is_masked(value: Any) -> bool:
+    """Whether numbers of an array, or of one in a list, are hidden behind a mask."""
+    if isinstance(value, list | tuple):
+        return any(map(is_masked, value))
+    return isinstance(value, np.ma.MaskedArray)
 
 
-def exactly(name: str, value: ArrayLike, *shape: int) -> Array:
-    """Finite numbers of one shape, without a copy of a float64 array; for every tick."""
-    if (  # as above
-        type(value) is np.ndarray
-        and value.dtype is _FLOAT64
-        and value.shape == shape
-        and value.size
-        and dnrm2(value.ravel()) < LARGEST
-    ):
-        return value
-    A = real(name, value)
-    if A.shape != shape:
-        raise ValueError(f"{name} must be {prod(shape)} finite numbers, got shape {A.shape}")
-    return A
+def limits(
+    name: str, value: Sequence[ArrayLike] | Array, size: int, *, batch: bool = False
+) -> tuple[Array, Array]:
+    """A pair (lower, upper) of n limits, infinite where there is none.
+
+    Each is n numbers, or one for all; equal ones are a lock. Read-only copies of shape (n,); with
+    `batch` they may have leading axes, (..., n) each, and are not copied.
+    """
+    try:
+        lower, upper = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a pair (lower, upper), got {shown(value)}") from None
+    lower, upper = _side(name, lower, size), _side(name, upper, size)
+    if lower.shape != upper.shape:
+        common_axes({f"{name}[0]": lower.shape[:-1], f"{name}[1]": upper.shape[:-1]})
+        lower, upper = np.broadcast_arrays(lower, upper)
+    if (lower > upper).any() or (lower == np.inf).any() or (upper == -np.inf).any():
+        raise ValueError(f"{name} must be a lower and an upper limit, got {shown(value)}")
+    if batch:
+        return lower, upper
+    if lower.ndim > 1:
+        raise ValueError(f"{name} must be two numbers or of shape ({size},), got {lower.shape}")
+    return frozen(np.broadcast_to(lower, size)), frozen(np.broadcast_to(upper, size))
 
 
-def vector(name: str, value: ArrayLike | None, size: int) -> Array:
-    """A finite vector with any leading batch axes, shape (..., size)."""
-    v = real(name, value)
-    if v.ndim < 1 or v.shape[-1] != size:
-        raise ValueError(f"{name} must have shape (..., {size}), got {v.shape}")
-    return v
+def weight(name: str, value: ArrayLike, size: int, *, semidefinite: bool = False) -> Array:
+    """A weighting matrix (..., k, size); a vector is the diagonal of one.
 
-
-def series(name: str, value: ArrayLike) -> Array:
-    """One finite vector of any length, that of a float64 not copied."""
-    if (v := finite(name, value)).ndim != 1:
-        raise ValueError(f"{name} must be one vector, got shape {v.shape}")
-    return v
-
-
-def not_negative(name: str, value: ArrayLike) -> Array:
-    """Finite numbers, none below zero."""
-    if isinstance(value, float) and 0.0 <= value < LARGEST:
-        return np.asarray(value)
-    x = real(name, value)
-    if (x < 0).any():
-        raise ValueError(f"{name} must not be negative, got {shown(value)}")
-    return x
-
-
-def all_positive(name: str, value: ArrayLike, size: int) -> Array:
-    """So many finite numbers above zero, none so small that its inverse is out of range."""
-    A = exactly(name, value, size)
-    if (A <= 1.0 / LARGEST).any():
-        raise ValueError(f"{name} must be positive, at least {1 / LARGEST:g}, got {shown(value)}")
-    return A
+    With `semidefinite` it is symmetric, (size, size), and has no negative eigenvalue.
+    """
+    W = array(name, value, copy=True)
+    if W.ndim == 0 or W.shape[-1] != size:
+        expected = f"({size},) or {_written((..., None, size))}"
+        raise ValueError(f"{name} must have shape {expected}, got {W.shape}")
+    W = np.diag(W) if W.ndim == 1 else W
+    if not semidefinite:
+        return W
+    _refuse_tiny(name, W)
+    round_off = 1e-12 * np.abs(W).max(initial=0.0)
+    if W.shape != (size, size) or (np.abs(W - W.T) > round_off).any():
+        raise ValueError(
+            f"{name} must be a diagonal of {size} or a symmetric matrix, got {shown(W.tolist())}"
+        )
+    if (lowest := np.linalg.eigvalsh(W).min(initial=0.0)) < -round_off * size:
+        raise ValueError(f"{name} must have no negative eigenvalue, got {lowest:.3g}")
+    return W
 
 
 def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
@@ -150,13 +154,6 @@ def read_only(A: NDArray[_T]) -> NDArray[_T]:
     return A
 
 
-def is_masked(value: Any) -> bool:
-    """Whether numbers of an array, or of one in a list, are hidden behind a mask."""
-    if isinstance(value, list | tuple):
-        return any(map(is_masked, value))
-    return isinstance(value, np.ma.MaskedArray)
-
-
 def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
     """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C.
 
@@ -166,3 +163,60 @@ def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
         return np.ascontiguousarray(A)
     shape = A.shape[A.ndim - own :]
     return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)
+
+
+def _as_float64(name: str, value: ArrayLike | None) -> Array:
+    """A copy of real numbers, infinite or not."""
+    if is_masked(value):
+        raise ValueError(f"{name} must have all its numbers, got a masked array: fill it first")
+    try:
+        raw = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
+    if raw.dtype.kind not in "fiu":
+        got = raw.dtype if value is not None else None
+        raise ValueError(f"{name} must hold real numbers, got {got}")
+    with np.errstate(over="ignore"):  # long doubles
+        return raw.astype(float)
+
+
+def _has_shape(A: Array, shape: tuple[int | EllipsisType | None, ...]) -> bool:
+    own = shape[1:] if shape[0] is ... else shape
+    last = A.shape[A.ndim - len(own) :] if A.ndim >= len(own) else None
+    if last is None or (shape[0] is not ... and A.ndim != len(own)):
+        return False
+    return all(size in (None, there) for size, there in zip(own, last, strict=True))
+
+
+def _written(shape: tuple[int | EllipsisType | None, ...]) -> str:
+    """A shape as in error messages: (3,), (..., any, 6)."""
+    names = {None: "any", ...: "..."}
+    words = [names[each] if each is None or each is ... else str(each) for each in shape]
+    return f"({', '.join(words)}{',' if len(words) == 1 else ''})"
+
+
+def _refuse_tiny(name: str, A: Array) -> None:
+    """Refuse matrices that are neither zero nor large enough for products."""
+    if A.ndim == 2 and A.size and dnrm2(A.ravel()) >= SMALLEST:
+        return  # the common case
+    size = np.abs(A).max(axis=(-2, -1), initial=0.0)
+    if (small := size[(size > 0.0) & (size < SMALLEST)]).size:
+        least = f"{SMALLEST:g}"
+        raise ValueError(f"{name} must be zero or of a size of at least {least}, got {small[0]:g}")
+
+
+def _side(name: str, value: ArrayLike, size: int) -> Array:
+    """Lower or upper limits (..., size), or one number; they may be infinite."""
+    if type(value) is float and abs(value) < LARGEST:
+        return np.asarray(value)  # the common case
+    A = value if is_plain(value) else _as_float64(name, value)
+    if not is_moderate(A):
+        if np.isnan(A).any():
+            raise ValueError(f"{name} must hold numbers or infinity, got NaN")
+        if (largest := np.abs(A).max(where=np.isfinite(A), initial=0.0)) >= LARGEST:
+            raise ValueError(f"{name} must be infinite or below {LARGEST:g}, got {largest:.3g}")
+    if A.ndim and A.shape[-1] != size:
+        raise ValueError(
+            f"{name} must be a pair of numbers or of shapes (..., {size}), got {A.shape}"
+        )
+    return A

@@ -4,7 +4,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from argument_checks.arrays import read_only, shaped
+from argument_checks.arrays import array, read_only
 
 _Kind = TypeVar("_Kind")
 
@@ -32,5 +32,5 @@ def made(kind: type[_Kind], **fields: Any) -> _Kind:
 
 def keep(frozen: object, name: str, *shape: int) -> None:
     """Check an array of a frozen dataclass, and keep a read-only copy, in C's order."""
-    A = np.array(shaped(name, getattr(frozen, name), *shape), order="C")
+    A = np.array(array(name, getattr(frozen, name), ..., *shape), order="C")
     object.__setattr__(frozen, name, read_only(A))

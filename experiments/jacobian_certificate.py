@@ -132,9 +132,6 @@ def certify(geometry: Hexapod, stroke_m: float, norm: Norm) -> Certificate:
         geometry: The hexapod; J is the twist of its payload origin, base axes, per strut rate.
         stroke_m: Half the side of the box.
         norm: Of the matrices.
-
-    Raises:
-        ValueError: The stroke is negative or not finite.
     """
     if not 0 <= stroke_m < np.inf:
         raise ValueError(f"stroke_m must be finite and not negative, got {stroke_m}")

@@ -355,10 +355,9 @@ def excess_row(
         demands = radius[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
         least = -room(corners, demands)
         far = np.flatnonzero(least > LEAST_RAD)[:DEMANDS]
-        mapping = strut_mapping(testbed, condition, strategy)
-        missed = [
-            mapping.within_limits(one, NOMINAL, condition.raised_m).residual for one in demands[far]
-        ]
+        mapping: Any = strut_mapping(testbed, condition, strategy)
+        how = {"secondary_reference": condition.raised_m}
+        missed = [mapping.tick(one, NOMINAL, **how)[1] for one in demands[far]]
         found.append(100 * (np.linalg.norm(missed, axis=1) / least[far] - 1.0))
     return {
         "strategy": strategy.name,

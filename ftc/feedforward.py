@@ -1,12 +1,4 @@
-"""Demands whose response by the linear model is a path that is known beforehand.
-
-A plant that has delays or zeros outside the unit circle has no bounded causal inverse. Where the
-path is known, the demands may begin before what they are for (stable inversion: Devasia, Chen and
-Paden, IEEE Trans. Automatic Control 41, 1996), as far as the first tick allows: before it the
-machine is at rest. The inverse is the optimal tracking of the path (linear-quadratic, with preview:
-Tomizuka, J. Dynamic Systems 97, 1975; Katayama et al., Int. J. Control 41, 1985), one Riccati
-equation, one sweep backwards for the preview, one forwards for the states.
-"""
+"""Demands whose response by the linear model is a path that is known beforehand."""
 
 import numpy as np
 
@@ -30,20 +22,23 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
     """Demands (N, m1) whose response is a path (N, m1), which stands still after its end.
 
     They minimize the sum of |response - path|^2 + WEIGHT |demand - path|^2, each row in units of
-    the noise of its sensor, from rest on.
+    the noise of its sensor, from rest on: linear-quadratic tracking with preview (Tomizuka, J.
+    Dynamic Systems 97, 1975; Katayama et al., Int. J. Control 41, 1985). Demands begin before what
+    they are for, as plants with delays or zeros outside the unit circle need it (Devasia, Chen and
+    Paden, IEEE Trans. Automatic Control 41, 1996).
 
     Args:
         nominal: The plant; its outputs are the m1 rows of the path, in [rad] or [m].
         gain: Displacements per demand, shape (n, m1).
-        path: Desired outputs, tick by tick, shape (N, m1).
+        path: Desired outputs, tick by tick.
 
     Raises:
-        ValueError, TypeError: Not a model, another shape or kind, or no finite demands.
+        ValueError: The demands are beyond moderate numbers.
     """
     model = fault_model(nominal)
     m1 = len(nominal.noise)
-    path = check.matrix("path", path, columns=m1)
-    gain = check.exactly("gain", gain, nominal.actuators, m1)
+    path = check.array("path", path, None, m1)
+    gain = check.array("gain", gain, nominal.actuators, m1)
     if not len(path):
         return path
     with np.errstate(all="ignore"):
@@ -54,7 +49,7 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
 
 
 def _inverse(model: FaultModel, noise: Array, gain: Array, path: Array) -> Array:
-    """The same of a path of one tick or more, without checks."""
+    """Demands (N, m1) for a path of one tick or more, without checks."""
     A, C, B = model.A, model.C, model.B @ gain * noise
     scaled = path / noise
     P = _cost_to_go(A, B, C)
@@ -79,7 +74,7 @@ def _recursion(A: Array, start: Array, sources: Array) -> Array:
 
 
 def _summed(F: Array, source: Array) -> Array:
-    """Of all powers of F (s, s) times a source (s,), likewise by doubling."""
+    """The sum over all powers of F (s, s) of F^k source, (s,), by doubling."""
     total = source
     for _ in range(_DOUBLINGS):
         more = F @ total

@@ -20,10 +20,7 @@ class Goal:
         free: Actuators known to exert no force, their springs intact.
         spring_lost: Actuators known to have lost force and spring.
         effectiveness: Actuators known to be weakened, and the part of the force that each has left,
-            above zero.
-
-    Raises:
-        ValueError, TypeError: Not numbers, or not those of actuators.
+            above zero and up to one.
     """
 
     joint_weight: tuple[float, ...] | None = None
@@ -36,7 +33,7 @@ class Goal:
     def __post_init__(self) -> None:
         for name in ("joint_weight", "secondary_weight"):
             if (weight := getattr(self, name)) is not None:
-                diagonal = check.not_negative(name, check.series(name, weight))
+                diagonal = check.array(name, check.array(name, weight, None), least=0.0)
                 vars(self)[name] = tuple(diagonal.tolist())
         for name in ("free", "spring_lost"):
             vars(self)[name] = tuple(
@@ -46,19 +43,20 @@ class Goal:
             known = check.instance(name, getattr(self, name), dict)
             actuators = check.indices(name, list(known), MOST_ACTUATORS).tolist()
             vars(self)[name] = {
-                k: check.signed(name, value)
+                k: check.number(name, value)
                 for k, value in zip(actuators, known.values(), strict=True)
             }
         for left in self.effectiveness.values():
-            check.at_most_one("effectiveness", check.positive("effectiveness", left))
+            check.number("effectiveness", left, check.SMALLEST, 1.0)
+
+    @property
+    def failed(self) -> set[int]:
+        """Actuators known to have failed, all or in part."""
+        return {*self.locked_at, *self.free, *self.spring_lost, *self.effectiveness}
 
     def of(self, actuators: int) -> "Goal":
-        """The goal itself, of a mechanism with so many actuators.
-
-        Raises:
-            ValueError: A failure is of another actuator, or that is no number of them.
-        """
-        check.index("actuators", actuators)
+        """The goal itself, checked to name no other than these actuators."""
+        check.integer("actuators", actuators)
         for name in ("free", "spring_lost", "locked_at", "effectiveness"):
             check.indices(name, list(getattr(self, name)), actuators)
         return self

@@ -1,32 +1,110 @@
 """Somebody else's controller in the loop: what it or a sensor does wrong is said in a sentence."""
 
+import signal
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from types import FrameType
+from typing import Any, TypeVar
 
 import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, shown
 from ftc._records import changed
-from ftc.control_task import ControlTask
-from ftc.controller import Measurement
+from ftc.controller import Converter, Measurement, checked_drives
+from ftc.fdi.fault_model import NominalModel
+from ftc.goal import Goal
 from ftc.loop import Controller
-from ftc.sensor_check import SensorCheck
-from ftc.sensors import SensorChecks, Sensors
-from ftc.time_limit import LEAST_S, TimeExceeded, time_limit
+from ftc.sensors import SensorCheck, SensorChecks, Sensors
 
-STEP_LIMIT_S, START_LIMIT_S = 1.0, 60.0
-"""By the clock on the wall: one step, and what is designed and compiled before the first."""
+_START_LIMIT_S = 60.0
+"""Of what is designed and compiled before the first step."""
+_LEAST_S = 1e-3
+"""Of a limit; less would come before the last one is dealt with."""
 
 _T = TypeVar("_T")
 
 
-class _Failed(Exception):
-    """What the controller did wrong, the rest of a sentence that begins with its name."""
+@dataclass(frozen=True)
+class ControlTask:
+    """A machine and a task as a controller meets them; arrays are copied, and read-only.
+
+    Attributes:
+        nominal: The machine without failures: from the n commanded displacements to the m1 major
+            coordinates, the noise of their sensors, the control period.
+        J: Task velocity per actuator rate at the nominal pose, shape (m, n).
+        major: Rows of the major task, m1 of the m; the others are secondary.
+        goal: Secondary weights, and the failures that are known from the start.
+        drives: From displacements of the actuators to the inputs that are sent, and back.
+        limits: Lower and upper displacements that the drives can hold, shape (n,) each; infinite
+            where there is no limit.
+        reference_limit: Largest reference of each major coordinate, either way, shape (m1,).
+    """
+
+    nominal: NominalModel
+    J: Array
+    major: tuple[int, ...]
+    goal: Goal
+    drives: Converter
+    limits: tuple[Array, Array]
+    reference_limit: Array
+
+    def __post_init__(self) -> None:
+        n = check.instance("nominal", self.nominal, NominalModel).actuators
+        J = check.frozen(check.array("J", self.J, None, n))
+        major = check.indices("major", self.major, len(J))
+        check.instance("goal", self.goal, Goal).of(n)
+        checked_drives(self.drives, n)
+        if len(major) != (outputs := self.nominal.plant.noutputs):
+            raise ValueError(
+                f"major must have a row for each of the {outputs} outputs of nominal, got "
+                f"{len(major)}"
+            )
+        most = check.frozen(check.array("reference_limit", self.reference_limit, len(major)))
+        limits = check.limits("limits", self.limits, n)
+        vars(self).update(J=J, major=tuple(major.tolist()), limits=limits, reference_limit=most)
+
+    @property
+    def major_jacobian(self) -> Array:
+        """Rows of the major task, shape (m1, n)."""
+        return self.J[list(self.major)]
+
+    @property
+    def period_s(self) -> float:
+        """Between control ticks."""
+        return self.nominal.period_s
+
+
+class _TimeExceeded(BaseException):
+    """The code took too long; not an `Exception`, so that the code's own handlers let it pass."""
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Raise what no handler of exceptions catches once so much time has passed in this context.
+
+    It is raised as soon as Python runs again: compiled code that does not return is not stopped.
+
+    Raises:
+        ValueError: Not in the main thread, the only one in which Python handles signals.
+    """
+    check.number("seconds", seconds, _LEAST_S, check.DAY_S)
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _TimeExceeded
+
+    former = signal.signal(signal.SIGALRM, stop)
+    # Again and again: code that catches everything may have caught the first.
+    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, former)
 
 
 @dataclass(frozen=True)
@@ -36,10 +114,10 @@ class GuardedState:
     Attributes:
         controller: As its factory made it; None if that failed.
         own: Its state; after a failure the last one before it.
-        inputs: What it last sent to the drives, shape (n,); zeros before the first step.
+        inputs: Last sent to the drives, shape (n,); zeros before the first step.
         sensors: What they read so far, and whether it was usable.
         ticks: So far.
-        failure: What it did wrong, a sentence; None as long as it does nothing wrong.
+        failure: What it did wrong, a sentence; None: nothing.
     """
 
     controller: Controller[Any] | None
@@ -66,31 +144,28 @@ class GuardedController:
         name: Of the other, in sentences.
         factory: Makes it for a task.
         task: That task.
-        step_limit_s: How long a step may take, a millisecond or more; making and starting it may
-            take `START_LIMIT_S`.
-
-    Raises:
-        ValueError, TypeError: Of another kind than that, or a limit longer than a day.
+        step_limit_s: How long a step may take, a millisecond or more, by the clock on the wall;
+            making and starting the other may take a minute.
     """
 
     name: str
     factory: Callable[[ControlTask], Controller[Any]]
     task: ControlTask
-    step_limit_s: float = STEP_LIMIT_S
+    step_limit_s: float = 1.0
 
     def __post_init__(self) -> None:
         check.instance("name", self.name, str)
         check.function("factory", self.factory)
         check.instance("task", self.task, ControlTask)
-        check.duration("step_limit_s", self.step_limit_s, least=LEAST_S)
+        check.number("step_limit_s", self.step_limit_s, _LEAST_S, check.DAY_S)
 
     def start(self) -> GuardedState:
         """The other controller made and started; inputs are zero."""
         n = self.task.nominal.actuators
         still, sensors = np.zeros(n), self._checks.start(len(self.task.major), n)
         try:
-            controller = _call(START_LIMIT_S, lambda: self.factory(self.task))
-            own = _call(START_LIMIT_S, lambda: controller.start())
+            controller = _call(_START_LIMIT_S, lambda: self.factory(self.task))
+            own = _call(_START_LIMIT_S, lambda: controller.start())
         except _Failed as failed:
             sentence = f"{self.name} {failed}, at its start"
             return GuardedState(None, None, still, sensors, failure=sentence)
@@ -102,12 +177,8 @@ class GuardedController:
         return SensorChecks(check, replace(check, noisy=False))
 
     def step(self, state: GuardedState, reference: Array, measurement: Measurement) -> GuardedState:
-        """One control tick; after a failure, or without a usable reading, the inputs stay.
-
-        Raises:
-            ValueError, TypeError: No state, or not a finite reference for each major row.
-        """
-        reference = check.exactly("reference", reference, len(self.task.major))
+        """One control tick; after a failure, or without a usable reading, the inputs stay."""
+        reference = check.array("reference", reference, len(self.task.major))
         controller = check.instance("state", state, GuardedState).controller
         if state.failure is not None or controller is None:
             return changed(state, ticks=state.ticks + 1)
@@ -130,28 +201,27 @@ class GuardedController:
         return changed(state, own=own, inputs=inputs)
 
 
+class _Failed(Exception):
+    """What the controller did wrong, the rest of a sentence that begins with its name."""
+
+
 def _call(limit_s: float, function: Callable[[], _T]) -> _T:
     """What the function returns, or `_Failed`."""
     try:
         with time_limit(limit_s):
-            try:
-                return function()
-            except _Failed:
-                raise
-            except (Exception, SystemExit) as error:
-                _raised(error)
-    except TimeExceeded:
+            return function()
+    except _Failed:
+        raise
+    except _TimeExceeded:
         raise _Failed(f"took longer than {limit_s:g} s") from None
-
-
-def _raised(error: BaseException) -> NoReturn:
-    """The innermost line of the file that was called: below it are libraries."""
-    frames = traceback.extract_tb(error.__traceback__)
-    called = [frame for frame in frames if frame.filename != __file__] or frames
-    place = [frame for frame in called if frame.filename == called[0].filename][-1]
-    said = " ".join(f"raised {type(error).__name__}: {error}".split())
-    where = f"{Path(place.filename).name}, line {place.lineno}"
-    raise _Failed(f"{said:.200} ({where})") from error
+    except (Exception, SystemExit) as error:
+        # The innermost line of the file that was called: below it are libraries.
+        frames = traceback.extract_tb(error.__traceback__)
+        called = [frame for frame in frames if frame.filename != __file__] or frames
+        place = [frame for frame in called if frame.filename == called[0].filename][-1]
+        said = " ".join(f"raised {type(error).__name__}: {error}".split())
+        where = f"{Path(place.filename).name}, line {place.lineno}"
+        raise _Failed(f"{said:.200} ({where})") from error
 
 
 def _inputs(state: Any, drives: int) -> Array:

@@ -1,7 +1,4 @@
-"""Sampled closed loops with a linear plant, for predictions, stepped tick by tick.
-
-The loop may saturate, and its plant may change in the run: :func:`steps`.
-"""
+"""Sampled closed loops with a linear plant that may change in the run, for predictions."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,36 +8,29 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from ftc.control.anti_windup import Compensators
 from ftc.control.compensator import Channel
 from ftc.control.frequency_response import channels
-from ftc.fdi.fault_model import Fault, NominalModel, fault_model
-from ftc.fdi.friction import Rubbing
+from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, fault_model
 
 
 @dataclass(frozen=True)
 class Stage:
-    """The plant from one tick on: x' = A x + B u + drift, u the displacements commanded.
+    """The plant from one tick on, and what the mapping makes of demands from then on.
 
     Attributes:
-        A: Shape (s, s).
-        B: Shape (s, n).
+        model: The plant, with the faults that it has by then.
         tick: The first.
-        onset: The state just after the change per state just before, shape (s, s); None: the same.
-        gain: Commands per demand from then on, shape (n, m); None: as before.
+        gain: Commands per demand, shape (n, m); None: as before, and without any the demands are
+            the commands.
         carried: Which actuators go on from what was commanded, 0 or 1 each, shape (n,), as after a
             bumpless transfer; None: the new gain's commands come at once.
-        drift: Shape (s,), as of :class:`ftc.fdi.fault_model.FaultModel`; None is none.
-        rubbing: Likewise.
     """
 
-    A: Array
-    B: Array
+    model: FaultModel
     tick: int = 0
-    onset: Array | None = None
     gain: Array | None = None
     carried: Array | None = None
-    drift: Array | None = None
-    rubbing: Rubbing | None = None
 
 
 class Step(NamedTuple):
@@ -57,7 +47,6 @@ def steps(
     compensators: Sequence[Channel],
     reference: Array,
     *,
-    gain: Array | None = None,
     secondary: Array | None = None,
     disturbance: Array | None = None,
     limit: Array | float = np.inf,
@@ -73,74 +62,42 @@ def steps(
         compensators: One for each output.
         reference: For the outputs, shape (N, m) or (S, N, m); what a sensor adds to them is to be
             taken off it.
-        gain: Commands per demand, shape (n, m), until a stage has another; None: the demands are
-            the commands.
         secondary: Added to the commands, shape (N, n).
         disturbance: Added to the next state, shape (N, s).
         limit: Largest demand of each compensator, a number or shape (S,).
-        anti_windup: Whether a compensator at its limit keeps its state while the error would drive
-            it further, as in :class:`ftc.PrioritizedController`; a truth value or shape
-            (S,).
-        feedforward: Demands to which the compensators add, shape (N, m) or (S, N, m); None is none.
+        anti_windup: Whether a compensator at its limit is held, a truth value or shape (S,).
+        feedforward: Demands to which the compensators add, of the shape of `reference`.
         start: First state of the plant, shape (..., s); None is rest.
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]
-    most, held = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
-    x = np.zeros((*lead, len(stage.A))) if start is None else start
-    states = [np.zeros((*lead, len(each.A))) for each in compensators]
-    demanded = np.zeros((*lead, len(compensators)))
-    commanded, standing = demanded, np.zeros(1)
+    most, holds = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
+    own = Compensators(compensators)
+    x = np.zeros((*lead, len(stage.model.A))) if start is None else start
+    states, demanded = np.zeros((*lead, own.order)), np.zeros((*lead, len(compensators)))
+    commanded, standing, gain = demanded, np.zeros(1), None
     for tick in range(reference.shape[-2]):
         while to_come and to_come[0].tick <= tick:
             stage = to_come.pop(0)
-            x = x if stage.onset is None else x @ stage.onset.T
+            x = x @ stage.model.onset.T
             gain = gain if stage.gain is None else stage.gain
             if stage.carried is not None and gain is not None:
                 standing = stage.carried * (commanded - demanded @ gain.T)
         output = x @ C.T
-        error = reference[..., tick, :] - output
-        ticked = [
-            _tick(each, z, error[..., k])
-            for k, (each, z) in enumerate(zip(compensators, states, strict=True))
-        ]
-        asked = np.stack([each for each, _ in ticked], axis=-1)
-        demanded = asked.clip(-most, most)
-        kept = held & (asked != demanded) & (error * asked > 0)
-        states = [
-            np.where(kept[..., k, None], z, moved)
-            for k, (z, (_, moved)) in enumerate(zip(states, ticked, strict=True))
-        ]
+        states, demanded = own.limited(states, reference[..., tick, :] - output, most, holds)
         if feedforward is not None:
             demanded = feedforward[..., tick, :] + demanded
         commanded = demanded if gain is None else demanded @ gain.T + standing
         if secondary is not None:
             commanded = commanded + secondary[tick]
         yield Step(x, output, commanded)
-        x = _advanced(stage, x, commanded)
+        x = stage.model.step(x.T, commanded.T).T
         if disturbance is not None:
             x = x + disturbance[tick]
 
 
-def _advanced(stage: Stage, x: Array, commanded: Array) -> Array:
-    """States (..., s) a tick later."""
-    if stage.rubbing is not None:
-        return stage.rubbing.moved(x, commanded)
-    x = x @ stage.A.T + commanded @ stage.B.T
-    return x if stage.drift is None else x + stage.drift
-
-
-def _tick(channel: Channel, z: Array, error: Array) -> tuple[Array, Array]:
-    """A compensator's demand (...) and next state (..., order)."""
-    if z.ndim == 1:
-        demand, moved = channel.C @ z, channel.A @ z
-        return (demand + channel.D[:, 0] * error)[0], moved + channel.B[:, 0] * error
-    demand, moved = (z * channel.C[0]).sum(axis=-1), np.einsum("ij,sj->si", channel.A, z)
-    return demand + channel.D[0, 0] * error, moved + channel.B[:, 0] * error[..., None]
-
-
 @dataclass(frozen=True)
 class LinearLoop:
-    """Plant, mapping at the nominal pose and compensators.
+    """Plant, mapping at the nominal pose and compensators; arrays are copied, and read-only.
 
     Attributes:
         nominal: The plant; its first outputs are the major task.
@@ -149,11 +106,6 @@ class LinearLoop:
             shape (N, n).
         reference: Of the major task, shape (N, m1).
         compensators: One for each major row.
-
-    All arrays are copied, and read-only.
-
-    Raises:
-        ValueError, TypeError: Of another shape or kind than that.
     """
 
     nominal: NominalModel
@@ -164,13 +116,13 @@ class LinearLoop:
 
     def __post_init__(self) -> None:
         n = check.instance("nominal", self.nominal, NominalModel).actuators
-        reference = check.batch("reference", self.reference)
-        ticks, m1 = check.exactly("reference", reference, *reference.shape[-2:]).shape
+        reference = check.array("reference", self.reference, ..., None, None)
+        ticks, m1 = check.array("reference", reference, *reference.shape[-2:]).shape
         if not 0 < m1 <= len(self.nominal.noise):
             raise ValueError(f"reference must be of outputs of nominal, got {m1} columns")
         given = {"gain": (n, m1), "secondary": (ticks, n), "reference": (ticks, m1)}
         for name, shape in given.items():
-            vars(self)[name] = check.frozen(check.exactly(name, getattr(self, name), *shape))
+            vars(self)[name] = check.frozen(check.array(name, getattr(self, name), *shape))
         channels("compensators", self.compensators, m1)
 
 
@@ -178,34 +130,19 @@ class LinearLoop:
 def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array, Array]:
     """States of the plant, shape (N, s), and displacements commanded, (N, n), without noise.
 
-    Args:
-        loop: The loop.
-        faults: That strike, all at once, unknown to the mapping.
-        onset: At which tick.
+    The `faults` strike all at once at the tick `onset`, unknown to the mapping.
 
     Raises:
-        ValueError, TypeError: Of another kind than that, or a loop that grows beyond all numbers.
+        ValueError: The loop grows beyond all numbers.
     """
     check.instance("loop", loop, LinearLoop)
-    check.index("onset", onset)
+    check.integer("onset", onset)
     sound, failed = fault_model(loop.nominal), fault_model(loop.nominal, faults)
-    stages = [
-        Stage(sound.A, sound.B),
-        Stage(failed.A, failed.B, onset, failed.onset, drift=failed.drift),
-    ]
-    ticks = list(
-        steps(
-            stages,
-            loop.nominal.plant.C[: loop.reference.shape[1]],
-            loop.compensators,
-            loop.reference,
-            gain=loop.gain,
-            secondary=loop.secondary,
-        )
-    )
-    states, commanded = (
-        np.array([getattr(tick, of) for tick in ticks]) for of in ("x", "commanded")
-    )
+    stages = [Stage(sound, gain=loop.gain), Stage(failed, onset)]
+    C = loop.nominal.plant.C[: loop.reference.shape[1]]
+    given = C, loop.compensators, loop.reference
+    ticks = list(steps(stages, *given, secondary=loop.secondary))
+    states, commanded = np.array([t.x for t in ticks]), np.array([t.commanded for t in ticks])
     if not (check.is_moderate(states) and check.is_moderate(commanded)):
         raise ValueError("loop must stay at moderate numbers, got a gain by which it grows further")
     return states, commanded

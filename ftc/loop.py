@@ -17,34 +17,26 @@ class Machine(Protocol):
 
     def measure(self) -> Any:
         """What the sensors read now, with the attributes of a :class:`Measurement`."""
-        ...
 
     def apply(self, inputs: Array, /) -> None:
         """Send inputs (n,) to the drives and hold them for a period."""
-        ...
 
 
-class ControllerOutput(Protocol):
-    """The part of a controller's state that a loop needs."""
-
-    @property
-    def inputs(self) -> Array:
-        """Inputs to send to the drives, shape (n,)."""
-        ...
-
-
-State = TypeVar("State", bound=ControllerOutput)
+State = TypeVar("State", bound=Any)
 
 
 class Controller(Protocol[State]):
-    """Controller from measurements to inputs of the drives; `step` is a pure function."""
+    """Controller from measurements to inputs of the drives; `step` is a pure function.
+
+    Its states have `inputs`, those to send to the drives, shape (n,).
+    """
 
     def start(self) -> State:
-        """At rest at the nominal pose."""
+        """State at rest at the nominal pose."""
         ...
 
     def step(self, state: State, reference: Array, measurement: Measurement) -> State:
-        """One control tick."""
+        """State after a control tick."""
         ...
 
 
@@ -80,28 +72,24 @@ def run_loop(
     any kind, if the controller can do with it.
 
     Args:
-        machine: The machine.
-        controller: The controller.
+        machine: Simulated or real.
+        controller: That of :class:`Controller`.
         reference: Of the major task, tick by tick, shape (N, m1).
         feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
             takes `feedforward`, as those of `ftc`; None is none.
         keeps: What to keep of each state, such as its estimate of the pose: states themselves are
             some kilobytes each. None is nothing.
-
-    Raises:
-        ValueError, TypeError: No machine, no controller; the reference is no matrix, the
-            feedforward of another shape, or not finite.
     """
-    check.methods("machine", machine, "measure", "apply")
-    check.methods("controller", controller, "start", "step")
+    check.attributes("machine", machine, "measure", "apply")
+    check.attributes("controller", controller, "start", "step")
     if keeps is not None:
         check.function("keeps", keeps)
-    reference = check.finite("reference", reference)
+    reference = check.array("reference", reference)
     if reference.ndim != 2:
         raise ValueError(f"reference must have shape (N, m1), got {reference.shape}")
     known: list[dict[str, Array]] = [{}] * len(reference)
     if feedforward is not None:
-        demands = check.exactly("feedforward", feedforward, *reference.shape)
+        demands = check.array("feedforward", feedforward, *reference.shape)
         if "feedforward" in signature(controller.step).parameters:
             known = [{"feedforward": each} for each in demands]
     step: Any = controller.step
@@ -122,12 +110,8 @@ def one_tick(
 ) -> tuple[State, Array | float]:
     """One tick of :func:`run_loop`, for who cannot know the references beforehand.
 
-    Args:
-        machine: The machine.
-        step: Of the controller.
-        state: Of it.
-        reference: Of the major task, shape (m1,).
-        known: What else `step` takes, such as `feedforward`.
+    `known` is what else the `step` of the controller takes beside a reference (m1,), such as
+    `feedforward`.
 
     Returns:
         The state after it, and what was measured of the major task, as of :class:`LoopRun`.
@@ -135,10 +119,6 @@ def one_tick(
     measurement = machine.measure()
     state = step(state, reference, measurement, **known)
     machine.apply(state.inputs)
-    return state, _recorded(measurement, len(reference))
-
-
-def _recorded(measurement: Any, rows: int) -> Array | float:
-    """The major task of a measurement; NaN where it has none of this shape."""
-    output = getattr(measurement, "output", None)
-    return output if isinstance(output, np.ndarray) and output.shape == (rows,) else np.nan
+    output: Any = getattr(measurement, "output", None)
+    is_right = isinstance(output, np.ndarray) and output.shape == reference.shape
+    return state, output if is_right else np.nan

@@ -45,16 +45,11 @@ class OracleController:
 
     Attributes:
         before: Controls first.
-        after: Takes over.
-        tick: When, counted from the first.
+        after: Takes over at `tick`, counted from the first.
         lost_displacements: What each actuator loses then of its displacement, (n,); None: the
             displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
         acting: As of :meth:`ftc.PrioritizedController.transfer`.
-
-    Raises:
-        ValueError, TypeError: Not controllers of as many actuators, no tick, no function, or not so
-            many finite numbers.
     """
 
     before: PrioritizedController[Any]
@@ -72,12 +67,12 @@ class OracleController:
         if before != after:
             raise ValueError(f"after must have the {before} actuators of before, got {after}")
         if not isinstance(self.tick, int) or self.tick != NEVER:
-            check.index("tick", self.tick)
+            check.integer("tick", self.tick)
         if self.secondary is not None:
             check.function("secondary", self.secondary)
         for name in ("lost_displacements", "acting"):
             if (given := getattr(self, name)) is not None:
-                vars(self)[name] = check.frozen(check.exactly(name, given, before))
+                vars(self)[name] = check.frozen(check.array(name, given, before))
 
     def start(self) -> OracleState:
         """At rest at the nominal pose."""
@@ -91,33 +86,19 @@ class OracleController:
         *,
         feedforward: Array | None = None,
     ) -> OracleState:
-        """One control tick.
-
-        Raises:
-            ValueError, TypeError: As a step of :class:`.PrioritizedController`.
-        """
+        """One control tick."""
         last = check.instance("state", state, OracleState).controller
         if state.ticks == self.tick:
-            lost_displacements = (
-                self._lost_displacement(last)
-                if self.lost_displacements is None
-                else self.lost_displacements
-            )
-            last = self.after.transfer(last, lost_displacements, self.acting)
-        taken_over = self.tick != NEVER and state.ticks >= self.tick
-        acting = self.after if taken_over else self.before
-        if self.secondary is None:
-            secondary_reference = np.zeros(acting.mapping.actuators)
-        else:
-            secondary_reference = self.secondary(state.ticks * acting.period_s)
-        controller = acting.step(
-            last, reference, measurement, secondary_reference, feedforward=feedforward
-        )
+            if (lost := self.lost_displacements) is None:
+                # An actuator that keeps its damper falls too slowly to be made up for at once.
+                held, lost = (
+                    self.before.drives.displacements(last.inputs),
+                    np.zeros(len(last.inputs)),
+                )
+                free = list(self.after.mapping.goal.free)
+                lost[free] = held[free]
+            last = self.after.transfer(last, lost, self.acting)
+        acting = self.after if 0 <= self.tick <= state.ticks else self.before
+        secondary = self.secondary and self.secondary(state.ticks * acting.period_s)
+        controller = acting.step(last, reference, measurement, secondary, feedforward=feedforward)
         return OracleState(controller, state.ticks + 1)
-
-    def _lost_displacement(self, last: ControllerState[Any]) -> Array:
-        # An actuator that keeps its damper falls too slowly to be made up for at once.
-        free = list(self.after.mapping.goal.free)
-        lost_displacements = np.zeros(self.after.mapping.actuators)
-        lost_displacements[free] = self.before.drives.displacements(last.inputs)[free]
-        return lost_displacements

@@ -1,40 +1,31 @@
 """Tracking of a major task by any mechanism: loops from its linear model, controllers for any goal.
 
 One compensator for each major row, as in Fig. 3 of the paper, and the mapping with the Jacobian of
-the estimated posture at every tick. What is known of the path beforehand is demanded through the
-inverse of the linear model (:mod:`ftc.feedforward`), else the reference as it is, and the
-compensators add what is missing. Unless it is given, the gain crossover of all rows is the highest
-at which the sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain margin
-of at least 7.7 dB and a phase margin of at least 34 degrees in each row), and at most a fiftieth of
-the sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
+the estimated posture at every tick.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from argument_checks import Array, Indices
+from argument_checks import Array
 from argument_checks.ties import greatest
 from ftc.control.compensator import (
     Compensator,
-    LoopShape,
-    Margins,
     NoResponse,
     UnstableLoop,
-    compensator,
-    margins,
-    sensitivity_peak,
+    compensators,
+    minimal,
 )
-from ftc.control.frequency_response import channels
+from ftc.control.frequency_response import Margins, channels, margins
+from ftc.control.geometry import MechanismGeometry, MechanismModel
 from ftc.control.mapping import PrioritizedMapping
-from ftc.control.mechanism import MechanismGeometry, MechanismModel
-from ftc.control.minimal import minimal
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
@@ -46,22 +37,14 @@ from ftc.fdi.fault_model import (
     of_actuators,
     static_gain,
 )
-from ftc.fdi.friction import DryFriction
+from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
 from ftc.reconfiguration import Unused
-from ftc.supervisor import Supervisor, supervisor_for
+from ftc.supervisor import Supervisor
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
 
-if TYPE_CHECKING:
-    import control
-
-LARGEST_PEAK = 1.7
-ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
 _DECAYS = 1e-9
 """Part of its frequency below which the decay of a motion is round-off."""
-_FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
-"""Crossovers that are tried, times the control period: to the second, else to the last."""
-_HALVINGS = 12
 _SINGULAR, _NEARLY_SINGULAR = 1e-6, 1e-3
 """Parts of the largest singular value of the major rows: demands would lose their digits, and a
 hint where no loop can be closed."""
@@ -88,13 +71,13 @@ class TaskLost(ValueError):
 
 @dataclass(frozen=True)
 class Tracking:
-    """How a mechanism tracks its major task.
+    """How a mechanism tracks its major task, made by :func:`tracking`; arrays are read-only.
 
     Attributes:
-        model: The controller's own model of the mechanism.
+        model: The controller's own, of the mechanism.
         nominal: Linear model of the plant to the major rows, with the noise of their measurement.
         major: Rows of the task.
-        loops: One compensator for each.
+        loops: Compensators, one a row.
         margins: Of each loop, the others open.
         peak: Of the sensitivity of all loops together.
         goal: While all actuators work.
@@ -106,13 +89,7 @@ class Tracking:
             the diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
-        unused: What an actuator without force counts as, as in
-            :func:`ftc.goal_after`.
-
-    All arrays are copied, and read-only.
-
-    Raises:
-        ValueError, TypeError: Of another shape or kind than that.
+        unused: What an actuator without force counts as, as in :func:`ftc.goal_after`.
     """
 
     model: MechanismModel[Any]
@@ -132,32 +109,15 @@ class Tracking:
     feedforward: bool = True
 
     def __post_init__(self) -> None:
-        n = check.instance("nominal", self.nominal, NominalModel).actuators
-        rows = len(self.nominal.noise)
-        check.methods("model", self.model, "jacobians", "displacements", "task", "moved")
-        kept: dict[str, Any] = {"goal": check.instance("goal", self.goal, Goal).of(n)}
-        check.flag("springs", self.springs)
-        m = len(self.system.J_T)
-        kept["major"] = tuple(check.indices("major", self.major, m).tolist())
-        if len(kept["major"]) != rows:
-            raise ValueError(f"major must be the {rows} outputs of nominal, got {kept['major']}")
-        kept["loops"] = channels("loops", self.loops, rows)
-        for each in check.instance("margins", self.margins, tuple, list):
-            check.instance("margins", each, Margins)
-        check.number("peak", self.peak)
+        kept: dict[str, Any] = {"loops": channels("loops", self.loops, len(self.major))}
         if self.limits is not None:
-            kept["limits"] = check.limit_vectors("limits", self.limits, n)
+            kept["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
         if self.encoder_noise is not None:
-            sigma = check.all_positive("encoder_noise", self.encoder_noise, n)
-            kept["encoder_noise"] = check.frozen(sigma)
-        for name, known in (("when_limited", WhenLimited), ("sense", Sense), ("unused", Unused)):
+            kept["encoder_noise"] = check.frozen(self.encoder_noise)
+        for name, known in (("when_limited", WhenLimited), ("unused", Unused)):
             check.choice(name, getattr(self, name), get_args(known))
-        if (self.sense == "task") != (self.encoder_noise is None):
-            raise ValueError(
-                f"encoder_noise must be given unless sense is task, got {self.encoder_noise}"
-            )
         check.flag("feedforward", self.feedforward)
-        check.duration("handover_s", self.handover_s, least=0.0)
+        check.number("handover_s", self.handover_s, 0.0, check.DAY_S)
         vars(self).update(kept)
 
     @cached_property
@@ -198,23 +158,22 @@ class Tracking:
     ) -> Supervisor:
         """A controller that diagnoses failures and reconfigures itself.
 
-        Args:
-            config: Rates and confidences of the diagnosis.
-            dither: Secondary motion by which failures are told apart; None is none.
-
-        Raises:
-            ValueError, TypeError: Of another kind than that, or a dither of other actuators.
+        `config` has rates and confidences of the diagnosis; by the `dither` failures are told
+        apart, None is none.
         """
-        return supervisor_for(
+        check.instance("config", config, FdiConfig)
+        if dither is not None:
+            hz = check.instance("dither", dither, Dither).frequency_hz
+            config = replace(config, dither_hz=hz)
+        return Supervisor(
             self.goal,
             self.controller,
-            self.watched,
+            monitor(self.watched, config=config),
             self._can,
             self.nominal,
-            unused=self.unused,
-            dither=dither,
-            config=config,
-            seen=self._seen,
+            self.unused,
+            dither,
+            watched=self._seen,
             estimate=None if self.sense == "task" else self._estimate,
         )
 
@@ -224,28 +183,28 @@ class Tracking:
 
     def _estimate(self, measurement: Measurement, near: Any) -> Array:
         """The major task by the forward kinematics of the encoders, from a posture near by."""
-        posture = self.model.moved(near, measurement.displacement, self._every)
+        posture = self._at(measurement.displacement, near)
         return self.model.task(posture)[list(self.major)]
 
-    @cached_property
-    def _every(self) -> Indices:
-        return np.arange(self.nominal.actuators)
+    def _at(self, displacement: Array, near: Any) -> Any:
+        """The posture near another at which the encoders read these displacements (n,)."""
+        return self.model.moved(near, displacement, np.arange(len(displacement)))
 
     @cached_property
     def _kinematics(self) -> Kinematics:
         return self.system.kinematics()
 
     def _seen(self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]) -> Array:
-        """What the linear model predicts of the sensors: their readings as if they were linear.
+        """Readings of the sensors as if task and closed loops were linear in the displacements.
 
-        A task is curved in the displacements, and so are closed loops. What the curvature adds
-        where the encoders say that the actuators are is taken off, so that larger motions are not
-        mistaken for failures; the commanded posture is ahead of the one that servos have reached.
+        What the curvature adds where the encoders say that the actuators are is taken off, so that
+        larger motions are not mistaken for failures; the commanded posture is ahead of the one that
+        servos have reached.
         """
         model, rows, displacement = self.model, self.major, measurement.displacement
         if self.sense == "joints" and not len(self._kinematics.active_constraint):
             return displacement
-        posture = model.moved(commanded, displacement, self._every)
+        posture = self._at(displacement, commanded)
         curved = model.displacements(posture)
         # Faults change a few times in a run, and this is called at every tick.
         if (linear := self._linear.get(faults)) is None:
@@ -267,8 +226,7 @@ class Tracking:
     def _allowed(self, faults: tuple[Fault, ...]) -> Array:
         """Projector (n, n) onto displacements that the closed loops allow, as the plant has it.
 
-        Commands beyond these strain the loops, and the stiffness of the servos shares them out;
-        locked actuators stand where they are.
+        Servos share out by their stiffness what strains the loops; locked actuators stand.
         """
         n, constraint = self.nominal.actuators, self._kinematics.active_constraint
         if not len(constraint):
@@ -283,16 +241,10 @@ class Tracking:
         return standing + moving @ shared @ (np.eye(n) - standing)
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
-        """What the actuators that are left can do in the nominal posture, section 2.2.
-
-        Raises:
-            ValueError, TypeError: Not faults of these actuators.
-        """
-        return (
-            self.system.with_failures(**by_kind(of_actuators(faults, self.nominal.actuators)))
-            .kinematics()
-            .manipulability(list(self.major))
-        )
+        """What the actuators that are left can do in the nominal posture, section 2.2."""
+        failed = by_kind(of_actuators(faults, self.nominal.actuators))
+        kinematics = self.system.with_failures(**failed).kinematics()
+        return kinematics.manipulability(list(self.major))
 
 
 def tracking(
@@ -311,17 +263,18 @@ def tracking(
     """Close the loops of a mechanism on its major task.
 
     Args:
-        model: The controller's own model, such as `sim.Mechanism`.
+        model: The controller's own, such as `sim.Mechanism`.
         linear: The sound plant about the same pose, with A, B, C_twist and C_active, such as
             `sim.Plant.linear()`.
-        major: Rows of the twist that are major.
+        major: Rows of the twist.
         noise: Standard deviation of one sample of each major row, or with `sense="joints"` of each
             actuator's displacement, or with "both" of these one after the other: a number, or one
             each.
         period_s: Between control ticks.
         step_s: Integration step of the plant; the control period of a real one.
         goal: For which the loops are designed, all actuators sound.
-        crossover_hz: Gain crossover of all rows; None is the rule of this module.
+        crossover_hz: Gain crossover of all rows, below half the control frequency; None: the
+            highest that leaves them well damped.
         sense: What the diagnosis looks at.
         options: `limits`, `when_limited`, `springs`, `handover_s`, `unused` and `feedforward` of
             :class:`Tracking`, and `implicit_damping` and `names` of
@@ -330,17 +283,14 @@ def tracking(
     Raises:
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
             no crossover leaves the loops stable.
-        ValueError, TypeError: An argument of the wrong shape, size or kind; a crossover that is
-            not below half the control frequency.
     """
-    check.methods("model", model, "jacobians", "displacements", "task", "moved")
     n, m = _checked_plant(linear)
     rows = tuple(check.indices("major", major, m).tolist())
     if not rows:
         raise ValueError("major must name at least one row, got none")
     check.instance("goal", goal, Goal).of(n)
-    period_s = check.duration("period_s", period_s)
-    check.duration("step_s", step_s, most=period_s)
+    period_s = check.number("period_s", period_s, *check.SECONDS)
+    check.number("step_s", step_s, check.SECONDS[0], period_s)
     import control  # late, as in ftc.compensator
 
     springs = check.flag("springs", options.get("springs", False))
@@ -354,59 +304,70 @@ def tracking(
     if singular := _singular(J_m, rows, _SINGULAR):
         raise TaskLost(singular)
     C = linear.C_twist[list(rows)]
-    sigma, encoders = _deviations(noise, sense, len(rows), len(linear.C_active))
+    sigma, encoders = _deviations(noise, sense, len(rows), n)
     if sense == "joints":
         sigma = _by_encoders(kinematics, rows, encoders)
     gain = mapping_for(model, goal, rows, springs=springs).major_gain()
     plant = minimal(control.ss(linear.A, linear.B @ gain, C, 0))
-    rubs = getattr(linear, "friction", None)
-    loops, peak = _loops(
-        plant,
-        period_s,
-        crossover_hz,
-        partial(_hindrance, linear, J_m, rows),
-    )
+    hinders = partial(_hindrance, linear, J_m, rows)
+    loops, peak, each = _loops(plant, rows, period_s, crossover_hz, hinders)
+    loads = ("feedback", "holding", "spring", "preload", "friction")
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
         displacement=linear.C_active,
         noise=sigma,
         period_s=period_s,
         step_s=step_s,
-        feedback=getattr(linear, "feedback", None),
-        holding=getattr(linear, "holding", None),
-        spring=getattr(linear, "spring", None),
-        preload=getattr(linear, "preload", None),
-        friction=None if rubs is None else DryFriction(*rubs),
         implicit_damping=options.pop("implicit_damping", False),
         names=options.pop("names", None),
+        **{name: getattr(linear, name, None) for name in loads},
     )
     if overshoots := _overshooting(nominal, linear):
         raise TaskLost(overshoots)
-    sampled = control.c2d(plant, period_s, method="zoh")
+    known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
+    return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
+
+
+def _loops(
+    plant: Any,
+    rows: Sequence[int],
+    period_s: float,
+    crossover_hz: float | None,
+    hinders: Callable[[], str],
+) -> tuple[tuple[Compensator, ...], float, tuple[Margins, ...]]:
+    """Compensators of all rows, the sensitivity peak that they leave, and margins of each row."""
+    try:
+        loops, peak = compensators(plant, period_s, crossover_hz)
+    except (UnstableLoop, NoResponse) as error:
+        if crossover_hz is None:
+            raise TaskLost(f"{error}: {hinders()}") from None
+        raise TaskLost(
+            f"the loops would be unstable: {error}; without a crossover of yours the highest that "
+            "is stable is taken"
+        ) from None
+    sampled = plant.sample(period_s, method="zoh")
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
     for row, its in zip(rows, each, strict=True):
         if not np.isfinite(its.crossover_hz):
-            hinders = _hindrance(linear, J_m, rows)
-            raise TaskLost(f"the loop of row {row} has no crossover: {hinders}")
-    known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
-    return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
+            raise TaskLost(f"the loop of row {row} has no crossover: {hinders()}")
+    return loops, peak, each
 
 
 def _checked_plant(linear: Any) -> tuple[int, int]:
     """Actuators n and task rows m of a plant that has its matrices, finite and of one size."""
     check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
-    s = len(check.matrix("linear.A", linear.A))
-    check.matrix("linear.A", linear.A, columns=s)
-    n = check.matrix("linear.B", linear.B, rows=s).shape[1]
-    check.matrix("linear.C_active", linear.C_active, columns=s, rows=n)
-    return n, len(check.matrix("linear.C_twist", linear.C_twist, columns=s))
+    s = len(check.array("linear.A", linear.A, None, None))
+    check.array("linear.A", linear.A, None, s)
+    n = check.array("linear.B", linear.B, s, None).shape[1]
+    check.array("linear.C_active", linear.C_active, n, s)
+    return n, len(check.array("linear.C_twist", linear.C_twist, None, s))
 
 
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:
     """Standard deviations of what is measured of the major rows, and of the actuators."""
     check.choice("sense", sense, get_args(Sense))
     of_task, of_encoders = rows * (sense != "joints"), actuators * (sense != "task")
-    sensors, given = of_task + of_encoders, check.finite("noise", noise)
+    sensors, given = of_task + of_encoders, check.array("noise", noise)
     if given.shape not in ((), (sensors,)) or (given <= 1 / check.LARGEST).any():
         raise ValueError(
             f"noise must be one positive number or {sensors}, got {check.shown(noise)}"
@@ -416,10 +377,7 @@ def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tu
 
 
 def _by_encoders(kinematics: Kinematics, rows: tuple[int, ...], noise: Array) -> Array:
-    """Standard deviation of the major rows (m1,) as forward kinematics has them from encoders.
-
-    Displacements that the closed loops do not allow are averaged out.
-    """
+    """Standard deviation of the major rows (m1,) by forward kinematics: loops average it out."""
     C = kinematics.active_constraint
     J_m = kinematics.J[list(rows)]
     return np.linalg.norm((J_m - J_m @ np.linalg.pinv(C) @ C) * noise, axis=1)
@@ -506,69 +464,3 @@ def deciding_sentence(report: Manipulability) -> str:
     decide = ("unmanipulable", "unstable_major")
     against = [report.findings[name].sentence for name in decide if report.findings[name].holds]
     return " ".join(against) or report.findings["unmanipulable"].sentence
-
-
-def _loops(
-    plant: "control.StateSpace",
-    period_s: float,
-    crossover_hz: float | None,
-    hinders: Callable[[], str],
-) -> tuple[tuple[Compensator, ...], float]:
-    """Compensators of all channels at one crossover, and the sensitivity peak that they leave."""
-    if crossover_hz is not None:
-        try:
-            return _at(plant, period_s, check.positive("crossover_hz", crossover_hz))
-        except (UnstableLoop, NoResponse) as error:
-            raise TaskLost(
-                f"the loops would be unstable: {error}; without a crossover of yours the highest "
-                "that is stable is taken"
-            ) from None
-    if fastest := _within_peak(plant, period_s, _FASTEST / period_s):
-        return fastest
-    for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
-        if found := _highest(plant, period_s, low / period_s, high / period_s):
-            return found
-    raise TaskLost(
-        f"no crossover from {_SLOWEST / period_s:.2g} Hz on leaves the loops stable with a "
-        f"sensitivity peak of at most {LARGEST_PEAK:g}: {hinders()}"
-    )
-
-
-def _highest(
-    plant: "control.StateSpace", period_s: float, low: float, high: float
-) -> tuple[tuple[Compensator, ...], float] | None:
-    """The same at the highest crossover between two [Hz] that leaves the peak as it may be."""
-    found = None
-    for _ in range(_HALVINGS):
-        middle = np.sqrt(low * high)
-        if tried := _within_peak(plant, period_s, middle):
-            found, low = tried, middle
-        else:
-            high = middle
-    return found
-
-
-def _within_peak(
-    plant: "control.StateSpace", period_s: float, hz: float
-) -> tuple[tuple[Compensator, ...], float] | None:
-    """The same at this crossover; None where the peak is larger than allowed."""
-    try:
-        loops, peak = _at(plant, period_s, hz)
-    except (UnstableLoop, NoResponse):
-        return None
-    return (loops, peak) if peak <= LARGEST_PEAK else None
-
-
-def _at(
-    plant: "control.StateSpace", period_s: float, hz: float
-) -> tuple[tuple[Compensator, ...], float]:
-    import control  # late, as above
-
-    shape = LoopShape(hz, ROLL_OFF * hz, ROLL_OFF_DAMPING)
-    loops = tuple(compensator(plant[k, k], shape, period_s) for k in range(plant.noutputs))
-    sampled = control.c2d(plant, period_s, method="zoh")
-    L = sampled * control.append(*(loop.discrete for loop in loops))
-    unity = control.ss([], [], [], np.eye(plant.noutputs), period_s)
-    if np.abs(control.feedback(L, unity).poles()).max() >= 1:
-        raise UnstableLoop(f"shape must leave the loops stable together, got {hz:.3g} Hz")
-    return loops, sensitivity_peak(L)

@@ -61,19 +61,19 @@ void to_segments(int H, int E, int d, const double *points, const double *starts
                  const double *ways, const double *own, const double *other, bool one,
                  double *room, double *distance);
 
-/* detection.c: the watch at every sample, of q residuals, J errors, p outputs; k = J + p */
+/* detection.c: the observer at every sample, of q residuals, J errors, p outputs; k = J + p */
 
 /* Write a root (k, k) with the squares of deviations (k) added to its covariance, by reflections,
  * which leave it lower triangular; room for 2 k (k + 1) numbers. */
 void spread_root(const double *root, const double *deviations, int k, double *room, double *after);
 
-/* What a watch tracks: residuals and regressors (q, 1 + J, p); mean (k) of the parameters, and the
- * root (k, k) of their covariance; latest residuals (q, p) and their covariance by lag (q, p). */
+/* What an observer tracks: residuals and regressors (q, 1 + J, p); mean (k) of the parameters, and
+ * the root (k, k) of their covariance; latest residuals (q, p), their covariance by lag (q, p). */
 typedef struct {
     double *memory, *mean, *root, *recent, *covariance;
 } watched;
 
-/* What a sample y (p) makes of it, with its innovation: the second half of Watch.step.
+/* What a sample y (p) makes of it, with its innovation: ObserverState.corrected.
  *
  * `predicted` (1 + J, p) are the model's outputs, and what each error adds to them, `drift` (k)
  * standard deviations of steps of the parameters, `rate` the weight of this sample in the
@@ -96,7 +96,7 @@ int alarming(int M, int p, const double *recent, const double *swing, int shorte
 
 /* Change states X (H, K, rows, s) to those after a sample of inputs v (r), with outputs (H, K,
  * rows, p) during it. What drives the last row grows with the age (K) of the onset, in samples.
- * `alone`, `driven` and `spans` as of ftc.fdi.uncertainty.stacked. Room for 2 rows (p + s). */
+ * `alone`, `driven` and `spans` as of UncertainModel.stacked. Room for 2 rows (p + s). */
 void advance_models(int H, int K, int rows, int s, int p, int r, const bool *steps,
                     const double *alone, const double *driven, const int64_t *spans,
                     const double *v, const double *age, double *room, double *X, double *outputs);

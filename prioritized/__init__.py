@@ -1,5 +1,7 @@
 """Prioritized manipulation of any constrained multibody system, sound or failed.
 
+A wrong argument raises a ValueError or a TypeError that names it, what it must be, and what came.
+
 Chen, McInroy, Yi, "Optimal, Fault-Tolerant Mappings to Achieve Secondary Goals without
 Compromising Primary Performance" (2003)::
 
@@ -27,7 +29,7 @@ from prioritized._kinematics import Kinematics as Kinematics
 from prioritized._mapping.force import ForceMapping as ForceMapping
 from prioritized._mapping.force import force_mapping as force_mapping
 from prioritized._mapping.hierarchy import Hierarchy as Hierarchy
-from prioritized._mapping.hierarchy_solution import HierarchySolution as HierarchySolution
+from prioritized._mapping.hierarchy import HierarchySolution as HierarchySolution
 from prioritized._mapping.lexicographic import (
     lexicographic_least_squares as lexicographic_least_squares,
 )

@@ -98,7 +98,7 @@ class FailureAtlas(Classes):
 
         Failures that the system already had are not in it.
         """
-        condition = self.codes[check.index("row", row, len(self.codes))]
+        condition = self.codes[check.integer("row", row, len(self.codes))]
         locked, free = (
             frozenset(np.flatnonzero(condition == code).tolist()) for code in (LOCKED, FREE)
         )
@@ -147,7 +147,6 @@ def failure_atlas(
         torque_limits: Of the torques, likewise for `worst_force`.
 
     Raises:
-        TypeError: `system` is of another type.
         ValueError: Wrong rows, codes or limits, or more than ten actuators and no codes.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
@@ -186,7 +185,7 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
         if n > MOST_ACTUATORS:
             raise ValueError(f"codes must be given for more than {MOST_ACTUATORS} actuators: {n}")
         return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
-    listed = check.matrix("codes", codes, columns=n)
+    listed = check.array("codes", codes, None, n)
     if (strange := listed[~np.isin(listed, (SOUND, LOCKED, FREE))]).size:
         raise ValueError(f"codes must be 0 (sound), 1 (locked) or 2 (free), got {strange[0]:g}")
     return listed.astype(np.int8)
@@ -198,7 +197,7 @@ def _limits(
     """Lower and upper limits of each condition times these units (n,), shape (C, n) each."""
     if value is None:
         return None
-    lower, upper = check.limits(name, value, shape[1])
+    lower, upper = check.limits(name, value, shape[1], batch=True)
     if lower.shape not in ((), shape[1:], shape):
         raise ValueError(f"{name} must be of shape {shape[1:]} or {shape}, got {lower.shape}")
     return np.broadcast_to(lower * units, shape), np.broadcast_to(upper * units, shape)

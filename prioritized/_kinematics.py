@@ -12,11 +12,11 @@ from argument_checks import Array, Indices
 from prioritized._analysis.attainable import Attainable, attainable
 from prioritized._analysis.major_maps import of_rates, of_torques, unweighted
 from prioritized._analysis.manipulability import Manipulability
+from prioritized._mapping.asked import Survivors
 from prioritized._mapping.force import ForceLimits, ForceMapping, force_mapping_of
 from prioritized._mapping.hierarchy import Hierarchy, hierarchy
 from prioritized._mapping.limited import WhenLimited
 from prioritized._mapping.problem import Problem
-from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.task import task_selection
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.velocity import VelocityMapping
@@ -165,7 +165,7 @@ class Kinematics:
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
-        survivors = check.shaped("rates", rates, len(self.actuators))
+        survivors = check.array("rates", rates, ..., len(self.actuators))
         expanded = np.zeros((*survivors.shape[:-1], len(self.system.joints.actuated)))
         expanded[..., self.actuators] = survivors
         return expanded
@@ -175,7 +175,7 @@ class Kinematics:
 
         Under self-motion those of least norm in the passive metric.
         """
-        return check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
+        return check.array("rates", rates, ..., len(self.active)) @ self.passive_gain.T
 
     def velocities(self, rates: ArrayLike) -> Array:
         """All velocities in the order of J_T's columns, shape (..., N).
@@ -198,11 +198,11 @@ class Kinematics:
             torques: Of the surviving actuators, shape (..., n - q); they determine the internal
                 force, the least in norm where several balance them. None is eta = 0.
         """
-        force = check.vector("f", f, self.J.shape[0])
+        force = check.array("f", f, ..., self.J.shape[0])
         f_C = force @ self._constraint_gain.T
         if torques is None:
             return f_C
-        rest = check.vector("torques", torques, len(self.active)) - force @ self._torque_gain.T
+        rest = check.array("torques", torques, ..., len(self.active)) - force @ self._torque_gain.T
         return f_C + rest @ self._internal_gain.T
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
@@ -289,9 +289,6 @@ class Kinematics:
                 to the survivors, as are weights of rates.
             rate_rows: Inequality rows of the rates.
             tie_metric: T; None is zero.
-
-        Raises:
-            ValueError: No level, or an argument of the wrong shape; it is named.
         """
         return hierarchy(self, levels, rate_limits, rate_rows, tie_metric)
 

@@ -61,9 +61,6 @@ class Postures:
 
         Args:
             rates: Of the survivors, shape (n - q,) or (..., n - q), one for each posture.
-
-        Raises:
-            ValueError: They have another shape, or are not finite.
         """
         return apply(self.passive_gain, "rates", rates)
 
@@ -89,9 +86,6 @@ class Postures:
             secondary: Likewise of the secondary task, as of :func:`prioritized.velocity_mapping`.
             joint_weight: W1, of all n actuators or the survivors; a matrix may be a batch.
             secondary_weight: W2 likewise.
-
-        Raises:
-            ValueError: An argument has a wrong shape or index or is not finite; it is named.
         """
         one, each = self.each[0], [kin._reduced for kin in self.each]
         units = each[0]  # the mechanism's own, at every posture

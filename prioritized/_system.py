@@ -179,9 +179,6 @@ class ConstrainedSystem:
         Args:
             J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
             J_C: Constraint Jacobian at that pose, with any number of rows; None is unchanged.
-
-        Raises:
-            ValueError: An argument has a wrong shape or is not finite; it is named.
         """
         (m, N), poses = self.J_T.shape, {}
         if J_T is not None:
@@ -219,8 +216,8 @@ class ConstrainedSystem:
             ValueError: An argument has a wrong shape or is not finite, or there is no posture.
         """
         m, N = self.J_T.shape
-        tasks = check.batch("J_T", J_T, N, m)
-        loops = self.J_C if J_C is None else check.batch("J_C", J_C, N)
+        tasks = check.array("J_T", J_T, ..., m, N, copy=True)
+        loops = self.J_C if J_C is None else check.array("J_C", J_C, ..., None, N, copy=True)
         lead = check.common_axes({"J_T": tasks.shape[:-2], "J_C": loops.shape[:-2]})
         if 0 in lead:
             raise ValueError(f"J_T and J_C must hold a posture at least, got batch axes {lead}")
@@ -258,9 +255,6 @@ class ConstrainedSystem:
                 are taken. None is the identity in natural units, 1 rad of a hinge counting as the
                 mechanism's own length of a slide; the mass matrix gives the motion of a
                 frictionless machine that starts from rest.
-
-        Raises:
-            ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
         springs = (
@@ -313,15 +307,15 @@ def _copy(
         size = norm(value)
         if check.SMALLEST <= size < check.LARGEST or size == 0.0:
             return read_only(value.copy())
-    A = check.batch(name, value, columns, rows)
+    A = check.array(name, value, ..., rows, columns)
     if A.ndim != 2:
         raise ValueError(
             f"{name} must be one matrix, got shape {A.shape}: ConstrainedSystem.postures takes many"
         )
-    return read_only(check.sized(name, A).copy())
+    return read_only(A.copy())
 
 
 def _metric(name: str, value: ArrayLike | None, size: int) -> Array | None:
     if value is None:
         return None
-    return check.frozen(check.positive_semidefinite(name, value, size))
+    return check.frozen(check.weight(name, value, size, semidefinite=True))

@@ -11,12 +11,13 @@ if _find_spec("mujoco") is None:
     )
 
 from sim.array import Array as Array
+from sim.closing.assembly import advance as advance
 from sim.closing.assembly import assemble as assemble
-from sim.closing.pin import Pin as Pin
-from sim.closing.step import advance as advance
+from sim.closing.hold import Pin as Pin
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged
+from sim.errors import log_warnings
 from sim.kinematics.distances import FRACTIONS as FRACTIONS
 from sim.kinematics.distances import Distances as Distances
 from sim.kinematics.jacobian import Jacobians as Jacobians
@@ -31,24 +32,23 @@ from sim.kinematics.task import Relative as Relative
 from sim.kinematics.task import pose_error as pose_error
 from sim.kinematics.task import pose_of as pose_of
 from sim.mjcf.frame import Body as Body
-from sim.mjcf.model import HEXAPOD_MJCF as HEXAPOD_MJCF
-from sim.mjcf.model import MODELS as MODELS
-from sim.mjcf.model import load_model as load_model
-from sim.mjcf.ranges import ranges as ranges
+from sim.mjcf.joints import ranges as ranges
+from sim.mjcf.load import HEXAPOD_MJCF as HEXAPOD_MJCF
+from sim.mjcf.load import MODELS as MODELS
+from sim.mjcf.load import load_model as load_model
 from sim.plant.bench import Bench as Bench
-from sim.plant.failure import Failure as Failure
+from sim.plant.events import Failure as Failure
 from sim.plant.linear import LinearPlant as LinearPlant
 from sim.plant.linear import linearize as linearize
 from sim.plant.plant import Plant as Plant
 from sim.plant.servo import servoed as servoed
-from sim.tasks.center_of_mass import CenterOfMassTask as CenterOfMassTask
-from sim.tasks.frame import FrameTask as FrameTask
-from sim.tasks.frame import RelativeFrameTask as RelativeFrameTask
+from sim.tasks.frames import CenterOfMassTask as CenterOfMassTask
+from sim.tasks.frames import FrameTask as FrameTask
+from sim.tasks.frames import LookAtTask as LookAtTask
+from sim.tasks.frames import RelativeFrameTask as RelativeFrameTask
 from sim.tasks.function import TaskFunction as TaskFunction
 from sim.tasks.joints import DampingTask as DampingTask
 from sim.tasks.joints import JointCouplingTask as JointCouplingTask
 from sim.tasks.joints import PostureTask as PostureTask
-from sim.tasks.look_at import LookAtTask as LookAtTask
-from sim.warning import log_warnings
 
 log_warnings()  # in every process that uses MuJoCo through us, workers too

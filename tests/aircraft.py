@@ -17,9 +17,9 @@ from scipy.linalg import solve_continuous_are
 from scipy.signal import lfilter
 
 from ftc.fdi import Fault
+from ftc.fdi.bank import HypothesisBank, bank_of
 from ftc.fdi.fault_model import FaultModel
-from ftc.fdi.isolation.bank import HypothesisBank
-from ftc.fdi.isolation.hypotheses import bank_of
+from ftc.fdi.uncertainty import uncertain_model
 
 A = np.array(
     [
@@ -114,7 +114,9 @@ def input_fault_bank(
     plant: control.StateSpace, noise: np.ndarray, faults: Sequence[Fault] = ()
 ) -> HypothesisBank:
     """Hypotheses of one more fault of an input beside those that are known."""
-    return bank_of(partial(input_fault_model, plant, noise), plant.ninputs, faults)
+    return bank_of(
+        partial(uncertain_model, partial(input_fault_model, plant, noise)), plant.ninputs, faults
+    )
 
 
 def sampled() -> control.StateSpace:

@@ -6,8 +6,7 @@ import control
 import numpy as np
 
 from ftc.fdi import NominalModel, fault_model
-from ftc.fdi.isolation.bank import HypothesisBank
-from ftc.fdi.isolation.evidence import Evidence
+from ftc.fdi.bank import Evidence, HypothesisBank
 
 SAMPLES, ONSETS = 14, np.array([3, 6, 9])
 

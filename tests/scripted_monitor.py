@@ -1,46 +1,33 @@
 """A monitor whose verdicts are given, in flights of noise with a shock."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
+from unittest.mock import patch
 
 import numpy as np
 
 from ftc.fdi import CERTAIN, Fault, monitor
+from ftc.fdi.bank import HypothesisBank
+from ftc.fdi.decision import Verdict
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.isolation.bank import HypothesisBank
-from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.monitor import MonitorState
 from tests.cart_runs import carts
 
 NOMINAL = carts(0, n=3)  # 5 ms a tick
-CONFIG = FdiConfig(
-    uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0),
-    sample_s=10e-3,
-    learning_s=1.0,
-    look_back_s=0.6,
-    confirmation_s=0.5,
-)
+CONFIG = FdiConfig(uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0), sample_s=10e-3)
 USUAL = monitor(NOMINAL, config=CONFIG)
 TICKS = 2  # of a sample
 SHOCK = 140  # sample
 STATE = np.linspace(1, 2, 6) * 1e-3
 
 
-@dataclass(frozen=True)
-class Script(HypothesisBank):
-    """A bank whose verdict on each sample is given."""
-
-    says: Callable[[int], Verdict]
+class Guarded(HypothesisBank):
+    """A bank that knows when the shock was."""
 
     def start(self, onsets, prior, X, memory):
         """The bank's; residuals before the first onset are noise, without the known offset."""
         assert np.abs(memory[:, 0]).max() < 6 or onsets[0] > SHOCK
         return super().start(onsets, prior, X, memory)
-
-    def verdict(self, state, sample, *, disturbed=True):
-        """What is given, with as many likelihoods as there are onsets."""
-        said = self.says(sample)
-        return replace(said, best=np.resize(said.best, len(state.onsets)))
 
 
 def verdict(fault: Fault, actuator=1.0, kind=1.0, **others) -> Verdict:
@@ -71,7 +58,7 @@ MISFIT = replace(LOCKED, inflation=31.0, unexplained=0.02)
 
 def flown(
     says: Callable[[int], Verdict],
-    samples: int = 300,
+    samples: int = 360,
     shock: int = SHOCK,
     offset: float = 0.0,
     dither_hz: float | None = None,
@@ -80,11 +67,17 @@ def flown(
     config = replace(CONFIG, dither_hz=dither_hz)
     watch = replace(USUAL, config=config)
     own = {each.name: getattr(USUAL.bank, each.name) for each in fields(HypothesisBank)}
-    vars(watch)["bank"] = Script(**own, says=says)
+    vars(watch)["bank"] = Guarded(**own)
     rng, state, states = np.random.default_rng(0), watch.start(), {}
+
+    def said(bank, evidence, sample, *, disturbed):
+        """What is given, with as many likelihoods as there are onsets."""
+        return replace(says(sample), best=np.resize(says(sample).best, len(evidence.onsets)))
+
     for tick in range(TICKS * samples + 1):
         y = rng.standard_normal(3) + 50.0 * (tick // TICKS == shock) + offset
-        state = watch.step(state, NOMINAL.noise * y, np.zeros(3))
+        with patch("ftc.fdi.monitor.verdict", said):
+            state = watch.step(state, NOMINAL.noise * y, np.zeros(3))
         if tick and tick % TICKS == 0:
             states[tick // TICKS - 1] = state
             if state.diagnosis is not None and state.diagnosis.confirmed:

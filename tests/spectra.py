@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ftc.fdi.detection.whitening import Spectrum
+from ftc.fdi.observer import Spectrum
 
 
 def spectrum_of(residuals: np.ndarray, order: int, memory: float = np.inf) -> Spectrum:

@@ -12,7 +12,7 @@ from argument_checks.ties import greatest
 from experiments.recover.predictions import ISOLABLE
 from fjh.rig.rig import Rig
 from fjh.study.result import Check, Shown, check
-from ftc.fdi import DEFAULT_CONFIG
+from ftc.fdi import LEARNING_S
 
 WORST = 1.1
 """Design requirement, in every run: RMS error over that of a controller that does nothing."""
@@ -163,7 +163,7 @@ def hourly(rows: pd.DataFrame) -> dict[str, Any]:
     Of the time after the diagnosis has learned, in which an alarm is possible.
     """
     hours = float(rows.duration_s.sum()) / 3600
-    watched = hours - float(rows.duration_s.clip(upper=DEFAULT_CONFIG.learning_s).sum() / 3600)
+    watched = hours - float(rows.duration_s.clip(upper=LEARNING_S).sum() / 3600)
     alarms, named = (int(rows[name].sum()) for name in ("alarms", "healthy_named"))
     return {
         "hours": hours,

@@ -59,7 +59,6 @@ class Ik:
             ModelError: A name that does not exist; a task that nothing active moves; or as
                 :func:`sim.jacobians`.
             ValueError: No level, an empty one, or one task twice.
-            TypeError: An argument is of another kind.
         """
         self._model = check.instance("model", model, mujoco.MjModel)
         self._levels = Levels.of(model, tasks)
@@ -69,7 +68,7 @@ class Ik:
         anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
         self._there = anywhere, mujoco.MjData(model)
         jac = anywhere.at(self._there[1])
-        for sentence in jac.machine.of_any_pose.left_out if jac.machine else ():
+        for sentence in jac.machine.structure.left_out if jac.machine else ():
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
         self._limits = given.of(model, jac)
@@ -102,7 +101,7 @@ class Ik:
             ClosureError: A loop is open: see :func:`sim.assemble`.
             ValueError: A task without a target, or one that does not fit the model.
         """
-        period_s = check.duration("dt", dt)
+        period_s = check.number("dt", dt, *check.SECONDS)
         here = self._reader.read(data)
         asked = self._asked_at(data, period_s)
         met = self._met(data, here.J_T, here.J_C, here.error_bound, asked)
@@ -115,7 +114,7 @@ class Ik:
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
         """The same with its status, and what each task lacks; see :meth:`step`."""
-        period_s = check.duration("dt", dt)
+        period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
         asked, accuracy = self._asked_at(data, period_s), jac.accuracy
         met = accuracy and self._met(data, jac.J_T, jac.J_C, accuracy.error_bound, asked)
@@ -132,9 +131,9 @@ class Ik:
         next tick.
         """
         stuck = self._system.stuck
-        taken = check.exactly("qvel", qvel, self._model.nv).copy()
+        taken = check.array("qvel", qvel, self._model.nv).copy()
         taken[stuck[stuck < len(taken)]] = 0.0
-        check.finite("qvel times dt", taken * check.positive("dt", dt))
+        check.array("qvel times dt", taken * check.number("dt", dt, check.SMALLEST))
         rest = {"held": stuck.tolist(), "pinned": self._pinned}
         moved = advance(self._model, data, taken, dt, **rest, warn_of_misses=False, into=into)
         moved.qvel[:] = taken
@@ -156,7 +155,7 @@ class Ik:
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
-        check.finite("data.qvel", data.qvel)
+        check.array("data.qvel", data.qvel)
         limits = self._limits.at(data, period_s, self._anywhere)
         return limits, self._targets.at(data, period_s)
 

@@ -37,7 +37,6 @@ class Levels(NamedTuple):
         Raises:
             ModelError: A name that does not exist.
             ValueError: No level, an empty one, or one task twice.
-            TypeError: Something of another kind.
         """
         if not isinstance(levels, Sequence) or isinstance(levels, str) or not len(levels):
             raise ValueError(f"tasks must be a list of tasks, got {check.shown(levels)}")
@@ -140,21 +139,17 @@ class Targets(NamedTuple):
     size: int
 
     def at(self, data: mujoco.MjData, period_s: float) -> Array:
-        """Those at a state, one task after the other, shape (t,).
-
-        Raises:
-            ValueError: An error that is not what the task says, not finite, or as that raises.
-        """
+        """Those at a state, one task after the other, shape (t,)."""
         asked = np.zeros(self.size)
         for level in self.levels:
             for task, located, size, rows, among, _ in level:
                 error = located.error(self.model, data)
                 is_plain = check.is_plain(error) and error.shape == (size,)
                 if not (is_plain and check.is_moderate(error)):  # of a user's own task
-                    error = check.exactly(f"the error of {check.shown(task)}", error, size)
+                    error = check.array(f"the error of {check.shown(task)}", error, size)
                 velocity = task.gain / period_s * error
                 asked[rows] = velocity if among is None else velocity[among]
-        return check.finite("what the errors of the tasks ask for in dt", asked)
+        return check.array("what the errors of the tasks ask for in dt", asked)
 
     def of_rows(self) -> Indices:
         """Where those of each row of J_T are among them, shape (m,)."""

@@ -54,7 +54,6 @@ class Limits:
 
     Raises:
         ValueError: A limit that is not positive.
-        TypeError: An argument is of another kind.
     """
 
     ranges: bool = True
@@ -69,14 +68,14 @@ class Limits:
             value = getattr(self, name)
             if isinstance(value, Mapping):
                 own = {
-                    check.instance(f"{name}: a name", key, str): check.positive(
-                        f'{name}["{key}"]', each
+                    check.instance(f"{name}: a name", key, str): check.number(
+                        f'{name}["{key}"]', each, check.SMALLEST
                     )
                     for key, each in value.items()
                 }
                 object.__setattr__(self, name, own)
             elif value is not None:
-                object.__setattr__(self, name, check.positive(name, value))
+                object.__setattr__(self, name, check.number(name, value, check.SMALLEST))
         if self.distances is not None:
             check.instance("distances", self.distances, Distances)
 
@@ -386,7 +385,7 @@ class LimitsOf(NamedTuple):
         v = np.zeros(len(x))
         braked = self.limits.acceleration is not None
         if braked:
-            v[: self.model.nv] = check.series("data.qvel", data.qvel)
+            v[: self.model.nv] = check.array("data.qvel", data.qvel, None)
             if self.extra:
                 v[self.model.nv :] = drive_rows(self.model, data, self.extra) @ data.qvel
             v[kinematics.system.joints.stuck] = 0.0
@@ -487,7 +486,7 @@ class LimitsOf(NamedTuple):
         if distances is not None:
             qvel = v[: self.model.nv]
             way = 2.0 * distances.farthest(data, qvel, span_s) if qvel.any() else 0.0
-            near = distances.near(data, distances.margin_m + way)
+            near = distances.at(data, distances.margin_m + way)
             rows = np.vstack([rows, near.rows])
             room = np.append(room, near.distance_m - distances.margin_m)
             gain, pairs = np.append(gain, np.full(len(near.rows), distances.gain)), near.pairs

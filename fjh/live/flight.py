@@ -10,7 +10,8 @@ from fjh.rig.events import Event
 from fjh.rig.events.effects import Effect
 from fjh.rig.events.hooks import Hooks, effect_of
 from fjh.rig.run import SOUND, run_of
-from ftc import LoopRun, SupervisorState, one_tick, status
+from ftc import LoopRun, SupervisorState, one_tick
+from ftc.fdi import LEARNING_S
 from sim import Array, Failure, Pose
 
 Kind = Literal["sound", "locked", "free", "weak"]
@@ -106,9 +107,8 @@ class Flight:
         if not isinstance(state, SupervisorState):
             return "Does not diagnose: it goes on with what it knows."
         if state.is_learning and not state.watch.relearns:
-            learning_s = state.monitor.config.learning_s
-            return f"It takes the first {learning_s:g} s for the sound machine."
-        said = status(state, self.rig.actuators)
+            return f"It takes the first {LEARNING_S:g} s for the sound machine."
+        said = state.status
         if state.sensors.failed:
             said = f"{said[:-1]}; {state.sensors.sentence(self.rig.period_s)}."
         return said

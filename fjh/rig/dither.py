@@ -158,7 +158,5 @@ def _path_separations(rig: "Rig", path: Array) -> Separations:
     frequency_hz = np.array([(1 + strongest) / (len(path) * rig.period_s)])
     measured_s = max(CONDITIONS.time_s, 1 / float(frequency_hz[0]))
     conditions = Conditions(measured_s, CONDITIONS.uncertainty)
-    noise = conditions.noise(rig.watched, "path", frequency_hz)
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
-    responses = fault_responses(rig.watched, frequency_hz, CONDITIONS.uncertainty)
-    return separations_at(responses, 0, commanded, noise[0])
+    return separations_at(fault_responses(rig.watched, frequency_hz, conditions), 0, commanded)

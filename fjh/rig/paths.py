@@ -56,8 +56,8 @@ def _from_file(file: Path, rows: int, time_s: Array) -> Array:
         raise WrongInput(f"path must be {', '.join(PATHS)} or FILE.npz, got {file!s:.80}{near}")
     arrays = read_arrays(file)
     try:
-        times = check.finite("time_s", arrays["time_s"])
-        desired = check.finite("desired", arrays["desired"])
+        times = check.array("time_s", arrays["time_s"])
+        desired = check.array("desired", arrays["desired"])
     except (KeyError, ValueError, TypeError) as error:
         raise WrongInput(f"path {file} holds no path: {error}") from None
     if (

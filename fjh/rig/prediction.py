@@ -1,7 +1,7 @@
 """The linear model of a rig in the loop: errors of a run, before and after failures; stability."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,10 +76,8 @@ def predicted(
     is white.
     """
     controller, model, n = rig.controller(goal), fault_model(rig.nominal), rig.nominal.actuators
-    x = None if start is None else at_rest(model.A, model.B) @ start
-    first_gain = controller.mapping.major_gain()
-    loads = {"drift": model.drift, "rubbing": model.rubbing}
-    stages = [Stage(model.A, model.B, gain=first_gain, **loads)]
+    x = None if start is None else at_rest(model.A, model.B, rig.period_s) @ start
+    stages = [Stage(model, gain=controller.mapping.major_gain())]
     dithered = _dithered(dither, len(path), n, rig.period_s)
     secondary = dithered @ controller.mapping.secondary_gain().T + _standing(controller)
     floor = np.zeros((len(path), 3)) if floor_m_per_s2 is None else floor_m_per_s2
@@ -94,18 +92,8 @@ def predicted(
             mapping, goes_on = rig.mapping(goal), np.ones(n)
             goes_on[[*goal.locked_at, *goal.free]] = 0.0
             secondary[tick:] = dithered[tick:] @ mapping.secondary_gain().T
-        stages.append(
-            Stage(
-                after.A,
-                after.B,
-                tick,
-                onset=after.onset if onset else None,
-                gain=stages[-1].gain if mapping is None else mapping.major_gain(),
-                carried=goes_on,
-                drift=after.drift,
-                rubbing=after.rubbing,
-            )
-        )
+        gain = stages[-1].gain if mapping is None else mapping.major_gain()
+        stages.append(Stage(after, tick, gain, goes_on))
         if after.floor is not None:
             pushed[tick:] = floor[tick:] @ after.floor.T
     ticks = list(
@@ -141,7 +129,7 @@ def _changes(
     for failure, known_s in zip(failures, times, strict=True):
         for at_s, is_known in ((failure.time_s, False), (known_s, True)):
             if at_s is not None:
-                if check.signed("told", at_s) < failure.time_s:
+                if check.number("told", at_s) < failure.time_s:
                     raise ValueError(f"told must be no times before the failures, got {told}")
                 tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))
@@ -203,7 +191,8 @@ def _noise_variance(rig: "Rig", stage: Stage) -> Array:
     slowest_hz = min(each.crossover_hz for each in rig.margins)
     pulses = np.zeros((m1, round(_PULSE_S / slowest_hz / rig.period_s), m1))
     pulses[range(m1), 0, range(m1)] = 1.0  # a reference of the compensators alone is such a noise
-    first = Stage(stage.A, stage.B, gain=stage.gain)
+    alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), rubbing=None)
+    first = Stage(alone, gain=stage.gain)
     outputs = np.array(
         [tick.output for tick in steps([first], rig.nominal.plant.C, rig.loops, pulses)]
     )

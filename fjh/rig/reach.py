@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -37,7 +36,7 @@ def check_reach(rig: Rig, path: Array) -> None:
     pose, commanded = mapping.nominal, np.zeros(mapping.actuators)
     for tick in np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int)):
         for _ in range(_STEPS):
-            commanded = _nearer(mapping, path[tick], pose, commanded)
+            commanded, _ = mapping.tick(path[tick], pose, commanded)
             pose = mapping.estimate(commanded, pose)
         lacking = path[tick] - mapping.reached(pose)
         if np.abs(lacking).max() > _SHORT * rig.size:
@@ -164,13 +163,6 @@ def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
         if squared(left) < half < squared(predicted.rms_before):
             return f"{most} of the error is from {cause}."
     return None
-
-
-def _nearer(mapping: Any, target: Array, pose: Any, commanded: Array) -> Array:
-    """Displacements one step nearer to the target."""
-    if mapping.limits is None:
-        return mapping.displacements(target, pose, commanded)
-    return mapping.within_limits(target, pose, commanded=commanded).displacements
 
 
 def _at_limits(rig: Rig, commanded: Array) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,7 +17,6 @@ from fjh.rig.events.hooks import events_of
 from fjh.rig.mismatch import Known, Mismatch, sizes_of
 from fjh.rig.options import (
     BOUNDS,
-    Limited,
     RobotOptions,
     Sensing,
     check_bounds,
@@ -136,7 +135,7 @@ class Rig:
         from fjh.rig.hexapod.rig import hexapod_rig  # which makes one of these
 
         check.flag("feedforward", feedforward)
-        check.index("seed", seed)
+        check.integer("seed", seed)
         if size is not None:
             check_bounds("size", size)
         return hexapod_rig(size=size, feedforward=feedforward).drawn(mismatch, seed)
@@ -197,8 +196,7 @@ class Rig:
         check.instance("file", file, str, Path)
         check.instance("site", site, str, int, Body)
         check.flag("feedforward", feedforward)
-        check.index("seed", seed)
-        check.choice("limits", loops.get("limits", "stated"), get_args(Limited))
+        check.integer("seed", seed)
         if servo_hz is not None:
             check_bounds("servo_hz", servo_hz, "servo")
         if not isinstance(pinned, str):
@@ -221,7 +219,7 @@ class Rig:
         )
         at = None
         if start is not None and not isinstance(start, str | int):
-            at = check.finite("start", start)
+            at = check.array("start", start)
         return robot_rig(Path(file), options, at).drawn(mismatch, seed)
 
     @property
@@ -254,7 +252,7 @@ class Rig:
             if isinstance(actuator, str):
                 names = zip(self.actuators, self.aliases, strict=True)
                 return number_of(actuator, [(name, *others) for name, others in names])
-            return check.index("actuator", actuator, len(self.actuators))
+            return check.integer("actuator", actuator, len(self.actuators))
         except ValueError as error:
             raise WrongInput(str(error)) from None
 
@@ -306,7 +304,7 @@ class Rig:
         """
         machine = self.machine
         sizes = sizes_of(mismatch, machine.everything, machine.unknown)
-        return replace(self, machine=machine.drawn(sizes, check.index("seed", seed)))
+        return replace(self, machine=machine.drawn(sizes, check.integer("seed", seed)))
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """The mapping for a goal, failures that it knows included."""
@@ -342,7 +340,7 @@ class Rig:
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The simulated machine for times (N,); noise of this seed."""
-        time_s, seed = check.series("time_s", time_s), check.index("seed", seed)
+        time_s, seed = check.array("time_s", time_s, None), check.integer("seed", seed)
         return self.machine.bench(time_s, failures, seed, events)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
@@ -363,17 +361,17 @@ class Rig:
         """
         check.instance("name", name, str, Path)
         ticks = self._ticks("duration_s", duration_s, BOUNDS["duration"][0])
-        check.within("turn_s", turn_s, BOUNDS["turn"][0], 1e9, " s")
+        check.number("turn_s", turn_s, BOUNDS["turn"][0], 1e9)
         time_s = np.arange(max(2, ticks)) * self.period_s
         return path_of(str(name), len(self.major), self.size, time_s, turn_s, self.period_s)
 
     def _ticks(self, name: str, seconds: float, least: float) -> int:
         most = min(BOUNDS["duration"][1], MOST_TICKS * self.period_s)
-        return round(check.within(name, seconds, least, most, " s") / self.period_s)
+        return round(check.number(name, seconds, least, most) / self.period_s)
 
     def _checked_path(self, path: ArrayLike) -> Array:
         """A path (N, m1) of at least one tick, of displacements that a machine can be asked for."""
-        desired = check.matrix("path", path, columns=len(self.major))
+        desired = check.array("path", path, None, len(self.major))
         if not len(desired):
             raise ValueError(f"path must have a row for each tick, got shape {desired.shape}")
         if (largest := np.abs(desired).max()) > LARGEST_DISPLACEMENT:
@@ -429,10 +427,10 @@ class Rig:
                 cannot have.
             sim.SimulationDiverged: The physics left the finite numbers.
         """
-        check.methods("controller", controller, "start", "step")
+        check.attributes("controller", controller, "start", "step")
         desired = self._checked_path(path)
-        check.index("seed", seed)
-        check.duration("begin_s", begin_s, least=0.0)
+        check.integer("seed", seed)
+        check.number("begin_s", begin_s, 0.0, check.DAY_S)
         lead_in = self._ticks("lead_in_s", lead_in_s, 0.0)
         if on_tick is not None:
             check.function("on_tick", on_tick)
@@ -487,11 +485,11 @@ class Rig:
         """
         desired, n = self._checked_path(path), len(self.actuators)
         if dither is not None:
-            check.exactly("dither.direction", check.instance("dither", dither, Dither).direction, n)
+            check.array("dither.direction", check.instance("dither", dither, Dither).direction, n)
         given = {"noise": (noise, desired.shape), "start": (start, (n,))}
         given["floor_m_per_s2"] = floor_m_per_s2, (len(desired), 3)
         arrays: dict[str, Any] = {
-            name: None if value is None else check.exactly(name, value, *shape)
+            name: None if value is None else check.array(name, value, *shape)
             for name, (value, shape) in given.items()
         }
         if floor_m_per_s2 is not None and self.nominal.floor is None:

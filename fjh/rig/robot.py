@@ -181,7 +181,7 @@ def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> 
     """Joint positions (nq,), or a keyframe by name or number; neither is the first, or qpos0."""
     data = start_of(model) if at is None else mujoco.MjData(model)
     if at is not None:
-        data.qpos[:] = check.exactly("start", at, model.nq)
+        data.qpos[:] = check.array("start", at, model.nq)
     if at is not None or keyframe is None:
         return data
     numbers = {str(k): k for k in range(model.nkey)}

@@ -11,7 +11,7 @@ import numpy as np
 from argument_checks.ties import greatest
 from fjh.rig.events import Event
 from ftc import Controller, LoopRun, Sensors, SupervisorState, explanation, run_loop
-from ftc.fdi import FaultKind
+from ftc.fdi import LEARNING_S, FaultKind
 from sim import Array, Bench, Failure, Pose
 from sim.mjcf import Drive
 
@@ -344,8 +344,7 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
         causes = dict.fromkeys(explanation(each, names) for each in state.watch.causes)
         return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
     if state.is_learning:
-        learning_s = state.monitor.config.learning_s
-        return f"it takes the first {learning_s:g} s for the robot without a failure"
+        return f"it takes the first {LEARNING_S:g} s for the robot without a failure"
     return "the sensors read what the model without a failure predicts"
 
 

@@ -1,40 +1,43 @@
-"""Compensators of single channels by loop shaping, and the stability margins of a loop.
+"""Design of the compensators of single channels, all at one crossover, by loop shaping.
 
 G(s) = K / s * w^2 / (s^2 + 2 zeta w s + w^2): an integrator, so that the error falls with
 frequency, and a roll-off, so that the plant's modes above the crossover do not close the loop. K
 puts |G P| = 1 at the chosen crossover.
 """
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.linalg
 
 import argument_checks as check
 from argument_checks import Array
-from argument_checks.ties import least
-from ftc.control.frequency_response import (
-    SampledSystem,
-    frequency_response,
-    response_of,
-    sampled,
-)
+from ftc.control.frequency_response import ROUND_OFF, SampledSystem, balanced, sensitivity_peak
 
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
     import control
 
-_SLOWEST, _SLOW, _FASTEST = 1e-7, 1e-4, 0.4999
-"""Frequencies at which loops are looked at, in parts of the sampling frequency: few up to the
-second, where there are no modes."""
-
-
-_ROUND_OFF = 1e-13
-"""Part of a response."""
-
-
 _MODERATE = 1e-12, 1e6
-"""Of crossovers; the slowest loops of :mod:`ftc.tracking` have 1e-8 of the control frequency."""
+"""Of crossovers; the slowest that are tried are 1e-8 of the control frequency."""
+
+LARGEST_PEAK = 1.7
+"""Of the sensitivity: a gain margin of at least 7.7 dB, a phase margin of at least 34 degrees."""
+_ROLL_OFF, _ROLL_OFF_DAMPING = 3.0, 0.7
+"""Corner of the low-pass, in crossovers, as on the hexapod, and its damping ratio."""
+_FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
+"""Crossovers that are tried, times the control period: to the second, else to the last."""
+_HALVINGS = 12
+"""Of the logarithm of the range in which a crossover is sought: 0.2 % of it, or 0.5 %."""
+
+_DECAYS = 1e-6
+"""Part of the size of the state matrix by which a motion must decay to do so for certain, and below
+which one motion that does not decay drives no other."""
+_SEEN = 1e-4
+"""Part of all inputs or outputs below which a motion is not excited, or not seen."""
+
+Channel = SampledSystem
+"""A sampled compensator with one input and one output, `dt` its period."""
 
 
 class UnstableLoop(ValueError):
@@ -47,15 +50,9 @@ class NoResponse(ValueError):
 
 @dataclass(frozen=True)
 class LoopShape:
-    """Specification of one channel's loop.
+    """One channel's gain crossover, and corner and damping ratio of its second-order low-pass.
 
-    Attributes:
-        crossover_hz: Gain crossover.
-        roll_off_hz: Corner of the second-order low-pass.
-        roll_off_damping: Damping ratio of the low-pass.
-
-    Raises:
-        ValueError: Not numbers from 1e-12 to 1e6.
+    Numbers from 1e-12 to 1e6.
     """
 
     crossover_hz: float
@@ -64,7 +61,7 @@ class LoopShape:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            check.within(name, value, *_MODERATE)
+            check.number(name, value, *_MODERATE)
 
 
 @dataclass(frozen=True)
@@ -98,47 +95,15 @@ class Compensator:
         return control.ss(self.A, self.B, self.C, self.D, self.period_s)
 
 
-Channel = SampledSystem
-"""A sampled compensator with one input and one output, `dt` its period."""
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Stability margins of one sampled loop.
-
-    Attributes:
-        crossover_hz: Gain crossover.
-        gain_margin_db: At `phase_crossover_hz`.
-        phase_margin_deg: At `crossover_hz`.
-        phase_crossover_hz: Where the phase passes -180 degrees.
-    """
-
-    crossover_hz: float
-    gain_margin_db: float
-    phase_margin_deg: float
-    phase_crossover_hz: float
-
-    def __str__(self) -> str:
-        return (
-            f"crossover {self.crossover_hz:.2f} Hz, "
-            f"gain margin {self.gain_margin_db:.1f} dB at {self.phase_crossover_hz:.1f} Hz, "
-            f"phase margin {self.phase_margin_deg:.1f} deg"
-        )
-
-
 def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) -> Compensator:
-    """The compensator that gives one channel the chosen loop.
+    """The compensator that gives one channel the chosen loop at a sampling period.
 
-    Args:
-        plant: The channel, continuous, one input and one output.
-        shape: Crossover and roll-off.
-        period_s: Sampling period.
+    The channel is continuous, with one input and one output; the crossover is below half the
+    sampling frequency.
 
     Raises:
         UnstableLoop: The sampled loop would be unstable.
         NoResponse: The plant's gain at the crossover is zero or no moderate number.
-        ValueError, TypeError: Not one continuous channel, no shape, a period longer than a day, or
-            a crossover that is not below half the sampling frequency.
     """
     import control  # late, as above
 
@@ -148,7 +113,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
             f"plant must be continuous, with one input and output, got {check.shown(plant)}"
         )
     check.instance("shape", shape, LoopShape)
-    if shape.crossover_hz >= 0.5 / check.duration("period_s", period_s):
+    if shape.crossover_hz >= 0.5 / check.number("period_s", period_s, *check.SECONDS):
         raise ValueError(
             f"shape must have a crossover below half the sampling frequency, {0.5 / period_s:g} Hz,"
             f" got crossover_hz = {shape.crossover_hz:g}"
@@ -157,7 +122,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     crossover = 2 * np.pi * shape.crossover_hz
     unscaled = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
     response = abs(unscaled(1j * crossover) * plant(1j * crossover))
-    if not 0 < response < w**2 / _ROUND_OFF:
+    if not 0 < response < w**2 / ROUND_OFF:
         raise NoResponse(f"plant must respond at {shape.crossover_hz} Hz, got a gain of {response}")
     G = unscaled * (1 / response)
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
@@ -172,77 +137,105 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     return Compensator(G.num[0][0], G.den[0][0], G_d.A, G_d.B, G_d.C, G_d.D, period_s)
 
 
-def margins(L: SampledSystem) -> Margins:
-    """The margins of a sampled open loop with one input and one output.
+Designed = tuple[tuple[Compensator, ...], float]
+"""Compensators of all channels, and the sensitivity peak that they leave."""
 
-    Of several crossovers those with the smallest margins. They are looked for from 1e-7 of the
-    sampling frequency up to half of it; where there is none, the margin is infinite and the
-    crossover NaN.
+
+def compensators(
+    plant: "control.StateSpace", period_s: float, crossover_hz: float | None = None
+) -> Designed:
+    """The compensators of all channels of a continuous plant at one crossover.
+
+    Unless it is given, the crossover is the highest at which the sensitivity peak, coupling of the
+    channels included, is at most `LARGEST_PEAK`, and at most a fiftieth of the sampling frequency.
 
     Raises:
-        ValueError, TypeError: Of another kind than that.
+        UnstableLoop: The loops would be unstable, or have a larger peak at every crossover.
+        NoResponse: A channel has no moderate gain at the crossover that is given.
     """
-    from scipy.optimize import brentq  # late: only the design needs it
-
-    # On the frequency response: the polynomial method loses its digits on a dozen plant states.
-    response = response_of(sampled("L", L, 1, 1))
-    frequencies = _frequencies(L.dt, _FASTEST, 8000)
-    curve = response(frequencies)[:, 0, 0]
-
-    def at(frequency_rad_s: float) -> complex:
-        return complex(response(np.array([frequency_rad_s]))[0, 0, 0])
-
-    def crossings(of: Callable[[Any], Any]) -> Iterator[float]:
-        for k in np.flatnonzero(np.diff(np.sign(of(curve)))):
-            if abs(of(curve[k])) <= _ROUND_OFF * abs(curve[k]):  # it is there, whatever its sign
-                yield float(frequencies[k])
-                continue
-            ends = frequencies[k : k + 2]
-            # Of many frequencies at once the last bits are others than of one.
-            if of(at(ends[0])) * of(at(ends[1])) <= 0.0:
-                yield brentq(lambda w: of(at(w)), *ends)
-
-    gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
-    phases = [
-        (float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)
-    ]
-    gain, at_phase, phase, at_gain = np.inf, np.nan, np.inf, np.nan
-    if gains:
-        gain, at_phase = gains[least([abs(np.log(gain)) for gain, _ in gains])]
-    if phases:
-        phase, at_gain = phases[least([abs(phase) for phase, _ in phases])]
-    return Margins(
-        crossover_hz=at_gain / (2 * np.pi),
-        gain_margin_db=20 * np.log10(gain),
-        phase_margin_deg=float(phase),
-        phase_crossover_hz=at_phase / (2 * np.pi),
+    if crossover_hz is not None:
+        return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))
+    if found := _within_peak(plant, period_s, _FASTEST / period_s):
+        return found
+    for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
+        for _ in range(_HALVINGS):
+            middle = np.sqrt(low * high)
+            if tried := _within_peak(plant, period_s, middle / period_s):
+                found, low = tried, middle
+            else:
+                high = middle
+        if found:
+            return found
+    raise UnstableLoop(
+        f"no crossover from {_SLOWEST / period_s:.2g} Hz on leaves the loops stable with a "
+        f"sensitivity peak of at most {LARGEST_PEAK:g}"
     )
 
 
-def sensitivity_peak(L: SampledSystem) -> float:
-    """Peak over frequency of the sensitivity of all channels together, L a sampled open loop.
+def _within_peak(plant: "control.StateSpace", period_s: float, hz: float) -> Designed | None:
+    """The design at this crossover; None where the peak is larger than allowed."""
+    try:
+        loops, peak = _at(plant, period_s, hz)
+    except (UnstableLoop, NoResponse):
+        return None
+    return (loops, peak) if peak <= LARGEST_PEAK else None
 
-    S = (I + L)^-1, measured by the gain and phase that each channel may lose, all at once and
-    independently of one another: an upper bound of the structured singular value of S, the less of
-    its largest singular value and of the Perron root of its absolute values (Doyle, IEE Proc. D
-    129 (1982); Skogestad and Postlethwaite, Multivariable Feedback Control, 2005, section 8.8). One
-    channel that disturbs another without being disturbed by it endangers nothing, however much. The
-    inverse is the distance of the loops from instability; a well-damped single loop has less
-    than 2.
 
-    Raises:
-        ValueError, TypeError: Not a sampled system with as many inputs as outputs.
+def _at(plant: "control.StateSpace", period_s: float, hz: float) -> Designed:
+    """The design at this crossover, whatever its peak."""
+    import control  # late, as above
+
+    shape = LoopShape(hz, _ROLL_OFF * hz, _ROLL_OFF_DAMPING)
+    loops = tuple(compensator(plant[k, k], shape, period_s) for k in range(plant.noutputs))
+    sampled = control.c2d(plant, period_s, method="zoh")
+    L = sampled * control.append(*(loop.discrete for loop in loops))
+    unity = control.ss([], [], [], np.eye(plant.noutputs), period_s)
+    if np.abs(control.feedback(L, unity).poles()).max() >= 1:
+        raise UnstableLoop(f"shape must leave the loops stable together, got {hz:.3g} Hz")
+    return loops, sensitivity_peak(L)
+
+
+def minimal(plant: "control.StateSpace") -> "control.StateSpace":
+    """A plant without those motions that do not decay and that no input excites or no output sees.
+
+    A rod that spins between two ball joints is a pole at zero that no loop could move and none has
+    to. The motions that do not decay are split off (ordered Schur form, Sylvester equation: Bavely
+    and Stewart, SIAM J. Numer. Anal. 16 (1979)), and of these what no input excites and then what
+    no output sees is taken out, by the staircase algorithm (Rosenbrock 1970; Van Dooren, IEEE
+    Trans. Automatic Control 26 (1981)). Motions that decay stay, whether seen or not.
     """
-    channels = len(np.atleast_1d(getattr(L, "D", 0.0)))
-    sampled("L", L, channels, channels)
-    response = frequency_response(L, _frequencies(L.dt, 0.45, 3000))
-    S = np.linalg.inv(np.eye(len(response[0])) + response)
-    largest = np.linalg.norm(S, 2, axis=(1, 2))
-    perron = np.abs(np.linalg.eigvals(np.abs(S))).max(axis=1)
-    return float(np.minimum(largest, perron).max())
+    import control  # late, as above
+
+    A, scale = balanced(plant.A)
+    least = _DECAYS * float(np.linalg.norm(A, 2)) if len(A) else 0.0
+    T, Z, count = scipy.linalg.schur(A, output="real", sort=lambda re, im: re > -least)
+    if not count:
+        return plant
+    B, C = Z.T @ (plant.B / scale[:, None]), (plant.C * scale) @ Z
+    slow, fast = T[:count, :count], T[count:, count:]
+    X = scipy.linalg.solve_sylvester(slow, -fast, -T[:count, count:])
+    B_slow, C_slow = B[:count] - X @ B[count:], C[:, :count]
+    for _ in range(2):  # what is excited, then of the dual what is seen
+        V = _reached(slow, B_slow, _SEEN * float(np.abs(B).max(initial=0.0)), least)
+        slow, B_slow, C_slow = (V.T @ slow @ V).T, (C_slow @ V).T, (V.T @ B_slow).T
+        B, C = C.T, B.T
+    outputs = np.hstack([C_slow, C[:, :count] @ X + C[:, count:]])
+    inputs = np.vstack([B_slow, B[count:]])
+    return control.ss(scipy.linalg.block_diag(slow, fast), inputs, outputs, plant.D)
 
 
-def _frequencies(period_s: float, fastest: float, count: int) -> Array:
-    """Up to a part of the sampling frequency, [rad]/[s], so many of them above the slow ones."""
-    slow = np.geomspace(_SLOWEST, _SLOW, count // 16, endpoint=False)
-    return 2 * np.pi / period_s * np.append(slow, np.geomspace(_SLOW, fastest, count))
+def _reached(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
+    """Orthonormal basis of what B drives through A, shape (s, r)."""
+    found = new = _basis(B, np.zeros((len(A), 0)), least_input)
+    while new.shape[1]:
+        new = _basis(A @ new, found, least_motion)
+        found = np.hstack([found, new])
+    return found
+
+
+def _basis(motions: Array, known: Array, least: float) -> Array:
+    """Orthonormal basis of what these motions add to those that are known."""
+    for _ in range(2):  # once leaves round-off of what is taken off
+        motions = motions - known @ (known.T @ motions)
+    U, s, _ = np.linalg.svd(motions, full_matrices=False)
+    return U[:, s > least]

@@ -14,10 +14,7 @@ Pose = TypeVar("Pose")
 
 
 class Geometry(Protocol[Pose]):
-    """Model of a mechanism without failures, parallel or serial, as the mapping needs it.
-
-    A pose is the client's own type; the mapping only hands it back.
-    """
+    """Mechanism without failures, as the mapping needs it; a pose is the client's own type."""
 
     @property
     def nominal(self) -> Pose:
@@ -36,9 +33,8 @@ class Geometry(Protocol[Pose]):
     def jacobians(self, posture: Pose) -> Any:
         """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a posture.
 
-        And with their `accuracy`, where that is known; see :class:`sim.Jacobians`.
+        And with their `accuracy`, where that is known.
         """
-        ...
 
     def twist(self, posture: Pose, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
@@ -53,11 +49,7 @@ class LocalGeometry:
     """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
 
     def __init__(self, system: ConstrainedSystem) -> None:
-        """Make the geometry from the mechanism without failures at its nominal pose.
-
-        Raises:
-            TypeError: Not a mechanism.
-        """
+        """Take the mechanism without failures at its nominal pose."""
         self.system = check.instance("system", system, ConstrainedSystem)
         self.nominal = np.zeros(len(system.J_T))
         self._J = system.kinematics().J
@@ -77,6 +69,73 @@ class LocalGeometry:
     def moved(self, pose: Array, displacements: Array) -> Array:
         """The twist of displacements (n,)."""
         return self._J @ displacements
+
+
+class MechanismModel(Protocol[Pose]):
+    """A controller's own model of a mechanism without failures, such as `sim.Mechanism`.
+
+    A posture is the model's own type, and belongs to one set of joint positions.
+    """
+
+    @property
+    def nominal(self) -> Pose:
+        """The posture that displacements are measured from."""
+        ...
+
+    def jacobians(self, posture: Pose) -> Any:
+        """An object with J_T (m, N), J_C (c, N) and active (n,); see :class:`sim.Jacobians`."""
+
+    def displacements(self, posture: Pose) -> Array:
+        """Displacements of the actuators from the nominal posture, shape (n,)."""
+        ...
+
+    def task(self, posture: Pose) -> Array:
+        """Task coordinates (m,), whose rates are J_T's near the nominal posture."""
+        ...
+
+    def moved(self, posture: Pose, displacements: Array, held: Indices) -> Pose:
+        """The posture near this one at which the `held` actuators have their displacements (n,).
+
+        Those of the other actuators do not count: they follow.
+        """
+        ...
+
+
+class MechanismGeometry:
+    """A mechanism as :class:`Geometry`: its Jacobians in every posture."""
+
+    def __init__(
+        self, model: MechanismModel[Any], free: Sequence[int] = (), *, springs: bool = False
+    ) -> None:
+        """Take the mechanism without failures.
+
+        Of the `free` actuators, which exert no force, the loops say where they go; with `springs`
+        those of the joints hold what the loops leave free.
+        """
+        self.model = check.attributes("model", model, "jacobians", "displacements", "task", "moved")
+        self.nominal = model.nominal
+        self.system = ConstrainedSystem.of(
+            model.jacobians(model.nominal), check.flag("springs", springs)
+        )
+        every = np.arange(len(self.system.active))
+        self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
+
+    def posture(self, pose: Any) -> Any:
+        """The posture itself."""
+        return pose
+
+    def jacobians(self, posture: Any) -> Any:
+        """The Jacobians of the model there."""
+        return self.model.jacobians(posture)
+
+    def twist(self, posture: Any, displacements: Array) -> Array:
+        """Task displacement (m,) of small displacements (n,)."""
+        there = self.system.at_pose(self.model.jacobians(posture)).kinematics()
+        return there.J @ displacements
+
+    def moved(self, pose: Any, displacements: Array) -> Any:
+        """The posture to which displacements (n,) lead, from the one a tick before."""
+        return self.model.moved(pose, displacements, self._held)
 
 
 def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
@@ -99,12 +158,8 @@ def without_idle_springs(system: ConstrainedSystem) -> ConstrainedSystem:
 def free_actuators_follow(released: ConstrainedSystem) -> Array:
     """Displacements of all actuators per displacement of those that are held, shape (n, n)."""
     kinematics, n = released.kinematics(), len(released.active)
-    follow = np.zeros((n, n))
-    follow[kinematics.actuators, kinematics.actuators] = 1.0
-    number = {velocity: k for k, velocity in enumerate(released.active.tolist())}
-    for velocity, gain in zip(kinematics.passive.tolist(), kinematics.passive_gain, strict=True):
-        if velocity in number:
-            follow[number[velocity], kinematics.actuators] = gain
+    follow, held = np.zeros((n, n)), kinematics.actuators
+    follow[:, held] = kinematics.velocities(np.eye(len(held)))[:, released.active].T
     return follow
 
 

@@ -5,7 +5,8 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, Generic, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -22,7 +23,6 @@ from ftc.control.geometry import (
     without_springs,
     yielded,
 )
-from ftc.control.local_mapping import LimitedDisplacements, LocalMapping, PreviousCommand
 from ftc.goal import Goal
 from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
 
@@ -31,39 +31,72 @@ DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
 problem."""
 
-
 _MET = 1e-9
 """Part of a task up to which what limits leave of it is round-off."""
 
 
-class _Step(NamedTuple):
-    """What is left to do from some displacements of the survivors.
+class PreviousCommand(NamedTuple):
+    """Last demand and displacements of a mapping, from which the incremental form continues.
+
+    `demand` (m1,) is the demanded major task; `displacements` (n,) those of the actuators, before
+    the converters; `secondary_reference` (n,) the reference of the secondary goal.
+    """
+
+    demand: Array
+    displacements: Array
+    secondary_reference: Array
+
+
+@dataclass(frozen=True)
+class LocalMapping:
+    """The mapping at one pose, section 2.3.
 
     Attributes:
-        here: These displacements, (n',).
-        major: Of the major task, (m1,).
-        joint: Desired of the survivors, (n',).
-        along: What the secondary task is to move by, as displacements of the survivors, (n',); None
-            is nothing.
-        secondary: And beside that, (m2,).
+        mapping: Rates of the n' surviving actuators, eqs. (28) and (30): a
+            :class:`prioritized.VelocityMapping`, or what `allocate` gives in its place.
+        expand: Puts them on all actuators, shape (n, n').
+        J: Task velocity per surviving rate, eq. (14), shape (m, n').
+        constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
+        limited: The mapping with limits, whose `solve` gives `rates`; None without.
+    """
+
+    mapping: Any
+    expand: Array
+    J: Array
+    constraint: Array
+    limited: Any = None
+
+
+class _Step(NamedTuple):
+    """What is left to do from the displacements `here` (n',) of the survivors.
+
+    The major task is to move by `major` (m1,), the survivors by `joint` (n',), and the secondary
+    task by what the survivors' displacements `along` (n',) do, and by `secondary` (m2,) beside.
     """
 
     here: Array
     major: Array
     joint: Array
-    along: Array | None
+    along: Array
     secondary: Array
 
     def targets(self, J_s: Array) -> tuple[Array, Array, Array]:
         """Arguments of a velocity mapping, for the secondary rows (m2, n') of the Jacobian."""
-        beside = self.secondary if self.along is None else J_s.dot(self.along) + self.secondary
-        return self.major, self.joint, beside
+        return self.major, self.joint, J_s.dot(self.along) + self.secondary
 
 
 class PrioritizedMapping(Generic[Pose]):
     """Optimal displacements of the actuators for a demanded major task, eqs. (28) and (30).
 
     Actuators that the goal says have failed are reconfigured as in section 2.3.
+
+    Attributes:
+        goal: Weights, and the failures that are known.
+        form: How eq. (41) becomes a displacement.
+        nominal: The pose that displacements are measured from.
+        actuators: Their number n, failed ones included.
+        unused: Which of them are commanded nothing, because they have failed, shape (n,).
+        limits: Lower and upper displacements, shape (n,) each; None without.
     """
 
     def __init__(
@@ -87,29 +120,27 @@ class PrioritizedMapping(Generic[Pose]):
             major: Task rows of the major task.
             secondary: Task rows of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
-            task: Task coordinates (m,) of a pose, for the Gauss-Newton form.
+            task: Task coordinates (m,) of a pose; the Gauss-Newton form needs them.
             limits: Lower and upper displacements of the actuators from the nominal pose, shape
-                (n,) or one number each, for :meth:`within_limits`; those of failed actuators do not
-                count. A weakened actuator needs limits that it can hold with the force left.
+                (n,) or one number each; those of failed actuators do not count. A weakened
+                actuator needs limits that it can hold with the force left. None in incremental
+                form.
             when_limited: What becomes of a major task beyond them.
             allocate: What is to be compared with eqs. (28) and (30): for kinematics of the failed
                 mechanism, what maps velocities to rates of the survivors as
-                :class:`ftc.control.local_mapping.LocalMapping` says, in the place of the mapping
+                :class:`ftc.control.mapping.LocalMapping` says, in the place of the mapping
                 within limits if there are any, or else of the mapping.
 
         Raises:
-            ValueError, TypeError: An actuator locked off centre in incremental form: its
-                displacement is in no increment. The Gauss-Newton form without task coordinates.
-                Limits in incremental form. Anything of another number or kind than that.
+            ValueError: An actuator locked off centre in incremental form: its displacement is in no
+                increment.
         """
-        parts = "posture", "jacobians", "twist", "moved"
-        check.methods("geometry", geometry, *parts)
+        check.attributes("geometry", geometry, "posture", "jacobians", "twist", "moved")
         check.choice("form", form, get_args(DisplacementForm))
         check.choice("when_limited", when_limited, get_args(WhenLimited))
-        task = task if task is None else check.function("task", task)
+        self._task = task if task is None else check.function("task", task)
         self._allocate = allocate if allocate is None else check.function("allocate", allocate)
         check.instance("goal", goal, Goal).of(len(geometry.system.active))
-        rows = len(geometry.system.J_T)
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
         if form == "incremental" and any(goal.locked_at.values()):
@@ -117,82 +148,54 @@ class PrioritizedMapping(Generic[Pose]):
                 f'form must be "absolute" or "gauss_newton" with an actuator locked off centre, '
                 f"got {form} with locked_at = {goal.locked_at}"
             )
-        if limits is not None and form == "incremental":
+        if form == "incremental" and limits is not None:
             raise ValueError(
                 'form must be "absolute" or "gauss_newton" with limits, got incremental'
             )
-        self._model, self._task = geometry, task
         self._major, self._secondary = (
-            check.indices(name, value, rows)
+            check.indices(name, value, len(geometry.system.J_T))
             for name, value in (("major", major), ("secondary", secondary))
         )
-        self.goal = goal
-        self.form = form
-        self._nominal = geometry.nominal
+        self.goal, self.form = goal, form
+        self._model, self.nominal = geometry, geometry.nominal
+        self.actuators = n = len(geometry.system.active)
         released = without_springs(geometry.system, goal.spring_lost).with_failures(
             free=[*goal.free, *goal.spring_lost]
         )
-        failed = released.with_failures(locked=list(goal.locked_at))
-        self._failed = without_idle_springs(failed)
+        self._failed = without_idle_springs(released.with_failures(locked=list(goal.locked_at)))
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
-        self._all_survive = len(self._surviving) == self.actuators
-        self._expand = np.eye(self.actuators)[:, self._surviving]
-        self._prepared = kinematics.velocity_mapping(
-            self._major, self._secondary, goal.joint_weight, goal.secondary_weight
-        )
-        self._locked_at = np.zeros(self.actuators)
-        for actuator, displacement in goal.locked_at.items():
-            self._locked_at[actuator] = displacement
-        self._locked = None
-        if goal.locked_at:
-            self._locked = np.isin(np.arange(self.actuators), list(goal.locked_at))
-        self._is_off_centre = bool(self._locked_at.any())
-        self._follow = free_actuators_follow(released)
-        is_identity = np.array_equal(self._follow, np.eye(self.actuators))
-        follows = np.isin(np.arange(self.actuators), list(goal.free))[:, None] * self._follow
-        self._free_follow = follows if follows.any() else None
-        self._are_all_held = is_identity and not self._is_off_centre
-        # Where closed loops tie the actuators together, the others yield to one that is off centre.
-        others = yielded(released, self._locked_at, kinematics.actuators)
-        self._yielded = self._of_survivors(others)
-        self._standing = self._locked_at + others
-        self.limits, self._limited = None, None
-        if limits is not None:
-            within = check.limit_vectors("limits", limits, self.actuators)
-            self.limits = lower, upper = within
-            self._limited = kinematics.velocity_mapping(
-                self._major,
-                self._secondary,
-                goal.joint_weight,
-                goal.secondary_weight,
-                rate_limits=(lower - others, upper - others),
-                when_limited=when_limited,
-            )
-        self._at_nominal = self._local(kinematics)
-        self._still = np.zeros(len(self._secondary))
-        self._weighs_secondary = goal.secondary_weight is not None
+        self.unused: Mask = ~np.isin(np.arange(n), self._surviving)
         self._velocities = self._failed.active[self._surviving]
+        self._expand = np.eye(n)[:, self._surviving]
 
-    @property
-    def actuators(self) -> int:
-        """Number of actuators, failed ones included."""
-        return len(self._failed.active)
+        self._locked = np.isin(np.arange(n), list(goal.locked_at))
+        self._locked_at = np.zeros(n)
+        self._locked_at[list(goal.locked_at)] = list(goal.locked_at.values())
+        self._follow = free_actuators_follow(released)
+        free = np.isin(np.arange(n), list(goal.free))
+        self._free_follow = free[:, None] * self._follow
+        # Where closed loops tie the actuators together, the others yield to one that is off centre.
+        others = yielded(released, self._locked_at, self._surviving)
+        self._yielded = others[self._surviving]
+        self._standing = self._follow.dot(self._locked_at + others)
+        self._is_off_centre = bool(self._locked_at.any())
 
-    @property
-    def nominal(self) -> Pose:
-        """The pose that displacements are measured from."""
-        return self._nominal
-
-    @property
-    def unused(self) -> Mask:
-        """Which actuators are commanded nothing, because the goal says that they have failed."""
-        return ~np.isin(np.arange(self.actuators), self._surviving)
+        weights = goal.joint_weight, goal.secondary_weight
+        prepared = partial(kinematics.velocity_mapping, self._major, self._secondary, *weights)
+        self._prepared, self.limits, self._limited = prepared(), None, None
+        if limits is not None:
+            self.limits = lower, upper = check.limits("limits", limits, n)
+            box = lower - others, upper - others
+            self._limited = prepared(rate_limits=box, when_limited=when_limited)
+        self._weighs_secondary = goal.secondary_weight is not None
+        self._at_nominal = self._local(kinematics)
+        self._still = check.read_only(np.zeros(n))
+        self._still_secondary = np.zeros(len(self._secondary))
 
     def nothing(self) -> PreviousCommand:
         """State before the first demand."""
-        n = self.actuators
-        return PreviousCommand(np.zeros(len(self._major)), np.zeros(n), np.zeros(n))
+        return PreviousCommand(np.zeros(len(self._major)), self._still, self._still)
 
     def major_gain(self) -> Array:
         """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
@@ -216,28 +219,25 @@ class PrioritizedMapping(Generic[Pose]):
         last: PreviousCommand | None = None,
         secondary_reference: Array | None = None,
     ) -> Array:
-        """Displacements (n,) for a demanded major task; zero at actuators known to be locked.
+        """Displacements (n,) for a demanded major task, whatever `limits` are.
 
         Args:
             demand: Demanded major task, shape (m1,).
             pose: Where the mechanism is.
             commanded: Displacements (n,) that hold it there; the Gauss-Newton form goes on from
-                them.
-            last: What was demanded before; the incremental form goes on from it.
+                them, and needs them.
+            last: What was demanded before; the incremental form goes on from it, and needs it.
             secondary_reference: Reference of the secondary goal, displacements (n,); it is
                 followed as far as the major task leaves the actuators free. None is the nominal
                 pose.
-
-        Raises:
-            ValueError: What the form goes on from is missing.
         """
         step = self._step(demand, pose, commanded, last, secondary_reference)
         posture = self._model.posture(pose)
         velocities = self._moved(self._tick, posture, step, None)
         if velocities is not None:
-            return self._on_all(step.here + velocities[self._velocities])
+            return self._expand.dot(step.here + velocities[self._velocities])
         now = self.at(posture)
-        return self._on_all(step.here + now.mapping(*step.targets(now.J[self._secondary])))
+        return self._expand.dot(step.here + now.mapping(*step.targets(now.J[self._secondary])))
 
     def tick(
         self,
@@ -249,49 +249,25 @@ class PrioritizedMapping(Generic[Pose]):
     ) -> tuple[Array, Array | None]:
         """Displacements (n,) within `limits`, and what these leave of the major task, (m1,).
 
-        Those of :meth:`within_limits` where there are limits, else those of :meth:`displacements`,
-        which leave nothing: None. The arguments and errors are theirs.
+        Limits come first, then the major task, then the secondary goals with what is left. Without
+        limits nothing is left: None. The arguments are those of :meth:`displacements`.
         """
         if self.limits is None:
             return self.displacements(demand, pose, commanded, last, secondary_reference), None
         step = self._step(demand, pose, commanded, last, secondary_reference)
-        posture = self._model.posture(pose)
-        velocities = self._moved(self._limited_tick, posture, step, self._left(step))
+        lower, upper = (limit[self._surviving] - step.here for limit in self.limits)
+        posture, left = self._model.posture(pose), (lower, upper)
+        velocities = self._moved(self._limited_tick, posture, step, left)
         if velocities is not None:
             moved = self._model.jacobians(posture).J_T.dot(velocities).take(self._major)
             residual = step.major - moved
             if _norm(residual) <= _MET * (_norm(step.major) + _norm(moved)):
-                return self._on_all(step.here + velocities[self._velocities]), residual
+                return self._expand.dot(step.here + velocities[self._velocities]), residual
         # What limits leave of a task may hang on singular values that a tick takes for zero.
-        limited = self.within_limits(demand, pose, secondary_reference, commanded=commanded)
-        return limited.displacements, limited.residual
-
-    def within_limits(
-        self,
-        demand: Array,
-        pose: Pose,
-        secondary_reference: Array | None = None,
-        *,
-        commanded: Array | None = None,
-    ) -> LimitedDisplacements:
-        """Displacements within `limits`, the major task they achieve, and what is lacking.
-
-        Limits come first, then the major task, then the secondary goals with what is left; the
-        arguments are those of :meth:`displacements`.
-
-        Raises:
-            ValueError: The mapping has no limits; or the Gauss-Newton form nothing to go on from.
-        """
-        now = self.at(self._model.posture(pose))
-        if now.limited is None or self.limits is None:
-            raise ValueError("limits must be given for displacements within limits, got None")
-        step, limited = self._step(demand, pose, commanded, None, secondary_reference), now.limited
-        if self.form == "gauss_newton":
-            limited = limited.within(self._left(step))
-        solved = limited.solve(*step.targets(now.J[self._secondary]))
-        residual = step.major - now.J[self._major].dot(solved.rates)
-        displacements = self._on_all(step.here + solved.rates)
-        return LimitedDisplacements(displacements, demand - residual, residual, solved)
+        now = self.at(posture)
+        limited = now.limited.within(left) if self.form == "gauss_newton" else now.limited
+        rates = limited.solve(*step.targets(now.J[self._secondary])).rates
+        return self._expand.dot(step.here + rates), step.major - now.J[self._major].dot(rates)
 
     def _step(
         self,
@@ -301,48 +277,31 @@ class PrioritizedMapping(Generic[Pose]):
         last: PreviousCommand | None,
         secondary_reference: Array | None,
     ) -> _Step:
-        """What the form of the mapping leaves to do.
-
-        Raises:
-            ValueError: What it goes on from is missing, or an argument has a wrong shape.
-        """
-        n, wanted = self.actuators, None
+        """What the form of the mapping leaves to do."""
         demand = _vector("demand", demand, len(self._major))
-        if secondary_reference is not None:
-            reference = _vector("secondary_reference", secondary_reference, n)
-            wanted = self._of_survivors(reference)
+        if secondary_reference is None:
+            secondary_reference = self._still
+        reference = _vector("secondary_reference", secondary_reference, self.actuators)
+        wanted = reference[self._surviving]
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
-            before = self._of_survivors(last.secondary_reference)
-            change = -before if wanted is None else wanted - before
-            here = self._of_survivors(last.displacements)
-            return _Step(here, demand - last.demand, change, change, self._still)
+            change = wanted - last.secondary_reference[self._surviving]
+            here = last.displacements[self._surviving]
+            return _Step(here, demand - last.demand, change, change, self._still_secondary)
         if self.form == "absolute":
-            here, task = self._yielded, self._offset(pose)
+            here, task = self._yielded, None
+            if self._is_off_centre:  # one has already moved the task by J[:, k] l_k
+                task = self._model.twist(self._model.posture(pose), self._standing)
         elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
         else:
-            here = self._of_survivors(_vector("commanded", commanded, n))
+            here = _vector("commanded", commanded, self.actuators)[self._surviving]
             task = self._task(pose)
-        joint = -here if wanted is None else wanted - here
         if task is None:
-            return _Step(here, demand, joint, wanted, self._still)
-        return _Step(here, demand - task[self._major], joint, wanted, -task[self._secondary])
-
-    def _offset(self, pose: Pose) -> Array | None:
-        """Task displacement (m,) in which actuators that are locked off centre stand; or None."""
-        if not self._is_off_centre:
-            return None
-        # One has already moved the task by J[:, k] l_k.
-        standing = self._follow.dot(self._standing)
-        return self._model.twist(self._model.posture(pose), standing)
-
-    def _left(self, step: _Step) -> tuple[Array, Array]:
-        """Lower and upper limits (n',) of what the survivors may still move by."""
-        assert self.limits is not None
-        lower, upper = (self._of_survivors(limit) - step.here for limit in self.limits)
-        return lower, upper
+            return _Step(here, demand, wanted - here, wanted, self._still_secondary)
+        beside = -task[self._secondary]
+        return _Step(here, demand - task[self._major], wanted - here, wanted, beside)
 
     def _moved(
         self, tick: Tick | None, posture: Pose, step: _Step, limits: tuple[Array, Array] | None
@@ -353,10 +312,10 @@ class PrioritizedMapping(Generic[Pose]):
         """
         if tick is None:
             return None
-        given = step.major, step.joint, step.secondary
+        parts = (step.major, step.joint, step.secondary)[: 3 if self._weighs_secondary else 2]
         along = step.along if self._weighs_secondary else None
-        targets = np.concatenate(given if self._weighs_secondary else given[:2])
-        return tick.at_jacobians(self._model.jacobians(posture), targets, limits, along)
+        jacobians = self._model.jacobians(posture)
+        return tick.at_jacobians(jacobians, np.concatenate(parts), limits, along)
 
     @cached_property
     def _tick(self) -> Tick | None:
@@ -366,17 +325,15 @@ class PrioritizedMapping(Generic[Pose]):
 
     @cached_property
     def _limited_tick(self) -> Tick | None:
-        """The same within limits."""
+        """The mapping within limits at one pose after another; None as above."""
         of = self._at_nominal.limited
         return of.tick() if isinstance(of, VelocityMapping) else None
 
-    def followed(self, displacements: Array) -> Array | None:
+    def followed(self, displacements: Array) -> Array:
         """Where displacements (n,) of the others take actuators known to be free, shape (n,).
 
-        To first order about the nominal pose; None: none is, or nothing takes them anywhere.
+        To first order about the nominal pose; zero for actuators that are not free.
         """
-        if self._free_follow is None:
-            return None
         return self._free_follow.dot(displacements + self._locked_at)
 
     def major_motion(self, displacements: Array, pose: Pose) -> Array:
@@ -384,32 +341,26 @@ class PrioritizedMapping(Generic[Pose]):
         return self._model.twist(self._model.posture(pose), displacements)[self._major]
 
     def reached(self, pose: Pose) -> Array:
-        """Major task (m1,) at a pose, by the task coordinates.
-
-        Raises:
-            ValueError: The mapping was made without task coordinates.
-        """
+        """Major task (m1,) at a pose, by the task coordinates, which the mapping must have."""
         if self._task is None:
             raise ValueError("task must be given for the task at a pose, got None")
         return self._task(pose)[self._major]
 
-    def split(self, displacements: Array, pose: Pose) -> tuple[Array, Array, Array | None]:
+    def split(self, displacements: Array, pose: Pose) -> tuple[Array, Array, Array]:
         """Displacements (n,) of the surviving actuators in three parts.
 
         Returns:
             Their effect on the major task, shape (m1,), which the mapping's own displacements would
             have too; less these, what is secondary motion alone, shape (n,); and what no motion
-            follows, because closed loops tie the actuators together, shape (n,): None if nothing
-            does.
+            follows, because closed loops tie the actuators together, shape (n,).
         """
         now = self.at(self._model.posture(pose))
-        surviving, internal = now.expand.T @ displacements, None
-        if len(now.constraint):
-            internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
-            surviving, internal = surviving - internal, now.expand @ internal
+        surviving = displacements[self._surviving]
+        internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
+        surviving = surviving - internal
         demand = now.J[self._major] @ surviving
-        secondary_reference = now.expand @ (surviving - now.mapping(demand))
-        return demand, secondary_reference, internal
+        secondary_reference = self._expand.dot(surviving - now.mapping(demand))
+        return demand, secondary_reference, self._expand.dot(internal)
 
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
         """The pose to which commanded displacements (n,) lead, from the pose one tick before.
@@ -417,15 +368,13 @@ class PrioritizedMapping(Generic[Pose]):
         There is no sensor for the secondary task; the major task comes from the same commands, so
         that the estimate carries no sensor noise.
         """
-        if self._locked is not None:  # a former mapping may still have commanded it
+        if self.goal.locked_at:  # a former mapping may still have commanded it
             displacements = np.where(self._locked, self._locked_at, displacements)
-        if self._are_all_held:
-            return self._model.moved(pose, displacements)
         return self._model.moved(pose, self._follow.dot(displacements))
 
     def at(self, posture: Pose, /) -> LocalMapping:
         """The mapping at a posture of the geometry."""
-        if posture is self._nominal:
+        if posture is self.nominal:
             return self._at_nominal
         return self._local(self._failed.at_pose(self._model.jacobians(posture)).kinematics())
 
@@ -438,19 +387,8 @@ class PrioritizedMapping(Generic[Pose]):
         constraint = kinematics.active_constraint
         return LocalMapping(mapping, self._expand, kinematics.J, constraint, limited)
 
-    def _of_survivors(self, displacements: Array) -> Array:
-        return displacements if self._all_survive else displacements[self._surviving]
-
-    def _on_all(self, displacements: Array) -> Array:
-        """Displacements (n,) of all actuators, of those of the survivors."""
-        if self._all_survive:
-            return displacements
-        every = np.zeros(self.actuators)
-        every[self._surviving] = displacements
-        return every
-
 
 def _vector(name: str, value: Array, size: int) -> Array:
     """One vector; at every tick what is one already is passed on."""
     is_right = check.is_plain(value) and value.shape == (size,)
-    return value if is_right else check.exactly(name, value, size)
+    return value if is_right else check.array(name, value, size)

@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.fdi.friction import DryFriction, Rubbing
+from ftc.fdi.friction import Rubbing
 
 if TYPE_CHECKING:
     import control
@@ -21,42 +22,17 @@ FaultKind = Literal["locked", "free", "weak", "loose"]
 KINDS: tuple[FaultKind, ...] = ("locked", "free", "weak")
 """Those that a diagnosis looks for. It takes an actuator that is loose for one of these."""
 
+MOST_STEPS = 10_000
+"""Physics steps of a control tick, at most: more are a mistake in a unit."""
 
-_SLOW = 1e-5
-"""Growth in a tick, or a sample, of what counts as at rest."""
-
-
-class Failure(Protocol):
-    """What :meth:`Fault.of` needs of a :class:`sim.Failure`."""
-
-    @property
-    def number(self) -> int:
-        """Of the actuator, 0..n-1."""
-        ...
-
-    @property
-    def kind(self) -> FaultKind:
-        """See :data:`FaultKind`."""
-        ...
-
-    @property
-    def effectiveness(self) -> float:
-        """Part of its force that a weak one has left."""
-        ...
+_SLOW_PER_S = 1e-2
+"""Growth [1/s] of what counts as at rest: slower than the loops of any machine, and fast enough
+that a motion which nothing brings to rest has a response of its own, not a division by zero."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault of one actuator.
-
-    Attributes:
-        actuator: 0..n-1.
-        kind: See :data:`FaultKind`.
-        effectiveness: Part of its force that a weak actuator has left, in 0..1.
-
-    Raises:
-        ValueError: No such kind, a negative actuator, or no such part.
-    """
+    """Fault of one actuator 0..n-1; of a weak one the part 0..1 of its force that is left."""
 
     actuator: int
     kind: FaultKind
@@ -64,8 +40,8 @@ class Fault:
 
     def __post_init__(self) -> None:
         check.choice("kind", self.kind, get_args(FaultKind))
-        check.index("actuator", self.actuator)
-        check.at_most_one("effectiveness", self.effectiveness)
+        check.integer("actuator", self.actuator)
+        check.number("effectiveness", self.effectiveness, 0.0, 1.0)
 
     @property
     def is_sound(self) -> bool:
@@ -73,8 +49,11 @@ class Fault:
         return self.kind == "weak" and self.effectiveness == 1.0
 
     @classmethod
-    def of(cls, failure: Failure) -> "Fault":
-        """What a failure leaves behind: the one translation from what happens to what is known."""
+    def of(cls, failure: Any) -> "Fault":
+        """Translate what happens, such as a `sim.Failure`, into what is known of it, without time.
+
+        It has a `number` 0..n-1, a `kind` as :data:`FaultKind`, and a weak one `effectiveness`.
+        """
         left = failure.effectiveness if failure.kind == "weak" else 0.0
         return cls(failure.number, failure.kind, left)
 
@@ -82,29 +61,22 @@ class Fault:
 def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
     """Actuators that are locked and without force, for `ConstrainedSystem.with_failures`.
 
-    Those that are loose are without force; that their springs are gone is said elsewhere.
+    Those that are loose are without force.
     """
-    kinds = {"locked": ("locked",), "free": ("free", "loose")}
     return {
-        name: [each.actuator for each in faults if each.kind in of] for name, of in kinds.items()
+        "locked": [each.actuator for each in faults if each.kind == "locked"],
+        "free": [each.actuator for each in faults if each.kind in ("free", "loose")],
     }
 
 
 def of_actuators(faults: Sequence[Fault], n: int) -> Sequence[Fault]:
-    """The faults themselves, which are of these actuators."""
+    """Check that these are faults of n actuators, and return them."""
     if not isinstance(faults, list | tuple):
         raise TypeError(f"faults must be a list of faults, got {check.shown(faults)}")
     for each in faults:
-        check.index(
-            "actuator of each fault in faults",
-            check.instance("each fault in faults", each, Fault).actuator,
-            n,
-        )
+        fault = check.instance("each fault in faults", each, Fault)
+        check.integer("actuator of each fault in faults", fault.actuator, n)
     return faults
-
-
-MOST_STEPS = 10_000
-"""Physics steps of a control tick."""
 
 
 @dataclass(frozen=True)
@@ -130,16 +102,16 @@ class NominalModel:
         preload: Force of that spring at x = 0, in units of its command, shape (n,); None is zero.
         implicit_damping: Whether a step of the integration takes the forces of dampers with the
             velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
-        friction: Dry friction of the plant's positions, beside its A; None: nothing rubs.
+        friction: Dry friction at r places, beside the plant's A; None: nothing rubs. Five arrays:
+            accelerations of the k positions per force (k, r); velocity of each place per velocity
+            of these (r, k); its largest force (r,); its softness, as of a contact, in acceleration
+            per force (r,); and the rate [1/s] with which it comes to rest where it sticks (r,).
+            `sim.Plant.linear()` has them in this order.
         floor: Acceleration of the positions per acceleration of the floor, shape (s / 2, 3); None:
             it is not known.
         names: Of the actuators, for sentences; None: these have numbers.
 
-    All arrays are copied, and read-only.
-
-    Raises:
-        ValueError, TypeError: Of another shape or kind than that, a tick longer than a day or than
-            10,000 steps.
+    All arrays are copied, and read-only; a tick has at most 10,000 steps.
     """
 
     plant: "control.StateSpace"
@@ -152,7 +124,7 @@ class NominalModel:
     implicit_damping: bool = False
     spring: Array | None = None
     preload: Array | None = None
-    friction: DryFriction | None = None
+    friction: Sequence[Array] | None = None
     floor: Array | None = None
     names: Sequence[str] | None = None
 
@@ -162,7 +134,8 @@ class NominalModel:
         plant = copy(check.instance("plant", self.plant, control.StateSpace))
         k, n, s = plant.nstates // 2, plant.ninputs, plant.nstates
         for name in "ABCD":
-            setattr(plant, name, check.frozen(check.matrix(f"plant.{name}", getattr(plant, name))))
+            part = check.array(f"plant.{name}", getattr(plant, name), None, None)
+            setattr(plant, name, check.frozen(part))
         mechanical = np.array_equal(plant.A[:k], np.eye(k, 2 * k, k)) and not plant.B[:k].any()
         if not (k and n and plant.noutputs and mechanical) or plant.D.any() or not plant.isctime():
             raise ValueError(
@@ -175,16 +148,17 @@ class NominalModel:
         kept: dict[str, Any] = {"plant": plant, "implicit_damping": damping}
         for name, shape in shapes.items():
             if name in ("displacement", "noise") or getattr(self, name) is not None:
-                kept[name] = check.frozen(check.exactly(name, getattr(self, name), *shape))
-        check.all_positive("noise", kept["noise"], plant.noutputs)
+                least = check.SMALLEST if name == "noise" else -check.LARGEST
+                part = check.array(name, getattr(self, name), *shape, least=least)
+                kept[name] = check.frozen(part)
         if self.friction is not None:
-            kept["friction"] = check.instance("friction", self.friction, DryFriction).checked(k)
+            kept["friction"] = _checked_friction(self.friction, k)
         if self.names is not None:
             kept["names"] = check.members("names", self.names, str)
             if len(kept["names"]) != n:
                 raise ValueError(f"names must be {n}, got {len(kept['names'])}")
         for name in ("period_s", "step_s"):
-            kept[name] = check.duration(name, getattr(self, name))
+            kept[name] = check.number(name, getattr(self, name), *check.SECONDS)
         if not kept["step_s"] <= kept["period_s"] <= MOST_STEPS * kept["step_s"]:
             raise ValueError(
                 f"step_s must not exceed period_s, nor be less than 1 / {MOST_STEPS} of it, got "
@@ -203,33 +177,35 @@ class NominalModel:
 
     @property
     def actuators(self) -> int:
-        """Number of them, n."""
+        """Number of actuators, n."""
         return self.plant.ninputs
 
     def measured(self, C: ArrayLike, noise: ArrayLike) -> "NominalModel":
-        """The same plant with other outputs.
-
-        Args:
-            C: What is measured, per state, shape (p, s).
-            noise: Standard deviation of each output's white noise, shape (p,).
-
-        Raises:
-            ValueError, TypeError: Of another shape than that.
-        """
+        """The plant with other outputs: rows C per state (p, s), and their noise (p,)."""
         import control  # late, as in ftc.compensator
 
-        rows = check.matrix("C", C, columns=self.plant.nstates)
+        rows = check.array("C", C, None, self.plant.nstates)
         return replace(self, plant=control.ss(self.plant.A, self.plant.B, rows, 0), noise=noise)
 
-    @property
-    def loses_only_commands(self) -> bool:
-        """Whether a released actuator leaves the rest of the plant as it is: no servo, no load."""
-        return all(part is None or not part.any() for part in (self.feedback, self.holding))
+
+def _checked_friction(friction: Sequence[Array], positions: int) -> tuple[Array, ...]:
+    """Copies of the arrays of `NominalModel.friction`, read-only."""
+    names = ("push", "rows", "limit", "softness", "rate")
+    given = check.instance("friction", friction, tuple, list)
+    if len(given) != len(names):
+        raise ValueError(f"friction must be {', '.join(names)}, got {len(given)} arrays")
+    r = check.array("friction.limit", given[2], copy=True).size
+    shapes = (positions, r), (r, positions), (r,), (r,), (r,)
+    least = (-check.LARGEST,) * 2 + (0.0,) * 3
+    return tuple(
+        check.frozen(check.array(f"friction.{name}", part, *shape, least=low))
+        for name, part, shape, low in zip(names, given, shapes, least, strict=True)
+    )
 
 
 @dataclass(frozen=True)
 class FaultModel:
-    """x' = A x + B u + drift from tick to tick, u the commanded displacements; outputs y = C x.
+    """Plant x' = A x + B u + drift from tick to tick, with commands u and outputs y = C x.
 
     Attributes:
         A: Shape (s, s).
@@ -258,25 +234,15 @@ class FaultModel:
         return (moved.T + self.drift).T  # of several sequences at once, too
 
     def states(self, commanded: Array, start: Array | None = None) -> Array:
-        """The states before, between and after N commands, shape (N + 1, s).
+        """The states before, between and after N commands (N, n) of a tick each, (N + 1, s).
 
-        Args:
-            commanded: Displacements held for a tick each, shape (N, n); or (N, n, c) for c
-                sequences of commands at once, and the states are (N + 1, s, c).
-            start: The first state; None is rest.
+        The first is `start`, or rest. Of c sequences (N, n, c) at once they are (N + 1, s, c).
         """
         x = np.zeros((len(self.A), *commanded.shape[2:])) if start is None else start
-        states = [x]
-        for u in commanded:
-            x = self.step(x, u)
-            states.append(x)
-        return np.array(states)
+        return np.array(list(accumulate(commanded, self.step, initial=x)))
 
     def outputs(self, commanded: Array) -> Array:
-        """Whitened outputs (N, p) at the ticks from which on commands (N, n) hold, from rest.
-
-        Several sequences at once as in :meth:`states`: (N, p, c).
-        """
+        """Whitened outputs (N, p) at the ticks from which on commands (N, n) hold, from rest."""
         return np.array([self.C @ x for x in self.states(commanded)[:-1]])
 
 
@@ -291,19 +257,46 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     lost its own spring, preload included, besides.
 
     Raises:
-        ValueError, TypeError: Not a model, or not faults of its actuators; one is loose whose
-            spring the model does not know, or locked and does not move itself; or the plant moves
-            beyond all numbers in a tick.
+        ValueError: An actuator is loose whose spring the model does not know, or locked and does
+            not move itself; or the plant moves beyond all numbers in a tick.
     """
+    P, lower, drive = _accelerations(nominal, faults)
+    k, n = len(P), nominal.actuators
+    # One step of the integration: velocities first, then positions with the new ones.
+    h, eye = nominal.step_s, np.eye(k)
+    floor = np.zeros((k, 3)) if nominal.floor is None else nominal.floor
+    damping, late = (h * P).dot(lower[:, k:]), eye
+    kept = eye + damping
+    if nominal.implicit_damping:
+        kept = late = np.linalg.inv(eye - damping)
+    stiffness, gains = (late @ (h * P @ part) for part in (lower[:, :k], np.hstack([drive, floor])))
+    A, B = _blocks(eye + h * stiffness, h * kept, stiffness, kept), np.vstack([h * gains, gains])
+    steps = round(nominal.period_s / h)
+    moved = sum(np.linalg.matrix_power(A, step) for step in range(steps)) @ B
+    commanded, loaded, shaken = (part.copy() for part in np.split(moved, [n, n + 1], axis=1))
+    none = np.zeros((k, k))
+    found = FaultModel(
+        A=np.linalg.matrix_power(A, steps),
+        B=commanded,
+        C=nominal.plant.C / nominal.noise[:, None],
+        onset=_blocks(eye, none, none, P),
+        drift=loaded[:, 0],
+        floor=None if nominal.floor is None else shaken,
+        rubbing=_rubbing(nominal, P, [P @ lower, P @ drive], A, B[:, : n + 1].copy(), h * late),
+    )
+    if not all(map(check.is_moderate, (found.A, found.B, found.C, found.onset, found.drift))):
+        raise ValueError(
+            "nominal must move by moderate numbers in a tick, got more by its plant, displacement, "
+            "loads or noise"
+        )
+    return found
+
+
+def _accelerations(nominal: NominalModel, faults: Sequence[Fault]) -> tuple[Array, Array, Array]:
+    """Projector that locks leave (k, k), and accelerations per state, and per command and 1."""
     plant = check.instance("nominal", nominal, NominalModel).plant
     k = plant.nstates // 2
-    locked = sorted(
-        {
-            fault.actuator
-            for fault in of_actuators(faults, nominal.actuators)
-            if fault.kind == "locked"
-        }
-    )
+    locked = sorted({*by_kind(of_actuators(faults, nominal.actuators))["locked"]})
     b, c = plant.B[k:, locked], nominal.displacement[locked, :k]
     try:
         P = np.eye(k) - b @ np.linalg.solve(c @ b, c)
@@ -326,57 +319,26 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
         lower = lower + plant.B[k:, loose] @ nominal.spring[loose]
         if nominal.preload is not None:
             push = push - plant.B[k:, loose] @ nominal.preload[loose]
-    # One step of the integration: velocities first, then positions with the new ones.
-    h, eye = nominal.step_s, np.eye(k)
-    unimpeded = [P @ part for part in (lower, np.column_stack([drive, push]))]
-    floor = np.zeros((k, 3)) if nominal.floor is None else nominal.floor
-    stiffness, damping, drive, push, floor = (
-        h * P @ part for part in (lower[:, :k], lower[:, k:], drive, push, floor)
-    )
-    kept = eye + damping
-    if nominal.implicit_damping:
-        kept = np.linalg.inv(eye - damping)
-        stiffness, drive, push, floor = (kept @ part for part in (stiffness, drive, push, floor))
-    A, B = _blocks(eye + h * stiffness, h * kept, stiffness, kept), np.vstack([h * drive, drive])
-    steps = round(nominal.period_s / h)
-    total = sum(np.linalg.matrix_power(A, step) for step in range(steps))
-    none = np.zeros((k, k))
-    found = FaultModel(
-        A=np.linalg.matrix_power(A, steps),
-        B=total @ B,
-        C=plant.C / nominal.noise[:, None],
-        onset=_blocks(eye, none, none, P),
-        drift=total @ np.concatenate([h * push, push]),
-        floor=None if nominal.floor is None else total @ np.vstack([h * floor, floor]),
-        rubbing=_rubbing(
-            nominal, P, unimpeded, A, np.column_stack([B, [*(h * push), *push]]), kept
-        ),
-    )
-    if not all(map(check.is_moderate, (found.A, found.B, found.C, found.onset, found.drift))):
-        raise ValueError(
-            "nominal must move by moderate numbers in a tick, got more by its plant, displacement, "
-            "loads or noise"
-        )
-    return found
+    return P, lower, np.column_stack([drive, push])
 
 
 def _blocks(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """[a, b; c, d] of four matrices of one size; `numpy.block` takes ten times as long."""
-    k = len(a)
-    whole = np.empty((2 * k, 2 * k))
-    whole[:k, :k], whole[:k, k:], whole[k:, :k], whole[k:, k:] = a, b, c, d
-    return whole
+    """[a, b; c, d] of four matrices; `numpy.block` takes far longer, of hundreds of models."""
+    return np.concatenate([np.concatenate([a, b], axis=1), np.concatenate([c, d], axis=1)])
 
 
-def at_rest(A: Array, B: Array) -> Array:
-    """States per constant input, long after it, of x' = A x + B u; at rest itself may be a pole."""
-    return np.linalg.solve(np.exp(_SLOW) * np.eye(len(A)) - A, B)
+def at_rest(A: Array, B: Array, period_s: float) -> Array:
+    """States per constant input, long after it, of x' = A x + B u from one period to the next.
+
+    What nothing brings to rest is taken after a hundred seconds.
+    """
+    return np.linalg.solve(np.exp(_SLOW_PER_S * period_s) * np.eye(len(A)) - A, B)
 
 
 def static_gain(nominal: NominalModel, faults: Sequence[Fault] = ()) -> Array:
     """Displacements per constant command, long after it, of a plant with faults, shape (n, n)."""
     plant = fault_model(nominal, faults)
-    return nominal.displacement @ at_rest(plant.A, plant.B)
+    return nominal.displacement @ at_rest(plant.A, plant.B, nominal.period_s)
 
 
 def static_share(nominal: NominalModel, fault: Fault) -> float:
@@ -384,9 +346,6 @@ def static_share(nominal: NominalModel, fault: Fault) -> float:
 
     Of a coil that works against a spring it is the part of the force that is left; a weak position
     servo still goes nearly where it is told.
-
-    Raises:
-        ValueError, TypeError: Not a model, or not a fault of its actuators.
     """
     of_actuators([fault], check.instance("nominal", nominal, NominalModel).actuators)
     if fault.kind != "weak":
@@ -402,41 +361,38 @@ def resting_displacements(
     """Displacements (n,) at which constant commands (n,) and loads hold the plant, with faults.
 
     None: it does not come to rest, because a load is held by nothing.
-
-    Raises:
-        ValueError, TypeError: As :func:`fault_model`, or commands of another shape.
     """
     plant = fault_model(nominal, faults)
-    commanded = check.exactly("commanded", commanded, nominal.actuators)
-    if np.abs(np.linalg.eigvals(plant.A)).max() > 1 - _SLOW:
+    commanded = check.array("commanded", commanded, nominal.actuators)
+    if np.abs(np.linalg.eigvals(plant.A)).max() > 1 - _SLOW_PER_S * nominal.period_s:
         return None
     at_rest = np.linalg.solve(np.eye(len(plant.A)) - plant.A, plant.B @ commanded + plant.drift)
     return nominal.displacement @ at_rest
 
 
 def _rubbing(
-    nominal: NominalModel, P: Array, unimpeded: list[Array], A: Array, B: Array, kept: Array
+    nominal: NominalModel, P: Array, unimpeded: list[Array], A: Array, B: Array, step: Array
 ) -> Rubbing | None:
     """Physics steps x' = A x + B [u; 1] with dry friction of a plant that is projected by P.
 
     `unimpeded` are the accelerations per state and per [u; 1] without it. MuJoCo finds the forces
-    for these, before the integration makes the dampers implicit by `kept`.
+    for these, before the integration makes the dampers implicit; `step` is velocity per that.
     """
-    rubs, h, plant = nominal.friction, nominal.step_s, nominal.plant
-    if rubs is None:
+    if nominal.friction is None:
         return None
-    push = P @ rubs.push
-    E, D = (rubs.rows @ part for part in unimpeded)
-    E[:, len(P) :] += rubs.rate[:, None] * rubs.rows
-    jolt = h * kept @ push if nominal.implicit_damping else h * push
+    push, rows, limit, softness, rate = nominal.friction
+    push = P @ push
+    E, D = (rows @ part for part in unimpeded)
+    E[:, len(P) :] += rate[:, None] * rows
+    jolt = step @ push
     return Rubbing(
         A=A,
         B=B,
-        G=np.vstack([h * jolt, jolt]),
+        G=np.vstack([nominal.step_s * jolt, jolt]),
         E=E,
         D=D,
-        K=rubs.rows @ push + np.diag(rubs.softness),
-        limit=rubs.limit,
-        C=plant.C / nominal.noise[:, None],
-        steps_a_tick=round(nominal.period_s / h),
+        K=rows @ push + np.diag(softness),
+        limit=limit,
+        C=nominal.plant.C / nominal.noise[:, None],
+        steps_a_tick=round(nominal.period_s / nominal.step_s),
     )

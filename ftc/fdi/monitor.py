@@ -1,10 +1,8 @@
-"""Watch, decide, refine: the diagnosis of one failure after another.
+"""Monitor: the diagnosis of one failure after another.
 
-The believed model runs beside the plant; its errors and the spectrum of its residuals are tracked,
-and the residuals tested. On an alarm a bank of hypotheses looks back over the history, and goes on
-until one actuator is certain, or until it is certain that nothing has failed. Until then nothing
-that the controller sees changes. A diagnosis may be revised for a while, before its model becomes
-the believed one.
+On an alarm of the observer a bank of hypotheses looks back over the history, and goes on until one
+actuator is certain, or that nothing has failed. A diagnosis may be revised for a while, before its
+model becomes the nominal one.
 """
 
 from collections.abc import Sequence
@@ -15,79 +13,141 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from argument_checks.ties import ascending
 from ftc._records import changed
-from ftc.fdi.detection.replay import learned, quieter, replayed
-from ftc.fdi.detection.residual_test import ResidualTest, residual_test
-from ftc.fdi.detection.watch import Calibration, Moment, Watch
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
-from ftc.fdi.fault_model import MOST_STEPS, Fault, NominalModel, of_actuators
-from ftc.fdi.isolation.bank import HypothesisBank
-from ftc.fdi.isolation.hypotheses import believed_model, hypothesis_bank
-from ftc.fdi.isolation.look_back import weighed
-from ftc.fdi.judge import REVISED_EVERY, Judge, reset
-from ftc.fdi.monitor_state import MonitorState
+from ftc.fdi.bank import Cause, Evidence, HypothesisBank, believed_model, hypothesis_bank
+from ftc.fdi.decision import (
+    CONFIDENCE,
+    LOOK_BACK_S,
+    RESTART_S,
+    Verdict,
+    action,
+    contradicts,
+    verdict,
+)
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.fault_model import KINDS, MOST_STEPS, Fault, NominalModel, of_actuators
+from ftc.fdi.observer import (
+    LEARNING_S,
+    ORDER,
+    Observer,
+    ObserverState,
+    ResidualTest,
+    Sample,
+    residual_test,
+)
 
-_ONE = np.ones(1)
+JUDGED_S, REVISED_S = 16e-3, 48e-3
+"""How often hypotheses are judged until one is named, and once one is: a verdict costs more than a
+sample, and a name is later by so much at most; it is judged twenty times before it is confirmed."""
 
-_MOST_SAMPLES = 10_000
-"""Of the history that is kept."""
+SPECTRUM_SAMPLES = 5 * ORDER
+"""How often the filter of the spectrum is made anew. A count, as the accuracy of an autoregression
+is one of samples for each coefficient: earlier it is as inaccurate as it was."""
 
-_JUDGED_EVERY, _SPECTRUM_EVERY = 4, 50
-"""In samples: how often hypotheses are judged until one is named, and how often the filter of the
-spectrum is made anew."""
+ONSET_GROWTH = 1.25
+"""Onsets are so much further back from one to the next, or a sample, so that 23 of them cover a
+second: what fails slowly enough to be found late need not be dated sharply."""
+
+_NEGLIGIBLE = 12.0
+"""Onsets whose likelihood is e^12 times smaller than the best one's, as five standard deviations
+are, are dropped at a diagnosis: all together they are less than the confidence leaves open."""
+
+
+@dataclass(frozen=True)
+class MonitorState:
+    """State of a monitor: what it has seen, what it suspects, and what it has named.
+
+    Attributes:
+        ticks: So far.
+        commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
+        outputs: Of these ticks, in units of their noise, (p,) each; None: nothing was measured.
+        last_commanded: Mean of the sample before, shape (n,).
+        history: The latest samples, the newest last.
+        recent: Latest residuals, for their test.
+        evidence: Of the hypotheses, from an alarm on.
+        alarm_ticks: Of all alarms so far, the last of them the one that is looked into.
+        named_tick: When an actuator was first named.
+        diagnosis: Of the present failure, from then on.
+        unexplained: Whether an alarm was given up once: no single failure after another explained
+            the outputs. The monitor goes on with what was confirmed before.
+        begun_tick: When the present evidence began.
+        cleared: Sample up to which nothing had failed, or nothing that was understood.
+        causes: What explained the alarms that were dismissed, in order; None is something slow.
+        relearns: For so many more samples what is seen is taken for the machine as it is.
+    """
+
+    ticks: int
+    commanded: tuple[Array, ...]
+    outputs: tuple[Array | None, ...]
+    last_commanded: Array
+    observer: ObserverState
+    history: tuple[Sample, ...]
+    recent: Array
+    evidence: Evidence | None = None
+    alarm_ticks: tuple[int, ...] = ()
+    verdict: Verdict | None = None
+    named_tick: int = 0
+    diagnosis: Diagnosis | None = None
+    unexplained: bool = False
+    begun_tick: int = 0
+    cleared: int = 0
+    causes: tuple[Cause | None, ...] = ()
+    relearns: int = 0
+
+    def reset(self) -> "MonitorState":
+        """Suspect nothing any more; the history and the record of alarms stay."""
+        return replace(
+            self,
+            recent=np.zeros_like(self.recent),
+            evidence=None,
+            verdict=None,
+            named_tick=0,
+            diagnosis=None,
+        )
 
 
 @dataclass(frozen=True)
 class Monitor:
-    """Monitor of a plant with exactly these known faults.
+    """Monitor of a plant with exactly these known faults, in samples of so many ticks.
 
-    With a `calibration` it tests from the first sample on, and takes none for sound unseen.
+    With a `calibration`, the state of another run's observer, it tests from the first sample on,
+    and takes none for healthy unseen.
     """
 
     nominal: NominalModel
     faults: tuple[Fault, ...]
     config: FdiConfig
     ticks: int
-    watch: Watch
+    observer: Observer
     test: ResidualTest
-    calibration: Calibration | None = None
+    calibration: ObserverState | None = None
 
     def start(self) -> MonitorState:
         """State at rest at the equilibrium."""
         none, _ = np.zeros(self.nominal.actuators), self.bank  # no tick is to wait for the bank
-        watch = self.watch.start(self.calibration)
-        return MonitorState(0, (), (), none, watch, (), self.test.start())
+        observer = self.observer.start(self.calibration)
+        return MonitorState(0, (), (), none, observer, (), self.test.start())
 
     def step(self, state: MonitorState, measured: Array | None, commanded: Array) -> MonitorState:
-        """One tick.
+        """Take one tick: outputs (p,) now, or None, and displacements (n,) commanded before it.
 
-        Nothing is tested, learned or weighed in a sample without any measurement, nor in the
-        `order` ones after it, whose whitening needs it.
-
-        Args:
-            state: From the tick before.
-            measured: Outputs now, in the units of the model's, shape (p,); None where they are
-                missing.
-            commanded: Displacements since the tick before, shape (n,).
-
-        Raises:
-            ValueError, TypeError: No state, or not finite numbers of these shapes.
+        Nothing is tested, learned or weighed in a sample without any measurement, nor in those
+        after it whose whitening needs it.
         """
         check.instance("state", state, MonitorState)
-        commanded, noise = (
-            check.exactly("commanded", commanded, self._actuators),
-            self.nominal.noise,
-        )
-        y = None if measured is None else check.exactly("measured", measured, len(noise)) / noise
+        noise = self.nominal.noise
+        commanded = check.array("commanded", commanded, len(self.nominal.displacement))
+        y = None if measured is None else check.array("measured", measured, len(noise)) / noise
         ticks = state.ticks + 1
         if not state.outputs:  # the first tick: what was commanded before it does not count
             return changed(state, ticks=ticks, outputs=(y,))
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
             return changed(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
-        mean_u = sum(every[1:], every[0]) / self.ticks  # np.mean takes three times as long
+        mean_u = sum(every[1:], every[0]) / self.ticks
         mean_y = _mean(state.outputs, state.history[-2:])
-        v = np.concatenate([mean_u, state.last_commanded, _ONE])
+        v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         now = {"ticks": ticks, "commanded": (), "outputs": (y,), "last_commanded": mean_u}
         return self._sample(changed(state, **now), v, mean_y)
 
@@ -96,82 +156,149 @@ class Monitor:
         """The hypotheses, made when first needed: after a confirmed failure by the next alarm."""
         return hypothesis_bank(self.nominal, self.faults, self.config.uncertainty, self.ticks)
 
-    @cached_property
-    def _actuators(self) -> int:
-        return self.nominal.actuators
-
     def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
-        """One sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
+        """Take one sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
         if y is None and state.diagnosis is None:  # what raised the alarm may be the sensor
-            state = reset(state)
-        suspected, relearns = state.evidence is not None, state.relearns > 0
-        how = {"learns": relearns or not suspected, "gated": not relearns}
-        watch, moment = self.watch.step(state.watch, v, y, **how)
-        learning = self.watch.samples(self.config.learning_s)
-        kept = max(self.watch.samples(self.config.look_back_s), learning)
+            state = state.reset()
+        relearns, learning = state.relearns > 0, self.observer.samples(LEARNING_S)
+        learns = relearns or state.evidence is None
+        observer, sample = self.observer.step(
+            state.observer, v, y, learns=learns, gated=not relearns
+        )
+        kept = max(self.observer.samples(LOOK_BACK_S), learning)
         if state.evidence is not None:  # back to the oldest onset that is looked for
-            kept = max(kept, moment.sample - int(state.evidence.onsets[0]))
-        history = (*state.history[-kept:], moment)
-        known = relearns or watch.spectrum.samples > learning
-        if how["learns"] and known and watch.sample % _SPECTRUM_EVERY == 0:
-            watch = self.watch.with_spectrum(watch)
-        left = max(state.relearns - moment.is_whole, 0)
-        state = changed(state, history=history, watch=watch, relearns=left)
+            kept = max(kept, sample.number - int(state.evidence.onsets[0]))
+        history = (*state.history[-kept:], sample)
+        samples = observer.spectrum.samples
+        is_due = observer.sample % SPECTRUM_SAMPLES == 0
+        if learns and (relearns or samples > learning) and is_due:
+            observer = self.observer.with_spectrum(observer)
+        left = max(state.relearns - sample.is_whole, 0)
+        state = changed(state, history=history, observer=observer, relearns=left)
         if state.evidence is not None:
-            evidence = weighed(self.bank, state.evidence, moment, watch)
+            evidence = self.bank.weighed(state.evidence, sample, observer)
             state = changed(state, evidence=evidence)
-            every = _JUDGED_EVERY if state.diagnosis is None else REVISED_EVERY
-            judges = moment.is_whole and evidence.samples % every == 0
-            return self._judge.judged(state) if judges else state
-        if not moment.is_whole:
+            every = self.observer.samples(JUDGED_S if state.diagnosis is None else REVISED_S)
+            judges = sample.is_whole and evidence.samples % max(every, 1) == 0
+            return self._judged(state, evidence) if judges else state
+        if not sample.is_whole:
             return state
-        if not relearns and watch.spectrum.samples == learning:
-            return replace(state, watch=learned(self.watch, watch, history))
-        if not relearns and watch.spectrum.samples < learning:
+        if not relearns and samples == learning:
+            return replace(state, observer=self.observer.learned(observer, history))
+        if not relearns and samples < learning:
             return state
-        state = changed(state, recent=self.test.push(state.recent, watch.residual))
-        if self.test.alarm(state.recent):
-            alarms, watch = (*state.alarm_ticks, state.ticks - 1), self.watch.doubting(state.watch)
-            state = replace(state, alarm_ticks=alarms, watch=watch)
-            return self._judge.judged(self._judge.begun(state, self.config.look_back_s))
+        state = changed(state, recent=self.test.push(state.recent, observer.residual))
+        return self._alarmed(state) if self.test.alarm(state.recent) else state
+
+    def _alarmed(self, state: MonitorState) -> MonitorState:
+        """Raise an alarm, and look back for what it comes from."""
+        alarms = (*state.alarm_ticks, state.ticks - 1)
+        begun = {"alarm_ticks": alarms, "verdict": None, "begun_tick": state.ticks}
+        state = replace(state, **begun, observer=self.observer.doubting(state.observer))
+        return self._judged(state, self._looked_back(state, LOOK_BACK_S))
+
+    def _looked_back(self, state: MonitorState, reach_s: float) -> Evidence:
+        """The evidence in the history, for onsets at growing distances up to so far back."""
+        history, observer = state.history, self.observer
+        now = history[-1].number
+        reach = min(observer.samples(reach_s), now - state.cleared, now - history[0].number)
+        distances, distance = [0], 1
+        while distance <= reach:
+            distances.append(distance)
+            distance = max(distance + 1, round(distance * ONSET_GROWTH))
+        onsets = now - np.array(distances[::-1])
+        past = [each for each in history if each.number >= onsets[0]]
+        first, p = past[0].before, len(self.nominal.noise)
+        prior = first.parameters.spread(observer.drift(LOOK_BACK_S))
+        memory = first.memory.copy()
+        memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
+        evidence = self.bank.start(onsets, prior, first.X, memory)
+        for each in past:  # of arrays that nobody else has
+            evidence = self.bank.weighed(evidence, each, state.observer, keeps=False)
+        return evidence
+
+    def _judged(self, state: MonitorState, evidence: Evidence) -> MonitorState:
+        """Name an actuator, revise that, confirm it, or dismiss the alarm, by this evidence."""
+        found, before, number = state.diagnosis, state.verdict, state.history[-1].number
+        # Once a failure is named, what shakes the failed machine is slow disturbance enough.
+        now = verdict(self.bank, evidence, number, disturbed=found is None)
+        since = state.alarm_ticks[-1] if found is None else state.named_tick
+        waited_s, seen_s = (
+            (state.ticks - tick) * self.nominal.period_s for tick in (since, state.begun_tick)
+        )
+        every = max(self.observer.samples(REVISED_S), 1)
+        between = every * len(self.nominal.noise), every * self.observer.period_s
+        contradicted = before is not None and contradicts(self.config, before, now, *between)
+        does = action(self.config, found, now, waited_s, seen_s, contradicted=contradicted)
+        state = replace(state, evidence=evidence, verdict=now)
+        if does == "dismiss":
+            observer, causes = self.observer.following(state.observer), (*state.causes, now.cause)
+            return replace(state.reset(), observer=observer, cleared=number, causes=causes)
+        if does == "name":  # without onsets that hardly matter any more
+            evidence = evidence.only(now.best >= now.best.max() - _NEGLIGIBLE)
+            named = state.ticks - 1 if found is None else state.named_tick
+            named = {"named_tick": named, "diagnosis": self._diagnosis(state, now)}
+            return replace(state, evidence=evidence, **named)
+        if does == "begin":
+            evidence = self._looked_back(state, RESTART_S / 2)
+            return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
+        if does == "give_up":  # nothing explains the residuals: learn what they are like
+            observer = self.observer.relearning(state.observer)
+            given_up = replace(state.reset(), unexplained=True, cleared=number)
+            learning = self.observer.samples(LEARNING_S)
+            return replace(given_up, relearns=learning, observer=observer)
+        if does == "confirm":
+            return replace(state, diagnosis=replace(self._diagnosis(state, now), confirmed=True))
+        if does == "keep" and found is not None and before is not None:
+            # What has happened since is not noise of the machine that has been confirmed.
+            kept = replace(found, confirmed=True, tick=state.ticks - 1)
+            return replace(state, verdict=replace(now, inflation=before.inflation), diagnosis=kept)
         return state
 
-    def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
-        """The monitor that continues from a confirmed diagnosis, with recomputed history.
+    def _diagnosis(self, state: MonitorState, now: Verdict) -> Diagnosis:
+        """The diagnosis by a verdict, not confirmed."""
+        likely = now.kind_confidences
+        order = ascending(-np.array(likely))
+        return Diagnosis(
+            fault=now.fault,
+            kinds=tuple(KINDS[k] for k in order if likely[k] > 1 - CONFIDENCE),
+            actuator_confidence=now.actuator_confidence,
+            kind_confidence=likely[KINDS.index(now.fault.kind)],
+            displacement=float(self.nominal.displacement[now.fault.actuator] @ now.x),
+            onset_tick=now.onset * self.ticks,
+            alarm_tick=state.alarm_ticks[-1],
+            tick=state.ticks - 1,
+            confirmed=False,
+        )
 
-        Raises:
-            ValueError: The diagnosis of `state` is not confirmed.
-        """
+    def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
+        """The monitor that continues from a confirmed diagnosis, with recomputed history."""
         found = state.diagnosis
         if found is None or not found.confirmed:
             raise ValueError(f"state must hold a confirmed diagnosis, got {found}")
         others = [each for each in self.faults if each.actuator != found.fault.actuator]
         known = (*others,) if found.fault.is_sound else (*others, found.fault)
         after = monitor(self.nominal, known, self.config)
-        past = [each for each in state.history if each.sample * self.ticks >= found.onset_tick]
-        first = past[0] if past else state.history[-1]
+        past = [each for each in state.history if each.number * self.ticks >= found.onset_tick]
+        first = (past or state.history[-1:])[0].before
         begun = replace(
-            state.watch,
+            state.observer.quieter(1.0 if state.verdict is None else state.verdict.inflation),
             sample=first.sample,
-            X=first.X @ after.watch.model.onset.T,
+            X=first.X @ after.observer.model.onset.T,
             memory=first.memory,
             parameters=first.parameters,
         )
-        inflation = 1.0 if state.verdict is None else state.verdict.inflation
-        begun, history, residuals = replayed(after.watch, quieter(begun, inflation), past)
+        observer, history, residuals = after.observer.replayed(begun, past)
         recent = self.test.start()
-        for moment, residual in zip(history, residuals, strict=True):
-            if moment.is_whole and moment.sample * self.ticks > state.named_tick:
+        for sample, residual in zip(history, residuals, strict=True):
+            if sample.is_whole and sample.number * self.ticks > state.named_tick:
                 recent = self.test.push(recent, residual)
-        state = replace(reset(state), watch=begun, history=tuple(history), recent=recent)
-        return after, state
-
-    @cached_property
-    def _judge(self) -> Judge:
-        return Judge(self.nominal, self.config, self.ticks, self.bank, self.watch)
+        return after, replace(
+            state.reset(), observer=observer, history=tuple(history), recent=recent
+        )
 
 
-def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | None:
+def _mean(outputs: Sequence[Array | None], before: Sequence[Sample]) -> Array | None:
     """Mean (p,) of the outputs of a sample, as if those missing were on the slope before it.
 
     A mean without them would be that of another time, which a plant that moves shows as an error.
@@ -179,37 +306,30 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | 
     measured = [each for each in outputs if each is not None]
     if not measured:
         return None
-    mean = sum(measured[1:], measured[0]) / len(measured)
-    if len(measured) == len(outputs):
+    mean, ticks = sum(measured[1:], measured[0]) / len(measured), len(outputs)
+    earlier = [each.y for each in before if each.y is not None]
+    if len(measured) == ticks or len(earlier) < 2:
         return mean
     known = [tick for tick, each in enumerate(outputs) if each is not None]
-    earlier = [each.y for each in before if each.y is not None]
-    if len(earlier) < 2:
-        return mean
-    ticks = len(outputs)
     return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))
 
 
 def monitor(
     nominal: NominalModel, faults: Sequence[Fault] = (), config: FdiConfig = DEFAULT_CONFIG
 ) -> Monitor:
-    """A monitor for a plant with these known faults.
+    """Make a monitor for a plant with these known faults.
 
     Raises:
-        ValueError, TypeError: No model, no faults of its actuators, no settings, or samples of more
-            than 10,000 ticks, or more than 10,000 samples to look back or to learn.
+        ValueError: Besides, a sample has more than 10,000 ticks.
     """
     check.instance("nominal", nominal, NominalModel)
     faults = of_actuators(faults, nominal.actuators)
     check.instance("config", config, FdiConfig)
     ticks = max(1, round(config.sample_s / nominal.period_s))
     period_s = ticks * nominal.period_s
-    longest_s = max(config.look_back_s, config.learning_s)
-    if ticks > MOST_STEPS or longest_s > _MOST_SAMPLES * period_s:
+    if ticks > MOST_STEPS:
         raise ValueError(
-            f"config must have samples of at most {MOST_STEPS} ticks, and look back and learn over "
-            f"at most {_MOST_SAMPLES} samples, got samples of {config.sample_s:g} s, and "
-            f"{longest_s:g} s"
+            f"config must have samples of at most {MOST_STEPS} ticks, got {config.sample_s:g} s"
         )
     believed = believed_model(nominal, faults, config.uncertainty, ticks)
     test = residual_test(
@@ -217,5 +337,5 @@ def monitor(
     )
     weak = [each for each in faults if each.kind == "weak" and 0 < each.effectiveness < 1]
     followed = tuple(weak) if config.uncertainty.gain > 0 else ()
-    watch = Watch(believed, config, period_s, test.threshold, followed)
-    return Monitor(nominal, tuple(faults), config, ticks, watch, test)
+    observer = Observer(believed, config, period_s, test.threshold, followed)
+    return Monitor(nominal, tuple(faults), config, ticks, observer, test)

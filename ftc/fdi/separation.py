@@ -1,94 +1,166 @@
-"""Which failures a dither tells apart after a measuring time, with a model that is not exact.
+"""Which failures can be told apart, by a linear model that is not exact, before anything runs.
 
-Each failure leaves a phasor, Gaussian about its signature: the noise of a lock-in of length T,
-disturbances as measured, and errors of the signature by uncertain parameters. The separation of two
-is their Mahalanobis distance with the mean of both covariances. Two of equal covariance are
-mistaken for each other with probability Phi(-d / 2); in general with at most exp(-d^2 / 8) / 2
-(Bhattacharyya's bound; Fukunaga, Introduction to Statistical Pattern Recognition, 1990, section
-3.4).
+Two answers: :func:`separations_at` in the steady state of a dither, and :func:`isolability` in any
+motion.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
-from argument_checks import Array, Mask
-from ftc.fdi.design.signatures import (
-    HALF,
-    Complex,
-    FaultResponses,
-    driven,
-    fault_responses,
-    single_faults,
-)
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.uncertainty import CERTAIN, Uncertainty
+from argument_checks import Array
+from ftc.fdi.bank import Cause, HypothesisBank, hypothesis_bank
+from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_model
+from ftc.fdi.observer import Parameters
+from ftc.fdi.uncertainty import CERTAIN, STEP, Uncertainty, perturbed
 from kernels import lib, pointer
 
+Complex = NDArray[np.complex128]
+
 ALIKE = 6.18
-"""Below it more than one of a thousand is mistaken: Phi(-d / 2) = 1e-3."""
+"""Standard deviations, below which more than one of a thousand is mistaken: Phi(-d / 2) = 1e-3."""
 
 ACCURACY = 1e-6
 """Part of a distance: the root of a difference of energies, maximized by an iteration."""
 
 _ROUND_OFF = 1e-13
+"""Part of an energy that is round-off: some hundred roundings of double precision."""
 
+_HALF = 0.5
+"""Effectiveness of a weak actuator whose failure is to be found: midway between sound and free."""
 
-_LOST = (0.01, 0.95)
-"""A weak actuator has lost between these parts of its force."""
+_LOST = 0.01, 0.95
+"""Parts of its force between which a weak actuator has lost: with less lost it is as good as sound,
+with more it is named free."""
+
+_SERVO_PARTS = 0.25, 0.5, 0.75, 0.95, 1.0
+"""Parts lost of a servo's force with a response each, linear in between: the quarters by which the
+diagnosis looks for losses, and the end of :data:`_LOST`."""
+
+_NEAR_S, _BACK_S, _STEP_S = 0.016, 0.24, 0.02
+"""Onsets are tried at every sample that near the true one, and in these steps so long before it. Of
+the hexapod's failures the least distance is the same, within 3 %, for twice and half of each; large
+ones, of explanations that begin long before, change by a third."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Under which failures are to be told apart.
+    """Conditions under which a dither is to tell failures apart: time, and errors of the model.
 
-    Attributes:
-        time_s: Length of the lock-in, one period of the dither or more, after what the failure
-            excites has decayed.
-        uncertainty: Of the model.
-        disturbance: One-sided power spectral density of the outputs at the dither's frequency, the
-            sensors' white noise apart, real, in the outputs' units squared per Hz, shape (p, p), or
-            (F, p, p) for F frequencies; None is none.
-
-    Raises:
-        ValueError, TypeError: Of another kind than that.
+    `time_s` is the length of the lock-in, one period of the dither or more, after what the failure
+    excites has decayed.
     """
 
     time_s: float
     uncertainty: Uncertainty = CERTAIN
-    disturbance: Array | None = None
 
     def __post_init__(self) -> None:
-        check.positive("time_s", self.time_s)
+        check.number("time_s", self.time_s, check.SMALLEST)
         check.instance("uncertainty", self.uncertainty, Uncertainty)
-        if self.disturbance is not None:
-            S = check.batch("disturbance", self.disturbance)
-            if S.ndim > 3 or not S.size or S.shape[-1] != S.shape[-2]:
-                raise ValueError(f"disturbance must be (p, p) or (F, p, p), got shape {S.shape}")
-            for each in S if S.ndim == 3 else [S]:
-                check.positive_semidefinite("disturbance", each, S.shape[-1])
-            object.__setattr__(self, "disturbance", check.frozen(S))
 
-    def noise(self, nominal: NominalModel, name: str, frequency_hz: Array) -> Array:
-        """Covariance of real and imaginary parts of whitened outputs' phasors, shape (F, p, p).
 
-        `name` is that of the frequencies, for errors.
-        """
-        p, frequencies, slowest = len(nominal.noise), len(frequency_hz), 1 / frequency_hz.min()
-        if self.time_s < slowest * (1 - 1e-9):
-            raise ValueError(
-                f"time_s must be at least a period of {name}, {slowest:g} s, got {self.time_s}"
-            )
-        S = np.zeros((p, p)) if self.disturbance is None else self.disturbance
-        if S.shape not in ((p, p), (frequencies, p, p)):
-            expected = f"({p}, {p}) or ({frequencies}, {p}, {p})"
-            raise ValueError(f"disturbance must have shape {expected}, got {S.shape}")
-        white = 2 * nominal.period_s * np.eye(p)
-        whitened = S / np.outer(nominal.noise, nominal.noise)
-        return np.broadcast_to((white + whitened) / self.time_s, (frequencies, p, p))
+@dataclass(frozen=True)
+class FaultResponses:
+    """Frequency responses of F frequencies by which each of n failing actuators differs.
+
+    Outputs are in units of their noise ("whitened").
+
+    Attributes:
+        frequencies_hz: Shape (F,).
+        parts: Parts of its force that an actuator has lost, ascending to 1, shape (M,).
+        change: Outputs per command, with the actuator locked, and with each of these parts lost,
+            minus those of the plant without failures, shape (F, n, 1 + M, p, n).
+        errors: Change of `change` by one standard deviation of each of E uncertain parameters,
+            shape (F, n, 1 + M, E, p, n).
+        variance: Of the real and of the imaginary part of a phasor, by the noise alone.
+    """
+
+    frequencies_hz: Array
+    parts: Array
+    change: Complex
+    errors: Complex
+    variance: float
+
+
+def fault_responses(
+    nominal: NominalModel, frequencies_hz: ArrayLike, conditions: Conditions
+) -> FaultResponses:
+    """Compute the responses to all failures of one actuator, and their errors to first order.
+
+    A change is against the phasor measured while nothing had failed, so that errors of the model
+    count only as far as they change the difference. It is linear in the commands as they are sent,
+    which a residual is formed with: the reaction of a closed loop is part of these. Constant parts,
+    of loads that fall and of actuators locked off centre, are at frequency zero and not seen here.
+
+    The F frequencies lie above zero and below half the control frequency; the time is at least a
+    period of each.
+
+    Raises:
+        ValueError: Besides, a frequency is that of an undamped mode.
+    """
+    hz = checked_frequencies(nominal, "frequencies_hz", frequencies_hz)
+    check.instance("conditions", conditions, Conditions)
+    time_s, uncertainty = conditions.time_s, conditions.uncertainty
+    if time_s < (1 - 1e-9) / hz.min():
+        raise ValueError(
+            "conditions.time_s must be at least a period of each frequency_hz, "
+            f"{1 / hz.min():g} s, got {time_s}"
+        )
+    servo = any(each is not None and each.any() for each in (nominal.feedback, nominal.holding))
+    parts = np.array(_SERVO_PARTS if servo else [1.0])  # no servo, no load: linear in the loss
+    change = _changes(nominal, parts, hz)
+    wrong = perturbed(nominal, uncertainty)
+    errors = [(_changes(each, parts, hz) - change) / STEP for each in wrong]
+    if uncertainty.delay_s:
+        turn = 2j * np.pi * hz * uncertainty.delay_s
+        errors.append(-turn[:, None, None, None, None] * change)
+    stacked = np.array(errors, dtype=complex).reshape(-1, *change.shape)
+    variance = 2 * nominal.period_s / time_s
+    return FaultResponses(hz, parts, change, np.moveaxis(stacked, 0, 3).copy(), variance)
+
+
+def checked_frequencies(nominal: NominalModel, name: str, value: ArrayLike) -> Array:
+    """Frequencies (F,) between zero and half the control frequency, checked."""
+    check.instance("nominal", nominal, NominalModel)
+    hz = check.array(name, value, copy=True)
+    nyquist_hz = 0.5 / nominal.period_s
+    if hz.ndim != 1 or not hz.size or not (hz > 1e-9 * nyquist_hz).all() or hz.max() >= nyquist_hz:
+        raise ValueError(
+            f"{name} must lie between zero and half the control frequency, {nyquist_hz:g} Hz, got "
+            f"{check.shown(value)}"
+        )
+    return hz
+
+
+def _changes(nominal: NominalModel, parts: Array, frequencies_hz: Array) -> Complex:
+    """Changes as in :class:`FaultResponses`, shape (F, n, 1 + M, p, n)."""
+    faults = [
+        (fault,)
+        for k in range(nominal.actuators)
+        for fault in (Fault(k, "locked"), *(Fault(k, "weak", 1 - part) for part in parts))
+    ]
+    models = [fault_model(nominal, each) for each in ((), *faults)]
+    G = models[0].C @ steady_states(models, nominal.period_s, frequencies_hz)
+    return (G[:, 1:] - G[:, :1]).reshape(len(G), nominal.actuators, -1, *G.shape[2:])
+
+
+def steady_states(models: list[FaultModel], period_s: float, frequencies_hz: Array) -> Complex:
+    """Phasors of the states of H models per command at F frequencies, shape (F, H, s, n)."""
+    z = np.exp(2j * np.pi * frequencies_hz * period_s)[:, None, None, None]
+    A, B = (np.array([getattr(each, name) for each in models]) for name in "AB")
+    # Few frequencies of many models: solved at once, not each model brought to triangular form.
+    try:
+        states = np.linalg.solve(z * np.eye(len(A[0])) - A, B.astype(complex))
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            "frequency_hz must not be that of an undamped mode, failures included, got "
+            f"{check.shown(frequencies_hz.tolist())}"
+        ) from None
+    return states.astype(complex, copy=False)
 
 
 @dataclass(frozen=True)
@@ -96,7 +168,7 @@ class Separations:
     """Distances between failures, in standard deviations.
 
     Attributes:
-        faults: What may happen, 3 n of them; see :func:`ftc.fdi.design.signatures.single_faults`.
+        faults: All 3 n: each actuator locked, free and half weak, as :data:`ftc.fdi.KINDS`.
         distance: Of what happens (rows) from each explanation (columns), a weak actuator's at its
             most similar loss of force, shape (3 n, 3 n).
         from_none: Of what happens from no failure, shape (3 n,).
@@ -107,8 +179,7 @@ class Separations:
     from_none: Array
 
     def __post_init__(self) -> None:
-        self.distance.setflags(write=False)
-        self.from_none.setflags(write=False)
+        check.lock(self)
 
     @property
     def between_actuators(self) -> Array:
@@ -117,7 +188,8 @@ class Separations:
         On the diagonal: of any failure of the actuator from no failure.
         """
         n, kinds = len(self.faults) // len(KINDS), len(KINDS)
-        least = self._both_ways().reshape(n, kinds, n, kinds).min(axis=(1, 3))
+        both_ways = np.minimum(self.distance, self.distance.T)
+        least = both_ways.reshape(n, kinds, n, kinds).min(axis=(1, 3))
         np.fill_diagonal(least, self.from_none.reshape(n, kinds).min(axis=1))
         return least
 
@@ -126,11 +198,11 @@ class Separations:
         """The least of all failures from those of another actuator, and from no failure."""
         return float(self.between_actuators.min())
 
-    def isolable(self, threshold: float = ALIKE) -> tuple[Fault, ...]:
-        """Failures further than that from no failure and from any failure of another actuator."""
+    def isolable(self) -> tuple[Fault, ...]:
+        """Failures :data:`ALIKE` or more from no failure and any failure of another actuator."""
         number = np.array([fault.actuator for fault in self.faults])
         others = np.where(number[:, None] != number, self.distance, np.inf).min(axis=1)
-        apart = np.minimum(others, self.from_none) >= check.positive("threshold", threshold)
+        apart = np.minimum(others, self.from_none) >= ALIKE
         return tuple(self.faults[k] for k in np.flatnonzero(apart))
 
     def isolates(self, actuator: int, kind: str) -> bool:
@@ -138,62 +210,30 @@ class Separations:
         kind = "free" if kind == "loose" else kind
         return any((each.actuator, each.kind) == (actuator, kind) for each in self.isolable())
 
-    def alike_actuators(self, threshold: float = ALIKE) -> tuple[tuple[int, ...], ...]:
-        """Groups of two or more actuators, in one chain of pairs nearer than the threshold."""
-        return _groups(self.between_actuators < check.positive("threshold", threshold))
+    def alike_actuators(self) -> tuple[tuple[int, ...], ...]:
+        """Groups of two or more actuators, in one chain of pairs nearer than :data:`ALIKE`."""
+        count, label = connected_components(self.between_actuators < ALIKE, directed=False)
+        groups = [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
+        return tuple(group for group in groups if len(group) > 1)
 
-    def alike_kinds(self, threshold: float = ALIKE) -> tuple[tuple[Fault, ...], ...]:
-        """Groups of two or more failures of the same actuator, likewise."""
-        close = self._both_ways() < check.positive("threshold", threshold)
-        number = np.array([fault.actuator for fault in self.faults])
-        found = _groups(close & (number[:, None] == number))
-        return tuple(tuple(self.faults[k] for k in group) for group in found)
-
-    def undetected(self, threshold: float = ALIKE) -> tuple[Fault, ...]:
-        """Failures that are nearer to no failure than the threshold."""
-        near = self.from_none < check.positive("threshold", threshold)
-        return tuple(self.faults[k] for k in np.flatnonzero(near))
-
-    def _both_ways(self) -> Array:
-        return np.minimum(self.distance, self.distance.T)
+    def undetected(self) -> tuple[Fault, ...]:
+        """Failures that are nearer to no failure than :data:`ALIKE`."""
+        return tuple(self.faults[k] for k in np.flatnonzero(self.from_none < ALIKE))
 
 
-def separations(nominal: NominalModel, dither: Dither, conditions: Conditions) -> Separations:
-    """Distances of all failures of one actuator in the steady state of a dither.
+def separations_at(responses: FaultResponses, k: int, commanded: Array) -> Separations:
+    """Distances of all failures of one actuator, driven with amplitudes (n,) at the k-th frequency.
 
-    Args:
-        nominal: The plant without failures, and what is measured of it.
-        dither: With n directions and a frequency below half the control frequency. Below the
-            bandwidth of a loop the commands that are sent differ from it after a failure.
-        conditions: Measuring time, uncertainty, disturbance.
-
-    Raises:
-        ValueError, TypeError: An argument of the wrong shape or size, or an undamped mode at the
-            frequency.
-    """
-    commanded, at_hz = driven(nominal, dither)
-    noise = check.instance("conditions", conditions, Conditions).noise(
-        nominal, "frequency_hz", at_hz
-    )
-    responses = fault_responses(nominal, at_hz, conditions.uncertainty)
-    return separations_at(responses, 0, commanded, noise[0])
-
-
-def separations_at(
-    responses: FaultResponses, k: int, commanded: Array, noise: Array
-) -> Separations:
-    """The same from responses, at the k-th of their frequencies.
-
-    Args:
-        responses: Of the failures.
-        k: Which frequency.
-        commanded: Amplitudes (n,).
-        noise: Covariance of each part of the whitened phasors, shape (p, p).
+    Each failure changes the outputs' phasor: its signature. Phasors are Gaussian about it, by the
+    noise of a lock-in and by uncertain parameters, and two failures are apart by the Mahalanobis
+    distance d of their signatures with the mean of both covariances. Two of equal covariance are
+    mistaken for each other with probability Phi(-d / 2); in general with at most exp(-d^2 / 8) / 2
+    (Bhattacharyya's bound; Fukunaga, Introduction to Statistical Pattern Recognition, 1990, section
+    3.4).
     """
     change = _parts(responses.change[k] @ commanded)  # (n, 1 + M, 2 p)
     errors = _parts(responses.errors[k] @ commanded)  # (n, 1 + M, E, 2 p)
-    C = errors.swapaxes(-1, -2) @ errors
-    S = np.kron(np.eye(2), noise)
+    C, S = errors.swapaxes(-1, -2) @ errors, responses.variance * np.eye(change.shape[-1])
     happens, happens_C = (_happening(each, responses.parts) for each in (change, C))
     first, last = _explanations(change, responses.parts)
     _, last_C = _explanations(C, responses.parts)  # errors of the larger loss, to be safe
@@ -202,29 +242,23 @@ def separations_at(
         happens_C, last_C = np.zeros((2, 1, *S.shape))
     distance = np.empty((len(happens), len(first)))
     own, other = (_regular(S + each) / 2 for each in (happens_C, last_C))
-    d = len(S)
     given = [pointer(each) for each in (happens, first, last - first, own, other)]
-    lib.to_segments(
-        *distance.shape, d, *given, one, pointer(np.empty(lib.segments_room(d))), pointer(distance)
-    )
+    room = pointer(np.empty(lib.segments_room(len(S))))
+    lib.to_segments(*distance.shape, len(S), *given, one, room, pointer(distance))
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)
     full = np.concatenate([by_actuator[..., :2], weak], axis=-1).reshape(kinds * n, kinds * n)
     np.fill_diagonal(full, 0.0)
-    return Separations(single_faults(n), *_without_round_off(full, distance[:, -1]))
-
-
-def _without_round_off(*distances: Array) -> list[Array]:
-    """Zero where a distance is the root of what cancels."""
-    noise = np.sqrt(_ROUND_OFF) * max(d.max(initial=0.0) for d in distances)
-    return [np.where(d > noise, d, 0.0) for d in distances]
+    noise = np.sqrt(_ROUND_OFF) * distance.max(initial=0.0)  # each the root of what cancels
+    full, from_none = (np.where(d > noise, d, 0.0) for d in (full, distance[:, -1]))
+    faults = (Fault(k, kind, _HALF * (kind == "weak")) for k in range(n) for kind in KINDS)
+    return Separations(tuple(faults), full, from_none)
 
 
 def _regular(C: Array) -> Array:
-    """With so much more noise that round-off does not make it singular."""
-    trace = np.trace(C, axis1=-2, axis2=-1)[..., None, None]
-    return C + _ROUND_OFF * trace * np.eye(C.shape[-1])
+    """Covariances with so much more noise that round-off does not make them singular."""
+    return C + _ROUND_OFF * np.trace(C, axis1=-2, axis2=-1)[..., None, None] * np.eye(C.shape[-1])
 
 
 def _parts(phasors: Complex) -> Array:
@@ -242,14 +276,15 @@ def _lost(of: Array, parts: Array, amounts: Array) -> Array:
 
 
 def _happening(of: Array, parts: Array) -> Array:
-    """Of what (n, 1 + M, ...) is of each model, what is of each of `single_faults`."""
-    half = _lost(of, parts, np.array([1 - HALF]))
+    """Of what (n, 1 + M, ...) is of each model, what is of each failure of `Separations`."""
+    half = _lost(of, parts, np.array([1 - _HALF]))
     return np.concatenate([of[:, :1], of[:, -1:], half], axis=1).reshape(-1, *of.shape[2:])
 
 
 def _explanations(of: Array, parts: Array) -> tuple[Array, Array]:
-    """The same at the two ends of each explanation: locked, free, intervals of loss; then none."""
-    ends = np.array([_LOST[0], *parts[(parts > _LOST[0]) & (parts < _LOST[1])], _LOST[1]])
+    """What is of the ends of each explanation: locked, free, intervals of loss; then no failure."""
+    least, most = _LOST
+    ends = np.array([least, *parts[(parts > least) & (parts < most)], most])
     weak, fixed, none = _lost(of, parts, ends), of[:, [0, -1]], np.zeros((1, *of.shape[2:]))
     first, last = (
         np.concatenate([fixed, each], axis=1).reshape(-1, *of.shape[2:])
@@ -258,8 +293,83 @@ def _explanations(of: Array, parts: Array) -> tuple[Array, Array]:
     return np.concatenate([first, none]), np.concatenate([last, none])
 
 
-def _groups(alike: Mask) -> tuple[tuple[int, ...], ...]:
-    """Connected components of two or more."""
-    count, label = connected_components(alike, directed=False)
-    groups = [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
-    return tuple(group for group in groups if len(group) > 1)
+def isolability(
+    nominal: NominalModel,
+    fault: Fault,
+    onset: int,
+    states: Array,
+    commanded: Array,
+    uncertainty: Uncertainty = CERTAIN,
+) -> tuple[Array, float]:
+    """Distances d of one failure in a motion from all hypotheses, and from no failure.
+
+    A distance is that of the outputs, averaged over samples as the diagnosis averages them, in
+    standard deviations of the noise, at the other explanation's best time of onset, loss of force
+    and errors of the model. d^2 / 2 is then the Kullback-Leibler divergence (Basseville and
+    Nikiforov, Detection of Abrupt Changes, 1993, ch. 4).
+
+    Args:
+        nominal: The plant without faults.
+        fault: What happens.
+        onset: At which tick, the first one of a sample.
+        states: Of the plant in which it happens, without noise, shape (N, s): N ticks of evidence.
+        commanded: Displacements from each tick on, shape (N, n).
+        uncertainty: Of the model; what the motion before the onset shows of it is made use of.
+
+    Returns:
+        Distances by actuator and kind as :data:`KINDS`, shape (n, 3); the failure itself has 0. And
+        the distance from no failure.
+    """
+    ticks = max(1, round(DEFAULT_CONFIG.sample_s / nominal.period_s))
+    bank = hypothesis_bank(nominal, (), uncertainty.of_model, ticks)
+    outputs = states @ fault_model(nominal).C.T
+    sampling = nominal.period_s, ticks
+    return distances(bank, fault, onset, outputs, commanded, sampling, uncertainty)
+
+
+def distances(
+    bank: HypothesisBank,
+    truth: Fault | Cause,
+    onset: int,
+    outputs: Array,
+    commanded: Array,
+    sampling: tuple[float, int],
+    uncertainty: Uncertainty = CERTAIN,
+) -> tuple[Array, float]:
+    """Distances as of :func:`isolability`, for a plant of any kind, from rest and without faults.
+
+    What happens is a failure or a cause of the bank, which was made for this sampling (period of a
+    tick [s], and ticks of a sample) and uncertainty. Outputs (N, p) are in units of their noise,
+    but without noise.
+    """
+    rows, p, s = bank.believed.N.shape[0], *bank.believed.C.shape
+    (period_s, ticks), count = sampling, len(outputs) // sampling[1]
+    near, back, step = (round(each / (period_s * ticks)) for each in (_NEAR_S, _BACK_S, _STEP_S))
+    first = onset // ticks
+    onsets = np.union1d(
+        np.arange(max(0, first - near), min(count, first + near)),
+        np.arange(max(0, first - back), count, max(1, step)),
+    ).astype(int)
+    prior = Parameters.prior(rows - 1, p, uncertainty)
+    evidence = bank.start(onsets, prior, np.zeros((rows, s)), np.zeros((1, rows, p)))
+    y, u = (
+        part[: count * ticks].reshape(count, ticks, -1).mean(axis=1)
+        for part in (outputs, commanded)
+    )
+    before = np.vstack([np.zeros_like(u[:1]), u[:-1]])
+    white = np.full((1, p), np.sqrt(ticks))
+    for sample in range(count):
+        v = np.concatenate([u[sample], before[sample], [1.0]])
+        evidence = bank.step(evidence, sample, v, y[sample], white, shaken=0.0)
+    energy = evidence.marginal()[0]
+    least = energy[1:-1].min(axis=1)
+    others = np.full((len(bank.effectiveness), len(KINDS)), np.inf)
+    for fault, its in zip(bank.faults, least, strict=False):  # causes come after the faults
+        place = fault.actuator, KINDS.index(fault.kind)
+        others[place] = min(others[place], its)
+    own = (
+        least[len(bank.faults) + bank.causes.index(truth)]
+        if isinstance(truth, Cause)
+        else others[truth.actuator, KINDS.index(truth.kind)]
+    )
+    return np.sqrt(np.maximum(others - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))

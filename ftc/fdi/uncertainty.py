@@ -10,7 +10,7 @@ import argument_checks as check
 from argument_checks import Array
 from ftc._records import Pointers
 from ftc.fdi.fault_model import Fault, FaultModel, NominalModel
-from ftc.fdi.friction import SampledFriction
+from ftc.fdi.friction import SampledFriction, together
 from kernels import lib, pointer
 
 
@@ -18,7 +18,8 @@ from kernels import lib, pointer
 class Uncertainty:
     """Standard deviations of the errors of a model, and of what may happen that is no failure.
 
-    Before anything is measured; the errors of actuators are independent of one another.
+    Before anything is measured; the errors of actuators are independent of one another; zero: there
+    is none.
 
     Attributes:
         gain: Of each actuator's force, relative.
@@ -36,12 +37,9 @@ class Uncertainty:
         friction_rate: Likewise of the limits of dry friction: loads and directions change them, and
             they are not linear.
         command: Of what may be added to an actuator's command, at once and in a second: by how much
-            an output moves then, in standard deviations of its noise; zero: nothing is.
-        supply: Of how much more or less all commands may do at once, relative; zero: it does not.
+            an output moves then, in standard deviations of its noise.
+        supply: Of how much more or less all commands may do at once, relative.
         scale: Likewise of how much all sensors may show.
-
-    Raises:
-        ValueError: One of them is negative or not finite, or a relative one above 1.
     """
 
     gain: float = 0.0
@@ -59,14 +57,13 @@ class Uncertainty:
     scale: float = 0.0
 
     def __post_init__(self) -> None:
+        relative = ("gain", "stiffness", "damping", "inertia", "friction", "supply", "scale")
         for name, value in vars(self).items():
-            check.number(name, value)
-        for name in ("gain", "stiffness", "damping", "inertia", "friction", "supply", "scale"):
-            check.at_most_one(name, getattr(self, name))
+            check.number(name, value, 0.0, 1.0 if name in relative else check.LARGEST)
 
     @property
     def of_model(self) -> "Uncertainty":
-        """The errors of the model alone: nothing happens but failures."""
+        """These errors of the model alone: nothing happens but failures."""
         return replace(self, command=0.0, supply=0.0, scale=0.0)
 
 
@@ -89,7 +86,10 @@ TYPICAL = Uncertainty(
     scale=0.3,
 )
 """Of a machine whose parts are known from data sheets: gains and springs to a few percent, dampers
-to a fifth, inertias from drawings, the delay to a millisecond, dry friction to a half."""
+to an eighth, inertias from drawings, the delay to a millisecond, dry friction to a half. Sensors
+are zeroed to a few times their noise, and drift by it in a second; friction changes as far in that
+time as it may be off, with loads and directions, and all else by a thirtieth. What is no failure
+may be of any size that is seen: a thousand times the noise, and a third of all."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +102,12 @@ class UncertainModel:
     means over the sample.
 
     Attributes:
-        A: Of all rows of X, shape (s, s).
-        M: X' = X A^T + M [x; v], shape (1 + J, s, s + r).
-        C: Shape (p, s).
-        N: Y = X C^T + N [x; v], shape (1 + J, p, s + r).
+        A: With M (1 + J, s, s + r): X' = X A^T + M [x; v], shape (s, s).
+        C: With N (1 + J, p, s + r): Y = X C^T + N [x; v], shape (p, s).
         onset: State after the onset of the faults per state before it, shape (s, s).
         friction: What dry friction changes of that; None: nothing rubs.
+
+    Of H models :func:`side_by_side` each array has a further first axis.
     """
 
     A: Array
@@ -119,7 +119,7 @@ class UncertainModel:
 
     @property
     def limits(self) -> int:
-        """How many limits of dry friction are among the errors: the last ones."""
+        """Number of limits of dry friction among the errors: the last ones."""
         return 0 if self.friction is None else self.friction.limits
 
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
@@ -128,38 +128,42 @@ class UncertainModel:
         room = np.empty(2 * (after.size + Y.size))
         sizes = 1, 1, *after.shape, Y.shape[1], len(v)
         changing = pointer(room), pointer(after), pointer(Y)
-        lib.advance_models(*sizes, _STEPS, *self._stacked, pointer(v), _AT_ONCE, *changing)
+        lib.advance_models(*sizes, _STEPS, *self.stacked, pointer(v), _AT_ONCE, *changing)
         if self.friction is not None:
             self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
         return Y, after
 
     @cached_property
-    def _stacked(self) -> Pointers:
-        return stacked(self.A[None], self.M[None], self.C[None], self.N[None])
+    def stacked(self) -> Pointers:
+        """Outputs before states and columns before rows, for `advance_models`.
+
+        That is [C; A]' (H, s, p + s), of each row of a state, and [N; M]' (H, s + r, rows (p + s)),
+        of the first row and the inputs; and where that begins and ends not to be zero, (.., 2).
+        """
+        alone = np.concatenate([self.C, self.A], axis=-2).swapaxes(-1, -2)
+        driven = np.moveaxis(np.concatenate([self.N, self.M], axis=-2), -1, -3)
+        flat = np.ascontiguousarray(driven.reshape(*driven.shape[:-2], -1))
+        acts, n = flat != 0.0, flat.shape[-1]
+        ends = (acts * np.arange(1, n + 1)).max(axis=-1)
+        starts = n - (acts * np.arange(n, 0, -1)).max(axis=-1)
+        spans = np.stack([starts, ends], axis=-1).astype(np.int64)
+        return Pointers(np.ascontiguousarray(alone), flat, spans)
 
 
 _ONE = np.ones((1, 1), dtype=bool)
 _STEPS, _AT_ONCE = pointer(_ONE), pointer(np.ones(1))
 
 
-def stacked(A: Array, M: Array, C: Array, N: Array) -> Pointers:
-    """Of H models, outputs before states and columns before rows, as `advance_models` takes them.
-
-    That is [C; A]' (H, s, p + s), of each row of a state, and [N; M]' (H, s + r, rows (p + s)),
-    of the first row and the inputs; and where that begins and ends not to be zero (H, s + r, 2).
-    """
-    alone = np.concatenate([C, A], axis=1).swapaxes(1, 2)
-    driven = np.concatenate([N, M], axis=2).transpose(0, 3, 1, 2)
-    flat = np.ascontiguousarray(driven.reshape(*driven.shape[:2], -1))
-    acts, n = flat != 0.0, flat.shape[-1]
-    ends = (acts * np.arange(1, n + 1)).max(axis=-1)
-    starts = n - (acts * np.arange(n, 0, -1)).max(axis=-1)
-    spans = np.stack([starts, ends], axis=-1).astype(np.int64)
-    return Pointers(np.ascontiguousarray(alone), flat, spans)
+def side_by_side(models: Sequence[UncertainModel]) -> UncertainModel:
+    """H models of one size as one."""
+    every = ("A", "M", "C", "N", "onset")
+    A, M, C, N, onset = (np.array([getattr(model, name) for model in models]) for name in every)
+    rubbed = [model.friction for model in models if model.friction is not None]
+    return UncertainModel(A, M, C, N, onset, together(rubbed) if rubbed else None)
 
 
 STEP = 1e-3
-"""Of differences, in standard deviations: curvature and rounding are both below 1e-4 of them."""
+"""Standard deviations of an error in a difference: curvature and rounding are both below 1e-4."""
 
 FaultModels = Callable[[Sequence[Fault]], FaultModel]
 """A plant with any faults."""
@@ -174,52 +178,44 @@ def uncertain_model(
     friction: float = 0.0,
     ticks: int = 1,
 ) -> UncertainModel:
-    """The plant with these faults over samples of so many ticks.
+    """Build the model of a plant with faults over samples of `ticks`, and of its possible errors.
 
-    Args:
-        plant: As it is believed to be.
-        faults: That it has.
-        others: The plant with each of its possible errors, as large as :data:`STEP`.
-        delay_ticks: Standard deviation of the delay of the commands, in control ticks.
-        friction: Of the limits of dry friction, relative.
-        ticks: Of a sample.
+    These are `others`, the plant with each error as large as :data:`STEP`; a delay of the commands,
+    of this standard deviation in control ticks; and the limits of dry friction, relative.
     """
     model = plant(faults)
-    plain = _lifted(model, ticks)
-    A, B, C, D = plain
-    n, (p, s) = B.shape[1] - 1, C.shape
-    none = np.zeros_like
-    M = [np.hstack([none(A), B[:, :n], np.zeros((s, n)), B[:, n:]])]
-    N = [np.hstack([none(C), D[:, :n], np.zeros((p, n)), D[:, n:]])]
+    F, G = _lifted(model, ticks)
+    (U, drift), s = np.split(G, [-1], axis=1), F.shape[1]
+    none, same = np.zeros_like(U), np.zeros_like(F)
+    # What states, commands of this sample and the one before, and 1 add, (s + p, s + r) each.
+    drives = [np.hstack([same, U, none, drift])]
     for other in others:
-        dA, dB, dC, dD = (
-            (changed - part) / STEP
-            for changed, part in zip(_lifted(other(faults), ticks), plain, strict=True)
-        )
-        M.append(np.hstack([dA, dB[:, :n], np.zeros((s, n)), dB[:, n:]]))
-        N.append(np.hstack([dC, dD[:, :n], np.zeros((p, n)), dD[:, n:]]))
-    if delay_ticks > 0:
-        late = delay_ticks / ticks  # a part of the sample still has the command before
-        M.append(np.hstack([none(A), -late * B[:, :n], late * B[:, :n], np.zeros((s, 1))]))
-        N.append(np.hstack([none(C), -late * D[:, :n], late * D[:, :n], np.zeros((p, 1))]))
+        dF, dG = _lifted(other(faults), ticks)
+        dU, moved = np.split((dG - G) / STEP, [-1], axis=1)
+        drives.append(np.hstack([(dF - F) / STEP, dU, none, moved]))
+    if delay_ticks > 0:  # a part of the sample still has the command before
+        late = delay_ticks / ticks * U
+        drives.append(np.hstack([same, -late, late, np.zeros_like(drift)]))
     rubbed = None
     if model.rubbing is not None:
-        rubbed = SampledFriction((model.rubbing,), A[None], ticks, len(M), friction)
-        M += [np.zeros_like(M[0])] * rubbed.limits
-        N += [np.zeros_like(N[0])] * rubbed.limits
-    return UncertainModel(A, np.array(M), C, np.array(N), model.onset, rubbed)
+        rubbed = SampledFriction(model.rubbing, F[:s], ticks, len(drives), friction)
+        drives += [np.zeros_like(drives[0])] * rubbed.limits
+    every = np.array(drives)
+    return UncertainModel(F[:s], every[:, :s], F[s:], every[:, s:], model.onset, rubbed)
 
 
-def _lifted(model: FaultModel, ticks: int) -> tuple[Array, Array, Array, Array]:
-    """A, [B, drift], and C, D of the mean output, over ticks with a constant command."""
-    A, B = model.A, np.column_stack([model.B, model.drift])
-    C, D = model.C, np.zeros((len(model.C), B.shape[1]))
+def _lifted(model: FaultModel, ticks: int) -> tuple[Array, Array]:
+    """The state after ticks with a constant command, below it the mean outputs.
+
+    Per state before, shape (s + p, s), and per command and 1, shape (s + p, n + 1).
+    """
+    A, B, C = model.A, np.column_stack([model.B, model.drift]), model.C
     power, total = np.eye(len(A)), np.zeros_like(B)
-    mean_C, mean_D = np.zeros_like(C), D
+    mean_C, mean_D = np.zeros_like(C), np.zeros((len(C), B.shape[1]))
     for _ in range(ticks):
         mean_C, mean_D = mean_C + C @ power / ticks, mean_D + C @ total / ticks
         power, total = A @ power, A @ total + B
-    return power, total, mean_C, mean_D
+    return np.vstack([power, mean_C]), np.vstack([total, mean_D])
 
 
 def perturbed(nominal: NominalModel, uncertainty: Uncertainty) -> list[NominalModel]:
@@ -228,23 +224,13 @@ def perturbed(nominal: NominalModel, uncertainty: Uncertainty) -> list[NominalMo
     A spring beside an actuator stays when its force is lost; a servo's stiffness and damping go
     with it.
     """
-    n, plant = nominal.actuators, nominal.plant
-    k = plant.nstates // 2
-    gain, stiffness, damping, inertia = (
-        STEP * size
-        for size in (
-            uncertainty.gain,
-            uncertainty.stiffness,
-            uncertainty.damping,
-            uncertainty.inertia,
-        )
-    )
-    lower, drive, rows = plant.A[k:], plant.B[k:], nominal.displacement
+    n, k = nominal.actuators, nominal.plant.nstates // 2
+    lower, drive = nominal.plant.A[k:], nominal.plant.B[k:]
+    rows, feedback = nominal.displacement, nominal.feedback
     along, found = np.linalg.pinv(rows[:, :k]), []
-    feedback = nominal.feedback
-    for actuator in range(n if gain > 0 else 0):
-        more = np.zeros(n)
-        more[actuator] = gain
+    gain, stiffness = STEP * uncertainty.gain, STEP * uncertainty.stiffness
+    damping, inertia = STEP * uncertainty.damping, STEP * uncertainty.inertia
+    for more in gain * np.eye(n) if gain > 0 else ():
         fed_back = lower if feedback is None else lower - (drive * more) @ feedback
         stronger = _changed(nominal, fed_back, drive * (1 + more), feedback)
         if nominal.holding is not None:  # the load is what it is
@@ -256,10 +242,9 @@ def perturbed(nominal: NominalModel, uncertainty: Uncertainty) -> list[NominalMo
         stiffer = None if feedback is None else feedback + more
         found.append(_changed(nominal, lower - drive @ more, drive, stiffer))
     for actuator in range(n if damping > 0 else 0):
-        damped = lower.copy()
+        damped, damper = lower.copy(), None if feedback is None else feedback.copy()
         own = np.outer(along[:, actuator], rows[actuator, :k])
         damped[:, k:] += damping * lower[:, k:] @ own
-        damper = None if feedback is None else feedback.copy()
         if damper is not None:
             damper[actuator, k:] *= 1 + damping
         found.append(_changed(nominal, damped, drive, damper))
@@ -272,7 +257,7 @@ def perturbed(nominal: NominalModel, uncertainty: Uncertainty) -> list[NominalMo
 def _changed(
     nominal: NominalModel, lower: Array, drive: Array, feedback: Array | None
 ) -> NominalModel:
-    """With other accelerations per state and per command, and other feedback of the actuators."""
+    """The model with other accelerations per state and command, and another feedback."""
     import control  # late, as in ftc.compensator
 
     plant = nominal.plant

@@ -58,12 +58,8 @@ def viable_rates(
         rate_limits: Likewise, with lower <= 0 <= upper: joints must be able to rest.
         acceleration_limits: Likewise, with lower < 0 < upper: joints must be able to brake.
         period_s: Duration T of a tick.
-
-    Raises:
-        ValueError: An argument has a wrong shape or is not a number, a pair is not a lower and an
-            upper limit, or zero is not between them as said above.
     """
-    T = check.positive("period_s", period_s)
+    T = check.number("period_s", period_s, check.SMALLEST)
     pairs = position_limits, rate_limits, acceleration_limits
     plain = _plain(position, rate, pairs)
     box = None if plain is None else _box(plain, T)
@@ -107,13 +103,13 @@ def _box(given: list[Array], T: float) -> RateBox | None:
 
 def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> list[Array]:
     """All arguments as arrays (..., n) or one number, whose leading axes broadcast."""
-    x = check.real("position", position)
+    x = check.array("position", position)
     if not x.ndim:
         raise ValueError("position must have shape (..., n), got one number")
-    v = check.vector("rate", rate, n := x.shape[-1])
+    v = check.array("rate", rate, ..., n := x.shape[-1])
     names = "position_limits", "rate_limits", "acceleration_limits"
     positions, rates, accelerations = (
-        check.limits(name, pair, n) for name, pair in zip(names, pairs, strict=True)
+        check.limits(name, pair, n, batch=True) for name, pair in zip(names, pairs, strict=True)
     )
     if (rates[0] > 0).any() or (rates[1] < 0).any():
         raise ValueError(f"rate_limits must be on both sides of 0, got {check.shown(pairs[1])}")

@@ -1,5 +1,6 @@
 """All levels of a hierarchy as they were asked for, whatever the pose."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,8 +11,8 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._mapping.limited import Limiting, checked_rows
-from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.tasks import Level, Task, level_of, tasks_of
+from prioritized._mechanism.elimination import Joints
 from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import none, read_only
 from prioritized._solver.limits import limits
@@ -19,6 +20,56 @@ from prioritized._solver.packed import Equations, equations
 
 if TYPE_CHECKING:
     from prioritized._kinematics import Kinematics
+
+
+class Survivors(NamedTuple):
+    """The surviving `actuators` of `n`; what is not as wide as n is returned as it is."""
+
+    actuators: Indices
+    n: int
+
+    @classmethod
+    def of(cls, joints: Joints) -> "Survivors":
+        """Those of a mechanism."""
+        return cls(joints.actuators, len(joints.actuated))
+
+    def matrix(self, name: str, value: ArrayLike | None) -> Array | None:
+        """A weight, or rows, with a column for each actuator."""
+        if value is None:
+            return None
+        W = check.array(name, value)
+        if W.ndim and W.shape[-1] == self.n > len(self.actuators):
+            return W[..., self.actuators]
+        return W
+
+    def pair(self, value: Any) -> Any:
+        """Limits (lower, upper)."""
+        whole = len(self.actuators) == self.n
+        if value is None or whole or not _is_of(value, 2) or check.is_masked(value):
+            return value
+        return tuple(
+            np.asarray(side)[self.actuators] if self._is_wide(side) else side for side in value
+        )
+
+    def _is_wide(self, side: Any) -> bool:
+        return not check.is_masked(side) and np.shape(side) == (self.n,)
+
+    def rows(self, name: str, value: Any) -> Any:
+        """Inequality rows (R, lower, upper)."""
+        if value is None or not _is_of(value, 3):
+            return value
+        R, lower, upper = value
+        return self.matrix(name, R), lower, upper
+
+    def task(self, task: Task) -> Task:
+        """A task: the weight of one that is rates."""
+        if task.rows is not None or task.weight is None:
+            return task
+        return dataclasses.replace(task, weight=self.matrix("weight", task.weight))
+
+
+def _is_of(value: Any, size: int) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and len(value) == size
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +110,10 @@ class Asked:
             level_of(f"levels[{k}]", tuple(map(survivors.task, each)), *units)
             for k, each in enumerate(tasks)
         )
-        given = None if tie_metric is None else check.real("tie_metric", tie_metric)
+        given = None if tie_metric is None else check.array("tie_metric", tie_metric, copy=True)
         T, n = survivors.matrix("tie_metric", given), len(survivors.actuators)
         if T is not None:
-            T = check.sized("tie_metric", check.weight("tie_metric", T, n)) * units[1]
+            T = check.array("tie_metric", check.weight("tie_metric", T, n), None, n) * units[1]
         return cls(
             tasks,
             given,

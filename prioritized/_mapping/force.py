@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from argument_checks import Array, Indices, Mask
+from argument_checks import Array, Indices
 from prioritized._mapping.amplification import as_sentence, closure_sentences, length_sentences
 from prioritized._mapping.levels import (
     Forces,
@@ -22,7 +22,7 @@ from prioritized._mapping.levels import (
 from prioritized._mapping.limited import Limiting, WhenLimited, limiting, optimum
 from prioritized._mapping.problem import Problem, checked
 from prioritized._mapping.solution import ForceSolution
-from prioritized._mapping.task import Status
+from prioritized._mapping.task import Status, status_of
 from prioritized._mechanism.decisions import respanned
 from prioritized._mechanism.measure import Measure, units_of
 from prioritized._solver.arrays import (
@@ -149,9 +149,6 @@ class ForceMapping(ReadOnly):
             torque: Desired torques, shape (..., n); None is zero.
             secondary_force: Desired secondary force, shape (..., m2); None is zero.
             start: Solution of a similar problem, such as that of the tick before.
-
-        Raises:
-            ValueError: A force or torque of the wrong shape or not finite, by its name.
         """
         problem = self._problem
         m1, n = len(problem.S_m), problem.J.shape[-1]
@@ -210,7 +207,7 @@ class ForceMapping(ReadOnly):
 
     def residual(self, f_major: ArrayLike) -> Array:
         """Part of the major force that no equilibrium admits, shape (..., m1)."""
-        f_m = check.vector("f_major", f_major, self.achieved.shape[-1])
+        f_m = check.array("f_major", f_major, ..., self.achieved.shape[-1])
         return f_m - apply(self.achieved, "f_major", f_m)
 
 
@@ -303,9 +300,6 @@ def force_mapping(
         force_rows: The same for the task force f, R (r, m), such as the sides of a friction cone.
         when_limited: What becomes of a major force that limits hold back: "least_squares", the
             least error |M (f_m - f_md)|, or "scaled": its direction is kept, as large as possible.
-
-    Raises:
-        ValueError: An argument has a wrong shape or index or is not finite; it is named.
     """
     problem = checked(
         J,
@@ -403,6 +397,10 @@ def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> F
         to_f_s = to_f_s * units.inputs / units.secondary[:, None]
         to_eta = units.internal @ to_eta * units.inputs
         reaction = _spanned(reaction, 1.0 / units.task)
+    conditions = {
+        Status.LEAST_SQUARES: lambda: np.any(major_rank < m1),
+        Status.UNSEEN: lambda: np.any(work_rank < m1),
+    }
     return ForceMapping(
         _torque_gains=tuple(np.split(torques, [m1, m1 + n], axis=-1)),
         _secondary_gains=tuple(np.split(to_f_s, [m1, m1 + n], axis=-1)),
@@ -411,7 +409,7 @@ def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> F
         reaction=on_axes(reaction, problem.lead),
         rank=np.broadcast_to(major_rank, problem.lead),
         gap=np.broadcast_to(smallest_gap(decisions), problem.lead),
-        status=_status(in_equilibrium=major_rank == m1, determined=work_rank == m1),
+        status=status_of(conditions, Status.EXACT),
         _problem=problem,
         _limiting=limited,
         _torque_limits=None if given.torques is None else limits("torque_limits", given.torques, n),
@@ -474,12 +472,6 @@ def _spanned(projector: Array, factors: Array) -> Array:
     U, sigma, _ = np.linalg.svd(projector)
     basis = respanned(U[:, sigma > 0.5], factors)
     return basis @ basis.T
-
-
-def _status(*, in_equilibrium: Mask, determined: Mask) -> Status:
-    if not np.all(in_equilibrium):
-        return Status.LEAST_SQUARES
-    return Status.EXACT if np.all(determined) else Status.UNSEEN
 
 
 def _respond(

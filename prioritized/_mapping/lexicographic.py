@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._mapping.task import Status
+from prioritized._mapping.task import Status, status_of
 from prioritized._solver.arrays import read_only
 from prioritized._solver.limits import Limits, limits, plain_limits
 from prioritized._solver.packed import Equations, Packed, Point, Rows, ends_of, pack, solve
@@ -88,9 +88,11 @@ class Solution:
     @property
     def status(self) -> Status:
         """OPTIMAL, INFEASIBLE or UNFINISHED; the value says what it means."""
-        if not self.point.ended[0]:
-            return Status.UNFINISHED
-        return Status.OPTIMAL if self.certificate is None else Status.INFEASIBLE
+        conditions = {
+            Status.UNFINISHED: lambda: not self.point.ended[0],
+            Status.INFEASIBLE: lambda: self.certificate is not None,
+        }
+        return status_of(conditions, Status.OPTIMAL)
 
     @cached_property
     def _rests(self) -> tuple[Array, ...]:
@@ -140,29 +142,25 @@ def lexicographic_least_squares(
 
     Returns:
         A solution that obeys the bounds, finite, whatever its status.
-
-    Raises:
-        ValueError: No level, or an argument of the wrong shape, with NaN, or a lower bound above
-            the upper one; it is named.
     """
-    tolerance = check.fraction("rank_tolerance", rank_tolerance)
+    tolerance = check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     if not (type(levels) is list or isinstance(levels, Sequence)) or not len(levels):
         raise ValueError(f"levels must be a list of (A, b), got {check.shown(levels)}")
     if most_steps is not None:
-        most_steps = check.index("most_steps", most_steps, 10**9)
+        most_steps = check.integer("most_steps", most_steps, 10**9)
     begun = None if start is None else check.instance("start", start, Solution).point
     if rows is rows_lower is rows_upper is tie_metric is most_steps is None:
         quick = _of_plain_arrays(levels, lower, upper, tolerance, begun)
         if quick is not None:
             return quick
-    n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
+    n = check.array("levels[0][0]", _parts(0, levels[0])[0], None, None).shape[1]
     blocks = [_block(k, level, n) for k, level in enumerate(levels)]
     box = _between("lower and upper", lower, upper, n)
     hard = _hard_rows(rows, rows_lower, rows_upper, n)
     ties = (
         []
         if tie_metric is None
-        else [check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))]
+        else [check.array("tie_metric", check.weight("tie_metric", tie_metric, n), None, n)]
     )
     last = [_equations(T, np.zeros(len(T))) for T in ties]
     packed = pack([*hard, *blocks, *last], box, tolerance)
@@ -217,7 +215,7 @@ def _hard_rows(
         if lower is not None or upper is not None:
             raise ValueError("rows must be given with rows_lower and rows_upper, got None")
         return []
-    G = check.matrix("rows", rows, columns=n)
+    G = check.array("rows", rows, None, n, copy=True)
     between = _between("rows_lower and rows_upper", lower, upper, len(G))
     return [Rows(G, between)] if len(G) else []
 
@@ -239,10 +237,10 @@ def _parts(k: int, level: Level) -> Level:
 
 def _block(k: int, level: Level, n: int) -> Equations | Rows:
     A, *target = _parts(k, level)
-    A = check.matrix(f"levels[{k}][0]", A, columns=n)
+    A = check.array(f"levels[{k}][0]", A, None, n, copy=True)
     if len(target) == 2:
         return Rows(A, limits(f"levels[{k}][1:]", (target[0], target[1]), len(A)))
-    return _equations(A, check.exactly(f"levels[{k}][1]", target[0], len(A)))
+    return _equations(A, check.array(f"levels[{k}][1]", target[0], len(A)))
 
 
 def _equations(A: Array, b: Array) -> Equations:

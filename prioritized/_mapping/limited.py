@@ -61,16 +61,12 @@ def limiting(
 
 
 def checked_rows(name: str, value: tuple[ArrayLike, ArrayLike, ArrayLike], n: int) -> Rows:
-    """Inequality rows (R, lower, upper) of n unknowns.
-
-    Raises:
-        ValueError: No triple, or a wrong shape or number in it.
-    """
+    """Inequality rows (R, lower, upper) of n unknowns."""
     try:
         R, lower, upper = value
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be (R, lower, upper), got {check.shown(value)}") from None
-    G = check.matrix(name, R, columns=n)
+    G = check.array(name, R, None, n, copy=True)
     return Rows(G, limits(name, (lower, upper), len(G)))
 
 

@@ -88,9 +88,6 @@ class Plain:
         """Optimal rates (..., n) within limits (2, n); None where the general way must be taken.
 
         That is for targets with other leading axes than J, and where a rank is in doubt.
-
-        Raises:
-            ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         given = v_major, joint_velocity, secondary_velocity
         problem, room, *first = self._made
@@ -102,9 +99,11 @@ class Plain:
             if type(value) is np.ndarray and value.dtype is _FLOAT64:
                 target = value
             else:
-                target = None if value is None and i else check.vector(NAMES[i], value, sizes[i])
+                target = (
+                    None if value is None and i else check.array(NAMES[i], value, ..., sizes[i])
+                )
             if target is not None and target.shape != (*lead, sizes[i]):
-                check.vector(NAMES[i], target, sizes[i])
+                check.array(NAMES[i], target, ..., sizes[i])
                 if target.ndim > 1:
                     return None
                 target = np.broadcast_to(target, (*lead, sizes[i]))
@@ -123,7 +122,7 @@ class Plain:
         if code == lib.PROBLEM1_REFUSED:
             for name, value, size in zip(NAMES, given, sizes, strict=True):
                 if value is not None:
-                    check.vector(name, value, size)
+                    check.array(name, value, ..., size)
         return x if code == lib.PROBLEM1_SOLVED else None
 
 

@@ -132,14 +132,10 @@ def checked(
     scale: ArrayLike | None,
     rank_tolerance: float,
 ) -> Problem:
-    """The arguments of a mapping, checked; `weight_name` is the caller's name of `weight`.
-
-    Raises:
-        ValueError: An argument has a wrong shape or index or is not finite; it is named.
-    """
-    J = check.batch("J", J)
+    """The arguments of a mapping, checked; `weight_name` is the caller's name of `weight`."""
+    J = check.array("J", J, ..., None, None, copy=True)
     m, n = J.shape[-2:]
-    tolerance = check.fraction("rank_tolerance", rank_tolerance)
+    tolerance = check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     S_m, S_s = task_selection(major, secondary, m, tolerance)
     m1, m2 = len(S_m), len(S_s)
     W = _weight(weight_name, weight, n)
@@ -152,14 +148,10 @@ def checked(
     M = None if major_metric is None else _metric(major_metric, m1, tolerance)
     C, Q = none((0, n)), none((m, 0))
     if active_constraint is not None:
-        C = check.sized(
-            "active_constraint", check.batch("active_constraint", active_constraint, columns=n)
-        )
+        C = check.array("active_constraint", active_constraint, ..., None, n, copy=True)
     if self_motion is not None:
-        Q = check.batch("self_motion", self_motion, rows=m)
-    size = frobenius(J) if scale is None else check.not_negative("scale", scale)
-    if scale is None and (size.item() if J.ndim == 2 else size.min(initial=1.0)) < check.SMALLEST:
-        check.sized("J", J)
+        Q = check.array("self_motion", self_motion, ..., m, None, copy=True)
+    size = frobenius(J) if scale is None else check.array("scale", scale, least=0.0, copy=True)
     if size.ndim > J.ndim - 2:
         raise ValueError(f"scale must have the leading axes of J, got shape {size.shape}")
     M_axes = 2 if M is None else M.ndim
@@ -201,7 +193,7 @@ def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
 
 
 def _metric(value: ArrayLike, m1: int, tolerance: float) -> Array:
-    M = check.sized("major_metric", check.weight("major_metric", value, m1))
+    M = check.array("major_metric", check.weight("major_metric", value, m1), ..., None, m1)
     if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
         raise ValueError(f"major_metric must weigh every major direction, got {check.shown(value)}")
     return M

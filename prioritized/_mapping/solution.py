@@ -11,7 +11,7 @@ from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY
 from prioritized._mapping.levels import Level, lexicographic
 from prioritized._mapping.limited import Optimum, optimum
-from prioritized._mapping.task import Status
+from prioritized._mapping.task import Status, status_of
 from prioritized._solver.arrays import ReadOnly, read_only, times
 from prioritized._solver.packed import Point
 from prioritized._solver.rank import ROUND_OFF, frobenius
@@ -76,14 +76,14 @@ class Limited(ReadOnly):
     @property
     def status(self) -> Status:
         """What holds for every problem of the batch; the value says what to do."""
-        if self.optimum.infeasible:
-            return Status.INFEASIBLE
-        if not self.optimum.point.ended.all():
-            return Status.UNFINISHED
-        of_mapping = self.mapping.status
-        if of_mapping is Status.SELF_MOTION or not self.limited.any():
-            return of_mapping
-        return Status.SCALED if np.any(self.scale < 1.0) else Status.LIMITED
+        conditions = {
+            Status.UNFINISHED: lambda: not self.optimum.point.ended.all(),
+            Status.INFEASIBLE: lambda: self.optimum.infeasible,
+            Status.SELF_MOTION: lambda: self.mapping.status is Status.SELF_MOTION,
+            Status.SCALED: lambda: self.limited.any() and np.any(self.scale < 1.0),
+            Status.LIMITED: self.limited.any,
+        }
+        return status_of(conditions, self.mapping.status)
 
     def _major(self, x: Array) -> Array:
         """The major task of the unknowns."""

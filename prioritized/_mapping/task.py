@@ -1,6 +1,6 @@
 """Major and secondary directions of the task, and how well a mapping meets the major task."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from functools import lru_cache
 from typing import TypeGuard
@@ -15,39 +15,47 @@ from prioritized._solver.rank import RANK_TOLERANCE, frobenius, ranked_svd
 
 
 class Status(Enum):
-    """How well a mapping meets the major task; the value says what to do about it."""
+    """How well a mapping meets the major task; the value says what to do about it.
 
-    EXACT = "the major task is met exactly"
-    DAMPED = "damping makes the major task inexact: see the residual, or set damping=0"
-    LEAST_SQUARES = (
-        "part of the major task is out of reach and is met in the least-squares sense: "
-        "see the residual, drop major rows, or restore an actuator"
+    What holds first in this order is the status: see :func:`status_of`.
+    """
+
+    UNFINISHED = (
+        "the solver reached its bound on steps: the limits hold, but levels may not have their "
+        "least residual; start from this solution, or allow more steps"
+    )
+    INFEASIBLE = (
+        "limits and constraints contradict each other: the limits hold, and the constraints are "
+        "violated least; widen the limits, or drop constraints"
     )
     SELF_MOTION = (
         "the major task can move with every actuator locked, so no mapping can hold it: brake a "
         "joint, drop major rows, or give the system the stiffness that resists this motion"
     )
-    UNSEEN = (
-        "the structure bears part of the major force, which no torque can command: see reaction, "
-        "drop major rows, or move away from the singularity"
+    SCALED = (
+        "limits hold the major task back, whose direction is kept: see scale and active_limits, "
+        "ask for less, or widen these limits"
     )
     LIMITED = (
         "limits hold the major task back, which is met in the least-squares sense: "
         "see the residual and active_limits, ask for less, or widen these limits"
     )
-    SCALED = (
-        "limits hold the major task back, whose direction is kept: see scale and active_limits, "
-        "ask for less, or widen these limits"
+    LEAST_SQUARES = (
+        "part of the major task is out of reach and is met in the least-squares sense: "
+        "see the residual, drop major rows, or restore an actuator"
     )
+    UNSEEN = (
+        "the structure bears part of the major force, which no torque can command: see reaction, "
+        "drop major rows, or move away from the singularity"
+    )
+    DAMPED = "damping makes the major task inexact: see the residual, or set damping=0"
+    EXACT = "the major task is met exactly"
     OPTIMAL = "every level has its least residual"
-    INFEASIBLE = (
-        "limits and constraints contradict each other: the limits hold, and the constraints are "
-        "violated least; widen the limits, or drop constraints"
-    )
-    UNFINISHED = (
-        "the solver reached its bound on steps: the limits hold, but levels may not have their "
-        "least residual; start from this solution, or allow more steps"
-    )
+
+
+def status_of(conditions: Mapping[Status, Callable[[], object]], otherwise: Status) -> Status:
+    """Decide a status: the first, in the order of the class, whose condition holds."""
+    return next((each for each in Status if each in conditions and conditions[each]()), otherwise)
 
 
 def task_selection(
@@ -99,5 +107,5 @@ def rows_of(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
     except ValueError:
         raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
     if directions:
-        return check.matrix(name, rows, columns=m)
+        return check.array(name, rows, None, m, copy=True)
     return np.eye(m)[check.indices(name, rows, m)]

@@ -44,7 +44,7 @@ class Task(ReadOnly):
         check.flag("interval", self.interval)
         if self.interval and self.weight is not None:
             raise ValueError("weight must be None for an interval, whose rows count alike")
-        object.__setattr__(self, "damping", check.number("damping", self.damping))
+        object.__setattr__(self, "damping", check.number("damping", self.damping, 0.0))
         if self.interval and self.damping:
             raise ValueError(f"damping must be 0 for an interval, got {self.damping:g}")
         for name in ("rows", "weight"):
@@ -121,7 +121,7 @@ def _part(name: str, task: Task, m: int, n: int) -> Part:
     S, label, W = _selected(name, task, m), f"weight of {name}", None
     size = n if S is None else len(S)
     if task.weight is not None:
-        W = read_only(check.sized(label, check.weight(label, task.weight, size)))
+        W = read_only(check.array(label, check.weight(label, task.weight, size), None, size))
     return Part(S, W, task.interval, size)
 
 
@@ -152,4 +152,4 @@ def _target(name: str, part: Part, target: Any) -> Array:
         return read_only(np.zeros((2, part.size) if part.interval else part.size))
     if part.interval:
         return read_only(np.array(limits(name, target, part.size)))
-    return read_only(check.exactly(name, target, part.size).copy())
+    return read_only(check.array(name, target, part.size).copy())

@@ -22,7 +22,7 @@ from prioritized._mapping.limited import Limiting, Optimum, optimum
 from prioritized._mapping.plain import NAMES, Plain, plain_of
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.solution import VelocitySolution
-from prioritized._mapping.task import Status
+from prioritized._mapping.task import Status, status_of
 from prioritized._mapping.tasks import Task
 from prioritized._mapping.tick import Tick
 from prioritized._mechanism.measure import Measure
@@ -138,7 +138,10 @@ class VelocityMapping:
         targets = [major, *rest]
         # What is not finite is found later; the checks would take as long as the arithmetic.
         if [v.shape if check.is_plain(v) else None for v in targets] != [(k,) for k in sizes]:
-            targets = list(map(check.vector, NAMES, targets, sizes))
+            targets = [
+                check.array(name, v, ..., k)
+                for name, v, k in zip(NAMES, targets, sizes, strict=True)
+            ]
             if any(v.ndim > 1 for v in targets):
                 return None
         asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
@@ -264,9 +267,6 @@ class VelocityMapping:
             joint_velocity: Desired rates, shape (..., n); None is zero.
             secondary_velocity: Desired secondary velocity, shape (..., m2); None is zero.
             start: Solution of a similar problem, such as that of the tick before.
-
-        Raises:
-            ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         begun = None if start is None else check.instance("start", start, VelocitySolution).point
         p, best = self._solved(v_major, joint_velocity, secondary_velocity, begun)
@@ -292,11 +292,6 @@ class VelocityMapping:
             kinematics: The mechanism at that pose.
             rate_limits: Lower and upper limits there, as for
                 :meth:`prioritized.Kinematics.velocity_mapping`; None is those of this mapping.
-
-        Raises:
-            TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
-            ValueError: It has another number of task rows or surviving actuators; or limits of a
-                wrong length, or not in order.
         """
         if not hasattr(kinematics, "hierarchy"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
@@ -342,7 +337,7 @@ class VelocityMapping:
 
     def residual(self, v_major: ArrayLike) -> Array:
         """Part of the major velocity that the optimal rates do not reach, shape (..., m1)."""
-        v_m = check.vector("v_major", v_major, self.achieved.shape[-1])
+        v_m = check.array("v_major", v_major, ..., self.achieved.shape[-1])
         return v_m - apply(self.achieved, "v_major", v_m)
 
     @property
@@ -438,12 +433,12 @@ class VelocityMapping:
     @property
     def status(self) -> Status:
         """What holds for every problem of the batch."""
-        S_m = self._problem.S_m
-        if not self._is_held:
-            return Status.SELF_MOTION
-        if not np.all(self.rank == len(S_m)):
-            return Status.LEAST_SQUARES
-        return Status.DAMPED if self._damping else Status.EXACT
+        conditions = {
+            Status.SELF_MOTION: lambda: not self._is_held,
+            Status.LEAST_SQUARES: lambda: not np.all(self.rank == len(self._problem.S_m)),
+            Status.DAMPED: lambda: self._damping,
+        }
+        return status_of(conditions, Status.EXACT)
 
     @property
     def _is_held(self) -> bool:

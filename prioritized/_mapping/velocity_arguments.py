@@ -78,9 +78,6 @@ def velocity_mapping(
             in `rate_limits`.
         when_limited: What becomes of a major task that limits hold back: "least_squares", the least
             error |M (J_m rates - v_m)|, or "scaled": its direction is kept, as fast as possible.
-
-    Raises:
-        ValueError: An argument has a wrong shape or index or is not finite; it is named.
     """
     if (
         active_constraint is self_motion is major_metric is tie_metric is None
@@ -109,7 +106,7 @@ def velocity_mapping(
     )
     n = args.J.shape[-1]
     limited = limiting(n, "rate_limits", rate_limits, {"rate_rows": rate_rows}, when_limited)
-    return VelocityMapping(args, check.number("damping", damping), limited)
+    return VelocityMapping(args, check.number("damping", damping, 0.0), limited)
 
 
 def of_plain_arrays(

@@ -72,16 +72,14 @@ def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) 
     Raises:
         ValueError: One of them out of range, or both given and in disagreement.
     """
+    if rank_tolerance is not None:
+        check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     if geometry_accuracy is None:
-        given = RANK_TOLERANCE if rank_tolerance is None else rank_tolerance
-        return check.fraction("rank_tolerance", given)
-    implied = GEOMETRY_MARGIN * check.number("geometry_accuracy", geometry_accuracy)
-    if implied >= 1.0:
-        most = 1.0 / GEOMETRY_MARGIN
-        raise ValueError(f"geometry_accuracy must lie below {most:g}, got {geometry_accuracy}")
+        return RANK_TOLERANCE if rank_tolerance is None else rank_tolerance
+    most = 0.5 / GEOMETRY_MARGIN
+    implied = GEOMETRY_MARGIN * check.number("geometry_accuracy", geometry_accuracy, 0.0, most)
     tolerance = max(RANK_TOLERANCE, implied)  # round-off is there however good the geometry
-    # dataclasses.replace gives both, in agreement.
-    if rank_tolerance is not None and check.fraction("rank_tolerance", rank_tolerance) != tolerance:
+    if rank_tolerance not in (None, tolerance):  # dataclasses.replace gives both, in agreement
         raise ValueError(
             "geometry_accuracy must not be given with another rank_tolerance, "
             f"got {geometry_accuracy} and {rank_tolerance}"

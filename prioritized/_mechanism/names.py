@@ -143,12 +143,16 @@ def chosen(
         raise ValueError(f"{argument} must be a list, got {value!r}: write [{value!r}]")
     named = isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.ndim == 1
     if not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and not named):
-        return check.index_set(argument, value, len(known))
+        return _numbers(argument, value, known)
     members: list[Any] = list(value)
     numbers = [member for member in members if not isinstance(member, str)]
     names = [member for member in members if isinstance(member, str)]
     found = (_found(argument, name, known, passive, several=several) for name in names)
-    return check.index_set(argument, numbers, len(known)).union(*found)
+    return _numbers(argument, numbers, known).union(*found)
+
+
+def _numbers(argument: str, value: Any, known: Known) -> frozenset[int]:
+    return frozenset(check.indices(argument, value, len(known), distinct=False).tolist())
 
 
 def _found(

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from argument_checks import Array
-from prioritized._mechanism.active_constraint import ActiveConstraint, active_constraint
 from prioritized._mechanism.conditioning import clear_of_errors
 from prioritized._mechanism.decisions import MajorTask
 from prioritized._mechanism.elimination import (
@@ -20,6 +20,34 @@ from prioritized._mechanism.ordered import Stacked, in_order
 from prioritized._mechanism.statics import constraint_gain, internal_rows
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import none, read_only
+from prioritized._solver.canonical import canonical
+from prioritized._solver.rank import whole_svd
+
+
+class ActiveConstraint(NamedTuple):
+    """J~_Cp^T J_Ca on its decided rank r', in natural units.
+
+    Attributes:
+        rows: Orthonormal rows; admissible rates are their null space, shape (r', n - q).
+        inverse: Pseudo-inverse of J~_Cp^T J_Ca, shape (n - q, r).
+    """
+
+    rows: Array
+    inverse: Array
+
+
+def active_constraint(system: Partition, left_null: Array) -> ActiveConstraint:
+    """The constraints on the active rates, for J~_Cp^T (r, c)."""
+    active = system.joints.active
+    n = len(active)
+    if not len(left_null):
+        return ActiveConstraint(none((0, n)), none((n, 0)))
+    rates = system.rigid.rates
+    rows = rates.U[:, int(rates.rank) :].T
+    U, sigma, Vt = whole_svd((left_null @ system.J_C.take(active, 1) @ rows.T) @ rows)
+    rank = len(rows)
+    inverse = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
+    return ActiveConstraint(canonical(Vt[:rank].T).T, inverse)
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,11 +32,7 @@ def transposed(A: Array) -> Array:
 
 
 def respond(gains: Sequence[Array], required: str, **inputs: ArrayLike | None) -> Array:
-    """Sum of each gain (..., i, j) times its input (..., j); what is None counts as zero.
-
-    Raises:
-        ValueError: An input has a wrong shape or is not finite, or the required one is None.
-    """
+    """Sum of each gain (..., i, j) times its input (..., j); what is None counts as zero."""
     total = np.zeros(gains[0].shape[-2])
     for gain, (name, value) in zip(gains, inputs.items(), strict=True):
         if value is not None or name == required:
@@ -46,7 +42,7 @@ def respond(gains: Sequence[Array], required: str, **inputs: ArrayLike | None) -
 
 def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
     """Gain (..., i, j) times a checked argument (..., j)."""
-    v = check.vector(name, value, gain.shape[-1])
+    v = check.array(name, value, ..., gain.shape[-1])
     if gain.ndim == 2 and v.ndim == 1:
         return gain.dot(v)
     check.common_axes({"the mapping": gain.shape[:-2], name: v.shape[:-1]})
@@ -66,15 +62,11 @@ def beside(*vectors: Array) -> Array:
 
 
 def joined(lead: tuple[int, ...], required: str, **inputs: tuple[ArrayLike | None, int]) -> Array:
-    """Checked inputs (..., size), each with its size, as one vector; what is None counts as zero.
-
-    Raises:
-        ValueError: An input has a wrong shape or is not finite, or the required one is None.
-    """
+    """Join checked inputs (..., size), each with its size, in one vector; None counts as zero."""
     given = {
         name: np.zeros(size)
         if value is None and name != required
-        else check.vector(name, value, size)
+        else check.array(name, value, ..., size)
         for name, (value, size) in inputs.items()
     }
     check.common_axes({"the mapping": lead, **{name: v.shape[:-1] for name, v in given.items()}})

@@ -24,7 +24,7 @@ def canonical_basis(basis: ArrayLike) -> Array:
     Raises:
         ValueError: No matrix, not finite, or columns that are neither orthonormal nor zero.
     """
-    columns = check.batch("basis", basis)
+    columns = check.array("basis", basis, ..., None, None)
     products = np.swapaxes(columns, -1, -2) @ columns
     filled = np.eye(columns.shape[-1]) * (products > 0.5)
     if (off := np.abs(products - filled).max(initial=0.0)) > _ORTHONORMAL:

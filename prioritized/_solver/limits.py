@@ -19,14 +19,11 @@ def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Arra
     """Lower and upper limits of n unknowns, a read-only copy, shape (2, n); None is infinite.
 
     Each of the pair is n numbers, or one for all. Equal limits are a lock.
-
-    Raises:
-        ValueError: Not a pair, a wrong length, NaN, or a lower limit above the upper one.
     """
     if value is None:
         return _none(n)
     both = plain_limits(value, n)
-    return read_only(np.array(check.limit_vectors(name, value, n)) if both is None else both)
+    return read_only(np.array(check.limits(name, value, n)) if both is None else both)
 
 
 @lru_cache

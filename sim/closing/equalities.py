@@ -40,14 +40,8 @@ def check_closures(
 ) -> tuple[str, ...]:
     """Refuse active equalities that are no closures of what actuators move and closures tie.
 
-    Args:
-        model: The model.
-        data: Its state, of which `eq_active` counts.
-        frames: That belong to the mechanism besides.
-        among: Numbers of the actuators; None is all.
-
-    Returns:
-        As :func:`left_out`.
+    `frames` belong to the mechanism besides; actuators are `among` these numbers, None is all.
+    Returns a sentence for each equality that is left out; see :func:`left_out`.
 
     Raises:
         ModelError: As described; or the model's flags switch equalities off that are active.
@@ -55,12 +49,34 @@ def check_closures(
     _check_flags(model, data)
     if not _of_flexes(model, data):  # the common case
         return ()
-    actuators = range(model.nactuator) if among is None else among
-    bodies = [moved_bodies(model, k) for k in actuators]
+    bodies = [moved_bodies(model, k) for k in (range(model.nactuator) if among is None else among)]
     closures = data.eq_active.astype(bool) & np.isin(model.eq_type, list(_KINDS))
     bodies += [equality_bodies(model, k) for k in np.flatnonzero(closures).tolist()]
     moved = (Located(body, body, is_site=False) for body in frozenset[int]().union(*bodies))
     return left_out(model, data, [*frames, *moved])
+
+
+def left_out(
+    model: mujoco.MjModel, data: mujoco.MjData, frames: Iterable[Located]
+) -> tuple[str, ...]:
+    """A sentence for each active equality of a flex beside a mechanism that moves these frames.
+
+    Raises:
+        ModelError: One of them ties the mechanism to a flex.
+    """
+    if not (of_flexes := _of_flexes(model, data)):
+        return ()
+    part = task_part(model, frames, np.flatnonzero(data.eq_active).tolist()).bodies
+    named = {k: equality_name(model, k) for k in of_flexes}
+    for k, name in named.items():
+        if equality_bodies(model, k) & part:
+            raise ModelError(
+                f"{name} ties a flex to the mechanism, and only connect, weld, joint and tendon "
+                'are closures: state active="false" for it in the file, or set its '
+                "model.eq_active0 and data.eq_active to 0"
+            )
+    beside = "holds a flex beside the mechanism and is left out"
+    return tuple(f"{name} {beside}" for name in named.values())
 
 
 def _of_flexes(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
@@ -77,35 +93,6 @@ def _check_flags(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             "equalities are active, and the model's flags disable them: clear these flags, or "
             "data.eq_active"
         )
-
-
-def left_out(
-    model: mujoco.MjModel, data: mujoco.MjData, frames: Iterable[Located]
-) -> tuple[str, ...]:
-    """A sentence for each active equality of a flex beside a mechanism: these are no closures.
-
-    Args:
-        model: The model.
-        data: Its state, of which `eq_active` counts.
-        frames: That the mechanism moves.
-
-    Raises:
-        ModelError: One of them ties the mechanism to a flex.
-    """
-    if not (of_flexes := _of_flexes(model, data)):
-        return ()
-    part = task_part(model, frames, np.flatnonzero(data.eq_active).tolist()).bodies
-    for k in of_flexes:
-        if equality_bodies(model, k) & part:
-            raise ModelError(
-                f"{equality_name(model, k)} ties a flex to the mechanism, and only connect, weld, "
-                'joint and tendon are closures: state active="false" for it in the file, or set '
-                "its model.eq_active0 and data.eq_active to 0"
-            )
-    return tuple(
-        f"{equality_name(model, k)} holds a flex beside the mechanism and is left out"
-        for k in of_flexes
-    )
 
 
 class Closures(NamedTuple):
@@ -148,11 +135,15 @@ class Closures(NamedTuple):
             counts = model.nv, rows, len(self.points)
             lib.at_midpoints(gaps, axes, *counts, pointer(self.carried), pointer(out))
 
+    def parts(self, model: mujoco.MjModel) -> list[tuple[int, int, slice]]:
+        """Number, kind and rows of each equality."""
+        return _parts(model, self.equality)
+
     def frames(self, model: mujoco.MjModel) -> tuple[Located, ...]:
         """What connects and welds keep together."""
         frames = list[Located]()
-        for k in dict.fromkeys(self.equality.tolist()):
-            if model.eq_type[k] in (_CONNECT, _WELD):
+        for k, kind, _ in self.parts(model):
+            if kind in _ROWS:
                 is_site = model.eq_objtype[k] == _SITE
                 ends = zip(_ends(model, k), _bodies(model, k), strict=True)
                 frames += [Located(end, body, is_site) for end, body in ends]
@@ -161,14 +152,14 @@ class Closures(NamedTuple):
     def turns(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
         """Whether each row's gap is an angle, shape (c,); otherwise it is a length."""
         turns = np.zeros(len(self.units), dtype=bool)
-        for k in dict.fromkeys(self.equality.tolist()):
-            rows, kind = np.flatnonzero(self.equality == k), model.eq_type[k]
+        for k, kind, rows in self.parts(model):
+            first = int(model.eq_obj1id[k])
             if kind == _WELD:
-                turns[rows[3:]] = True
-            elif kind in (_JOINT, _TENDON):
-                tendon = int(model.eq_obj1id[k]) if kind == _TENDON else None
-                joint = int(model.eq_obj1id[k]) if kind == _JOINT else None
-                turns[rows] = is_turn(model, joint, tendon)
+                turns[rows.start + 3 : rows.stop] = True
+            elif kind == _JOINT:
+                turns[rows] = is_turn(model, first, None)
+            elif kind == _TENDON:
+                turns[rows] = is_turn(model, None, first)
         return turns
 
     def _open(self, data: mujoco.MjData) -> Array:
@@ -214,17 +205,24 @@ def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
     if of_flexes := _of_flexes(model, data):
         places = np.flatnonzero(~np.isin(equality, of_flexes))
         equality = equality[places]
-    units, points, carried, start = np.ones(len(equality)), [], [np.zeros((0, model.nv))], 0
-    for k in dict.fromkeys(equality.tolist()):
-        kind = int(model.eq_type[k])
+    units, points, carried = np.ones(len(equality)), [], [np.zeros((0, model.nv))]
+    for k, kind, rows in _parts(model, equality):
         if kind == _WELD:  # the last three rows are sines of half the angles, scaled
             scale = model.eq_data[k, _TORQUE_SCALE]
-            units[start + 3 : start + 6] = 2.0 / scale if scale else 0.0
-        if kind in (_CONNECT, _WELD):
-            points += range(start, start + 3)
+            units[rows.start + 3 : rows.stop] = 2.0 / scale if scale else 0.0
+        if kind in _ROWS:
+            points += range(rows.start, rows.start + 3)
             carried += [sum(_carries(model, body) for body in _bodies(model, k))] * 3
-        start += _ROWS.get(kind, 1)
     return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried), places)
+
+
+def _parts(model: mujoco.MjModel, equality: NDArray[np.intp]) -> list[tuple[int, int, slice]]:
+    """Number, kind and rows of each equality, one after the other."""
+    parts, start = [], 0
+    for k in dict.fromkeys(equality.tolist()):
+        kind = int(model.eq_type[k])
+        parts.append((k, kind, slice(start, start := start + _ROWS.get(kind, 1))))
+    return parts
 
 
 def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
@@ -236,18 +234,13 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
     """What a reader calls an equality: by its name, or by the bodies or joints it ties."""
     if name := model.equality(equality).name:
         return f'equality "{name}"'
-    kind = _KINDS.get(int(model.eq_type[equality]), "flex")
-    ends = {
-        _CONNECT: lambda k: name_of(model.body(_bodies(model, equality)[k])),
-        _WELD: lambda k: name_of(model.body(_bodies(model, equality)[k])),
-        _JOINT: lambda k: name_of(model.joint(_ends(model, equality)[k])),
-        _TENDON: lambda k: name_of(model.tendon(_ends(model, equality)[k])),
-    }
-    find = ends.get(int(model.eq_type[equality]))
-    if find is None:
-        return f"equality {equality} ({kind})"
-    tied = [find(k) for k, end in enumerate(_ends(model, equality)) if end >= 0]
-    return f"equality {equality} ({kind} of " + " and ".join(f'"{end}"' for end in tied) + ")"
+    kind = int(model.eq_type[equality])
+    if kind not in _KINDS:
+        return f"equality {equality} (flex)"
+    of = {_JOINT: model.joint, _TENDON: model.tendon}.get(kind, model.body)
+    ends = _bodies(model, equality) if kind in _ROWS else _ends(model, equality)
+    tied = " and ".join(f'"{name_of(of(end))}"' for end in ends if end >= 0)
+    return f"equality {equality} ({_KINDS[kind]} of {tied})"
 
 
 def constraint_rows(
@@ -275,11 +268,9 @@ def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
 
 def _carries(model: mujoco.MjModel, body: int) -> Array:
     """Which velocities carry a body, one for those and zero for others, shape (nv,)."""
-    chain, parents, above = np.zeros(model.nv), model.dof_parentid.tolist(), model.body_parentid
-    while body and not model.body_dofnum[body]:
-        body = int(above[body])
-    dof = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1 if body else -1
-    while dof >= 0:
-        chain[dof] = 1.0
-        dof = parents[dof]
+    chain = np.zeros(model.nv)
+    while body:
+        first = model.body_dofadr[body]
+        chain[first : first + model.body_dofnum[body]] = 1.0
+        body = int(model.body_parentid[body])
     return chain

@@ -1,10 +1,10 @@
 """Distances between geoms, their rates, and steps that keep them."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.geom_pairs import Bounds, GeomPairs, geom_pairs
-from sim.mjcf.model import check_state
+from sim.errors import ModelError
+from sim.kinematics.task import carried_bodies
+from sim.mjcf.frame import Body, located
+from sim.mjcf.model import check_state, element_id
 
 _FARTHEST_M = 100.0
 """MuJoCo loses digits of a distance with the largest that it is asked for."""
@@ -29,15 +31,19 @@ _GEOMETRY = (
     *("mesh_vert", "hfield_size", "hfield_data"),
 )
 """What distances depend on."""
+_PLANE, _SDF = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_SDF)
+
+GeomPairs: TypeAlias = Sequence[tuple[Sequence[str | int | Body], Sequence[str | int | Body]]]
+"""Pairs of groups; a group lists geoms by name or number, or bodies with all that they carry."""
 
 
 class Near(NamedTuple):
     """The p pairs of geoms that are near at one pose.
 
     Attributes:
-        distance_m: Distance of each, shape (p,); below zero the depth of penetration.
+        distance_m: Shape (p,); below zero the depth of penetration.
         rows: Rate of each distance per qvel, shape (p, nv).
-        pairs: Numbers of its geoms, shape (p, 2).
+        pairs: Numbers of the geoms, shape (p, 2).
     """
 
     distance_m: Array
@@ -72,7 +78,6 @@ class Distances:
     Raises:
         ModelError: A geom or body that does not exist, a signed distance field, whose distances
             MuJoCo does not compute, or no pair that can collide.
-        ValueError, TypeError: An argument out of range or of another type; it is named.
     """
 
     model: mujoco.MjModel
@@ -83,37 +88,30 @@ class Distances:
 
     def __post_init__(self) -> None:
         """Check the arguments, and find the pairs."""
-        check.number("margin_m", self.margin_m)
-        check.within("detection_m", self.detection_m, 0.0, _FARTHEST_M, " m")
+        check.number("margin_m", self.margin_m, 0.0)
+        check.number("detection_m", self.detection_m, 0.0, _FARTHEST_M)
         if not self.margin_m < self.detection_m:
             raise ValueError(
                 f"margin_m must be below detection_m, got {self.margin_m} and {self.detection_m}"
             )
-        check.within("gain", check.positive("gain", self.gain), 0.0, 1.0)
+        check.number("gain", self.gain, check.SMALLEST, 1.0)
         _ = self.geom_pairs
 
     @cached_property
     def geom_pairs(self) -> NDArray[np.intp]:
         """Numbers of the geoms of all pairs, shape (q, 2), ascending."""
-        return geom_pairs(self.model, self.pairs)
+        return _geom_pairs(self.model, self.pairs)
 
-    def at(self, data: mujoco.MjData) -> Near:
-        """The pairs nearer than `detection_m` at the present `data.qpos`.
+    def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:
+        """The pairs nearer than `detection_m`, or `within_m` if that is more, at `data.qpos`.
 
-        Args:
-            data: State of the model; frames in it are brought up to date.
-
-        Raises:
-            ValueError, TypeError: `data` is of another model, or not finite.
+        Frames in `data` are brought up to date.
         """
-        return self.near(data, self.detection_m)
-
-    def near(self, data: mujoco.MjData, within_m: float) -> Near:
-        """The same of the pairs nearer than a distance, but at least `detection_m`."""
         check_state(self.model, data)
+        within_m = max(self.detection_m, check.number("within_m", within_m, 0.0))
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
-        near = self._measured(data, min(max(self.detection_m, within_m), _FARTHEST_M))
+        near = list(self._measured(data, min(within_m, _FARTHEST_M)))
         rows, jacobians = np.empty((len(near), self.model.nv)), np.empty((2, 3, self.model.nv))
         for row, (k, distance, fromto) in zip(rows, near, strict=True):
             pair = self.geom_pairs[k]
@@ -129,20 +127,10 @@ class Distances:
     def rate_limits(self, data: mujoco.MjData, dt: float) -> tuple[Array, Array]:
         """Rows and lower limits: rows @ qvel >= lower keeps the near pairs apart.
 
-        A distance d may change by no less than -gain (d - margin) in a tick, so that it reaches
-        the margin never; from below the margin it is led back by the same law.
-
-        Args:
-            data: As of :meth:`at`.
-            dt: Duration of a tick, [s].
-
-        Returns:
-            Rows (p, nv) and lower limits (p,), [m/s].
-
-        Raises:
-            ValueError, TypeError: As :meth:`at`, or `dt` is no duration.
+        A distance d may change by no less than -gain (d - margin) in a tick of `dt` seconds: it
+        never reaches the margin, and from below is led back to it. Shapes (p, nv) and (p,), [m/s].
         """
-        check.duration("dt", dt)
+        check.number("dt", dt, *check.SECONDS)
         near = self.at(data)
         return near.rows, check.read_only(-self.gain / dt * (near.distance_m - self.margin_m))
 
@@ -174,13 +162,10 @@ class Distances:
             data: As of :meth:`at`. Its `qpos` is moved and put back.
             qvel: Velocity of the step, shape (nv,).
             dt: Duration of the step, [s].
-
-        Raises:
-            ValueError, TypeError: As :meth:`rate_limits`, or `qvel` has another shape.
         """
         check_state(self.model, data)
-        velocity = check.exactly("qvel", qvel, self.model.nv)
-        check.duration("dt", dt)
+        velocity = check.array("qvel", qvel, self.model.nv)
+        check.number("dt", dt, *check.SECONDS)
         return self.largest_fraction(data, lambda fraction: [(velocity, fraction * dt)])
 
     def largest_fraction(
@@ -188,12 +173,10 @@ class Distances:
         data: mujoco.MjData,
         steps: Callable[[float], Iterable[tuple[Array, float]] | None],
     ) -> float:
-        """The largest of the same fractions for which all of these steps end at safe distances.
+        """The largest of :data:`FRACTIONS` for which all of these steps end at safe distances.
 
-        Args:
-            data: As of :meth:`at`.
-            steps: Gives for a fraction velocities and durations of steps from here, or None if that
-                fraction is out of the question.
+        `steps` gives for a fraction velocities and durations of steps from here, or None if that
+        fraction is out of the question.
         """
         mujoco.mj_kinematics(self.model, data)
         allowed = np.full(len(self.geom_pairs), self.margin_m)
@@ -218,29 +201,43 @@ class Distances:
             mujoco.mj_kinematics(self.model, data)
 
     @cached_property
-    def _bounds(self) -> Bounds:
-        return Bounds.of(self.model, self.geom_pairs)
+    def _spheres(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, NDArray[np.intp]]:
+        """Geoms of each pair, a plane first; sums of their radii (q,); which pairs have a plane.
 
-    def _measured(self, data: mujoco.MjData, below_m: float) -> list[tuple[np.intp, float, Array]]:
+        Radii are those of bounding spheres, infinite where there is none; of a plane, zero.
+        """
+        pairs, is_plane = self.geom_pairs, self.model.geom_type == _PLANE
+        first, second = np.where(is_plane[pairs[:, 1], None], pairs[:, ::-1], pairs).T.copy()
+        bound = self.model.geom_rbound
+        radius = np.where(is_plane | (bound > 0.0), bound, np.inf)
+        return first, second, radius[first] + radius[second], np.flatnonzero(is_plane[first])
+
+    def _within(self, data: mujoco.MjData, distance_m: float) -> NDArray[np.intp]:
+        """Numbers of the pairs that may be nearer than this, by their spheres or half spaces."""
+        first, second, reach_m, planes = self._spheres
+        apart = data.geom_xpos.take(second, axis=0) - data.geom_xpos.take(first, axis=0)
+        room = reach_m + distance_m
+        near = np.einsum("ij,ij->i", apart, apart) <= room * room
+        if planes.size:
+            normals = data.geom_xmat[first[planes], 2::3]
+            near[planes] = np.einsum("ij,ij->i", normals, apart[planes]) <= room[planes]
+        return np.flatnonzero(near)
+
+    def _measured(
+        self, data: mujoco.MjData, below_m: float
+    ) -> Iterator[tuple[np.intp, float, Array]]:
         """Number, distance and witness points (6,) of the pairs nearer than a distance."""
-        found = []
-        for k in self._bounds.within(data, below_m):
-            first, second = self.geom_pairs[k]
-            fromto = np.empty(6)
-            distance = mujoco.mj_geomDistance(self.model, data, first, second, below_m, fromto)
+        for k in self._within(data, below_m):
+            pair, fromto = self.geom_pairs[k], np.empty(6)
+            distance = mujoco.mj_geomDistance(self.model, data, *pair, below_m, fromto)
             if distance < below_m:
-                found.append((k, distance, fromto))
-        return found
+                yield k, distance, fromto
 
     def _keeps(self, data: mujoco.MjData, allowed: Array, qvel: Array, dt: float) -> bool:
         """Whether no pair is nearer than allowed, (q,), after a step; it stops at one that is."""
         with self._moved(data, qvel, dt):
-            for k in self._bounds.within(data, self.margin_m):
-                pair = self.geom_pairs[k]
-                distance = mujoco.mj_geomDistance(self.model, data, *pair, self.margin_m, None)
-                if distance < allowed[k] - _ACCURACY_M:
-                    return False
-        return True
+            near = self._measured(data, self.margin_m)
+            return all(distance >= allowed[k] - _ACCURACY_M for k, distance, _ in near)
 
     def _normal(
         self, data: mujoco.MjData, pair: NDArray[np.intp], distance: float, fromto: Array
@@ -259,3 +256,64 @@ class Distances:
             place[:] = here
         normal = fromto[3:] - fromto[:3]
         return normal / np.copysign(np.linalg.norm(normal), distance)
+
+
+def _geom_pairs(model: mujoco.MjModel, pairs: GeomPairs | None) -> NDArray[np.intp]:
+    """Geoms of every pair that can collide, shape (p, 2), ascending, each pair once."""
+    check.instance("model", model, mujoco.MjModel)
+    if pairs is None:
+        named = np.transpose(np.triu_indices(model.ngeom, 1))
+    else:
+        given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
+        if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
+            raise TypeError(
+                "pairs must be a list of pairs of lists of geoms or bodies, got "
+                f"{check.shown(pairs)}"
+            )
+        groups = [[_numbers(model, group) for group in pair] for pair in given]
+        every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
+        named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
+    found = named[_can_collide(model, named)]
+    if not len(found):
+        raise ModelError(
+            "pairs must name two geoms that MuJoCo lets collide, got none: see contype, conaffinity"
+            " and exclude; those of one rigid body, or of a body and its parent, do not"
+        )
+    if (fields := found[model.geom_type[found] == _SDF]).size:
+        raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
+    return check.read_only(found)
+
+
+def _numbers(model: mujoco.MjModel, group: Any) -> NDArray[np.intp]:
+    """Numbers of the geoms of a group."""
+    numbers: list[int] = []
+    for each in check.members("pairs", group, str, int, np.integer, Body):
+        if isinstance(each, Body):
+            moved = carried_bodies(model, located(model, "pairs", each).body)
+            numbers.extend(np.flatnonzero(np.isin(model.geom_bodyid, moved)).tolist())
+        elif isinstance(each, str):
+            numbers.append(element_id(model, "geom", each))
+        else:
+            numbers.append(check.integer("pairs", each, model.ngeom))
+    return np.array(numbers, dtype=np.intp)
+
+
+def _can_collide(model: mujoco.MjModel, pairs: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether MuJoCo lets the geoms of each pair (p, 2) collide, shape (p,)."""
+    bodies = model.geom_bodyid[pairs]
+    rigid = model.body_weldid[bodies]  # bodies that move as one have the number of the first
+    above = model.body_weldid[model.body_parentid[rigid]]
+    parents = (rigid == above[:, ::-1]).any(axis=1) & rigid.all(axis=1)
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
+        parents[:] = False
+    touches = (model.geom_contype[pairs] & model.geom_conaffinity[pairs][:, ::-1]).any(axis=1)
+    excluded = np.isin(_keys(bodies, 1 << 16), model.exclude_signature)
+    of_model = np.stack([model.pair_geom1, model.pair_geom2], axis=1)
+    listed = np.isin(_keys(pairs, model.ngeom), _keys(of_model, model.ngeom))
+    return (rigid[:, 0] != rigid[:, 1]) & (listed | (touches & ~parents & ~excluded))
+
+
+def _keys(pairs: NDArray[Any], base: int) -> NDArray[np.intp]:
+    """One number for each pair (p, 2), whatever its order."""
+    first, second = np.sort(pairs.astype(np.intp), axis=1).T
+    return first * base + second

@@ -1,8 +1,8 @@
-"""Poses of frames."""
+"""Poses of frames, in every form in which users have them."""
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,26 +11,18 @@ from scipy.spatial.transform import RigidTransform, Rotation
 import argument_checks as check
 from kernels import lib, pointer
 from sim.array import Array
-from sim.kinematics.rigid import adjoint, homogeneous, rigid_motion, rotation_of
 from sim.mjcf.frame import one_half_turn
 
-_Kind = TypeVar("_Kind")
 _CLEARLY_LESS_RAD = 3.14
 """Than half a turn."""
+_ROTATION_ERROR = 1e-6
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A rotation and a translation, or a batch of them.
+    """A rotation (..., 3, 3) and a translation [m] (..., 3), or a batch of them.
 
     Of a plant's payload from its nominal pose, in base axes; of :func:`pose_of` in the axes given.
-
-    Attributes:
-        rotation: Shape (..., 3, 3).
-        translation_m: Shape (..., 3).
-
-    Raises:
-        ValueError: Another shape, or numbers that are not finite.
     """
 
     rotation: Array
@@ -42,25 +34,25 @@ class Pose:
         check.keep(self, "translation_m", 3)
         _ = self.lead  # raises where there is none
 
-    def moved(self, twist: Array) -> "Pose":
-        """The pose after a displacement [rotation vector; translation] (..., 6), base axes.
+    @classmethod
+    def from_matrix(cls, T: ArrayLike) -> "Pose":
+        """The pose of homogeneous matrices (..., 4, 4)."""
+        return _of_matrix("T", T)
 
-        Raises:
-            ValueError: Another shape, or numbers that are not finite.
-        """
-        twist = check.shaped("twist", twist, 6)
-        lead = self.lead
+    @classmethod
+    def from_quaternion(cls, translation_m: ArrayLike, quat_wxyz: ArrayLike) -> "Pose":
+        """The pose of translations (..., 3) and quaternions (..., 4), of any length but zero."""
+        translation_m = check.array("translation_m", translation_m, copy=True)
+        return cls(_of_quaternion("quat_wxyz", quat_wxyz), translation_m)
+
+    def moved(self, twist: Array) -> "Pose":
+        """The pose after a displacement [rotation vector; translation] (..., 6), base axes."""
+        twist, lead = check.array("twist", twist, ..., 6), self.lead
         if twist.ndim > 1:
             lead = check.common_axes({"the pose": lead, "twist": twist.shape[:-1]})
         rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
-        lib.move(
-            math.prod(lead),
-            pointer(check.flat(self.rotation, 2, lead)),
-            pointer(check.flat(self.translation_m, 1, lead)),
-            pointer(check.flat(twist, 1, lead)),
-            pointer(rotation),
-            pointer(translation_m),
-        )
+        given = *self._flat(lead), check.flat(twist, 1, lead), rotation, translation_m
+        lib.move(math.prod(lead), *map(pointer, given))
         return check.computed(Pose, rotation=rotation, translation_m=translation_m)
 
     def displacement(self) -> Array:
@@ -69,36 +61,15 @@ class Pose:
         if known is not None:
             return known.copy()
         lead = self.lead
-        rotation, translation_m = (
-            check.flat(self.rotation, 2, lead),
-            check.flat(self.translation_m, 1, lead),
-        )
-        displacement = np.empty((*lead, 6))
-        given = map(pointer, (rotation, translation_m, displacement))
-        principal(lib.displacements(math.prod(lead), *given), displacement)
+        given = *self._flat(lead), (displacement := np.empty((*lead, 6)))
+        principal(lib.displacements(math.prod(lead), *map(pointer, given)), displacement)
         return displacement
-
-    @classmethod
-    def from_matrix(cls, T: ArrayLike) -> "Pose":
-        """The pose of homogeneous matrices (..., 4, 4).
-
-        Raises:
-            ValueError: Another shape, a last row that is not 0 0 0 1, or no rotation matrix.
-        """
-        return cls(*rigid_motion("T", T))
-
-    @classmethod
-    def from_quaternion(cls, translation_m: ArrayLike, quat_wxyz: ArrayLike) -> "Pose":
-        """The pose of translations (..., 3) and quaternions (..., 4), of any length but zero.
-
-        Raises:
-            ValueError: Another shape, numbers that are not finite, or a quaternion of zeros.
-        """
-        return cls(rotation_of("quat_wxyz", quat_wxyz), check.real("translation_m", translation_m))
 
     def matrix(self) -> Array:
         """Homogeneous matrices, shape (..., 4, 4)."""
-        return homogeneous(self.rotation, self.translation_m, self.lead)
+        T = np.zeros((*self.lead, 4, 4))
+        T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = self.rotation, self.translation_m, 1.0
+        return T
 
     def quat_wxyz(self) -> Array:
         """Unit quaternions, the real part first and not negative, shape (..., 4)."""
@@ -106,7 +77,7 @@ class Pose:
         return quat_wxyz.reshape(*self.lead, 4)
 
     def transform(self) -> RigidTransform:
-        """The same in scipy, whose logarithm [rotation vector; V^-1 translation] is as_exp_coords.
+        """The pose in scipy, whose logarithm [rotation vector; V^-1 translation] is as_exp_coords.
 
         Before scipy 1.17 a batch has one leading axis there.
         """
@@ -128,12 +99,10 @@ class Pose:
 
         Shape (..., 6, 6). Of T = `matrix()`: T exp(twist) T^-1 is exp(adjoint @ twist).
         """
-        return adjoint(self.rotation, self.translation_m, self.lead)
-
-    def _batch(self, lead: tuple[int, ...]) -> RigidTransform:
-        """Broadcast to batch axes and then as one batch."""
-        rotation = Rotation.from_matrix(check.flat(self.rotation, 2, lead))
-        return RigidTransform.from_components(check.flat(self.translation_m, 1, lead), rotation)
+        R, t, Ad = self.rotation, self.translation_m, np.zeros((*self.lead, 6, 6))
+        Ad[..., :3, :3] = Ad[..., 3:, 3:] = R
+        Ad[..., 3:, :3] = np.cross(t[..., None, :], R.swapaxes(-1, -2)).swapaxes(-1, -2)
+        return Ad
 
     @property
     def lead(self) -> tuple[int, ...]:
@@ -143,21 +112,54 @@ class Pose:
             return axes
         return check.common_axes({"rotation": axes, "translation_m": others})
 
+    def _flat(self, lead: tuple[int, ...]) -> tuple[Array, Array]:
+        """Rotations and translations, broadcast to batch axes and then as one batch."""
+        return check.flat(self.rotation, 2, lead), check.flat(self.translation_m, 1, lead)
 
-def _of_batch(batch: RigidTransform, lead: tuple[int, ...]) -> Pose:
-    rotation, translation_m = batch.rotation.as_matrix(), batch.translation
-    return check.computed(
-        Pose,
-        rotation=rotation.reshape(*lead, 3, 3),
-        translation_m=translation_m.reshape(*lead, 3),
+    def _batch(self, lead: tuple[int, ...]) -> RigidTransform:
+        rotation, translation_m = self._flat(lead)
+        return RigidTransform.from_components(translation_m, Rotation.from_matrix(rotation))
+
+
+NOMINAL = Pose(np.eye(3), np.zeros(3))
+
+Target: TypeAlias = Pose | RigidTransform | tuple[ArrayLike, ArrayLike] | ArrayLike
+"""A pose in any of its forms, or a position alone."""
+
+
+def target_pose(name: str, target: Target) -> Pose | Array:
+    """The one pose that a target is, or the position (3,) where it is no more.
+
+    A target is a pose; a homogeneous matrix (4, 4); a pair of a position (3,) and a quaternion
+    (w, x, y, z); a `RigidTransform`; or a position (3,).
+    """
+    if isinstance(target, Pose):
+        R = check.array(f"{name}.rotation", target.rotation, 3, 3)
+        check.array(f"{name}.translation_m", target.translation_m, 3)
+        _refuse_no_rotation(f"{name}.rotation", R)
+        return target
+    if isinstance(target, list | tuple) and len(target) == 2:
+        position_m, quat_wxyz = target
+        quat_wxyz = check.array(f"the quaternion of {name}", quat_wxyz, 4)
+        position_m = check.array(f"the position of {name}", position_m, 3)
+        return Pose(_of_quaternion(f"the quaternion of {name}", quat_wxyz), position_m)
+    given: Any = target  # pyright knows no classes of scipy
+    A = check.array(
+        name, given.as_matrix() if isinstance(given, RigidTransform) else given, copy=True
     )
+    if A.ndim == 1:
+        return check.frozen(check.array(name, A, 3))
+    if A.shape != (4, 4):
+        turn = ": a rotation R alone is Pose(R, position)" if A.shape == (3, 3) else ""
+        raise ValueError(
+            f"{name} must be a position (3,), a Pose, a matrix (4, 4), a pair of position and "
+            f"quaternion or a RigidTransform, got shape {A.shape}{turn}"
+        )
+    return _of_matrix(name, A)
 
 
 def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
-    """[rotation vector; translation] (6,) from one pose to another, in the axes of both.
-
-    The vector is that of :func:`rotation_vector`, at every tick.
-    """
+    """[rotation vector; translation] (6,) from one pose to another, in the axes of both."""
     way = np.empty(6)
     principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, way))), way)
     return way
@@ -172,4 +174,36 @@ def principal(largest_rad: float, twists: Array) -> None:
         twists[..., :3] = one_half_turn(twists[..., :3])
 
 
-NOMINAL = Pose(np.eye(3), np.zeros(3))
+def _of_batch(batch: RigidTransform, lead: tuple[int, ...]) -> Pose:
+    rotation, translation_m = batch.rotation.as_matrix(), batch.translation
+    return check.computed(
+        Pose,
+        rotation=rotation.reshape(*lead, 3, 3),
+        translation_m=translation_m.reshape(*lead, 3),
+    )
+
+
+def _of_matrix(name: str, T: ArrayLike) -> Pose:
+    A = check.array(name, check.array(name, T, copy=True), ..., 4, 4)
+    if (np.abs(A[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > _ROTATION_ERROR).any():
+        raise ValueError(f"{name} must have the last row 0 0 0 1, got {check.shown(A.tolist())}")
+    _refuse_no_rotation(name, A[..., :3, :3])
+    return Pose(A[..., :3, :3], A[..., :3, 3])
+
+
+def _of_quaternion(name: str, quat_wxyz: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length but zero."""
+    quat = check.array(name, quat_wxyz, ..., 4)
+    largest = np.abs(quat).max(axis=-1, keepdims=True)
+    if not largest.all():
+        raise ValueError(f"{name} must not be zero, got {check.shown(quat.tolist())}")
+    unit = (quat / largest).reshape(-1, 4)  # else the squares of small numbers vanish
+    rotation = Rotation.from_quat(unit, scalar_first=True).as_matrix()
+    return rotation.reshape(*quat.shape[:-1], 3, 3)
+
+
+def _refuse_no_rotation(name: str, R: Array) -> None:
+    """Refuse matrices (..., 3, 3), one of which is not orthogonal, or a reflection."""
+    error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)
+    if error > _ROTATION_ERROR or (np.linalg.det(R) < 0.0).any():
+        raise ValueError(f"{name} must be a rotation matrix, got {check.shown(R.tolist())}")

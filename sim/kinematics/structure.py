@@ -1,9 +1,12 @@
-"""What of the Jacobians no pose changes: closures, active velocities, what is connected."""
+"""What no pose changes of a mechanism's Jacobians, and the matrices that their rows go to."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import count
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -12,103 +15,307 @@ from numpy.typing import NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures
+from sim.closing.hold import LocatedPin
 from sim.errors import ModelError
-from sim.mjcf.drive import Drive
-from sim.mjcf.model import bring_up_to_date, element_id, name_of
-from sim.mjcf.ranges import turning
-from sim.mjcf.transmission import drives, extra_drives, required_drives, simple_velocities
+from sim.kinematics.task import LocatedFunction, Motion, Task
+from sim.mjcf.accuracy import Rounding, roundings
+from sim.mjcf.drive import Drive, drive_rows, drives, extra_drives, required_drives
+from sim.mjcf.frame import own_length
+from sim.mjcf.joints import turning
+from sim.mjcf.limits import stuck_rows
+from sim.mjcf.model import element_id, name_of
 
-_ROUND_OFF = 1e-13
-"""Part of the largest entry of a Jacobian, or of 1, that is zero but for round-off."""
+_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
+_OF_JOINT, _JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtEq.mjEQ_JOINT)
+_MARGIN = 4.0
+"""Of the bound: two chains meet in a closure, and errors of axes turn what hangs on them."""
+_NONE_STUCK = check.frozen(np.zeros((0, 0)))
+_Writer = Callable[[mujoco.MjModel, mujoco.MjData, Array], None]
+"""Overwrites an array (k, nv) by rows per qvel."""
 
 
-class Structure(NamedTuple):
-    """What of the Jacobians no pose changes; arrays are read-only, because ticks share them.
+class Names(NamedTuple):
+    """Names of a mechanism.
 
     Attributes:
-        closures: The active equalities.
+        velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
+            free joint share one, and a joint without a name has "".
+        actuators: Those that drive each active velocity; none for a variable without one.
+    """
+
+    velocities: tuple[str, ...]
+    actuators: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """What no pose changes of the Jacobians of a model with certain equalities and actuators.
+
+    Arrays are read-only, because ticks share them. Natural units are 1 of an angle, the mechanism's
+    own length of a length.
+
+    Attributes:
+        tasks: The rows of J_T, task by task.
+        stuck: Which joints and tendons on their limits count as stuck: none, all, or by names.
+        left_out: A sentence for each active equality that does not count.
         active: Velocity index of each active velocity, shape (n,): of those with actuators, then of
             those that are variables without one.
         gear: Of the first actuator of each, 1 where there is none, shape (n,).
         extra: Those drives that are no joint.
-        variables: How many have no actuator.
+        variables: How many active velocities have no actuator.
     """
 
+    model: mujoco.MjModel
+    tasks: Mapping[Task, LocatedFunction]
+    pins: tuple[LocatedPin, ...]
+    stuck: bool | tuple[str, ...]
     closures: Closures
+    left_out: tuple[str, ...]
     active: NDArray[np.intp]
     gear: Array
     extra: tuple[Drive, ...]
     variables: int
 
+    @cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """What each active velocity is and what drives it, in actuator order."""
+        return drives(self.model)
 
-def variables_of(
-    model: mujoco.MjModel, active: bool | Iterable[str | int]
-) -> NDArray[np.intp] | None:
-    """Velocities that are to be variables without an actuator, ascending; None is all without one.
+    @cached_property
+    def names(self) -> Names:
+        """Names of the velocities and of the actuators."""
+        joints = [self.model.joint(k).name for k in self.model.dof_jntid]
+        return Names(
+            velocities=(*joints, *(drive.name for drive in self.extra)),
+            actuators=(*(drive.actuators for drive in self.drives), *((),) * self.variables),
+        )
 
-    Raises:
-        ModelError: A joint that does not exist, with the nearest that does.
-        ValueError: A number out of range.
-        TypeError: Something of another kind.
-    """
-    if isinstance(active, bool):
-        return None if active else np.zeros(0, dtype=np.intp)
-    found = set[int]()
-    for item in check.members("active", active, str, int, np.integer):
-        is_name = isinstance(item, str)
-        joint = element_id(model, "joint", item) if is_name else check.index("active", item)
-        if joint >= model.njnt:
-            raise ValueError(f"active must have numbers of joints below {model.njnt}, got {joint}")
-        found |= set(np.flatnonzero(model.dof_jntid == joint).tolist())
-    return np.array(sorted(found), dtype=np.intp)
+    @cached_property
+    def length(self) -> float:
+        """The mechanism's own length [m]; see :func:`own_length`."""
+        tasks, pins = self.tasks.values(), (pin.frame for pin in self.pins)
+        frames = [frame for located in tasks for frame in located.frames]
+        return own_length(self.model, [*pins, *frames, *self.closures.frames(self.model)])
+
+    @cached_property
+    def velocity_units(self) -> Array:
+        """Natural unit of each velocity, shape (N,)."""
+        joints = np.where(turning(self.model), 1.0, self.length)
+        others = [self._drive_unit(drive, joints) for drive in self.extra]
+        return check.read_only(np.append(joints, others))
+
+    @cached_property
+    def task_units(self) -> Array:
+        """Natural unit of each row of J_T, shape (m,)."""
+        angular = [each for located in self.tasks.values() for each in located.angular]
+        return check.read_only(np.where(np.array(angular, dtype=bool), 1.0, self.length))
+
+    @cached_property
+    def constraint_units(self) -> Array:
+        """Natural units of the rows of closures, drives that are no joint, and pins."""
+        model, velocities = self.model, self.velocity_units
+        units = np.empty(len(self.closures.units))
+        for k, kind, rows in self.closures.parts(model):
+            if kind in (_CONNECT, _WELD):
+                turns = slice(rows.start + 3, rows.stop)  # of a weld, sines that are scaled
+                scale = self.closures.units[turns]
+                units[rows] = self.length
+                units[turns] = 1.0 / np.where(scale > 0.0, scale, 1.0)
+            elif kind == _JOINT:
+                units[rows] = velocities[model.jnt_dofadr[model.eq_obj1id[k]]]
+            else:
+                units[rows] = self._tendon_unit(int(model.eq_obj1id[k]), velocities)
+        pins = [np.repeat([1.0, self.length], 3)[pin.rows] for pin in self.pins]
+        return check.read_only(np.concatenate([units, velocities[model.nv :], *pins]))
+
+    @cached_property
+    def roundings(self) -> tuple[Rounding, ...]:
+        """Numbers of the file that were rounded."""
+        return roundings(self.model)
+
+    @cached_property
+    def bound(self) -> float:
+        """Bound of the errors of all entries that rounding makes, in natural units.
+
+        Infinite where the pose decides: of tendons in space, cranks and sites as transmissions.
+        """
+        if not self.roundings:
+            return 0.0
+        if any(drive.tendon is None or self._is_spatial(drive.tendon) for drive in self.extra):
+            return np.inf
+        model, own = self.model, np.zeros((self.model.nbody, 2))
+        sites, closures = np.zeros(model.nsite), 0.0
+        for field, row, _, half, is_unit in self.roundings:
+            error = 2.0 * half if is_unit else half / self.length
+            if field.startswith("site"):
+                sites[row] += error
+            elif field == "eq_data":
+                closures += error
+            else:
+                body = row if field.startswith("body") else model.jnt_bodyid[row]
+                own[body, int(is_unit)] += error
+        for body in range(1, model.nbody):
+            own[body] += own[model.body_parentid[body]]
+        return _MARGIN * float(own.sum(axis=1).max() + sites.max(initial=0.0) + closures)
+
+    def error_bound(self, residual: float) -> float:
+        """Bound of all errors in natural units, where closures are open so far, [m] or [rad]."""
+        return self.bound + residual / self.length
+
+    @cached_property
+    def copies(self) -> list["Structure"]:
+        """Copies whose models' numbers may be moved, each taken by one thread at a time."""
+        return []
+
+    def copied(self) -> "Structure":
+        """Take one of the copies, or make one: with meshes that takes longer than a tick."""
+        with suppress(IndexError):  # another thread may have the only one
+            return self.copies.pop()
+        model = copy(self.model)
+        model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        return replace(self, model=model)
+
+    def _drive_unit(self, drive: Drive, joints: Array) -> float:
+        if drive.tendon is not None:
+            return self._tendon_unit(drive.tendon, joints)
+        shifts = drive.has_length or self.model.actuator_gear[drive.ids[0], :3].any()
+        return self.length if shifts else 1.0
+
+    def _tendon_unit(self, tendon: int, joints: Array) -> float:
+        model, first = self.model, self.model.tendon_adr[tendon]
+        if self._is_spatial(tendon):
+            return self.length
+        wraps = slice(first, first + model.tendon_num[tendon])
+        units = joints[model.jnt_dofadr[model.wrap_objid[wraps]]]
+        return float((np.abs(model.wrap_prm[wraps]) * units).max()) or 1.0
+
+    def _is_spatial(self, tendon: int) -> bool:
+        return self.model.wrap_type[self.model.tendon_adr[tendon]] != _OF_JOINT
 
 
-def structure(
-    model: mujoco.MjModel, closed: Closures, variables: NDArray[np.intp] | None
-) -> Structure:
-    """The structure of a model with these closures, and these variables without an actuator.
+def active_velocities(
+    model: mujoco.MjModel, variables: NDArray[np.intp] | None
+) -> tuple[NDArray[np.intp], Array, tuple[Drive, ...], int]:
+    """The last four attributes of a :class:`Structure` with these variables; None is all others.
 
     Raises:
         ModelError: A model without enabled actuators and without variables; an actuator that is no
             velocity; a variable that has an actuator.
     """
-    active, gear, extra = simple_velocities(model), model.actuator_gear[:, 0].copy(), ()
-    if active is None or not len(active):
-        needed = variables is not None and not len(variables)
-        of_model = required_drives(model) if needed else drives(model)
-        extra = extra_drives(of_model)
-        after, first = count(model.nv), model.jnt_dofadr
-        numbers = [next(after) if d.joint is None else int(first[d.joint]) for d in of_model]
-        active = np.array(numbers, dtype=np.intp)
-        gear = np.array([drive.gear[0] for drive in of_model])
+    of_model = drives(model) if variables is None or len(variables) else required_drives(model)
+    extra, after = extra_drives(of_model), count(model.nv)
+    numbers = [next(after) if d.joint is None else model.jnt_dofadr[d.joint] for d in of_model]
+    active = np.array(numbers, dtype=np.intp)
     if variables is None:
         variables = np.setdiff1d(np.arange(model.nv), active)
     elif len(both := np.intersect1d(variables, active)):
         joint = name_of(model.joint(int(model.dof_jntid[both[0]])))
         raise ModelError(f'active must name joints without an actuator, got "{joint}"')
-    active = np.append(active, variables)
-    gear = np.append(gear, np.ones(len(variables)))
-    for shared in (active, gear):
-        shared.setflags(write=False)
-    return Structure(closed, active, gear, extra, len(variables))
+    gear = check.frozen(np.append([drive.gear[0] for drive in of_model], np.ones(len(variables))))
+    return check.read_only(np.append(active, variables)), gear, extra, len(variables)
 
 
-def elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """A state near by where no entry of a Jacobian vanishes that does not at every pose."""
-    there, size = copy(data), np.where(turning(model), 0.3, 0.1 * model.stat.extent)
-    motion = size * np.random.default_rng(0).uniform(0.5, 1.5, size=model.nv)
-    mujoco.mj_integratePos(model, there.qpos, motion, 1.0)
-    bring_up_to_date(model, there)
-    return there
+def variables_of(
+    model: mujoco.MjModel, active: bool | Iterable[str | int]
+) -> NDArray[np.intp] | None:
+    """Velocities to be variables without an actuator, ascending; None is all without one."""
+    if isinstance(active, bool):
+        return None if active else np.zeros(0, dtype=np.intp)
+    joints = set[int]()
+    for item in check.members("active", active, str, int, np.integer):
+        is_name = isinstance(item, str)
+        joint = element_id(model, "joint", item) if is_name else check.integer("active", item)
+        if joint >= model.njnt:
+            raise ValueError(f"active must have numbers of joints below {model.njnt}, got {joint}")
+        joints.add(joint)
+    return np.flatnonzero(np.isin(model.dof_jntid, list(joints))).astype(np.intp)
 
 
-def unmoved(J_T: Array, J_C: Array, active: NDArray[np.intp]) -> bool:
-    """Whether no active velocity has to do with these rows, through whatever closures."""
-    reached = np.asarray((np.abs(J_T) > _ROUND_OFF * np.abs(J_T).max(initial=1.0)).any(axis=0))
-    links = np.abs(J_C) > _ROUND_OFF * np.abs(J_C).max(initial=1.0)
-    while not reached[active].any():
-        linked = np.asarray(reached | ((links @ reached) @ links))
-        if (linked == reached).all():
-            return True
-        reached = linked
-    return False
+class Matrices(NamedTuple):
+    """J_T and J_C, into which MuJoCo writes the rows of each pose.
+
+    Attributes:
+        J_T: Shape (m, N), read-only.
+        J_C: Shape (c, N), read-only: rows of closures, transmissions, pins and limits.
+        whole: Both, to be written to.
+        per_qvel: Their first nv columns: themselves where no other velocities are.
+        parts: What writes each block of rows, and where.
+        limits: Rows of limits, of which another pose may have more.
+    """
+
+    J_T: Array
+    J_C: Array
+    whole: tuple[Array, Array]
+    per_qvel: tuple[Array, Array]
+    parts: tuple[tuple[_Writer, Array], ...]
+    limits: Array
+
+
+def _blank(of: Structure, limits: int) -> Matrices:
+    """Matrices to be written, for so many rows of limits."""
+    nv, E, C = of.model.nv, len(of.extra), len(of.closures.units)
+    m = sum(len(located.angular) for located in of.tasks.values())
+    c = C + E + sum(pin.height for pin in of.pins)
+    whole = np.zeros((m, nv + E)), np.zeros((c + limits, nv + E))
+    per_qvel = whole
+    if E:  # MuJoCo writes rows of nv numbers, one after the other
+        whole[1][C : C + E, nv:] = -np.eye(E)
+        per_qvel = np.zeros((m, nv)), np.zeros((c + limits, nv))
+    row, (tasks, constraints) = 0, per_qvel
+    parts: list[tuple[_Writer, Array]] = [(of.closures.write_rows, constraints[:C])]
+    for task, located in of.tasks.items():
+        write = partial(_write_checked, f"the Jacobian of {check.shown(task)}", located)
+        if isinstance(located, Motion):
+            write = located.write_jacobian
+        parts.append((write, tasks[row : (row := row + len(located.angular))]))
+    row = C + E
+    for pin in of.pins:
+        parts.append((pin.frame.write_jacobian, constraints[row : (row := row + pin.height)]))
+    J_T, J_C = (check.read_only(A.view()) for A in whole)
+    return Matrices(J_T, J_C, whole, per_qvel, tuple(parts), constraints[c:])
+
+
+Kept: TypeAlias = dict[tuple["Structure", int], Matrices]
+"""Matrices of a structure and a number of rows of limits."""
+
+
+def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
+    """J_T and J_C at a pose, up to date, in matrices that are taken out of those kept.
+
+    So no other thread has them, until the caller puts them back.
+
+    Raises:
+        ModelError: Rows of closures or transmissions are not finite.
+        ValueError: A task has other rows than it says.
+    """
+    model = of.model
+    limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK
+    to = kept.pop((of, len(limits)), None) or _blank(of, len(limits))
+    for write, out in to.parts:
+        write(model, data, out)
+    if len(limits):
+        to.limits[:] = limits
+    if E := len(of.extra):  # row qvel less its own velocity is zero
+        mujoco.mj_transmission(model, data)
+        C = len(of.closures.units)
+        to.per_qvel[1][C : C + E] = drive_rows(model, data, of.extra)
+        for whole, part in zip(to.whole, to.per_qvel, strict=True):
+            whole[:, : model.nv] = part
+    if not check.is_moderate(to.per_qvel[1]):
+        raise ModelError("an equality or a transmission of the model is not finite")
+    return to
+
+
+def rows_at(of: Structure, data: mujoco.MjData, kept: Kept) -> tuple[Array, Array]:
+    """J_T (m, N) and J_C (c, N) as new arrays, read-only; see :func:`written`."""
+    to = written(of, data, kept)
+    J_T, J_C = (check.read_only(A.copy()) for A in to.whole)
+    kept[of, len(to.limits)] = to
+    return J_T, J_C
+
+
+def _write_checked(
+    name: str, located: LocatedFunction, model: mujoco.MjModel, data: mujoco.MjData, out: Array
+) -> None:
+    """Overwrite rows by those of a task that may be a user's own, with others than it says."""
+    out[:] = check.array(name, located.jacobian(model, data), *out.shape)

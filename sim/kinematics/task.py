@@ -1,18 +1,23 @@
-"""Tasks: what of a mechanism is to move, its Jacobian, its pose and the way to a target."""
+"""Tasks: what of a mechanism is to move, its rows of J_T, its pose and the way to a target."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import Pose
-from sim.kinematics.target import Target, target_pose
-from sim.mjcf.frame import Body, Located, frame_pose, located, rotation_vector
+from sim.kinematics.pose import NOMINAL, Pose, Target, target_pose, way_between
+from sim.mjcf.frame import Body, Located, located
 from sim.mjcf.model import check_state, element_id
+
+TWIST, LINEAR = tuple(range(6)), tuple(range(3, 6))
+_AS_WRITTEN = TWIST, LINEAR
+"""Rows that MuJoCo writes as they are."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class Relative:
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`Body`.
-        root: The same; motion that both share is none.
+        root: Likewise; motion that both share is none.
     """
 
     frame: str | Body
@@ -49,48 +54,40 @@ class Relative:
         check.instance("root", self.root, str, Body)
 
 
-class LocatedRows(Protocol):
-    """Rows of J_T, once their names are looked up in a model.
-
-    Attributes:
-        frames: Whose motion they are made of.
-        angular: Whether each row is an angular velocity, shape (k,); otherwise a linear one.
-    """
+class LocatedFunction(Protocol):
+    """A task, once its names are looked up in a model: rows of J_T, and the way to a target."""
 
     @property
     def frames(self) -> tuple[Located, ...]:
-        """See above."""
+        """Frames whose motion the rows are made of."""
         ...
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """See above."""
+        """Whether each row is an angular velocity, shape (k,); otherwise a linear one."""
         ...
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The rows in world axes per qvel, shape (k, nv); `data` is up to date."""
+        """The rows per qvel, shape (k, nv).
+
+        `data` is up to date: positions of frames and centres of mass belong to its `qpos`.
+        """
         ...
 
+    def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """The way to the target, (k,): J qvel times a second leads there to first order.
 
-class WritesRows(LocatedRows, Protocol):
-    """The same without an array in between, for every tick."""
-
-    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (k, nv) by the rows."""
+        Raises:
+            ValueError: There is no target, or none of this model.
+        """
         ...
-
-
-def new_rows(located: WritesRows, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """The rows in an array of their own, shape (k, nv)."""
-    located.write_jacobian(model, data, rows := np.empty((len(located.angular), model.nv)))
-    return rows
 
 
 @runtime_checkable
 class HasRows(Protocol):
     """What has rows in any model, such as a :class:`sim.TaskFunction`."""
 
-    def on(self, model: mujoco.MjModel) -> LocatedRows:
+    def on(self, model: mujoco.MjModel) -> LocatedFunction:
         """The rows in one model."""
         ...
 
@@ -99,116 +96,167 @@ Task: TypeAlias = str | Body | CenterOfMass | Relative | HasRows
 """A site by name, the frame of a body, a centre of mass, one frame relative to another, or rows."""
 
 
-def task_list(model: mujoco.MjModel, site: Task | Sequence[Task]) -> list[Task]:
-    """The tasks of an argument `site`, all of which the model has.
+class MassCenter(NamedTuple):
+    """The centre of mass of a body and of all that it carries, as a frame with the world's axes.
 
-    Raises:
-        ModelError: A frame or body that does not exist.
-        ValueError: No task, or one twice.
-        TypeError: Something of another kind.
-    """
-    tasks: list[Task] = list(site) if isinstance(site, list | tuple) else [site]  # type: ignore[list-item]
-    if not tasks:
-        raise ValueError("site must name a task at least, got none")
-    for task in tasks:
-        located_task(model, task)
-    if len(set(tasks)) < len(tasks):
-        raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
-    return tasks
-
-
-class LocatedFrame(NamedTuple):
-    """The twist of a frame, by its number.
-
-    Attributes:
-        frame: The frame that moves.
-        root: The frame that it is seen from; None is the world.
-    """
-
-    frame: Located
-    root: Located | None = None
-
-    @property
-    def frames(self) -> tuple[Located, ...]:
-        """The one or both."""
-        return (self.frame,) if self.root is None else (self.frame, self.root)
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """The first three."""
-        return (True,) * 3 + (False,) * 3
-
-    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Its twist in world axes per qvel, shape (6, nv)."""
-        return new_rows(self, model, data)
-
-    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (6, nv) by it; without a root, one (3, nv) by its linear rows."""
-        self.frame.write_jacobian(model, data, out)
-        if self.root is not None:
-            root = self.root.jacobian(model, data)
-            out -= root
-            x, y, z = self.frame.position_m(data) - self.root.position_m(data)
-            out[3] -= root[1] * z - root[2] * y
-            out[4] -= root[2] * x - root[0] * z
-            out[5] -= root[0] * y - root[1] * x
-
-
-class LocatedCenter(NamedTuple):
-    """The velocity of a centre of mass.
-
-    Attributes:
-        body: With all that it carries.
-        frames: Of all these bodies: the centre may be anywhere among them.
+    It may be anywhere among the frames, which are those of all these bodies.
     """
 
     body: int
     frames: tuple[Located, ...]
 
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """None."""
-        return (False,) * 3
+    def rotation(self, _: mujoco.MjData) -> Array:
+        """Axes of the world, (3, 3)."""
+        return NOMINAL.rotation
 
-    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Its velocity in world axes per qvel, shape (3, nv)."""
-        return new_rows(self, model, data)
+    def position_m(self, data: mujoco.MjData) -> Array:
+        """Where it is in the world, (3,): a view."""
+        return data.subtree_com[self.body]
 
     def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (3, nv) by it."""
+        """Overwrite an array (3, nv) by its velocity in world axes per qvel."""
         mujoco.mj_jacSubtreeCom(model, data, out, self.body)
 
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Its twist in world axes per qvel, of which it turns never, shape (6, nv)."""
+        self.write_jacobian(model, data, (twist := np.zeros((6, model.nv)))[3:])
+        return twist
 
-def located_task(model: mujoco.MjModel, task: Task) -> LocatedRows:
-    """The task, looked up by its names.
 
-    Raises:
-        ModelError: A frame or body that does not exist.
-        TypeError: A name that is none.
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Rows of the twist [angular; linear] of a frame or centre of mass, and the way to a target.
+
+    A :class:`LocatedFunction` that writes its rows into J_T at every tick.
+
+    Attributes:
+        frame: What moves.
+        root: The frame that it is seen from; None is the world.
+        axes: Of the rows; None is the world.
+        rows: Which of the six.
+        target: Gives the target of a task function, and raises where there is none yet.
     """
+
+    frame: Located | MassCenter
+    root: Located | None = None
+    axes: Located | None = None
+    rows: tuple[int, ...] = TWIST
+    target: Callable[[], Any] | None = None
+
+    @property
+    def frames(self) -> tuple[Located, ...]:
+        """See :class:`LocatedFunction`."""
+        frames = self.frame.frames if isinstance(self.frame, MassCenter) else (self.frame,)
+        return frames if self.root is None else (*frames, self.root)
+
+    @property
+    def angular(self) -> tuple[bool, ...]:
+        """See :class:`LocatedFunction`."""
+        return tuple(row < 3 for row in self.rows)
+
+    @cached_property
+    def _index(self) -> slice | NDArray[np.intp]:
+        """The rows, as a slice where they follow one another."""
+        first, end = self.rows[0], self.rows[0] + len(self.rows)
+        follow = self.rows == tuple(range(first, end))
+        return slice(first, end) if follow else np.array(self.rows)
+
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """The rows per qvel, shape (k, nv); `data` is up to date."""
+        self.write_jacobian(model, data, rows := np.empty((len(self.rows), model.nv)))
+        return rows
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (k, nv) by the rows."""
+        frame, root, axes = self.frame, self.root, self.axes
+        if root is None and axes is None and self.rows in _AS_WRITTEN:
+            frame.write_jacobian(model, data, out)
+            return
+        twist = frame.jacobian(model, data)
+        if root is not None:
+            of_root = root.jacobian(model, data)
+            twist -= of_root
+            x, y, z = frame.position_m(data) - root.position_m(data)
+            twist[3] -= of_root[1] * z - of_root[2] * y
+            twist[4] -= of_root[2] * x - of_root[0] * z
+            twist[5] -= of_root[0] * y - of_root[1] * x
+        if axes is not None:
+            twist = np.matmul(axes.rotation(data).T, twist.reshape(2, 3, -1)).reshape(6, -1)
+        out[:] = twist[self._index]
+
+    def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """[rotation vector; translation] to the target, its rows, shape (k,)."""
+        assert self.target is not None
+        return self.way(data, self.target())
+
+    def way(
+        self, data: mujoco.MjData, target: Pose | Array, seen_from: Located | None = None
+    ) -> Array:
+        """[rotation vector; translation] to a target, its rows, shape (k,).
+
+        A position (3,) leaves the rotation as it is. Targets are seen from the root, or else from
+        another frame; None is the world.
+        """
+        rotation, position_m = self.frame.rotation(data), self.frame.position_m(data)
+        is_pose, seen_from = isinstance(target, Pose), self.root or seen_from
+        there = target.rotation if isinstance(target, Pose) else rotation
+        goal = target.translation_m if isinstance(target, Pose) else target
+        if seen_from is not None:
+            outer = seen_from.rotation(data)
+            goal = seen_from.position_m(data) + outer @ goal
+            there = outer @ there if is_pose else there
+        way = way_between(rotation, position_m, there, goal)
+        if not is_pose:
+            way[:3] = 0.0  # but for round-off
+        if self.axes is not None:
+            way = (way.reshape(2, 3) @ self.axes.rotation(data)).ravel()
+        return way[self._index]
+
+
+def mass_center(model: mujoco.MjModel, body: str | None) -> MassCenter:
+    """The centre of mass of a body by name with all that it carries; None is everything."""
+    check.instance("model", model, mujoco.MjModel)
+    within = carried_bodies(model, 0 if body is None else element_id(model, "body", body))
+    return MassCenter(within[0], tuple(Located(k, k, is_site=False) for k in within if k))
+
+
+def carried_bodies(model: mujoco.MjModel, body: int) -> list[int]:
+    """Numbers of a body and of all bodies that hang from it, ascending."""
+    carried = [body]
+    for k in range(body + 1, model.nbody):  # parents come before their children
+        if model.body_parentid[k] in carried:
+            carried.append(k)
+    return carried
+
+
+def located_task(model: mujoco.MjModel, task: Task, axes: Located | None = None) -> LocatedFunction:
+    """The task, looked up by its names; rows are in these axes, but those of task functions."""
     if isinstance(task, CenterOfMass):
-        return located_center(model, task)
+        return Motion(mass_center(model, task.body), None, axes, LINEAR)
     if isinstance(task, Relative):
-        return LocatedFrame(located(model, "site", task.frame), located(model, "site", task.root))
+        frame, root = (located(model, "site", each) for each in (task.frame, task.root))
+        return Motion(frame, root, axes)
     if isinstance(task, HasRows):
         return task.on(model)
-    return LocatedFrame(located(model, "site", task))
+    return Motion(located(model, "site", task), axes=axes)
 
 
-def located_center(model: mujoco.MjModel, task: CenterOfMass) -> LocatedCenter:
-    """The centre of mass, looked up by the name of its body."""
-    check.instance("model", model, mujoco.MjModel)
-    within = [_com_body(model, task)]
-    for body, above in enumerate(model.body_parentid.tolist()):  # parents come first
-        if body and above in within:
-            within.append(body)
-    bodies = tuple(Located(body, body, is_site=False) for body in within if body)
-    return LocatedCenter(within[0], bodies)
+def located_tasks(
+    model: mujoco.MjModel, site: Task | Sequence[Task], axes: Located | None = None
+) -> dict[Task, LocatedFunction]:
+    """The tasks of an argument `site`, one at least, each looked up; see :func:`located_task`."""
+    tasks: Any = list(site) if isinstance(site, list | tuple) else [site]
+    if not tasks:
+        raise ValueError("site must name a task at least, got none")
+    found = {task: located_task(model, task, axes) for task in tasks}
+    if len(found) < len(tasks):
+        raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
+    return found
 
 
-def task_jacobian(model: mujoco.MjModel, data: mujoco.MjData, task: Task) -> Array:
-    """:meth:`LocatedTask.jacobian` of a task by name."""
-    return located_task(model, task).jacobian(model, data)
+def located_axes(model: mujoco.MjModel, axes: str | None) -> Located | None:
+    """The site that gives the axes, looked up by its name; None is the world."""
+    return None if axes is None else located(model, "axes", check.instance("axes", axes, str))
 
 
 def pose_of(
@@ -221,29 +269,14 @@ def pose_of(
         data: Its state.
         site: One task, as for :func:`jacobians`. The rotation of a centre of mass is the identity.
         axes: Site in whose frame; None is the world's. A :class:`Relative` is seen from its root.
-
-    Raises:
-        ModelError, ValueError, TypeError: As :func:`jacobians`.
     """
-    check_state(model, data)
-    (task,) = task_list(model, [site])
-    if isinstance(task, HasRows):
-        raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    if isinstance(task, CenterOfMass):
-        rotation, position = np.eye(3), data.subtree_com[_com_body(model, task)].copy()
-    else:
-        rotation, position = frame_pose(data, task.frame if isinstance(task, Relative) else task)
-    turned, origin = np.eye(3), np.zeros(3)
-    if isinstance(task, Relative):
-        turned, origin = frame_pose(data, task.root)
-    elif axes is not None:
-        frame = located_axes(model, axes)
-        turned, origin = frame.rotation(data), frame.position_m(data)
-    if not isinstance(task, CenterOfMass):
-        rotation = turned.T @ rotation
-    return Pose(rotation, turned.T @ (position - origin))
+    seen_from, (task,) = _motions(model, data, [site], axes)
+    rotation, position_m = task.frame.rotation(data), task.frame.position_m(data)
+    if (seen_from := task.root or seen_from) is None:
+        return Pose(rotation, position_m)
+    to_axes = seen_from.rotation(data).T
+    turned = rotation if isinstance(task.frame, MassCenter) else to_axes @ rotation
+    return Pose(turned, to_axes @ (position_m - seen_from.position_m(data)))
 
 
 def pose_error(
@@ -265,41 +298,31 @@ def pose_error(
             pair of a position (3,) and a quaternion (w, x, y, z), or a `RigidTransform` of scipy;
             or a position (3,) alone, with the rotation as it is.
         axes: As for :func:`jacobians`; a site that does not move.
-
-    Raises:
-        ValueError: Not one target for each task, or one that is no pose or position.
-        ModelError, TypeError: As :func:`jacobians`.
     """
-    tasks = task_list(model, site)
+    seen_from, tasks = _motions(model, data, site, axes)
     targets: Any = target if isinstance(site, list | tuple) else [target]
     if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
         raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
-    errors = []
-    for task, goal in zip(tasks, targets, strict=True):
-        here = pose_of(model, data, task, axes)
-        there = target_pose("target", goal)
-        if not isinstance(there, Pose):
-            there = Pose(here.rotation, there)
-        turn = rotation_vector(there.rotation @ here.rotation.T)
-        shift = there.translation_m - here.translation_m
-        if isinstance(task, Relative):
-            to_axes = to_axes_of(model, data, axes) @ frame_pose(data, task.root)[0]
-            turn, shift = to_axes @ turn, to_axes @ shift
-        errors.append(shift if isinstance(task, CenterOfMass) else np.concatenate([turn, shift]))
-    return np.concatenate(errors)
+    ways = []
+    for task, given in zip(tasks, targets, strict=True):
+        ways.append(task.way(data, target_pose("target", given), seen_from))
+    return np.concatenate(ways)
 
 
-def to_axes_of(model: mujoco.MjModel, data: mujoco.MjData, axes: str | None) -> Array:
-    """Rotation (3, 3) from world axes to those of a site; None is the world."""
-    return np.eye(3) if axes is None else located_axes(model, axes).rotation(data).T
-
-
-def located_axes(model: mujoco.MjModel, axes: str) -> Located:
-    """The site that gives the axes, looked up by its name."""
-    return located(model, "axes", check.instance("axes", axes, str))
-
-
-def _com_body(model: mujoco.MjModel, task: CenterOfMass) -> int:
-    if task.body is None:
-        return 0
-    return element_id(model, "body", task.body)
+def _motions(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    site: Task | Sequence[Task],
+    axes: str | None,
+) -> tuple[Located | None, list[Motion]]:
+    """The axes, and the tasks on frames and centres of mass, in a state brought up to date."""
+    check_state(model, data)
+    in_axes = located_axes(model, axes)
+    found = list[Motion]()
+    for task, rows in located_tasks(model, site, in_axes).items():
+        if not isinstance(rows, Motion):
+            raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
+        found.append(rows)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    return in_axes, found

@@ -1,64 +1,45 @@
-"""An active velocity: what moves, which actuators move it, and with which forces."""
+"""Actuators of a model: the velocities they drive, their force laws, their locks."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import chain
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from sim.array import Array
-from sim.mjcf.model import name_of
+from sim.errors import ModelError
+from sim.mjcf.model import name_of, with_sleepers
 
-_MUSCLE = int(mujoco.mjtGain.mjGAIN_MUSCLE)
-_FIXED, _NO_BIAS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)
+_JOINT, _IN_PARENT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+_TENDON, _CRANK = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtTrn.mjTRN_SLIDERCRANK)
+_SITE, _BODY = int(mujoco.mjtTrn.mjTRN_SITE), int(mujoco.mjtTrn.mjTRN_BODY)
+_TURN = int(mujoco.mjtTrn.mjTRN_SO3)
+_ON_JOINT = frozenset({_JOINT, _IN_PARENT})
+_HINGE, _BALL = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL)
+_ONE_AXIS = frozenset({int(mujoco.mjtJoint.mjJNT_SLIDE), _HINGE})
+_COUPLES = {int(mujoco.mjtEq.mjEQ_JOINT): "joint", int(mujoco.mjtEq.mjEQ_TENDON): "tendon"}
+_MUSCLE, _FIXED = int(mujoco.mjtGain.mjGAIN_MUSCLE), int(mujoco.mjtGain.mjGAIN_FIXED)
+_NO_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
+_OTHER_GAINS = {
+    int(mujoco.mjtGain.mjGAIN_AFFINE): "an actuator of variable gain",
+    _MUSCLE: "a muscle",
+    int(mujoco.mjtGain.mjGAIN_DCMOTOR): "a motor with electric dynamics",
+    int(mujoco.mjtGain.mjGAIN_PID): "a PID controller",
+    int(mujoco.mjtGain.mjGAIN_SO3): "an orientation servo of three controls",
+}
 
-_OF_JOINT, _HINGE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtJoint.mjJNT_HINGE)
-_AT_SITE = int(mujoco.mjtTrn.mjTRN_SITE)
+_DIGITS = 9
+"""Digits to which directions of one site or ball joint agree that share a velocity."""
+STEPS = 2
+"""Time constant of a lock, in physics steps: the stiffest that MuJoCo integrates."""
 
-
-def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
-    """The first actuator that has this name, own names before others'.
-
-    Args:
-        name: Of a joint, tendon or actuator; or digits, which are its number where none has them
-            for a name.
-        names: Of each actuator, its own name first.
-
-    Raises:
-        ValueError: None has; the nearest is named.
-    """
-    for number, own in enumerate(names):
-        if name == own[0]:
-            return number
-    for number, own in enumerate(names):
-        if name in own:
-            return number
-    if name in (numbers := [str(number) for number in range(len(names))]):
-        return numbers.index(name)
-    near = get_close_matches(name, chain(*names), 1)
-    known = ", ".join(own[0] for own in names)
-    hint = f'did you mean "{near[0]}"?' if near else f"it has {known}"
-    raise ValueError(f'the robot has no actuator or joint "{name:.80}"; {hint}')
-
-
-def names_of(some: Sequence["Drive"]) -> tuple[tuple[str, ...], ...]:
-    """All names of each drive, first the one for people, which no other drive has first.
-
-    This is the file's own name of the actuator; of several actuators, or one without a name, that
-    of their joint or tendon.
-    """
-    given = [k for k, d in enumerate(some) if len(d.ids) == 1 and d.model.actuator(d.ids[0]).name]
-    own = [
-        (*d.actuators, d.name) if k in given else (d.name, *d.actuators) for k, d in enumerate(some)
-    ]
-    first = dict[int, str]()
-    for k in (*given, *(k for k in range(len(own)) if k not in given)):
-        free = (name for name in own[k] if name not in first.values())
-        first[k] = next(free, f"{own[k][0]} ({k})")
-    return tuple(tuple(dict.fromkeys((first[k], *names))) for k, names in enumerate(own))
+Lockable = tuple[str, int]
+"""What a lock can hold: "joint", a slide or hinge, or "tendon", and its number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +47,15 @@ class Drive:
     """One active velocity, and the actuators that move it.
 
     Attributes:
-        model: The model, of which names and forces are read when asked for.
+        model: Of names and forces.
         ids: Numbers of the actuators.
         gear: Of each: its length grows by gear times the velocity, its force acts gear times.
         outputs: Of each, in `data.actuator_force`. The row of the first in `data.actuator_moment`,
             divided by its gear, gives the velocity from the joints'.
-        joint: The slide or hinge joint driven; None for any other transmission.
-        tendon: The tendon driven, or None.
+        joint: Slide or hinge joint driven.
+        tendon: Tendon driven.
         has_length: Whether `data.actuator_length` is a length whose slope is the velocity's row:
-            of joints, tendons and slider-cranks. Of others it is zero, or another quantity.
+            of joints, tendons and slider-cranks.
     """
 
     model: mujoco.MjModel
@@ -92,26 +73,31 @@ class Drive:
 
     @cached_property
     def name(self) -> str:
-        """Of the joint or tendon; for other transmissions of the first actuator."""
-        name = ""
+        """Name of the joint or tendon; for other transmissions, of the first actuator."""
+        part = self.lockable
+        return (part and getattr(self.model, part[0])(part[1]).name) or self.actuators[0]
+
+    @property
+    def lockable(self) -> Lockable | None:
+        """The joint or tendon that a lock can hold; None of any other transmission."""
         if self.joint is not None:
-            name = self.model.joint(self.joint).name
-        elif self.tendon is not None:
-            name = self.model.tendon(self.tendon).name
-        return name or self.actuators[0]
+            return "joint", self.joint
+        return None if self.tendon is None else ("tendon", self.tendon)
 
     @cached_property
     def unit(self) -> str:
-        """Of its displacement: "rad" if it turns, or its tendon only adds up angles, else "m"."""
-        if self.joint is None and self.tendon is None:
+        """Unit of the displacement: "rad" of turns and of tendons that add up angles, else "m"."""
+        if self.lockable:
+            turns = is_turn(self.model, self.joint, self.tendon)
+        else:
             force, moment = np.split(self.model.actuator_gear[self.ids[0]], 2)
-            of_site = self.model.actuator_trntype[self.ids[0]] == _AT_SITE
-            return "rad" if of_site and moment.any() and not force.any() else "m"
-        return "rad" if is_turn(self.model, self.joint, self.tendon) else "m"
+            of_site = self.model.actuator_trntype[self.ids[0]] == _SITE
+            turns = of_site and moment.any() and not force.any()
+        return "rad" if turns else "m"
 
     @cached_property
     def force_range(self) -> tuple[float, float]:
-        """Of all together along the velocity, [N] or [N m]; infinite where unlimited.
+        """Range of the total force along the velocity, [N] or [N m]; infinite where unlimited.
 
         The limit of a joint's or tendon's total counts; of a tendon's only if all its actuators
         have one gear, since MuJoCo limits their sum before the gears.
@@ -128,7 +114,7 @@ class Drive:
 
     @property
     def one_sided(self) -> int:
-        """1 or -1 where the actuators push in this direction of the velocity only; 0 is both."""
+        """Sign of the velocity along which alone the actuators push; 0 is both ways."""
         least, most = self.force_range
         return int(least >= 0.0) - int(most <= 0.0)
 
@@ -139,7 +125,7 @@ def is_turn(model: mujoco.MjModel, joint: int | None, tendon: int | None) -> boo
     if tendon is not None:
         first = int(model.tendon_adr[tendon])
         parts = slice(first, first + int(model.tendon_num[tendon]))
-        if (model.wrap_type[parts] == _OF_JOINT).all():
+        if (model.wrap_type[parts] == mujoco.mjtWrap.mjWRAP_JOINT).all():
             joints = model.wrap_objid[parts].tolist()
     return bool(joints) and all(model.jnt_type[joint] == _HINGE for joint in joints)
 
@@ -160,3 +146,257 @@ def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:
         ends = np.sort(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[control])
         least, most = max(least, ends[0]), min(most, ends[1])
     return np.array([least, most])
+
+
+def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
+    """Number of the first actuator that has a name, its own before others', or a number in digits.
+
+    Args:
+        name: Of a joint, tendon or actuator.
+        names: Of each actuator, its own name first.
+
+    Raises:
+        ValueError: None has this name; the message has the nearest.
+    """
+    backwards = [*enumerate(names)][::-1]  # of equal names the last entry counts
+    known = {str(k): k for k, _ in backwards}
+    known |= {each: k for k, own in backwards for each in own}
+    known |= {own[0]: k for k, own in backwards}
+    if name in known:
+        return known[name]
+    near = get_close_matches(name, chain(*names), 1)
+    hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(own[0] for own in names)}"
+    raise ValueError(f'the robot has no actuator or joint "{name:.80}"; {hint}')
+
+
+def names_of(some: Sequence[Drive]) -> tuple[tuple[str, ...], ...]:
+    """All names of each drive, first one for people, which no other drive has first.
+
+    That is the actuator's; of several actuators, or one without a name, their joint's or tendon's.
+    """
+    given = [k for k, d in enumerate(some) if len(d.ids) == 1 and d.model.actuator(d.ids[0]).name]
+    own = [
+        (*d.actuators, d.name) if k in given else (d.name, *d.actuators) for k, d in enumerate(some)
+    ]
+    first = dict[int, str]()
+    for k in (*given, *(k for k in range(len(own)) if k not in given)):
+        free = (name for name in own[k] if name not in first.values())
+        first[k] = next(free, f"{own[k][0]} ({k})")
+    return tuple(tuple(dict.fromkeys((first[k], *names))) for k, names in enumerate(own))
+
+
+_Motion = tuple[int, int, int, tuple[float, ...]]
+"""Kind of transmission, its ends, and a direction: equal for all actuators of one velocity."""
+
+
+def drives(
+    model: mujoco.MjModel, *, disabled: bool = False, among: Collection[int] | None = None
+) -> tuple[Drive, ...]:
+    """List the active velocities of a model, in the order of their first actuators.
+
+    Actuators of one joint, of one tendon, or with parallel gears at one site or ball joint share a
+    velocity; at a site, a ball or a free joint it is that along the gear of the first of them.
+
+    Args:
+        model: Of any kind.
+        disabled: Whether those count that `opt.disableactuator` switches off.
+        among: Numbers of the actuators that count; None is all.
+
+    Raises:
+        ModelError: An actuator that adheres to contacts, or one of gear 0.
+    """
+    shared: dict[_Motion, list[tuple[float, int, int]]] = {}
+    for k in range(model.nactuator) if among is None else among:
+        off = is_disabled(model, k)
+        if not off or (disabled and int(model.actuator_trntype[k]) != _BODY):
+            for motion, gear, output in _outputs(model, k):
+                shared.setdefault(motion, []).append((gear, k, output))
+    return tuple(_drive(model, motion, of) for motion, of in shared.items())
+
+
+def required_drives(
+    model: mujoco.MjModel, among: Collection[int] | None = None
+) -> tuple[Drive, ...]:
+    """List the active velocities as :func:`drives`; without any, a ModelError."""
+    if found := drives(model, among=among):
+        return found
+    raise ModelError("the model has no enabled actuator, so nothing can be commanded: add one")
+
+
+def extra_drives(of_model: tuple[Drive, ...]) -> tuple[Drive, ...]:
+    """Select drives that are no joint: each has a velocity of its own, after the joints'."""
+    return tuple(drive for drive in of_model if drive.joint is None)
+
+
+def is_disabled(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether `opt.disableactuator` switches the actuator off."""
+    group = int(model.actuator_group[actuator])
+    return 0 <= group < 31 and bool(model.opt.disableactuator >> group & 1)  # all groups it has
+
+
+def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]) -> Array:
+    """Rows (len(some), nv) whose products with qvel are the velocities of some drives.
+
+    `data` has been through `mj_transmission`.
+    """
+    if not some:
+        return np.zeros((0, model.nv))
+    with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_transmission)
+    moments = moments_of(model, data)[[d.outputs[0] for d in some]]
+    return moments / np.array([[d.gear[0]] for d in some])
+
+
+def moments_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Moments of all actuator outputs on the velocities, (nout, nv), as they are in `data`."""
+    moments = np.zeros((model.nout, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return moments
+
+
+def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
+    """Motion, gear and number of each output of an actuator: three of an orientation servo."""
+    kind, first = int(model.actuator_trntype[k]), int(model.actuator_outadr[k])
+    end, other_end = model.actuator_trnid[k].tolist()
+    if kind == _BODY:
+        raise ModelError(
+            f"{_called(model, k)} adheres to whatever touches it, which is no velocity: take it "
+            "out of the model, or disable its group and pin what it holds"
+        )
+    if kind == _TURN:
+        return [((kind, end, other_end, (i,)), 1.0, first + i) for i in range(3)]
+    gears = model.actuator_gear[first].tolist()
+    gear, direction = gears[0], ()
+    if kind in _ON_JOINT and int(model.jnt_type[end]) in _ONE_AXIS:
+        kind = _JOINT
+    elif kind == _CRANK:
+        direction = (float(model.actuator_cranklength[k]),)
+    elif kind != _TENDON:
+        # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
+        # the same for opposite ones.
+        used = gears[: 3 if kind in _ON_JOINT and int(model.jnt_type[end]) == _BALL else 6]
+        size = math.hypot(*used)
+        # The first that is more than round-off of a sine or cosine.
+        gear = math.copysign(size, next((g for g in used if abs(g) > 10.0**-_DIGITS * size), 0.0))
+        direction = tuple(round(g / gear, _DIGITS) for g in used) if gear else ()
+    if not gear:
+        raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
+    return [((kind, end, other_end, direction), gear, first)]
+
+
+def _drive(model: mujoco.MjModel, motion: _Motion, outputs: list[tuple[float, int, int]]) -> Drive:
+    kind, end, _, direction = motion
+    gear, ids, numbers = zip(*outputs, strict=True)
+    joint = end if kind == _JOINT and not direction else None
+    tendon = end if kind == _TENDON else None
+    has_length = joint is not None or kind in (_TENDON, _CRANK)
+    if direction and not has_length:  # their sign came from the direction's first component
+        gear = tuple(math.copysign(1.0, gear[0]) * each for each in gear)
+    return Drive(model, ids, gear, numbers, joint, tendon, has_length)
+
+
+def _called(model: mujoco.MjModel, actuator: int) -> str:
+    return f'actuator "{name_of(model.actuator(actuator))}"'
+
+
+class Law(NamedTuple):
+    """force = gain control + constant + per_length length + per_speed speed, before the gear.
+
+    A torque motor has a gain only, a position servo a negative `per_length`.
+    """
+
+    gain: float
+    constant: float = 0.0
+    per_length: float = 0.0
+    per_speed: float = 0.0
+
+
+def law_of(model: mujoco.MjModel, actuator: int) -> Law:
+    """Read the force law of an actuator.
+
+    Raises:
+        ModelError: It has another form, gain zero, or a state of its own.
+    """
+    called = _called(model, actuator)
+    gain, bias = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
+    if gain != _FIXED or bias not in (_NO_BIAS, _AFFINE):
+        raise ModelError(
+            f"{called} is {_OTHER_GAINS.get(gain, 'user-defined')}: only servos and motors of "
+            "fixed gain and linear feedback are commanded by displacements"
+        )
+    if model.actuator_actnum[actuator]:
+        raise ModelError(
+            f"{called} has a state of its own, and a command could not be its displacement"
+        )
+    if not model.actuator_gainprm[actuator, 0]:
+        raise ModelError(f"{called} has gain 0, so nothing commands it: take it out")
+    feedback = model.actuator_biasprm[actuator, :3].tolist() if bias == _AFFINE else ()
+    return Law(float(model.actuator_gainprm[actuator, 0]), *feedback)
+
+
+def lock_name(actuator: int) -> str:
+    """Name of the lock of actuator 0..nu-1, unless the user gives another."""
+    return f"lock{actuator + 1}"
+
+
+def locked_by(model: mujoco.MjModel, equality: int) -> Lockable | None:
+    """The joint or tendon that the equality holds alone; None if it does anything else."""
+    kind = _COUPLES.get(int(model.eq_type[equality]))
+    alone = int(model.eq_obj2id[equality]) == -1
+    return (kind, int(model.eq_obj1id[equality])) if kind and alone else None
+
+
+def lockable_by(model: mujoco.MjModel, actuator: int) -> Lockable | None:
+    """The slide, hinge or tendon that an actuator moves; None for any other transmission."""
+    end, kind = int(model.actuator_trnid[actuator, 0]), int(model.actuator_trntype[actuator])
+    if kind in _ON_JOINT and int(model.jnt_type[end]) in _ONE_AXIS:
+        return "joint", end
+    return ("tendon", end) if kind == _TENDON else None
+
+
+def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
+    """Add an inactive lock for each actuated joint or tendon without one; return if one was added.
+
+    `spec` as it was compiled to `model` is changed, and compiled anew by the caller.
+
+    Raises:
+        ModelError: The name of a lock to be added is that of another equality.
+    """
+    taken = {model.equality(k).name for k in range(model.neq)}
+    locked, before = {locked_by(model, k) for k in range(model.neq)}, len(spec.equalities)
+    for k in range(model.nactuator):
+        part, name = lockable_by(model, k), lock_name(k)
+        if part is None or part in locked:
+            continue
+        kind, of = part[0], getattr(model, part[0])(part[1]).name
+        if name in taken:
+            said = f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
+            raise ModelError(said)
+        locked.add(part)
+        type_ = mujoco.mjtEq.mjEQ_JOINT if kind == "joint" else mujoco.mjtEq.mjEQ_TENDON
+        lock = spec.add_equality(name=name, type=type_, name1=of, active=False)
+        stiffen(lock, model.opt.timestep)
+    return len(spec.equalities) > before
+
+
+def weakens_locks(model: mujoco.MjModel) -> bool:
+    """Whether damped joints drag a locked one along: the integrator takes dampers after locks."""
+    integrator, flags = model.opt.integrator, model.opt.disableflags
+    if integrator == mujoco.mjtIntegrator.mjINT_EULER:
+        explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER
+        return bool(model.dof_damping.any() and not flags & explicit)
+    kinds = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+    return integrator in kinds
+
+
+def stiffness_of(model: mujoco.MjModel, equality: int) -> float:
+    """Acceleration per displacement with which an equality pulls back, about, [1/s^2]."""
+    (time_s, damping), most = model.eq_solref[equality], model.eq_solimp[equality, 1]
+    return float(-time_s / most**2 if time_s < 0 else 1 / (most * time_s * damping) ** 2)
+
+
+def stiffen(equality: mujoco.MjsEquality, timestep_s: float) -> None:
+    """Make an equality as stiff as the time step allows."""
+    equality.solref = [STEPS * timestep_s, 1.0]
+    equality.solimp = [0.9999, 0.9999, 0.001, 0.5, 2]

@@ -16,34 +16,21 @@ from sim.errors import ModelError
 from sim.mjcf.model import element_id, listed
 
 _HALF_TURN = np.pi * (1 - ACCURACY)
-_CLEARLY_LESS = 9.8
-"""Square of an angle below half a turn."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """The frame of a body, where the model has no site there.
-
-    Attributes:
-        name: Of the body, or its number: not all bodies have names.
-    """
+    """The frame of a body, by its name or number, where the model has no site there."""
 
     name: str | int
 
     def __post_init__(self) -> None:
-        """Check the argument."""
         if not isinstance(self.name, str):
-            check.index("name", self.name)
+            check.integer("name", self.name)
 
 
 class Located(NamedTuple):
-    """A frame by its number.
-
-    Attributes:
-        id: Of the site or body.
-        body: The body that it belongs to.
-        is_site: Which of the two it is.
-    """
+    """A frame by the number of its site or body, and the body that it belongs to."""
 
     id: int
     body: int
@@ -69,10 +56,7 @@ class Located(NamedTuple):
 
 
 def own_length(model: mujoco.MjModel, frames: Iterable[Located]) -> float:
-    """A mechanism's own length [m]: the longest chain from a joint to one of its frames.
-
-    Where no frame is away from a joint, that of MuJoCo's statistic of the model.
-    """
+    """Length [m] of a mechanism: its longest chain from a joint to a frame, else the model's."""
     return max((_reach(model, frame) for frame in frames), default=0.0) or model.stat.extent
 
 
@@ -95,32 +79,32 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
 
     Raises:
         ModelError: There is no such site or body.
-        TypeError: The argument is no name, nor a body's number.
     """
     if isinstance(frame, Body):
-        body = _body(model, frame.name)
+        body = frame.name
+        if isinstance(body, str):
+            body = element_id(model, "body", body)
+        elif body >= model.nbody:
+            raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {body}")
         return Located(body, body, is_site=False)
     try:
         site = element_id(model, "site", check.instance(argument, frame, str))
     except ModelError:
-        if any(model.body(k).name == frame for k in range(model.nbody)):
+        if frame in _names(model)[1]:
             return located(model, argument, Body(frame))
         raise
     return Located(site, int(model.site_bodyid[site]), is_site=True)
 
 
 def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str | Body:
-    """A frame by a name of which it is not said what it names: a site, or else a body.
-
-    A body without a name goes by its number.
+    """A frame by a name that may be a site's, else a body's, else the number of a body.
 
     Raises:
-        ModelError: There is neither; the message names the argument and the nearest names.
+        ModelError: There is none; the message has the argument and the nearest names.
     """
     if isinstance(frame, Body):
         return frame
-    sites = [model.site(k).name for k in range(model.nsite)]
-    bodies = [model.body(k).name for k in range(model.nbody)]
+    sites, bodies = _names(model)
     if frame in sites:
         return frame
     if frame in bodies:
@@ -133,18 +117,10 @@ def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str 
     raise ModelError(f'{argument}: the model has no site or body "{frame:.80}"; {hint}')
 
 
-def _body(model: mujoco.MjModel, name: str | int) -> int:
-    if isinstance(name, str):
-        return element_id(model, "body", name)
-    if name >= model.nbody:
-        raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {name}")
-    return name
-
-
-def frame_pose(data: mujoco.MjData, frame: str | Body) -> tuple[Array, Array]:
-    """Rotation (3, 3) and position (3,) of a frame in the world."""
-    seen = located(data.model, "frame", frame)
-    return seen.rotation(data).copy(), seen.position_m(data).copy()
+def _names(model: mujoco.MjModel) -> tuple[list[str], list[str]]:
+    """Names of sites and of bodies."""
+    sites = [model.site(k).name for k in range(model.nsite)]
+    return sites, [model.body(k).name for k in range(model.nbody)]
 
 
 def rotation_vector(rotation: Array) -> Array:
@@ -156,11 +132,11 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def one_half_turn(vector: Array) -> Array:
-    """Rotation vectors (..., 3); of the two of a half turn the one with a positive first component.
+    """Choose between the two rotation vectors (..., 3) of a half turn; others stay as they are.
 
-    Else the last bits of a rotation would decide.
+    It is the one with a positive first component: else the last bits of a rotation would decide.
     """
-    if vector.ndim == 1 and vector.dot(vector) < _CLEARLY_LESS:  # the common case, at every tick
+    if vector.ndim == 1 and vector.dot(vector) < 9.8:  # less than pi^2: at every tick
         return vector
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     if angle.max(initial=0.0) < _HALF_TURN:

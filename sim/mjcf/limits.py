@@ -1,22 +1,20 @@
-"""What limits motion besides loops: joints and tendons at their limits, and contacts."""
+"""Limits of motion besides loops: joints and tendons at their limits, and contacts."""
 
 from collections.abc import Collection, Iterable
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Indices
 from sim.array import Array
 from sim.errors import ModelError
-from sim.mjcf.model import joint_name, name_of
-from sim.mjcf.ranges import one_axis
+from sim.mjcf.joints import one_axis, within
+from sim.mjcf.model import joint_name, listed, name_of
 
-_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
-_WITHOUT_LIMITS = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(
-    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-)
+_OFF = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 _AT = 1e-6
 """A joint nearer to its limit than this fraction of its range rests on it."""
 
@@ -24,15 +22,15 @@ _AT = 1e-6
 class Coupled(NamedTuple):
     """Lengths of tendons and angles of ball joints that are limited, which several velocities move.
 
-    Each has a row: a tendon one for its least and one for its greatest length, a ball one.
+    Rows are, in this order, of the least lengths, the greatest lengths, and the largest angles.
 
     Attributes:
-        model: The model.
-        tendons: Their numbers.
+        model: Whose they are.
+        tendons: Numbers, (t,).
         span: Least and greatest length of each, infinite where there is none, (2, t).
         balls: Numbers of joints.
-        velocity: Largest rate of what each row is of, (r,).
-        names: What each row is of.
+        velocity: Largest rate of the quantity of each row, (r,).
+        names: Tendon or joint of each row.
     """
 
     model: mujoco.MjModel
@@ -46,44 +44,33 @@ class Coupled(NamedTuple):
     def of(
         cls, model: mujoco.MjModel, but: Collection[int], velocity: Array, *, stated: bool
     ) -> "Coupled":
-        """Those of a model.
+        """Collect those of a model, but for some tendons.
 
-        Args:
-            model: The model.
-            but: Tendons that are left out.
-            velocity: Largest rate of each tendon's length, infinite where there is none.
-            stated: Whether the ranges that the model states count.
+        `velocity` is the largest rate of each tendon's length, infinite where there is none;
+        `stated` says whether the ranges that the model states count.
         """
         limited = model.tendon_limited.astype(bool) & stated
         tendons = np.flatnonzero(limited | np.isfinite(velocity))
         tendons = tendons[~np.isin(tendons, list(but))]
-        span = np.where(limited[tendons, None], model.tendon_range[tendons], [-np.inf, np.inf]).T
-        balls = np.flatnonzero(model.jnt_limited.astype(bool) & (model.jnt_type == _BALL) & stated)
+        span = within(limited[tendons], model.tendon_range[tendons]).T
+        balls = _limited_balls(model) if stated else np.zeros(0, dtype=np.intp)
         names = [f"tendon {name_of(model.tendon(k))}" for k in tendons]
         rates = np.append(np.tile(velocity[tendons], 2), np.full(len(balls), np.inf))
         of_balls = [f"joint {joint_name(model, int(k))}" for k in balls]
         return cls(model, tendons, span, balls, rates, (*names, *names, *of_balls))
 
     def room(self, data: mujoco.MjData) -> Array:
-        """What is left of each range at a state that is up to date, (r,)."""
+        """Distance from each limit at a state that is up to date, (r,)."""
         (low, high), length = self.span, data.ten_length[self.tendons]
-        angles = [ball_turn(self.model, data, k)[0] for k in self.balls]
-        return np.concatenate([length - low, high - length, self._largest - angles])
+        angles = [np.linalg.norm(_ball_turn(self.model, data, k)) for k in self.balls]
+        largest = self.model.jnt_range[self.balls, 1]
+        return np.concatenate([length - low, high - length, largest - angles])
 
     def rows(self, data: mujoco.MjData) -> Array:
-        """Slopes of what is left, (r, nv)."""
-        of_tendons = [tendon_row(self.model, data, int(k)) for k in self.tendons]
-        rows = np.zeros((len(self.names), self.model.nv))
-        for k, row in enumerate(of_tendons):
-            rows[k], rows[len(of_tendons) + k] = row, -row
-        for row, k in zip(rows[2 * len(of_tendons) :], self.balls, strict=True):
-            start = self.model.jnt_dofadr[k]
-            row[start : start + 3] = -ball_turn(self.model, data, k)[1]
-        return rows
-
-    @property
-    def _largest(self) -> Array:
-        return self.model.jnt_range[self.balls, 1]
+        """Slopes of these distances, (r, nv)."""
+        grows = [tendon_row(self.model, data, k) for k in self.tendons]
+        shrinks = [-row for row in (*grows, *(_ball_row(self.model, data, k) for k in self.balls))]
+        return np.array([*grows, *shrinks]).reshape(-1, self.model.nv)
 
 
 class Resting(NamedTuple):
@@ -95,51 +82,50 @@ class Resting(NamedTuple):
 
 
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
-    """Joints and tendons that rest on a limit, or are beyond it; none where flags switch it off.
+    """List joints and tendons that rest on a limit, or are beyond it.
 
-    They rest where MuJoCo begins to push back, at the limit's margin.
+    They rest where MuJoCo begins to push back, at the limit's margin; nothing does where flags
+    switch limits off.
     """
-    if model.opt.disableflags & _WITHOUT_LIMITS:
+    if model.opt.disableflags & _OFF:
         return []
-    limited = model.jnt_limited.astype(bool)
-    q, (low, high) = data.qpos[model.jnt_qposadr], model.jnt_range.T
-    slack = model.jnt_margin + _AT * (high - low)
-    resting = limited & one_axis(model) & ((q <= low + slack) | (q >= high - slack))
+    resting = _at_ends(data.qpos[model.jnt_qposadr], model.jnt_range, model.jnt_margin).any(axis=0)
+    limited = model.jnt_limited.astype(bool) & one_axis(model)
     found = [
         Resting("joint", name_of(model.joint(k)), np.eye(model.nv)[model.jnt_dofadr[k]])
-        for k in np.flatnonzero(resting)
+        for k in np.flatnonzero(limited & resting)
     ]
-    for k in np.flatnonzero(limited & (model.jnt_type == _BALL)):
-        angle, axis = ball_turn(model, data, int(k))
-        if angle >= high[k] - slack[k] and angle:
-            row = np.zeros(model.nv)
-            row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = axis
-            found.append(Resting("joint", name_of(model.joint(k)), row))
-    low, high = model.tendon_range.T
-    slack, length = model.tendon_margin + _AT * (high - low), data.ten_length
-    resting = (length <= low + slack) | (length >= high - slack)
+    for k in _limited_balls(model):
+        angle = np.linalg.norm(_ball_turn(model, data, k))
+        if angle and _at_ends(angle, model.jnt_range[k], model.jnt_margin[k])[1]:
+            found.append(Resting("joint", name_of(model.joint(k)), _ball_row(model, data, k)))
+    resting = _at_ends(data.ten_length, model.tendon_range, model.tendon_margin).any(axis=0)
     for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
-        row = tendon_row(model, data, int(k))
-        found.append(Resting("tendon", name_of(model.tendon(k)), row))
+        found.append(Resting("tendon", name_of(model.tendon(k)), tendon_row(model, data, k)))
     return found
 
 
-def stuck_names(argument: str, stuck: bool | Iterable[str]) -> bool | tuple[str, ...]:
-    """All, none, or the names of some.
+def _at_ends(value: ArrayLike, span: Array, margin: Array) -> Array:
+    """Whether values (...) rest on the least, and on the greatest of their limits, (2, ...)."""
+    low, high = span.T
+    slack = margin + _AT * (high - low)
+    return np.array([np.less_equal(value, low + slack), np.greater_equal(value, high - slack)])
 
-    Raises:
-        TypeError: Something of another kind.
-    """
+
+def _limited_balls(model: mujoco.MjModel) -> Indices:
+    is_ball = model.jnt_type == int(mujoco.mjtJoint.mjJNT_BALL)
+    return np.flatnonzero(model.jnt_limited.astype(bool) & is_ball)
+
+
+def stuck_names(argument: str, stuck: bool | Iterable[str]) -> bool | tuple[str, ...]:
+    """Check an argument that is true for all, false for none, or the names of some."""
     return stuck if isinstance(stuck, bool) else check.members(argument, stuck, str)
 
 
 def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[str, ...]) -> Array:
     """Velocities (p, nv) forbidden by the limits on which joints and tendons rest.
 
-    Args:
-        model: The model.
-        data: Its state, up to date.
-        stuck: True for all that rest on one, or the names of some.
+    `stuck` is true for all that rest on one, or has the names of some; `data` is up to date.
 
     Raises:
         ModelError: One of these names rests on no limit.
@@ -147,23 +133,28 @@ def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[s
     resting = at_limits(model, data)
     if not isinstance(stuck, bool):
         names = [limit.name for limit in resting]
-        for name in stuck:
-            if name not in names:
-                there = ", ".join(names) or "none"
-                raise ModelError(f'"{name}" rests on no limit; those that do: {there}')
+        for name in (each for each in stuck if each not in names):
+            raise ModelError(f'"{name}" rests on no limit; those that do: {listed(names)}')
         resting = [limit for limit in resting if limit.name in stuck]
     return np.vstack([np.zeros((0, model.nv)), *(limit.row for limit in resting)])
 
 
-def ball_turn(model: mujoco.MjModel, data: mujoco.MjData, joint: int) -> tuple[float, Array]:
-    """Angle and axis of a ball joint; no axis where it is not turned."""
+def _ball_turn(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> Array:
+    """Rotation vector (3,) of a ball joint."""
     vector, start = np.empty(3), model.jnt_qposadr[joint]
     mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
-    angle = float(np.linalg.norm(vector))
-    return angle, vector / angle if angle else vector
+    return vector
 
 
-def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:
+def _ball_row(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> Array:
+    """Slope (nv,) of the angle of a ball joint; zero where it is not turned."""
+    row, start = np.zeros(model.nv), model.jnt_dofadr[joint]
+    vector = _ball_turn(model, data, joint)
+    row[start : start + 3] = vector / (np.linalg.norm(vector) or 1.0)
+    return row
+
+
+def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: SupportsIndex) -> Array:
     """Slope (nv,) of the length of a tendon."""
     row, start = np.zeros(model.nv), model.ten_J_rowadr[tendon]
     entries = slice(start, start + model.ten_J_rownnz[tendon])
@@ -177,5 +168,4 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int,
         return frozenset()
     contacts = data.contact
     geoms = contacts.geom[(contacts.exclude == 0) & (contacts.geom >= 0).all(axis=1)]
-    pairs = np.sort(model.geom_bodyid[geoms], axis=1)
-    return frozenset((int(a), int(b)) for a, b in pairs)
+    return frozenset(map(tuple, np.sort(model.geom_bodyid[geoms], axis=1).tolist()))

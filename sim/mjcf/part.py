@@ -1,4 +1,4 @@
-"""Which joints and actuators of a file a task involves, by its structure alone."""
+"""Joints and actuators of a file that a task involves, by its structure alone."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -12,13 +12,6 @@ from sim.mjcf.frame import Located
 from sim.mjcf.model import joint_name
 
 _EQ, _TRN, _WRAP = mujoco.mjtEq, mujoco.mjtTrn, mujoco.mjtWrap
-_BETWEEN_BODIES = int(_EQ.mjEQ_CONNECT), int(_EQ.mjEQ_WELD)
-_OF_JOINTS, _OF_TENDONS = int(_EQ.mjEQ_JOINT), int(_EQ.mjEQ_TENDON)
-_OF_FLEXES = int(_EQ.mjEQ_FLEX), int(_EQ.mjEQ_FLEXVERT), int(_EQ.mjEQ_FLEXSTRAIN)
-_ON_JOINT = int(_TRN.mjTRN_JOINT), int(_TRN.mjTRN_JOINTINPARENT)
-_ON_TENDON, _ON_BODY = int(_TRN.mjTRN_TENDON), int(_TRN.mjTRN_BODY)
-_WRAPPED_JOINT, _WRAPPED_SITE = int(_WRAP.mjWRAP_JOINT), int(_WRAP.mjWRAP_SITE)
-_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 
 Bodies = frozenset[int]
 """Bodies that have joints."""
@@ -26,13 +19,7 @@ Bodies = frozenset[int]
 
 @dataclass(frozen=True)
 class Part:
-    """What of a model a task involves.
-
-    Attributes:
-        model: The model.
-        bodies: Those with joints that are part of it.
-        actuators: Numbers of those that move these bodies and no others.
-    """
+    """Part of a model: some bodies with joints, and the actuators that move these and no others."""
 
     model: mujoco.MjModel
     bodies: Bodies
@@ -58,10 +45,9 @@ class Part:
     @cached_property
     def positions(self) -> NDArray[np.intp]:
         """Places in `qpos` of the joints that are part of it."""
-        joints = np.repeat(
-            np.arange(self.model.njnt), np.diff([*self.model.jnt_qposadr, self.model.nq])
-        )
-        return np.flatnonzero(~np.isin(self.model.jnt_bodyid[joints], self.rest)).astype(np.intp)
+        sizes = np.diff([*self.model.jnt_qposadr, self.model.nq])
+        bodies = np.repeat(self.model.jnt_bodyid, sizes)
+        return np.flatnonzero(~np.isin(bodies, self.rest)).astype(np.intp)
 
     @cached_property
     def left_out(self) -> tuple[str, ...]:
@@ -72,16 +58,11 @@ class Part:
 
 
 def task_part(model: mujoco.MjModel, frames: Iterable[Located], active: Iterable[int]) -> Part:
-    """What the task of these frames involves: whatever moves them, and whatever that is tied to.
+    """Find the part of a model that moves the frames of a task, and whatever that is tied to.
 
-    The joints that carry a frame; those that an active equality, or a tendon that pulls, ties to
-    them, along the way from one end of the tie to the other; and so on. A hand that an arm carries
+    The joints that carry a frame; those that an equality of number `active`, or a tendon that
+    pulls, ties to them, from one end of the tie to the other; and so on. A hand that an arm carries
     is tied to nothing that moves the arm, and is no part of it.
-
-    Args:
-        model: The model.
-        frames: Of the task, and of its axes.
-        active: Numbers of the equalities that are active.
     """
     carried = [bodies for frame in frames if (bodies := _above(model, frame.body))]
     part = frozenset[int]().union(*carried)
@@ -117,53 +98,44 @@ def tendon_bodies(model: mujoco.MjModel, tendon: int) -> Bodies:
     """Bodies with joints that change the length of a tendon."""
     wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
     kinds, ends = model.wrap_type[wraps], model.wrap_objid[wraps]
-    joints = (_of_joint(model, int(end)) for end in ends[kinds == _WRAPPED_JOINT])
-    sites = model.site_bodyid[ends[kinds == _WRAPPED_SITE]].tolist()
+    joints = (_of_joint(model, int(end)) for end in ends[kinds == _WRAP.mjWRAP_JOINT])
+    sites = model.site_bodyid[ends[kinds == _WRAP.mjWRAP_SITE]].tolist()
     along = _between(model, sites) if sites else frozenset[int]()
     return along.union(*joints)
 
 
 def equality_bodies(model: mujoco.MjModel, equality: int) -> Bodies:
     """Bodies with joints that an equality ties to one another."""
-    kind = int(model.eq_type[equality])
+    kind = _EQ(model.eq_type[equality])
     both = model.eq_obj1id[equality], model.eq_obj2id[equality]
     ends = [int(end) for end in both if end >= 0]
-    if kind in _BETWEEN_BODIES:
-        sites = model.eq_objtype[equality] == _SITE
+    if kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD):
+        sites = model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE
         return _between(model, model.site_bodyid[ends].tolist() if sites else ends)
-    if kind in _OF_FLEXES:
-        return _between(model, _flex_bodies(model, ends[0]))
-    of = {_OF_JOINTS: _of_joint, _OF_TENDONS: tendon_bodies}.get(kind)
-    return frozenset[int]().union(*(of(model, end) for end in ends)) if of else frozenset()
-
-
-def _flex_bodies(model: mujoco.MjModel, flex: int) -> list[int]:
-    """Bodies of the vertices of a flex, or of its nodes where these move it."""
-    of = "node" if model.flex_interp[flex] else "vert"
-    start, count = (getattr(model, f"flex_{of}{field}")[flex] for field in ("adr", "num"))
-    return sorted(set(getattr(model, f"flex_{of}bodyid")[start : start + count].tolist()))
+    if kind in (_EQ.mjEQ_FLEX, _EQ.mjEQ_FLEXVERT, _EQ.mjEQ_FLEXSTRAIN):
+        of = "node" if model.flex_interp[ends[0]] else "vert"  # nodes move it where it has some
+        start, count = (getattr(model, f"flex_{of}{field}")[ends[0]] for field in ("adr", "num"))
+        return _between(model, getattr(model, f"flex_{of}bodyid")[start : start + count].tolist())
+    of_end = {_EQ.mjEQ_JOINT: _of_joint, _EQ.mjEQ_TENDON: tendon_bodies}.get(kind)
+    return frozenset[int]().union(*(of_end(model, end) for end in ends)) if of_end else frozenset()
 
 
 def _tendons(model: mujoco.MjModel) -> Iterator[Bodies]:
-    """What a tendon ties by itself: with a spring, a damper, friction or a limit."""
-    pulls = (
-        model.tendon_stiffness.astype(bool)
-        | model.tendon_damping.astype(bool)
-        | model.tendon_frictionloss.astype(bool)
-        | model.tendon_limited.astype(bool)
-    )
+    """Bodies that each tendon ties by itself: with a spring, a damper, friction or a limit."""
+    fields = "stiffness", "damping", "frictionloss", "limited"
+    pulls = np.any([getattr(model, f"tendon_{field}") for field in fields], axis=0)
     return (tendon_bodies(model, int(k)) for k in np.flatnonzero(pulls))
 
 
 def moved_bodies(model: mujoco.MjModel, actuator: int) -> Bodies:
     """Bodies with joints on which an actuator acts."""
-    kind = int(model.actuator_trntype[actuator])
+    kind = _TRN(model.actuator_trntype[actuator])
     end, other = model.actuator_trnid[actuator].tolist()
-    if kind in _ON_JOINT:
+    if kind in (_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT):
         return _of_joint(model, end)
-    if kind == _ON_TENDON:
+    if kind == _TRN.mjTRN_TENDON:
         return tendon_bodies(model, end)
-    if kind == _ON_BODY:  # adhesion: it moves nothing
+    if kind == _TRN.mjTRN_BODY:  # adhesion: it moves nothing
         return frozenset()
     at = [int(model.site_bodyid[end])]
     return _between(model, [*at, int(model.site_bodyid[other]) if other >= 0 else 0])

@@ -1,71 +1,244 @@
-"""Drives that a plant can command and that can fail: their locks and switches."""
+"""Actuators of a plant: they hold displacements, lock, lose their force, and work again."""
 
 import copy
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
-from sim.mjcf.drive import Drive
-from sim.mjcf.dynamics import mass_of
-from sim.mjcf.locks import (
+from sim.mjcf.drive import (
     STEPS,
-    Lockable,
+    Drive,
+    Law,
+    drive_rows,
+    law_of,
     lock_name,
     lockable_by,
     locked_by,
     stiffness_of,
     weakens_locks,
 )
-from sim.mjcf.model import element_id
-from sim.mjcf.transmission import drive_rows, drives
+from sim.mjcf.joints import has_linear_spring, is_slack, mass_of, ranges
 
+_STEP, _SAME_SLOPE = 1e-6, 1e-4
+"""Step of a central difference of lengths [rad] or [m], and how far its slope may be off."""
 _HEAVY = 1e6
 """Inertia of a locked joint, in its own, where the integrator weakens its lock: others cannot drag
 it along, and feel it as they feel one that is locked."""
 _MOTION_HZ, _GIVES_WAY = 1.0, 0.03
 """Of a motion, and the part of it by which a lock that holds may still give way."""
 _OFF = 30
-"""Group of the actuators that are switched off: the last that `opt.disableactuator` switches."""
+"""Group of actuators that are switched off, the last that `opt.disableactuator` has."""
+_SERVO = (
+    "sim.servoed(model, natural_frequency_hz=...), --servo HZ or servo_hz= makes it a position "
+)
+_SERVO += "servo"
+_OF_ACTUATORS = "actuator_group", "actuator_gainprm", "actuator_biasprm"
+_OF_VELOCITIES = "dof_armature", "dof_invweight0"
 
 
-def plant_drives(model: mujoco.MjModel, among: Collection[int] | None = None) -> tuple[Drive, ...]:
-    """The drives of a model, one at least, of some actuators; None is all.
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """Controls and forces as functions of the displacements x (n,) at which drives rest.
+
+    Attributes:
+        at_rest: Controls at x = 0, shape (nu,).
+        per_displacement: Slope of the controls, shape (nu, n).
+        force: Of each output at x = 0, shape (nout,).
+        force_slope: Shape (nout, n): what springs take.
+        stiffness: Force of each drive per displacement commanded while it is held, shape (n,).
+        feedback: What that force falls by per displacement and per speed, as parts of `stiffness`,
+            shape (n, 2): [1, kv/kp] of a servo alone, zeros of a motor against a spring.
+    """
+
+    at_rest: Array
+    per_displacement: Array
+    force: Array
+    force_slope: Array
+    stiffness: Array
+    feedback: Array
+
+    def beside(self, controls: Array) -> "Commands":
+        """Let all other controls keep these values (nu,)."""
+        commanded = self.per_displacement.any(axis=1)
+        return replace(self, at_rest=np.where(commanded, self.at_rest, controls))
+
+    def controls(self, displacements: Array) -> Array:
+        """Controls (nu,) for displacements (n,)."""
+        return self.at_rest + self.per_displacement.dot(displacements)
+
+
+def commands_of(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    drives: tuple[Drive, ...],
+    forces: Array | None = None,
+) -> Commands:
+    """Find the controls that displace drives from the pose of `data`, which is up to date.
+
+    Each actuator balances its own feedback; those of one drive share the force of its spring, each
+    in proportion to its gear, which makes the sum of squares least. In that pose outputs exert the
+    `forces` (nout,); None is without control.
 
     Raises:
-        ModelError: There is none; or as :func:`drives`.
+        ModelError: No control displaces a drive.
     """
-    if found := drives(model, among=among):
-        return found
-    raise ModelError("the model has no actuator; a plant needs at least one")
+    at_rest, gains = np.zeros(model.nu), np.zeros((model.nu, len(drives)))
+    force, slope = np.zeros(model.nout), np.zeros((model.nout, len(drives)))
+    stiffness, feedback = np.zeros(len(drives)), np.zeros((len(drives), 2))
+    for n, drive in enumerate(drives):
+        laws = [law_of(model, k) for k in drive.ids]
+        spring, _ = _spring(model, data, drive)
+        squares = sum(gear * gear for gear in drive.gear)
+        for k, out, gear, law in zip(drive.ids, drive.outputs, drive.gear, laws, strict=True):
+            feedback[n] -= gear * gear * np.array([law.per_length, law.per_speed])
+            control, share = model.actuator_ctrladr[k], gear * spring / squares
+            passive = law.constant + law.per_length * data.actuator_length[out]
+            gains[control, n] = (share - law.per_length * gear) / law.gain
+            slope[out, n] = share
+            force[out] = passive if forces is None else forces[out]
+            at_rest[control] = (force[out] - passive) / law.gain
+        stiffness[n] = spring + feedback[n, 0]
+        if stiffness[n] <= 0.0:
+            raise ModelError(f'actuator "{drive.actuators[0]}" {_why_without(drive, laws)}')
+        if not drive.has_length:
+            _refuse_other_length(model, data, drive)
+    feedback /= stiffness[:, None]
+    return Commands(at_rest, gains, force, slope, stiffness, feedback)
 
 
-def locks_of(
-    model: mujoco.MjModel, drives: tuple[Drive, ...], names: Sequence[str] | None
-) -> list[int]:
-    """Id of the equality that locks each drive (n,), -1 without; None is `lock1`, `lock2`, ...
+def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[float, float]:
+    """Stiffness of the spring of the joint or tendon itself, and how far it is stretched."""
+    if drive.lockable is None:
+        return 0.0, 0.0
+    kind, k = drive.lockable
+    if kind == "joint":
+        at, is_linear = model.jnt_qposadr[k], has_linear_spring(model)[k]
+        stiffness, stretch = model.jnt_stiffness[k], data.qpos[at] - model.qpos_spring[at]
+    else:
+        length, is_linear = data.ten_length[k], not model.tendon_stiffnesspoly[k].any()
+        stiffness = 0.0 if is_slack(model, data, k) else model.tendon_stiffness[k]
+        stretch = length - np.clip(length, *model.tendon_lengthspring[k])
+    if not is_linear:
+        raise ModelError(f'the spring of {kind} "{drive.name}" is not linear')
+    return float(stiffness), float(stretch)
 
-    Raises:
-        ModelError: No such equality, or one that does not hold this joint or tendon alone. A drive
-            that is no joint may have none.
-        ValueError: Another number of names than of drives.
-        TypeError: `names` is not a list or tuple of names.
+
+def spring_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
+    """Force of the own spring of each drive at this pose, along its velocity, shape (n,)."""
+    springs = [_spring(model, data, drive) for drive in drives]
+    return np.array([-stiffness * stretch for stiffness, stretch in springs])
+
+
+def _why_without(drive: Drive, laws: list[Law]) -> str:
+    """Say why no displacement follows from a control: no feedback of position, no spring."""
+    if any(law.per_length > 0.0 for law in laws):
+        return "pushes away from its target: its feedback must be negative"
+    if any(law.per_speed for law in laws):
+        said = "is a velocity servo, whose control is a speed: a plant is commanded by"
+        return f"{said} displacements: {_SERVO}"
+    if drive.has_length:
+        return f"is a torque motor, and no displacement follows from a torque: {_SERVO}"
+    return (
+        "is a torque motor at a site, or on a ball or free joint, where no displacement follows "
+        "from its force: a flight needs a controller of the base. Its force mapping, attainable "
+        "forces and limits are those of any actuator"
+    )
+
+
+def _refuse_other_length(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> None:
+    """Refuse a servo that does not feel its own displacement.
+
+    It feels none without a reference site, another one where this or a ball joint has turned.
     """
-    if names is None:
-        return [_default_lock(model, drive) for drive in drives]
-    check.instance("locks", names, list, tuple)
-    if len(names) != len(drives):
-        raise ValueError(
-            f"locks must name an equality for each of {len(drives)} actuators, got {len(names)}"
+    row, probe = drive_rows(model, data, [drive])[0], copy.copy(data)
+    slope = np.zeros(model.nv)
+    for k, velocity in enumerate(np.eye(model.nv)):
+        for step in (_STEP, -_STEP):
+            probe.qpos[:] = data.qpos
+            mujoco.mj_integratePos(model, probe.qpos, velocity, step)
+            mujoco.mj_fwdPosition(model, probe)
+            slope[k] += probe.actuator_length[drive.outputs[0]] / (2 * step)
+    if np.abs(slope / drive.gear[0] - row).max() > _SAME_SLOPE * np.abs(row).max():
+        raise ModelError(
+            f'actuator "{drive.actuators[0]}" feels a length that does not grow with what it '
+            "moves: give its site a refsite that does not turn, its ball joint a pose near zero"
         )
-    return [
-        _lock(model, check.instance("locks", name, str), lockable_by(model, drive.ids[0]))
-        for name, drive in zip(names, drives, strict=True)
-    ]
+
+
+def rest_limits(
+    model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...], commands: Commands
+) -> tuple[Array, Array]:
+    """Displacements at which drives can rest, within the ranges of MJCF: (n,) each, [m] or [rad].
+
+    They count from the pose of `data`, within ranges of the joint or tendon, control and force.
+    """
+    limits, found = ranges(model), np.empty((2, len(drives)))
+    for n, drive in enumerate(drives):
+        spans = [np.array([-np.inf, np.inf])]
+        if drive.joint is not None:
+            here = data.qpos[model.jnt_qposadr[drive.joint]]
+            spans.append(limits.joint[model.jnt_dofadr[drive.joint]] - here)
+        elif drive.tendon is not None:
+            spans.append(limits.tendon[drive.tendon] - data.ten_length[drive.tendon])
+        for k, out in zip(drive.ids, drive.outputs, strict=True):
+            control = model.actuator_ctrladr[k]
+            slope, force_slope = commands.per_displacement[control, n], commands.force_slope[out, n]
+            if slope:
+                spans.append(np.sort((limits.control[control] - commands.at_rest[control]) / slope))
+            if force_slope:
+                spans.append(np.sort((limits.force[out] - commands.force[out]) / force_slope))
+        lower, upper = np.transpose(spans)
+        found[:, n] = lower.max(), upper.min()
+    return found[0], found[1]
+
+
+def locks_of(model: mujoco.MjModel, drives: tuple[Drive, ...]) -> list[int]:
+    """Id of the equality that locks each drive (n,), -1 where a drive that is no joint has none.
+
+    It is `lock1`, `lock2`, ..., after the first actuator of the joint or tendon, or any that holds
+    it alone.
+
+    Raises:
+        ModelError: A joint has no lock, or the equality of this name does anything else.
+    """
+    return [_lock_of(model, drive) for drive in drives]
+
+
+def _lock_of(model: mujoco.MjModel, drive: Drive) -> int:
+    if drive.lockable is None:
+        return -1
+    name, called = _lock_name(model, drive), _called(drive)
+    named = [k for k in range(model.neq) if model.equality(k).name == name]
+    own = [k for k in range(model.neq) if locked_by(model, k) == drive.lockable]
+    if not set(named) <= set(own):
+        raise ModelError(f'equality "{name}" must lock the {called} alone')
+    if not own and drive.joint is not None:
+        raise _missing_lock(model, drive)
+    return next(iter(named + own), -1)
+
+
+def _lock_name(model: mujoco.MjModel, drive: Drive) -> str:
+    """Name of a lock, after the first actuator, if disabled, of its joint or tendon."""
+    each = range(model.nactuator)
+    return lock_name(next(k for k in each if lockable_by(model, k) == drive.lockable))
+
+
+def _called(drive: Drive) -> str:
+    """A joint or tendon in words, by the name that an equality gives."""
+    kind, number = drive.lockable or ("", 0)
+    return f'{kind} "{getattr(drive.model, kind)(number).name}"'
+
+
+def _missing_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
+    return ModelError(
+        f'the model has no equality named "{_lock_name(model, drive)}" to lock the '
+        f"{_called(drive)}; load_model(path, add_locks=True) adds one"
+    )
 
 
 def enable_locks(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -78,61 +251,52 @@ def enable_locks(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     model.opt.disableflags = flags & ~(bit.mjDSBL_EQUALITY | bit.mjDSBL_CONSTRAINT)
 
 
-def lockable(model: mujoco.MjModel, drive: Drive, equality: int) -> Lockable:
-    """The joint or tendon of a drive, which this equality locks.
-
-    Raises:
-        ModelError: The drive has no lock.
-    """
-    part = lockable_by(model, drive.ids[0])
-    if part is None:
+def refuse_without_lock(model: mujoco.MjModel, drive: Drive, equality: int) -> None:
+    """Raise a ModelError if a drive cannot lock."""
+    if drive.lockable is None:
         raise ModelError(
             f'actuator "{drive.name}" cannot be locked: it moves neither a slide or hinge joint '
             "nor a tendon, and only these have locks"
         )
     if equality < 0:
-        raise _missing_lock(lock_name(_first(model, part)), part)
-    return part
+        raise _missing_lock(model, drive)
 
 
 def activate_lock(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equality: int) -> None:
-    """Hold the joint or tendon of a drive where it is; `data` is up to date.
-
-    Raises:
-        ModelError: The drive has no lock.
-    """
-    part = lockable(model, drive, equality)
-    if part.kind == "joint":
-        qpos, dof = model.jnt_qposadr[part.id], model.jnt_dofadr[part.id]
+    """Hold the joint or tendon of a drive where it is; a ModelError if it has no lock."""
+    refuse_without_lock(model, drive, equality)
+    if drive.joint is not None:
+        qpos, dof = model.jnt_qposadr[drive.joint], model.jnt_dofadr[drive.joint]
         model.eq_data[equality, 0] = data.qpos[qpos] - model.qpos0[qpos]
         if weakens_locks(model) and not data.eq_active[equality]:
             model.dof_armature[dof] = _HEAVY * mass_of(model, data)[dof, dof]
             model.dof_invweight0[dof] = 1.0 / model.dof_armature[dof]
     else:
-        model.eq_data[equality, 0] = data.ten_length[part.id] - model.tendon_length0[part.id]
+        k = drive.tendon
+        model.eq_data[equality, 0] = data.ten_length[k] - model.tendon_length0[k]
     data.eq_active[equality] = True
 
 
 def yields(
     model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equality: int, stiffness: float
 ) -> str | None:
-    """By how much the lock of a drive gives way, and why, in words; None: it holds, or is none.
+    """Say by how much the lock of a drive gives way, and why; None if it holds, or is none.
 
     An estimate at the pose of `data`, which is up to date: what stops the drive, how far its own
     actuator of this stiffness then pulls it, and how far others drag it.
     """
-    part = lockable_by(model, drive.ids[0])
-    if equality < 0 or part is None:
+    if equality < 0:
         return None
     step_s, impedance = model.opt.timestep, model.eq_solimp[equality, 0]
     time_s = max(1 / math.sqrt(stiffness_of(model, equality)), STEPS * step_s)
-    omega, on_tendon, dragged = 2 * math.pi * _MOTION_HZ, part.kind == "tendon", 0.0
+    omega, of_tendon, dragged = 2 * math.pi * _MOTION_HZ, drive.joint is None, 0.0
     soft = omega / 2 * time_s / math.e
-    if on_tendon or not weakens_locks(model):
-        inverse = model.tendon_invweight0 if on_tendon else model.dof_invweight0[model.jnt_dofadr]
-        pulled = (1 / impedance - 1) * stiffness * inverse[part.id] * time_s**2
+    if of_tendon or not weakens_locks(model):
+        inverse = model.tendon_invweight0 if of_tendon else model.dof_invweight0[model.jnt_dofadr]
+        number = drive.tendon if of_tendon else drive.joint
+        pulled = (1 / impedance - 1) * stiffness * inverse[number] * time_s**2
         soft += pulled / (1 + pulled)
-    if on_tendon and weakens_locks(model):
+    if of_tendon and weakens_locks(model):
         dragged = (omega * time_s) ** 2 * (1 / _kept_of_force(model, data, drive) - 1)
     if soft + dragged < _GIVES_WAY:
         return None
@@ -144,7 +308,7 @@ def yields(
         cause = f"it has a time constant of {1e3 * time_s:.3g} ms and an impedance of "
         cause += f"{impedance:g}: an impedance of 0.9999 and {STEPS} shorter time steps hold it"
     return (
-        f'the lock of {part.kind} "{part.name}" gives way, by about '
+        f"the lock of {_called(drive)} gives way, by about "
         f"{100 * min(soft + dragged, 1):.0f} % of a motion of {_MOTION_HZ:g} Hz, as {cause}"
     )
 
@@ -162,10 +326,7 @@ def _kept_of_force(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> 
 
 
 def reserve_off_group(model: mujoco.MjModel) -> None:
-    """Make sure that :func:`switch_off` switches nothing else off.
-
-    Actuators that work and are in its group move to one that no option switches.
-    """
+    """Move working actuators of the group that :func:`switch_off` takes to one never switched."""
     if not model.opt.disableactuator >> _OFF & 1:
         model.actuator_group[model.actuator_group == _OFF] = _OFF + 1
 
@@ -176,18 +337,6 @@ def switch_off(model: mujoco.MjModel, drive: Drive) -> None:
     model.opt.disableactuator |= 1 << _OFF
 
 
-def take_spring(model: mujoco.MjModel, drive: Drive) -> None:
-    """Take the spring of the joint or tendon of a drive away."""
-    if drive.joint is not None:
-        model.jnt_stiffness[drive.joint] = 0.0
-    elif drive.tendon is not None:
-        model.tendon_stiffness[drive.tendon] = 0.0
-
-
-_OF_ACTUATORS = "actuator_group", "actuator_gainprm", "actuator_biasprm"
-_OF_VELOCITIES = "dof_armature", "dof_invweight0"
-
-
 def strengths_of(model: mujoco.MjModel) -> dict[str, Array]:
     """All that a failure changes of a model."""
     names = (*_OF_ACTUATORS, *_OF_VELOCITIES, "jnt_stiffness", "tendon_stiffness", "eq_data")
@@ -196,51 +345,11 @@ def strengths_of(model: mujoco.MjModel) -> dict[str, Array]:
 
 def restore(model: mujoco.MjModel, drive: Drive, strengths: Mapping[str, Array]) -> None:
     """Give a drive its force and its spring as they were; its lock is not of the model."""
-    ids = list(drive.ids)
-    for name in _OF_ACTUATORS:
-        getattr(model, name)[ids] = strengths[name][ids]
+    places: dict[str, list[int]] = {name: list(drive.ids) for name in _OF_ACTUATORS}
     if drive.joint is not None:
-        model.jnt_stiffness[drive.joint] = strengths["jnt_stiffness"][drive.joint]
-        dof = model.jnt_dofadr[drive.joint]
-        for name in _OF_VELOCITIES:
-            getattr(model, name)[dof] = strengths[name][dof]
+        dof = int(model.jnt_dofadr[drive.joint])
+        places |= {"jnt_stiffness": [drive.joint]} | {name: [dof] for name in _OF_VELOCITIES}
     elif drive.tendon is not None:
-        model.tendon_stiffness[drive.tendon] = strengths["tendon_stiffness"][drive.tendon]
-
-
-def _first(model: mujoco.MjModel, part: Lockable) -> int:
-    """The first actuator of a joint or tendon, after which its lock is named."""
-    return next(k for k in range(model.nactuator) if lockable_by(model, k) == part)
-
-
-def _default_lock(model: mujoco.MjModel, drive: Drive) -> int:
-    part = lockable_by(model, drive.ids[0])
-    if part is None:
-        return -1
-    name = lock_name(_first(model, part))
-    if any(model.equality(k).name == name for k in range(model.neq)):
-        return _lock(model, name, part)
-    if own := [k for k in range(model.neq) if locked_by(model, k) == part]:
-        return own[0]
-    if part.kind == "joint":
-        raise _missing_lock(name, part)
-    return -1
-
-
-def _missing_lock(name: str, part: Lockable) -> ModelError:
-    return ModelError(
-        f'the model has no equality named "{name}" to lock the {part.kind} "{part.name}"; '
-        "load_model(path, add_locks=True) adds one, locks= takes other names"
-    )
-
-
-def _lock(model: mujoco.MjModel, name: str, part: Lockable | None) -> int:
-    lock = element_id(model, "equality", name)
-    if part is None or locked_by(model, lock) != part:
-        held = "nothing: its actuator has no lock" if part is None else _alone(part)
-        raise ModelError(f'equality "{name}" must lock {held}')
-    return lock
-
-
-def _alone(part: Lockable) -> str:
-    return f'the {part.kind} "{part.name}" alone'
+        places |= {"tendon_stiffness": [drive.tendon]}
+    for name, rows in places.items():
+        getattr(model, name)[rows] = strengths[name][rows]

@@ -11,10 +11,10 @@ from argument_checks.ties import greatest
 from sim.array import Array
 from sim.closing.equalities import closure_rows
 from sim.errors import ModelError
-from sim.mjcf.drive import Drive
-from sim.mjcf.dynamics import mass_of
+from sim.mjcf.drive import Drive, moments_of
+from sim.mjcf.joints import mass_of, ranges
 from sim.mjcf.model import name_of
-from sim.plant.commands import Commands
+from sim.plant.actuators import Commands
 from sim.plant.linear import allowed
 
 _BALANCED = 1e-7
@@ -30,12 +30,9 @@ _KIND = {
 
 
 class Balance(NamedTuple):
-    """Forces of actuators that hold a machine still, as far as they can.
+    """Forces (nout,) of outputs that hold a machine still, and the joint that moves most if any.
 
-    Attributes:
-        forces: Of each output, shape (nout,).
-        joint: Number of the one that moves most; None where all is still.
-        moves: That, and what moves it, in words.
+    `moves` says in words what moves it.
     """
 
     forces: Array
@@ -49,34 +46,21 @@ def balance(
     drives: tuple[Drive, ...],
     still: NDArray[np.intp] | None = None,
 ) -> Balance:
-    """Forces of the actuators of drives that hold the machine still in the pose of `data`.
+    """Find forces of the actuators of drives that hold the machine still in the pose of `data`.
 
     They balance gravity and springs through the closures, with the least norm, within the ranges of
-    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing.
-    `data` has been through `mj_forward` at rest.
-
-    Args:
-        model: The model.
-        data: Its state.
-        drives: Whose actuators hold it.
-        still: Velocities (k,) that something else holds; None is none.
+    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing;
+    something else holds the velocities `still` (k,). `data` has been through `mj_forward` at rest.
     """
-    moments = np.zeros((model.nout, model.nv))
-    mujoco.mju_sparse2dense(
-        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
+    moments = moments_of(model, data)
     used = [out for drive in drives for out in drive.outputs]
-    held = closure_rows(model, data)
-    if still is not None and len(still):
-        held = np.vstack([held, np.eye(model.nv)[still]])
-    Z = allowed(held)
+    held = np.eye(model.nv)[[] if still is None else still]
+    Z = allowed(np.vstack([closure_rows(model, data), held]))
     springs = data.qfrc_passive + data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
     loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
     arms = Z.T @ moments[used].T
     each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
-    low, high = np.where(
-        model.actuator_forcelimited[used, None], model.actuator_forcerange[used], (-np.inf, np.inf)
-    ).T
+    low, high = ranges(model).force[used].T
     least = each.sum(axis=1)
     if ((least < low) | (least > high)).any():
         # Along what bears no load others may take over.
@@ -86,9 +70,9 @@ def balance(
     unbalanced = Z @ (Z.T @ loads + arms @ each)
     forces = np.zeros(model.nout)
     forces[used] = each.sum(axis=1)
-    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
-        return Balance(forces, *_what_moves(model, Z, mass_of(model, data), unbalanced))
-    return Balance(forces)
+    if np.linalg.norm(unbalanced.sum(axis=1)) <= _BALANCED * np.linalg.norm(loads):
+        return Balance(forces)
+    return Balance(forces, *_what_moves(model, Z, mass_of(model, data), unbalanced))
 
 
 def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
@@ -114,40 +98,27 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
 
 
 def holding_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
-    """The forces (nout,) of :func:`balance`.
-
-    Raises:
-        ModelError: Something falls, or is moved by a spring, whatever the actuators do.
-    """
+    """Forces (nout,) of :func:`balance`; a ModelError if something falls or a spring moves it."""
     found = balance(model, data, drives)
     if found.joint is not None:
         raise ModelError(found.moves)
     return found.forces
 
 
-def refuse_beyond_ranges(
-    model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Commands
-) -> None:
-    """Refuse a pose that actuators could hold only beyond their ranges.
-
-    Raises:
-        ModelError: As described.
-    """
+def beyond_ranges(model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Commands) -> str:
+    """Sentence on an actuator that could hold the pose only beyond its range; empty if none."""
+    limits = ranges(model)
     for drive in drives:
         for k, out in zip(drive.ids, drive.outputs, strict=True):
             control = model.actuator_ctrladr[k]
-            force = float(commands.force_at_rest[out])
-            value = float(commands.at_rest[control])
-            if model.actuator_forcelimited[out]:
-                _within("a force", float(force), model.actuator_forcerange[out], model, k)
-            if model.actuator_ctrllimited[control]:
-                _within("a control", float(value), model.actuator_ctrlrange[control], model, k)
-
-
-def _within(what: str, value: float, span: Array, model: mujoco.MjModel, actuator: int) -> None:
-    slack = _WITHIN * (span[1] - span[0])
-    if not span[0] - slack <= value <= span[1] + slack:
-        raise ModelError(
-            f'actuator "{name_of(model.actuator(actuator))}" cannot hold the start: it takes '
-            f"{what} of {value:.4g}, outside {span[0]:g}..{span[1]:g}"
-        )
+            for what, value, (low, high) in (
+                ("a force", float(commands.force[out]), limits.force[out]),
+                ("a control", float(commands.at_rest[control]), limits.control[control]),
+            ):
+                slack = _WITHIN * (high - low)
+                if not low - slack <= value <= high + slack:
+                    return (
+                        f'actuator "{name_of(model.actuator(k))}" cannot hold the start: it takes '
+                        f"{what} of {value:.4g}, outside {low:g}..{high:g}"
+                    )
+    return ""

@@ -1,7 +1,8 @@
-"""Linear model of a mechanism about its present equilibrium."""
+"""Linear model of a mechanism at rest, dry friction beside it, and what both leave out."""
 
 import copy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -9,51 +10,79 @@ import scipy.linalg
 
 import argument_checks as check
 from sim.array import Array
-from sim.closing.equalities import check_closures, closure_rows
+from sim.closing.equalities import check_closures, closure_rows, constraint_rows, equality_name
 from sim.errors import ModelError
-from sim.kinematics.task import Task, task_jacobian, task_list, to_axes_of
-from sim.mjcf.drive import Drive
-from sim.mjcf.dynamics import mass_of
+from sim.kinematics.task import Task, located_axes, located_task, located_tasks
+from sim.mjcf.drive import Drive, drive_rows, drives, stiffness_of
+from sim.mjcf.joints import mass_of, ranges
+from sim.mjcf.limits import at_limits, touching
 from sim.mjcf.model import check_state, joint_name, name_of
-from sim.mjcf.transmission import drive_rows, drives
-from sim.plant.friction import Friction, friction_of
+from sim.mjcf.part import Part
 
-_POSITION_STEP = 1e-6
-_VELOCITY_STEP = 1e-4
-_FLOOR_STEP = 1e-2
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-_ANY = (-np.inf, np.inf)
 _IDLE, _NOTHING, _MOSTLY = 1e-6, 1e-12, 0.3
 """Part of the stiffness and of the outputs below which a motion has none, a size that is none, and
 part of the largest speed of a joint from which on it is named."""
 _REDUNDANT = 1e-9
 """Part of the constraints below which they repeat one another: loops are closed to 1e-10."""
 
+_FRICTION = (
+    int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF),
+    int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON),
+)
+_STIFFNESS = 1 / (0.95 * 0.02) ** 2
+"""Of MuJoCo's default `solref`, 20 ms critically damped, [1/s^2]."""
+_SOFT = 0.1
+"""Part of it below which an equality counts as soft."""
+_AT = 1e-6
+"""Part of a force range within which a force stands at its end."""
+
+
+class Friction(NamedTuple):
+    """Dry friction at r places, each a force f with |f| <= limit along a velocity s = rows y_dot.
+
+    The forces minimize f'(K + diag(softness)) f / 2 + f'(a + rate s) within their limits, K =
+    rows push and a the accelerations of the places without friction: MuJoCo's convex model of
+    Coulomb's law (Todorov, ICRA 2014, "Convex and analytically-invertible dynamics with contacts
+    and constraints"). Where a place sticks it creeps, with a damping of rate / softness.
+
+    Attributes:
+        push: Accelerations of the k free coordinates per force, shape (k, r).
+        rows: Shape (r, k).
+        limit: `frictionloss`, shape (r,), [N] or [N m].
+        softness: Acceleration per force, shape (r,).
+        rate: Shape (r,), [1/s].
+    """
+
+    push: Array
+    rows: Array
+    limit: Array
+    softness: Array
+    rate: Array
+
 
 @dataclass(frozen=True)
 class LinearPlant:
     """x_dot = A x + B u + B_floor a; twist = C_twist x, displacement of actuators = C_active x.
 
-    x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`, or, of a
-    :meth:`Plant.linear`, its commands; a the acceleration of the floor, which all of x is measured
-    from.
+    x = [y; y_dot] with y the k free coordinates on the closed loops, measured from the floor, whose
+    acceleration is a; u as `data.ctrl`. Of a :meth:`Plant.linear` u are its commands, and in their
+    units the force of each drive is u + holding - feedback x, that of its own spring preload -
+    spring x. Without drive k, A + B[:, k] feedback[k] takes the place of A, and the machine
+    accelerates by -B[:, k] holding[k] besides; so with a spring. How the direction of that force
+    turns with the pose is left out: of the order of this acceleration per radian.
 
     Attributes:
         A: Shape (2k, 2k).
         B: Shape (2k, nu), or (2k, n) for commands.
         B_floor: Shape (2k, 3), for a in the axes of the twist.
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
-        C_active: Displacement of each drive, shape (n, 2k).
-        feedback: Of a :meth:`Plant.linear`, what the force of each drive feeds back, shape (n, 2k),
-            in units of its commands: the force is proportional to u + holding - feedback x. Zero of
-            a motor against a spring. Without drive k, A + B[:, k] feedback[k] takes the place of A.
-        holding: Of the same, the force of each drive at x = 0 and u = 0, shape (n,). Without drive
-            k, the machine accelerates by -B[:, k] holding[k] besides. How the direction of that
-            force turns with the pose is left out: of the order of this acceleration per radian.
-        spring: Of the same, what the own spring of each drive takes, shape (n, 2k), in units of its
-            commands: without it A + B[:, k] spring[k] takes the place of A.
-        preload: Of the same, the force of that spring at x = 0, shape (n,).
-        friction: Dry friction, which A leaves out; None where nothing rubs.
+        C_active: Shape (n, 2k).
+        feedback: Shape (n, 2k); zero of a motor against a spring.
+        holding: Shape (n,).
+        spring: Shape (n, 2k).
+        preload: Shape (n,).
+        friction: Dry friction, which A leaves out; None where there is none.
         motion: Velocities of the joints per y_dot, shape (nv, k).
         joints: Of each of these velocities the joint, by name, or by its body where it has none.
     """
@@ -72,29 +101,7 @@ class LinearPlant:
     joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
         check.lock(self)
-
-    def named(self, y: Array) -> tuple[str, ...]:
-        """The joints that mostly move in some motions y (k, ...), real or complex, in their order.
-
-        Raises:
-            ValueError: Motions of another shape, or not finite.
-        """
-        if self.motion is None:
-            return ()
-        if isinstance(y, np.ndarray) and np.iscomplexobj(y):  # modes are
-            y = check.real("y", np.real(y)) + 1j * check.real("y", np.imag(y))
-        else:
-            y = check.real("y", y)
-        if y.shape[:1] != self.motion.shape[1:]:
-            raise ValueError(
-                f"y must have shape (k, ...) with k = {self.motion.shape[1]}, got {y.shape}"
-            )
-        moved = np.abs(self.motion @ y).reshape(len(self.joints), -1)
-        most = moved >= _MOSTLY * moved.max(axis=0, initial=0.0)
-        moving = (most & (moved > 0.0)).any(axis=1)
-        return tuple(dict.fromkeys(n for n, m in zip(self.joints, moving, strict=True) if m))
 
     @property
     def idle(self) -> tuple[str, ...]:
@@ -108,6 +115,20 @@ class LinearPlant:
         rows = np.vstack([held, outputs / max(np.abs(outputs).max(initial=0.0), _NOTHING)])
         return self.named(scipy.linalg.null_space(rows, rcond=_IDLE))
 
+    def named(self, y: Array) -> tuple[str, ...]:
+        """Joints that mostly move in motions y (k, ...), real or complex modes, in their order."""
+        if self.motion is None:
+            return ()
+        k, is_mode = len(self.A) // 2, isinstance(y, np.ndarray) and np.iscomplexobj(y)
+        parts = [check.array("y", part) for part in ((y.real, y.imag) if is_mode else (y,))]
+        if parts[0].shape[:1] != (k,):
+            raise ValueError(f"y must have shape ({k}, ...), got {parts[0].shape}")
+        moved = np.abs(self.motion @ (parts[0] + 1j * parts[-1] if is_mode else parts[0]))
+        moved = moved.reshape(len(self.motion), -1)
+        most = moved >= _MOSTLY * moved.max(axis=0, initial=0.0)
+        moving = np.flatnonzero((most & (moved > 0.0)).any(axis=1))
+        return tuple(dict.fromkeys(self.joints[velocity] for velocity in moving))
+
 
 def linearize(
     model: mujoco.MjModel,
@@ -120,11 +141,10 @@ def linearize(
     Equalities are all that constrains: contacts and limits, a strut on its stop, are left out; so
     are ranges of controls. Dry friction is not linear, and stands beside A.
 
-    The velocities are reduced to a null-space basis of the active equalities, and MuJoCo's own
-    unconstrained accelerations, projected on what the loops allow, differentiated along it. (Its
-    constrained ones let 1e-4 of the stiffest spring through, the constraints' softness: as much as
-    the flexures of a strut without its spring.) Central differences: stepping off a curved
-    constraint by h leaves a gap of order h^2, which is the same on both sides and cancels.
+    MuJoCo's unconstrained accelerations, projected on what the loops allow, are differentiated
+    along a null-space basis of the active equalities. (Its constrained ones let 1e-4 of the
+    stiffest spring through.) Central differences: stepping off a curved constraint by h leaves a
+    gap of order h^2, which is the same on both sides and cancels.
 
     Args:
         model: Any model; the drives of C_active include those that are switched off.
@@ -134,23 +154,20 @@ def linearize(
 
     Raises:
         ModelError: As :func:`jacobians`; or an actuator with a state of its own, or a delay.
-        ValueError, TypeError: As :func:`jacobians`.
     """
     check_state(model, data)
-    (task,) = task_list(model, [site])
-    of_model = drives(model, disabled=True)
-    return linear_plant(model, data, task, to_axes_of(model, data, axes), of_model)
+    (task,), of_axes = located_tasks(model, [site]), located_axes(model, axes)
+    to_axes = np.eye(3) if of_axes is None else of_axes.rotation(data).T
+    return linear_plant(model, data, task, to_axes, drives(model, disabled=True))
 
 
 def linear_plant(
     model: mujoco.MjModel, data: mujoco.MjData, task: Task, to_axes: Array, some: tuple[Drive, ...]
 ) -> LinearPlant:
-    """The same of drives that are known, for a rotation (3, 3) from world axes to others."""
+    """Linearize for given drives and a rotation (3, 3) from world axes to those of the twist."""
     for k in np.flatnonzero(model.actuator_actnum):
-        called = name_of(model.actuator(k))
-        raise ModelError(
-            f'an actuator has a state of its own, "{called}": only those without one are linear'
-        )
+        called = f'an actuator has a state of its own, "{name_of(model.actuator(k))}"'
+        raise ModelError(f"{called}: only those without one are linear")
     for k in np.flatnonzero(model.actuator_delay):
         raise ModelError(f"actuator number {k} delays its control, which a linear model does not")
     check_closures(model, data)
@@ -188,18 +205,15 @@ def linear_plant(
         return np.array(columns).T.reshape(k, size)
 
     zero = np.zeros((k, k))
-    stiffness = gradient(0, k, _POSITION_STEP)
-    damping = gradient(1, k, _VELOCITY_STEP)
-    drive = gradient(2, model.nu, _POSITION_STEP)
-    floor = gradient(3, 3, _FLOOR_STEP)
+    stiffness, damping = gradient(0, k, 1e-6), gradient(1, k, 1e-4)
+    drive, floor = gradient(2, model.nu, 1e-6), gradient(3, 3, 1e-2)
     acceleration(np.zeros(k), np.zeros(k), control, np.zeros(3))
+    jacobian = np.kron(np.eye(2), to_axes) @ located_task(model, task).jacobian(model, data)
     return LinearPlant(
         A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
         B=np.vstack([np.zeros((k, model.nu)), drive]),
         B_floor=np.vstack([np.zeros((k, 3)), floor]),
-        C_twist=np.hstack(
-            [np.kron(np.eye(2), to_axes) @ task_jacobian(model, data, task) @ Z, np.zeros((6, k))]
-        ),
+        C_twist=np.hstack([jacobian @ Z, np.zeros((6, k))]),
         C_active=np.hstack([drive_rows(model, data, some) @ Z, np.zeros((len(some), k))]),
         motion=Z,
         joints=tuple(joint_name(model, int(j)) for j in model.dof_jntid),
@@ -212,13 +226,118 @@ def _clamped(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
     At the end of a range a central difference would take half of the slope.
     """
-    low, high = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, _ANY).T
     if model.opt.disableflags & _NO_CLAMP:
         return data.ctrl.copy()
     model.opt.disableflags |= _NO_CLAMP
-    return data.ctrl.clip(low, high)
+    return data.ctrl.clip(*ranges(model).control.T)
 
 
 def allowed(J_C: Array) -> Array:
     """Orthonormal basis of the velocities that the constraints allow."""
     return scipy.linalg.null_space(J_C, rcond=_REDUNDANT) if len(J_C) else np.eye(J_C.shape[1])
+
+
+def friction_of(
+    model: mujoco.MjModel, data: mujoco.MjData, ways: Array, mass: Array
+) -> Friction | None:
+    """Dry friction of a state that is up to date; None where nothing rubs.
+
+    `ways` (nv, k) are velocities per free coordinate, `mass` (nv, nv) is the mass matrix.
+    """
+    rubs = np.flatnonzero(np.isin(data.efc_type, _FRICTION) & (data.efc_frictionloss > 0.0))
+    rows = constraint_rows(model, data)[rubs] @ ways
+    moves = rows.any(axis=1)  # what the closed loops hold does not rub
+    rubs, rows = rubs[moves], rows[moves]
+    if not len(rubs):
+        return None
+    return Friction(
+        push=np.linalg.solve(ways.T @ mass @ ways, rows.T),
+        rows=rows,
+        limit=data.efc_frictionloss[rubs].copy(),
+        softness=data.efc_R[rubs].copy(),
+        rate=data.efc_KBIP[rubs, 1].copy(),
+    )
+
+
+def dry_friction(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the joints, then of the tendons, that have some."""
+    return _names(model, model.dof_frictionloss != 0.0, model.tendon_frictionloss)
+
+
+def beyond_linear(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, ...]:
+    """Say in a sentence each what a file states that is not linear, besides contacts and limits.
+
+    `data` says which of its equalities are active.
+    """
+    found = []
+    if names := dry_friction(model):
+        found.append(
+            f"dry friction of {', '.join(names)}: the prediction includes it, the diagnosis takes "
+            "its size as uncertain; the design of the loops leaves it out"
+        )
+    polynomials = model.dof_dampingpoly, model.tendon_dampingpoly, model.actuator_dampingpoly
+    damped = _names(model, *(A.any(axis=1) for A in polynomials))
+    of_joints = model.jnt_stiffnesspoly.any(axis=1)[model.dof_jntid]
+    sprung = _names(model, of_joints, model.tendon_stiffnesspoly.any(axis=1))
+    for what, names in (("damping", damped), ("stiffness", sprung)):
+        if names:
+            found.append(
+                f"{what} of {', '.join(names)} is not linear: the model has its slope at the start"
+            )
+    for k in np.flatnonzero(data.eq_active).tolist():
+        if stiffness_of(model, k) * model.eq_solimp[k, 0] < _SOFT * _STIFFNESS:  # at its centre
+            found.append(
+                f"{equality_name(model, k)} is soft and gives like backlash: the model has it rigid"
+            )
+    if model.opt.density > 0:
+        found.append(
+            f"drag of a medium of density {model.opt.density:g} grows with the square of the speed:"
+            " the model leaves it out"
+        )
+    return tuple(found)
+
+
+def _names(
+    model: mujoco.MjModel, velocities: Array, tendons: Array, actuators: Array | tuple[()] = ()
+) -> tuple[str, ...]:
+    """Names of the joints of some velocities, of some tendons and actuators, all given as masks."""
+    joints = dict.fromkeys(model.dof_jntid[velocities].tolist())
+    return (
+        *(name_of(model.joint(k)) for k in joints),
+        *(name_of(model.tendon(int(k))) for k in np.flatnonzero(tendons)),
+        *(name_of(model.actuator(int(k))) for k in np.flatnonzero(actuators)),
+    )
+
+
+class Met:
+    """Events of a :class:`sim.Bench` that note what a run meets and a linear model leaves out.
+
+    Attributes:
+        sentences: So far, each once.
+    """
+
+    def __init__(self, model: mujoco.MjModel, part: Part | None = None) -> None:
+        """Take a model of the plant, and what of it counts; None is everything."""
+        self.sentences, self._part = dict[str, None](), part
+        own = drives(model, among=None if part is None else part.actuators)
+        self._forces = [(out, each.name) for each in own for out in each.outputs]
+
+    def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Look at the end of the tick before."""
+        for a, b in touching(model, data):
+            if self._part is None or set(model.body_weldid[[a, b]]) & self._part.bodies:
+                one, other = (name_of(model.body(k)) for k in (b, a))
+                self._meet(f'"{one}" touched "{other}"')
+        if data.nl:
+            for limit in at_limits(model, data):
+                if self._part is None or limit.name not in self._part.left_out:
+                    self._meet(f'{limit.kind} "{limit.name}" reached its limit')
+        for output, name in self._forces:
+            if model.actuator_forcelimited[output]:
+                low, high = model.actuator_forcerange[output]
+                slack = _AT * (high - low)
+                if not low + slack < data.actuator_force[output] < high - slack:
+                    self._meet(f'the force of "{name}" reached its limit')
+
+    def _meet(self, sentence: str) -> None:
+        self.sentences.setdefault(sentence)

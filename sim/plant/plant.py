@@ -1,50 +1,40 @@
 """The plant: MuJoCo physics, actuators that can lock or lose force, and the true payload motion."""
 
 import copy
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
-from math import isfinite
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.blas import dnrm2
 
 import argument_checks as check
 from kernels import lib, pointer
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures, equality_name
-from sim.errors import ClosureError, ModelError, SimulationDiverged
-from sim.kinematics.displacements import Displacements
-from sim.kinematics.payload import Payload
+from sim.errors import BAD_CONTROL, ClosureError, ModelError, SimulationDiverged, has_diverged
+from sim.kinematics.observation import Observer, observed_from_here
 from sim.kinematics.pose import Pose
 from sim.kinematics.reader import CLOSURE_TOLERANCE
-from sim.mjcf.drive import Drive, names_of, number_of
+from sim.mjcf.drive import drive_rows, names_of, number_of, required_drives
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
 from sim.mjcf.part import Part
-from sim.mjcf.transmission import drive_rows
 from sim.plant.actuators import (
     activate_lock,
+    commands_of,
     enable_locks,
-    lockable,
     locks_of,
-    plant_drives,
+    refuse_without_lock,
     reserve_off_group,
+    rest_limits,
     restore,
+    spring_forces,
     strengths_of,
     switch_off,
-    take_spring,
     yields,
 )
-from sim.plant.commands import commands_of, rest_limits, spring_forces
-from sim.plant.holding import holding_forces, refuse_beyond_ranges
+from sim.plant.holding import beyond_ranges, holding_forces
 from sim.plant.linear import LinearPlant, linear_plant
-from sim.warning import divergences
-
-_LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
 MOST_STEPS = 10_000_000
 """Physics steps of one period: some minutes of computing, hours for a large robot."""
@@ -58,8 +48,9 @@ _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 class Plant:
     """Simulated plant with private copies of model and data, failures included.
 
-    Its n actuators are the active velocities of :func:`jacobians`, in that order. Twists, wrenches
-    and displacements of the payload are expressed in the present axes of the base.
+    Its n actuators are the active velocities of :func:`jacobians`, in that order, and displacements
+    (n,) are in [m] or [rad] from the nominal pose. Twists, wrenches and displacements of the
+    payload are [angular; linear] in the present axes of the base.
 
     Attributes:
         drives: What each actuator 0..n-1 moves, and its actuators in the model.
@@ -73,21 +64,18 @@ class Plant:
         *,
         base: str | Body | None = "base",
         payload: str | Body = "payload",
-        locks: Sequence[str] | None = None,
         start: mujoco.MjData | None = None,
         part: Part | None = None,
     ) -> None:
         """Start at rest in the nominal pose, without failures.
 
         Args:
-            model: A model in which each drive has a position feedback or a spring: position servos
-                of any gear, or motors with a suspension; see :func:`servoed` for others.
-            base: Site, or :class:`Body`, whose axes express twists and displacements; None is the
-                world.
-            payload: Site, or :class:`Body`, that is the task frame, in any orientation.
-            locks: Equality that locks each actuator's joint or tendon, in actuator order; None is
-                `lock1`, `lock2`, ..., which :func:`load_model` adds on request, or any that holds
-                it alone.
+            model: Each drive needs a position feedback or a spring: position servos of any gear, or
+                motors with a suspension; see :func:`servoed` for others. To lock, a joint or tendon
+                needs an equality that holds it alone: `lock1`, `lock2`, ..., which
+                :func:`load_model` adds on request, or any.
+            base: Site or body whose axes express twists and displacements; None is the world.
+            payload: Site or body that is the task frame, in any orientation.
             start: A state, such as of :func:`assemble`, whose `qpos` is the nominal pose, with the
                 equalities that are active and the mocap bodies. Controls then hold the machine
                 still against gravity and springs, with actuator forces of least norm; contacts and
@@ -97,13 +85,10 @@ class Plant:
                 all else goes on with these. None is everything.
 
         Raises:
-            ModelError: There is no frame or equality of these names, or one does not lock its joint
-                alone; there is no actuator, or one that no displacement follows from; or nothing
-                holds the machine still at `start`, which the message names.
+            ModelError: There is no frame of these names, or a joint has no lock; there is no
+                actuator, or one that no displacement follows from; or nothing holds the machine
+                still at `start`, which the message names.
             ClosureError: `start` is not closed.
-            ValueError: `locks` has another number of names than there are actuators; or `start` is
-                of another model.
-            TypeError: An argument is of another type.
         """
         check.instance("model", model, mujoco.MjModel)
         if part is not None:
@@ -115,20 +100,19 @@ class Plant:
         reserve_off_group(self.model)
         self._sound = strengths_of(self.model)
         self.data = mujoco.MjData(self.model)
-        self.drives = plant_drives(self.model, None if part is None else part.actuators)
-        self._joints = _joint_velocities(self.model, self.drives)
-        self._locks = locks_of(self.model, self.drives, locks)
+        self.drives = required_drives(self.model, None if part is None else part.actuators)
+        self._locks = locks_of(self.model, self.drives)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
         self._payload_frame = payload
-        self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
+        loops = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
+        self._is_loop = np.isin(self.model.eq_type, loops).astype(float)
         if part is not None:
             self._is_loop[list(part.apart)] = 0.0
-        self._warnings = divergences(self.data)
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
         enable_locks(self.model, self.data)
-        self._last = self.integration_state()
+        self._last = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
         held = None
@@ -138,126 +122,99 @@ class Plant:
             held = holding_forces(self.model, self.data, self.drives)
         self._commands = commands_of(self.model, self.data, self.drives, held)
         if start is not None:
-            refuse_beyond_ranges(self.model, self.drives, self._commands)
+            if beyond := beyond_ranges(self.model, self.drives, self._commands):
+                raise ModelError(beyond)
             self._commands = self._commands.beside(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
             mujoco.mj_forward(self.model, self.data)
-        self._gauges = Displacements.from_here(self.model, self.data, self.drives)
+        self._observed = observed_from_here(self.model, self.data, self.drives, frame, axes)
+        self._observer = Observer(self._observed, self.data)
         self._limits = rest_limits(self.model, self.data, self.drives, self._commands)
-        self._payload = Payload.at_rest(self.data, frame, axes)
         self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the views of :attr:`data`, which a copy has of its own."""
-        return {name: value for name, value in vars(self).items() if name != "_warnings"}
+        """Leave out the views of :attr:`data`, which a copy has of its own."""
+        return {name: value for name, value in vars(self).items() if name != "_observer"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, _warnings=divergences(state["data"]))
+        vars(self).update(state, _observer=Observer(state["_observed"], state["data"]))
 
     def step(self, command_m: Array, period_s: float) -> None:
-        """Hold the commanded displacements (n,), [m] or [rad], for one period of physics steps.
+        """Hold the commanded displacements (n,) for one period of physics steps.
 
         Each control is that of the nominal pose plus what would hold the drive alone at its
         displacement, against its servo's feedback and the spring of its joint or tendon.
 
         Raises:
-            ValueError: The command has a wrong shape or is not finite; or the period is not
-                positive, or has more than 1e7 physics steps.
+            ValueError: The period has more than 1e7 physics steps.
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
         steps = physics_steps("period_s", period_s, self.model.opt.timestep)
-        self.hold(check.exactly("command_m", command_m, len(self.drives)), steps)
+        self.hold(check.array("command_m", command_m, len(self.drives)), steps)
 
     def hold(self, command_m: Array, steps: int) -> None:
-        """As :meth:`step`, displacements and number of steps being checked; Ctrl-C ends it soon."""
+        """Hold checked displacements for a number of physics steps; Ctrl-C ends it soon."""
         model, data = self.model, self.data
         mujoco.mj_getState(model, data, self._last, _STATE)
         data.ctrl[:] = self._commands.controls(command_m)
         self._command[:] = command_m
         for done in range(0, steps, _UNINTERRUPTED):
             mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
-            if not self._is_finite():
+            if has_diverged(data):
                 huge = "was given controls beyond 1e+10, which MuJoCo takes for zeros"
-                why = (huge,) if self._warnings[-1].number else ()
+                why = (huge,) if data.warning[BAD_CONTROL].number else ()
                 raise SimulationDiverged(data.time, self._last.copy(), *why)
         mujoco.mj_kinematics(model, data)
-        self._gauges.refresh(model, data)
+        self._observed.refresh(model, data)
 
     def settle(self, seconds: float, command_m: Array | None = None) -> None:
-        """Let the machine come to rest at displacements (n,); time starts again at zero.
-
-        None is the nominal pose, of the hexapod without current. It can be interrupted.
-
-        Raises:
-            ValueError, ModelError, SimulationDiverged: As :meth:`step`.
-        """
+        """Let the machine come to rest at displacements (n,), None is zero; time starts anew."""
         steps = physics_steps("seconds", seconds, self.model.opt.timestep)
         n = len(self.drives)
-        at_m = np.zeros(n) if command_m is None else check.exactly("command_m", command_m, n)
+        at_m = np.zeros(n) if command_m is None else check.array("command_m", command_m, n)
         self.hold(at_m, steps)
         self.data.time = 0.0
 
     def lock(self, actuator: int) -> None:
-        """Position failure: actuator 0..n-1 stays where it is, from now on.
-
-        Raises:
-            ValueError: No such actuator.
-            ModelError: It has no lock.
-        """
+        """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
         k = self._index(actuator)
         activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def check_lock(self, actuator: int) -> None:
-        """Refuse an actuator 0..n-1 that cannot lock.
-
-        Raises:
-            ModelError: It has no lock.
-        """
-        lockable(self.model, self.drives[actuator], self._locks[actuator])
+        """Raise a ModelError if actuator 0..n-1 cannot lock."""
+        refuse_without_lock(self.model, self.drives[actuator], self._locks[actuator])
 
     @property
     def soft_locks(self) -> dict[int, str]:
-        """Of each drive whose lock would give way at the present pose, by how much, and why."""
+        """How far, and why, locks would give way at the present pose, by number of the drive."""
         each = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
         found = {k: yields(self.model, self.data, *one) for k, one in each}
         return {k: said for k, said in found.items() if said is not None}
 
     def release(self, actuator: int) -> None:
-        """Torque failure: actuator 0..n-1 is switched off, from now on.
-
-        Raises:
-            ValueError: No such actuator.
-        """
+        """Switch actuator 0..n-1 off: a torque failure."""
         switch_off(self.model, self.drives[self._index(actuator)])
 
     def weaken(self, actuator: int, effectiveness: float) -> None:
-        """Actuator 0..n-1 gives this part, in 0..1, of the force that it gave.
-
-        Raises:
-            ValueError: No such actuator, or no such part.
-        """
+        """Leave actuator 0..n-1 this part, in 0..1, of its force."""
         ids = list(self.drives[self._index(actuator)].ids)
-        part = check.at_most_one("effectiveness", effectiveness)
+        part = check.number("effectiveness", effectiveness, 0.0, 1.0)
         # A position servo takes the force of its error from both.
         self.model.actuator_gainprm[ids, :3] *= part
         self.model.actuator_biasprm[ids, :3] *= part
 
     def break_loose(self, actuator: int) -> None:
-        """Release actuator 0..n-1 and take its suspension spring, and with it its preload, away.
-
-        Raises:
-            ValueError: No such actuator.
-        """
+        """Release actuator 0..n-1 and take its suspension spring, and with it its preload, away."""
         self.release(actuator)
-        take_spring(self.model, self.drives[self._index(actuator)])
+        drive = self.drives[self._index(actuator)]
+        if drive.joint is not None:
+            self.model.jnt_stiffness[drive.joint] = 0.0
+        elif drive.tendon is not None:
+            self.model.tendon_stiffness[drive.tendon] = 0.0
 
     def repair(self, actuator: int) -> None:
-        """Actuator 0..n-1 works from now on as it did when the plant was made.
-
-        Raises:
-            ValueError: No such actuator.
-        """
+        """Let actuator 0..n-1 work from now on as it did when the plant was made."""
         k = self._index(actuator)
         if (lock := self._locks[k]) >= 0:
             self.data.eq_active[lock] = self._held[lock]
@@ -265,84 +222,55 @@ class Plant:
         restore(self.model, self.drives[k], self._sound)
 
     def push(self, wrench: Array) -> None:
-        """Push the payload, from now on, with [moment; force] at its site in base axes.
+        """Push the payload, from now on, with a wrench (6,), [N m] and [N], at its site.
 
         Moment, force and lever arm stay as they are now, in the world.
-
-        Args:
-            wrench: Shape (6,), [N m] and [N].
-
-        Raises:
-            ValueError: It has another shape or is not finite.
         """
-        wrench = check.exactly("wrench", wrench, 6)
+        wrench = check.array("wrench", wrench, 6)
         self.data.xfrc_applied[:] = 0.0
-        applied = self._payload.force_at_centre_of_mass(self.data, wrench)
-        self.data.xfrc_applied[self._payload.frame.body] = applied
+        applied = self._observed.force_at_centre_of_mass(self.data, wrench)
+        self.data.xfrc_applied[self._observed.frame.body] = applied
 
     def load(self, force: Array) -> None:
-        """Push along the velocity of each actuator, from now on, beside what it exerts itself.
-
-        Args:
-            force: Shape (n,), [N] or [N m], such as of friction.
-
-        Raises:
-            ValueError: It has another shape or is not finite.
-        """
-        force = check.exactly("force", force, len(self.drives))
-        if self._joints is not None:
-            self.data.qfrc_applied[self._joints] = force
-        else:
-            self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
+        """Push along each actuator's velocity, from now on, by (n,), [N] or [N m], as friction."""
+        force = check.array("force", force, len(self.drives))
+        self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
 
     def shake(self, acceleration: Array) -> None:
-        """Accelerate the floor, from now on, without turning it.
+        """Accelerate the floor, from now on, by (3,) in base axes, [m]/[s^2], without turning it.
 
         What is seen from the floor: every mass m feels the inertial force -m a beside its weight.
-
-        Args:
-            acceleration: Of the base, in base axes, shape (3,), [m]/[s^2].
-
-        Raises:
-            ValueError: It has another shape or is not finite.
         """
-        acceleration = check.exactly("acceleration", acceleration, 3)
-        self.model.opt.gravity[:] = self._gravity - self._payload.axes(self.data) @ acceleration
+        acceleration = check.array("acceleration", acceleration, 3)
+        self.model.opt.gravity[:] = self._gravity - self._observed.axes(self.data) @ acceleration
 
     def displacement(self) -> Array:
-        """Payload displacement [rotation vector; translation] in base axes, shape (6,).
-
-        From the nominal pose, [rad] and [m]; zero there, however base and payload are turned.
-        """
+        """Payload displacement [rotation vector; translation] from the nominal pose, shape (6,)."""
         return self.pose().displacement()
 
     def pose(self) -> Pose:
         """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""
-        return self._payload.pose(self.data)
+        return self._observer.read()[0]
 
     @property
     def axes(self) -> Array:
         """Present axes of the base in the world as columns, shape (3, 3)."""
-        return self._payload.axes(self.data).copy()
+        return self._observed.axes(self.data).copy()
 
     @property
     def origin_m(self) -> Array:
-        """Where the task frame is in the world in the nominal pose, shape (3,)."""
-        return self._payload.origin_m.copy()
+        """Position of the task frame in the world in the nominal pose, shape (3,)."""
+        return self._observed.origin_m.copy()
 
     def displacements(self) -> Array:
-        """Displacement of each actuator from the nominal pose, shape (n,), [m] or [rad].
-
-        Of a joint, of the length of a tendon or slider-crank, or of what a servo at a site feels.
-        """
-        return self._gauges.read(self.data)
+        """Displacement (n,) of each joint, length of tendon or crank, or what a servo feels."""
+        return self._observer.read()[1].copy()
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper displacements (n,) each, [m] or [rad], at which sound actuators can rest.
+        """Lower and upper displacements, (n,) each, at which healthy actuators can rest.
 
-        From the nominal pose, within the ranges of joint or tendon, control, and the force that
-        the spring takes; infinite where there are none. The change of the weight's pull is
-        neglected.
+        Within the ranges of joint or tendon, control, and the force that the spring takes; infinite
+        where there are none. The change of the weight's pull is neglected.
         """
         lower, upper = self._limits
         return lower.copy(), upper.copy()
@@ -359,17 +287,17 @@ class Plant:
 
     @property
     def command(self) -> Array:
-        """Displacements (n,) last commanded by :meth:`step`; zero before the first."""
+        """Displacements (n,) last commanded; zero before the first."""
         return self._command.copy()
 
     def linear(self) -> LinearPlant:
-        """About the present pose, taken as a rest, with the commands of :meth:`step` as inputs.
+        """Linearize about the present pose, taken as a rest, for the commands of :meth:`step`.
 
         Raises:
             ModelError: As :func:`linearize`.
         """
         data = copy.copy(self.data)
-        to_axes = self._payload.axes(data).T
+        to_axes = self._observed.axes(data).T
         linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
         commands, k = self._commands, len(linear.A) // 2
         return replace(
@@ -385,10 +313,9 @@ class Plant:
 
     @property
     def implicit_damping(self) -> bool:
-        """Whether the integrator takes the forces of dampers with the speeds at a step's end.
+        """Whether the integrator takes the forces of all dampers with the speeds at a step's end.
 
-        Euler's method does so with the damping of joints alone, and counts where no drive has a
-        damping of its own.
+        Euler's method does so with the damping of joints alone.
         """
         if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
             damped = not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
@@ -410,10 +337,12 @@ class Plant:
         return lib.largest_gap(*map(pointer, rows), self.data.ne)  # equalities come first
 
     def observed(self) -> dict[str, Any]:
-        """What the compiled code reads of :attr:`data` to log a tick, by names of kernels.h."""
+        """Arrays of :attr:`data` that the compiled code reads to log a tick, by its names."""
         data = self.data
-        read = self._payload.frames(data) | self._gauges.places(data)
-        return read | {"counts": self._is_loop, "forces": data.actuator_force}
+        return self._observed.fields(data) | {
+            "counts": self._is_loop,
+            "forces": data.actuator_force,
+        }
 
     def integration_state(self) -> Array:
         """The complete state of the integration (mjSTATE_INTEGRATION)."""
@@ -425,7 +354,7 @@ class Plant:
         """The number 0..n-1 of a drive, given by it or by a name.
 
         Raises:
-            ValueError: There is none; the nearest name is named.
+            ValueError: There is none; the message has the nearest name.
         """
         if not isinstance(actuator, str):
             return self._index(actuator)
@@ -435,34 +364,17 @@ class Plant:
             raise ValueError(f"actuator must be one of the plant's: {error}") from None
 
     def _index(self, actuator: int) -> int:
-        return check.index("actuator", actuator, len(self.drives))
-
-    def _is_finite(self) -> bool:
-        a, b, c, d = self._warnings
-        return not (a.number or b.number or c.number or d.number) and isfinite(
-            dnrm2(self.data.qpos)
-        )
-
-
-def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray[np.intp] | None:
-    """Velocity index of each drive, shape (n,); None where one is no slide or hinge joint."""
-    joints = [drive.joint for drive in drives if drive.joint is not None]
-    return model.jnt_dofadr[joints].astype(np.intp) if len(joints) == len(drives) else None
+        return check.integer("actuator", actuator, len(self.drives))
 
 
 def physics_steps(name: str, period_s: float, timestep_s: float) -> int:
-    """Physics steps in a period, an argument of this name.
+    """Count the physics steps in a period, an argument of this name.
 
     Raises:
-        ValueError: It is not positive, or has too many.
+        ValueError: It has too many.
         ModelError: It is not a whole number of them.
     """
-    return _steps(name, check.positive(name, period_s), timestep_s)
-
-
-@lru_cache(maxsize=8)
-def _steps(name: str, period_s: float, timestep_s: float) -> int:
-    steps = round(period_s / timestep_s)
+    steps = round(check.number(name, period_s, check.SMALLEST) / timestep_s)
     if steps > MOST_STEPS:
         raise ValueError(
             f"{name} must be at most {MOST_STEPS:g} physics steps, here "

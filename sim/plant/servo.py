@@ -11,11 +11,9 @@ import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import check_closures, closure_rows
 from sim.errors import ModelError
-from sim.mjcf.drive import Drive
-from sim.mjcf.dynamics import mass_of
-from sim.mjcf.law import law_of
+from sim.mjcf.drive import Drive, Law, drive_rows, drives, law_of
+from sim.mjcf.joints import mass_of
 from sim.mjcf.model import check_state, start_of
-from sim.mjcf.transmission import drive_rows, drives
 from sim.plant.linear import allowed
 
 _FASTEST = 0.5
@@ -30,33 +28,32 @@ def servoed(
     data: mujoco.MjData | None = None,
     among: Collection[int] | None = None,
 ) -> mujoco.MjModel:
-    """The model with torque motors and velocity servos as position servos.
+    """Copy a model with torque motors and velocity servos made position servos.
 
     Those of joints, tendons and slider-cranks. Stiffness and damping of a servo give the drive
     alone, the other drives held, the natural frequency and damping ratio; springs and dampers of
     the mechanism come on top. The control becomes the target of the actuator's length, gear times
     displacement, without a range; the range that a motor had limits the force. Other actuators
-    stay as they are. In place of Euler's method the model gets `implicitfast`, which takes the
-    servos' damping with the speeds at the end of a step: joints that share inertia lose speed many
-    times faster than each drive alone, and would overshoot.
+    stay as they are. In place of Euler's method the model gets `implicitfast`, since joints that
+    share inertia lose speed many times faster than each drive alone, and would overshoot.
 
     Args:
-        model: The model, which stays as it is.
+        model: The model to copy.
         natural_frequency_hz: Undamped, of each drive.
         damping_ratio: 1 is critical.
-        data: The pose, closed, at which inertias are taken; None is the first keyframe,
-            or `qpos0`.
+        data: The pose, closed, at which inertias are taken; None is :func:`start_of` the model.
         among: Numbers of the actuators that count, all others without force; None is all.
 
     Raises:
-        ValueError: A number that is not positive, or too high for the time step; `data` is of
-            another model.
-        ModelError: As :func:`jacobians`.
-        TypeError: An argument is of another type.
+        ValueError: The frequency is too high for the time step.
+        ModelError: As :func:`jacobians`; or no drive feels a length.
     """
     check.instance("model", model, mujoco.MjModel)
-    omega = 2.0 * math.pi * check.positive("natural_frequency_hz", natural_frequency_hz)
-    damping_ratio = check.number("damping_ratio", damping_ratio)
+    natural_frequency_hz = check.number(
+        "natural_frequency_hz", natural_frequency_hz, check.SMALLEST
+    )
+    omega = 2.0 * math.pi * natural_frequency_hz
+    damping_ratio = check.number("damping_ratio", damping_ratio, 0.0)
     rate = omega * max(1.0, 2.0 * damping_ratio)
     if rate * model.opt.timestep > _FASTEST:
         most = natural_frequency_hz * _FASTEST / (rate * model.opt.timestep)
@@ -65,7 +62,7 @@ def servoed(
             f"{model.opt.timestep:g} s, got {natural_frequency_hz:g}"
         )
     if among is not None:
-        among = sorted(check.index_set("among", among, model.nactuator))
+        among = sorted({*check.indices("among", among, model.nactuator, distinct=False)})
     servo, of_model = copy.copy(model), drives(model, among=among)
     state = start_of(model) if data is None else copy.copy(data)
     check_state(model, state)
@@ -77,9 +74,8 @@ def servoed(
             f'actuator "{of_model[0].actuators[0]}" feels no length that a position servo could '
             "hold, at a site or on a ball or free joint, nor does any other: use force mappings"
         )
-    for drive, inertia, is_driven in zip(
-        of_model, _inertias(model, state, of_model), driven, strict=True
-    ):
+    inertias = _inertias(model, state, of_model)
+    for drive, inertia, is_driven in zip(of_model, inertias, driven, strict=True):
         if is_driven:
             squares = sum(gear * gear for gear in drive.gear)
             stiffness = inertia * omega**2 / squares
@@ -114,19 +110,14 @@ def _inertias(model: mujoco.MjModel, data: mujoco.MjData, some: tuple[Drive, ...
 def _close_loop(
     model: mujoco.MjModel, actuator: int, output: int, stiffness: float, damping: float
 ) -> None:
-    """Make a motor a position servo; the range of its control becomes one of its force.
-
-    That of a velocity servo's was one of its speed.
-    """
-    control, gain = model.actuator_ctrladr[actuator], model.actuator_gainprm[actuator, 0]
-    if model.actuator_ctrllimited[control] and not law_of(model, actuator).is_motor:
-        model.actuator_ctrllimited[control] = False
-    elif model.actuator_ctrllimited[control]:
-        span = np.sort(gain * model.actuator_ctrlrange[control])
+    """Make a motor a position servo; the range of a torque motor's control becomes its force's."""
+    control, law = model.actuator_ctrladr[actuator], law_of(model, actuator)
+    if model.actuator_ctrllimited[control] and law == Law(law.gain):
+        span = np.sort(law.gain * model.actuator_ctrlrange[control])
         if model.actuator_forcelimited[output]:
             span = span.clip(*model.actuator_forcerange[output])
         model.actuator_forcerange[output], model.actuator_forcelimited[output] = span, True
-        model.actuator_ctrllimited[control] = False
+    model.actuator_ctrllimited[control] = False
     model.actuator_gainprm[actuator, 0] = stiffness
     model.actuator_biasprm[actuator, :3] = 0.0, -stiffness, -damping
     model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE

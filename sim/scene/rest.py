@@ -1,83 +1,67 @@
-"""A state in which a whole file rests: props on their table, fingers on their springs."""
+"""Rest of a whole file: props on their table, fingers on their springs, feet pinned."""
+
+import copy
+from collections import Counter
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
 from argument_checks.ties import greatest
 from sim.array import Array
-from sim.errors import ModelError
-from sim.mjcf.drive import Drive
-from sim.mjcf.law import law_of
-from sim.mjcf.model import joint_name
+from sim.closing.hold import Pin
+from sim.errors import ModelError, has_diverged
+from sim.mjcf.drive import Drive, drives, law_of, stiffen
+from sim.mjcf.frame import located
+from sim.mjcf.joints import ranges
+from sim.mjcf.model import joint_name, name_of
 from sim.mjcf.part import Part
-from sim.mjcf.transmission import drives
-from sim.plant.commands import Commands, commands_of
-from sim.plant.holding import Balance, balance, refuse_beyond_ranges
-from sim.warning import has_diverged
+from sim.plant.actuators import Commands, commands_of
+from sim.plant.holding import Balance, balance, beyond_ranges
 
-LONGEST_S = 10.0
-"""Of physics, in which a file comes to rest."""
-SLOW = 1e-8
-"""Speed of the joints of a robot at rest, [rad]/[s] or [m]/[s]."""
-SLOW_BESIDE = 1e-3
-"""Speed of all else at rest."""
-_MOVES = 1e-2
-"""Speed of a joint of the robot that is no rest, after all that time."""
-_BESIDE_S = 2.0
-"""After which things beside the robot may still move."""
-_EVERY_S = 0.05
-"""How often that is looked at."""
+LONGEST_S, _EVERY_S = 10.0, 0.05
+"""Of physics, in which a file comes to rest, and how often that is looked at."""
+SLOW, _MOVES = 1e-8, 1e-2
+"""Speed of a robot's joints at rest, and one that is no rest in the end, [rad]/[s] or [m]/[s]."""
+SLOW_BESIDE, _BESIDE_S = 1e-3, 2.0
+"""Speed of all else at rest, and the time after which it may still move."""
+_LOOKED_S, _FALL_S = 0.02, 1.0
+"""How often contacts of what falls are looked for, and how long."""
 
 
 def is_held(part: Part, data: mujoco.MjData) -> bool:
-    """Whether the actuators of the part hold it where it stands in `data`, within their ranges.
-
-    Raises:
-        ModelError: As :class:`sim.Plant` for its actuators.
-    """
+    """Whether the actuators of the part hold it where it stands in `data`, within their ranges."""
     own, found, commands = _statics(part, data)
-    try:
-        refuse_beyond_ranges(part.model, own, commands)
-    except ModelError:
-        return False
-    return found.joint is None
+    return found.joint is None and not beyond_ranges(part.model, own, commands)
 
 
 def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
-    """The state in which everything comes to rest from `start`, velocities zero.
+    """Find the state in which everything comes to rest from `start`, loops closed.
 
     The actuators of the part hold it where it stands, as far as their ranges let them; position
     servos of all else hold what they move. The physics then runs until no joint of the part moves
-    faster than :data:`SLOW`, nor in the first two seconds anything else than
-    :data:`SLOW_BESIDE`, and :data:`LONGEST_S` at most.
-
-    Args:
-        part: Of the model.
-        start: Where it begins, loops closed, derived quantities up to date.
+    faster than :data:`SLOW`, nor in the first two seconds anything else than :data:`SLOW_BESIDE`,
+    and :data:`LONGEST_S` at most.
 
     Raises:
         ModelError: As :class:`sim.Plant` for its actuators; or it does not come to rest.
     """
     model, data = part.model, mujoco.MjData(part.model)
-    data.qpos[:], data.eq_active[:], data.act[:] = start.qpos, start.eq_active, start.act
-    data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
-    data.ctrl[:] = start.ctrl
+    for field in ("qpos", "eq_active", "act", "mocap_pos", "mocap_quat", "ctrl"):
+        getattr(data, field)[:] = getattr(start, field)
     mujoco.mj_forward(model, data)
     data.ctrl[:] = _holding(part, data)
     mine = np.setdiff1d(np.arange(model.nv), part.still)
     steps = max(1, round(_EVERY_S / model.opt.timestep))
-    while data.time < LONGEST_S:
+    rests = False
+    while data.time < LONGEST_S and not rests:
         mujoco.mj_step(model, data, steps)
         if has_diverged(data):
-            raise ModelError(
-                f"the file does not come to rest: its physics diverges, {_advice(model)}"
-            )
-        speed = np.abs(data.qvel)
-        beside = speed[part.still].max(initial=0.0) < SLOW_BESIDE or data.time > _BESIDE_S
-        if beside and speed[mine].max(initial=0.0) < SLOW:
-            break
-    speed = np.abs(data.qvel[mine])
-    if speed.max(initial=0.0) > _MOVES:
+            raise ModelError(_diverges(model))
+        beside = np.abs(data.qvel[part.still]).max(initial=0.0)
+        speed = np.abs(data.qvel[mine])
+        rests = speed.max(initial=0.0) < SLOW and (beside < SLOW_BESIDE or data.time > _BESIDE_S)
+    if (speed := np.abs(data.qvel[mine])).max(initial=0.0) > _MOVES:
         joint = int(model.dof_jntid[mine[greatest(speed)]])
         raise ModelError(
             f"the robot does not come to rest in {LONGEST_S:g} s: {joint_name(model, joint)} still "
@@ -89,13 +73,13 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
     return data
 
 
-def _advice(model: mujoco.MjModel) -> str:
-    """What may keep the physics of a file from diverging, beside what it has."""
+def _diverges(model: mujoco.MjModel) -> str:
+    """Sentence on physics that diverges, and on what may prevent it."""
     kind = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
     other = "" if kind.startswith("IMPLICIT") else ", or implicitfast"
     return (
-        f"with a timestep of {model.opt.timestep:g} s and the integrator {kind}; take a shorter "
-        f"timestep{other}"
+        "the file does not come to rest: its physics diverges, with a timestep of "
+        f"{model.opt.timestep:g} s and the integrator {kind}; take a shorter timestep{other}"
     )
 
 
@@ -118,7 +102,62 @@ def _holding(part: Part, data: mujoco.MjData) -> Array:
             length = data.actuator_length[model.actuator_outadr[k]]
             target = -(law.constant + law.per_length * length) / law.gain
             controls[model.actuator_ctrladr[k]] = target
-    low, high = np.where(
-        model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, (-np.inf, np.inf)
-    ).T
-    return controls.clip(low, high)
+    return controls.clip(*ranges(model).control.T)
+
+
+def stand(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, pins: Sequence[Pin]
+) -> None:
+    """Pin frames to the world where they are in `data`, as stiffly as the time step allows.
+
+    What is pinned no longer touches the world: two constraints for one foot would push each other.
+    `spec` as it was compiled to `model` is changed, and compiled anew by the caller; positions of
+    `data` are up to date.
+    """
+    frames = [located(model, "pinned", pin.frame) for pin in pins]
+    by_number = {body.id: body for body in spec.bodies}  # none has one any more after a change
+    for k, (pin, frame) in enumerate(zip(pins, frames, strict=True)):
+        there, here = f"pinned{k}_in_the_world", f"pinned{k}"
+        quat_wxyz = np.empty(4)
+        mujoco.mju_mat2Quat(quat_wxyz, frame.rotation(data).flatten())
+        spec.worldbody.add_site(name=there, pos=frame.position_m(data), quat=quat_wxyz)
+        body = by_number[frame.body]
+        if frame.is_site:
+            here = str(pin.frame)
+        else:
+            body.add_site(name=here)
+        kind = mujoco.mjtEq.mjEQ_WELD if pin.weld else mujoco.mjtEq.mjEQ_CONNECT
+        equality = spec.add_equality(name=f"pin{k}", type=kind)
+        equality.objtype, equality.name1, equality.name2 = mujoco.mjtObj.mjOBJ_SITE, here, there
+        stiffen(equality, model.opt.timestep)
+    rigid = model.body_weldid  # bodies without a joint between them are one
+    stands = {int(rigid[frame.body]) for frame in frames} - {0}
+    for here in np.flatnonzero(np.isin(rigid, list(stands))).tolist():
+        for there in np.flatnonzero(rigid == 0).tolist():
+            for number in (here, there):
+                by_number[number].name = by_number[number].name or f"body{number}_of_the_file"
+            spec.add_exclude(bodyname1=by_number[there].name, bodyname2=by_number[here].name)
+
+
+def standing(part: Part, data: mujoco.MjData) -> list[str]:
+    """List bodies that stand on the ground, or come to when let fall, as pins are written.
+
+    Those that touch it at one point can turn about it.
+    """
+    model, points = part.model, Counter[int]()
+    data, steps = copy.copy(data), max(1, round(_LOOKED_S / model.opt.timestep))
+    for _ in range(round(_FALL_S / _LOOKED_S)):
+        if data.ncon:
+            break
+        mujoco.mj_step(model, data, steps)
+    mujoco.mj_step(model, data, steps)  # until all of a foot is down
+    for one, other in data.contact.geom:
+        for here, there in ((one, other), (other, one)):
+            if here >= 0 and there >= 0 and not model.body_weldid[model.geom_bodyid[there]]:
+                points[int(model.geom_bodyid[here])] += 1
+    roots = {int(model.body_rootid[body]) for body in part.bodies}
+    return [
+        name_of(model.body(body)) + ("" if count >= 2 else ":point")
+        for body, count in sorted(points.items())
+        if model.body_rootid[body] in roots
+    ]

@@ -1,4 +1,4 @@
-"""A file as a robot at work: what the task involves, what stands beside it, and where all rests."""
+"""A file as a robot at work: the part that a task involves, what is beside it, where all rests."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,23 +10,17 @@ from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.closing.assembly import assemble
-from sim.closing.pin import Pin
+from sim.closing.hold import Pin
 from sim.errors import ModelError
-from sim.mjcf.frame import Body, Located, frame_named, located
-from sim.mjcf.locks import add_locks
-from sim.mjcf.model import joint_name, listed, load_spec, name_of
-from sim.mjcf.part import Part, task_part
-from sim.mjcf.ranges import one_axis
-from sim.mjcf.transmission import drives, required_drives
+from sim.mjcf.drive import add_locks, drives, lock_name, required_drives
+from sim.mjcf.frame import Body, frame_named, located
+from sim.mjcf.joints import one_axis
+from sim.mjcf.load import load_spec
+from sim.mjcf.model import joint_name, listed, name_of
+from sim.mjcf.part import Part, task_part, tendon_bodies
 from sim.plant.holding import balance
 from sim.plant.servo import servoed
-from sim.scene.reduced import reduced
-from sim.scene.rest import is_held, settled
-from sim.scene.stand import stand, standing
-
-_OF_ACTUATORS = "actuator_gainprm", "actuator_biasprm", "actuator_biastype"
-_OF_OUTPUTS = "actuator_forcerange", "actuator_forcelimited"
-_OF_CONTROLS = "actuator_ctrlrange", "actuator_ctrllimited"
+from sim.scene.rest import is_held, settled, stand, standing
 
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _INSIDE = 0.05
@@ -48,10 +42,10 @@ class Scene:
         frame: Of the task.
         part: What the task involves, where the physics has come to rest; `start` then has the
             controls that keep it there. None is everything, which its actuators hold at `start`.
-        own: Model of that part alone, for its controller; the whole where nothing is left out.
+        own: Model of that part alone, for its controller.
         own_start: Its state, the same, loops closed: in the physics they give a little.
-        moved: How the start differs from what was asked for, or is in collision, and what moved
-            until all came to rest, in words.
+        moved: How the start differs from the reference, or is in collision, and what moved until
+            all came to rest, in words.
     """
 
     whole: mujoco.MjModel
@@ -72,7 +66,7 @@ def robot_scene(
     servo_hz: float | None = None,
     settle: bool = True,
 ) -> Scene:
-    """A file at rest, split into what a task involves and the rest.
+    """Split a file at rest into what a task involves and all else.
 
     Where the file has props, a hand or a spring beside the task, or a start that its actuators
     do not hold, the physics runs until all rests: see :func:`sim.scene.rest.settled`.
@@ -81,15 +75,14 @@ def robot_scene(
         file: MJCF.
         frame: Of the task: a site, or a body; a name is that of a site if there is one.
         axes: Site whose axes express it; None is the world.
-        begin: Where a model begins, loops open or not.
+        begin: Makes the state in which a model begins, loops open or not.
         pinned: Frames that stand.
-        servo_hz: Natural frequency of position servos for torque motors; None leaves them as they
-            are.
+        servo_hz: Natural frequency of position servos for torque motors; None is without.
         settle: Whether it must rest; False is for kinematics alone, which take it where it begins,
             loops closed, whatever holds it.
 
     Raises:
-        sim.ModelError, sim.ClosureError: The file, a frame, or what does not rest.
+        sim.ModelError, sim.ClosureError: The file or a frame is unusable, or something moves.
     """
     spec, model, frame, stated = _compiled(file, frame, begin, pinned)
     required_drives(model)
@@ -97,7 +90,9 @@ def robot_scene(
     _clamp(model, start)
     start = assemble(model, start)
     mujoco.mj_forward(model, start)
-    part = task_part(model, _frames(model, frame, axes), np.flatnonzero(start.eq_active).tolist())
+    frames = [located(model, "site", frame)]
+    frames += [] if axes is None else [located(model, "axes", axes)]
+    part = task_part(model, frames, np.flatnonzero(start.eq_active).tolist())
     if not part.actuators:
         called = frame.name if isinstance(frame, Body) else frame
         raise ModelError(f"no actuator moves {called}: take a frame that the robot carries")
@@ -106,18 +101,15 @@ def robot_scene(
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
         part = replace(part, model=model)
     held = settle and is_held(part, start)
-    begun = (*_beyond_ranges(part, stated), *_in_collision(part, start))
-    if not part.rest and (not settle or (held and not pinned)):
-        moved = (*begun, *_moved(part, stated, start))
+    balanced = not part.rest and (not settle or (held and not pinned))
+    rested = start if balanced or not settle else _rested(part, start, held=held)
+    said = _beyond_ranges(part, stated), _in_collision(part, start), _moved(part, stated, rested)
+    moved = tuple(filter(None, said))
+    if balanced:
         return Scene(model, start, frame, None, model, start, moved)
-    rested = _rested(part, start, held=held) if settle else start
-    own = model
-    if part.rest:
-        own = reduced(spec, part, rested)
-        _take_actuators(own, part)
+    own = reduced(spec, part, rested) if part.rest else model
     own_start = mujoco.MjData(own)
     own_start.qpos[:] = rested.qpos[part.positions]
-    moved = (*begun, *_moved(part, stated, rested))
     return Scene(model, rested, frame, part, own, assemble(own, own_start), moved)
 
 
@@ -142,11 +134,12 @@ def _compiled(
 
 
 def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
-    """Where all comes to rest; `held` says whether the start is balanced."""
-    _refuse_a_falling_base(part, start)
+    """State in which all comes to rest; `held` says whether the start is balanced."""
+    if (part.model.jnt_type == _FREE).any():  # the physics would only show it fall
+        _refuse_what_moves(part, start, of="free joint")
     rested = settled(part, start)
     if held and not is_held(part, rested):
-        left = "; ".join(_moved(part, start.qpos, rested))
+        left = _moved(part, start.qpos, rested)
         raise ModelError(
             f"the servos balance the start and do not keep it: {left}; make them stiffer (--servo "
             "or servo_hz= for torque motors) or pin more (pinned)"
@@ -170,8 +163,8 @@ def _beyond(model: mujoco.MjModel, qpos: Array) -> NDArray[np.intp]:
     return some[(given < low) | (given > high)]
 
 
-def _beyond_ranges(part: Part, stated: Array) -> tuple[str, ...]:
-    """That the start is beyond ranges of joints of the part, in one sentence; none where not."""
+def _beyond_ranges(part: Part, stated: Array) -> str:
+    """Sentence on joints of the part that start beyond their ranges; empty if none does."""
     model = part.model
     mine = set(np.delete(model.dof_jntid, part.still).tolist())
     said = [
@@ -180,46 +173,19 @@ def _beyond_ranges(part: Part, stated: Array) -> tuple[str, ...]:
         for j in _beyond(model, stated).tolist()
         if j in mine
     ]
-    if not said:
-        return ()
     where = f"the start is beyond ranges, and begins inside them instead: {listed(said)}"
-    return (f"{where}; {_ELSEWHERE}",)
+    return f"{where}; {_ELSEWHERE}" if said else ""
 
 
-def _in_collision(part: Part, start: mujoco.MjData) -> tuple[str, ...]:
-    """That bodies of the part overlap at the start, in one sentence; none where none do."""
+def _in_collision(part: Part, start: mujoco.MjData) -> str:
+    """Sentence on bodies of the part that overlap at the start; empty if none do."""
     model, deep = part.model, dict[str, None]()
     for contact in start.contact[: start.ncon]:
         bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom if geom >= 0]
         rigid = {int(model.body_weldid[body]) for body in bodies}
         if contact.dist < -_OVERLAPS * model.stat.extent and rigid & part.bodies:
             deep[" and ".join(name_of(model.body(body)) for body in bodies)] = None
-    if not deep:
-        return ()
-    return (f"the start is in collision: {listed(list(deep))}; {_ELSEWHERE}",)
-
-
-def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[Located]:
-    of_axes = [] if axes is None else [located(model, "axes", axes)]
-    return [located(model, "site", frame), *of_axes]
-
-
-def _take_actuators(own: mujoco.MjModel, part: Part) -> None:
-    """Give the model of a part the servos that its whole has got, and their integrator."""
-    whole, ids = part.model, list(part.actuators)
-    own.opt.integrator = whole.opt.integrator
-    for name in _OF_ACTUATORS:
-        getattr(own, name)[:] = getattr(whole, name)[ids]
-    for name in _OF_OUTPUTS:
-        getattr(own, name)[own.actuator_outadr] = getattr(whole, name)[whole.actuator_outadr[ids]]
-    for name in _OF_CONTROLS:
-        getattr(own, name)[own.actuator_ctrladr] = getattr(whole, name)[whole.actuator_ctrladr[ids]]
-
-
-def _refuse_a_falling_base(part: Part, start: mujoco.MjData) -> None:
-    """Refuse a floating base that nothing holds: the physics would only show it fall."""
-    if (part.model.jnt_type[part.model.dof_jntid] == _FREE).any():
-        _refuse_what_moves(part, start, of="free joint")
+    return f"the start is in collision: {listed(list(deep))}; {_ELSEWHERE}" if deep else ""
 
 
 def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
@@ -232,21 +198,67 @@ def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
         raise ModelError(f"{found.moves}: pin what stands, pinned {','.join(feet)}")
 
 
-def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> tuple[str, ...]:
-    """Joints of the part that moved until all came to rest, in one sentence; none where none."""
+def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> str:
+    """Sentence on joints of the part that moved until all came to rest; empty if none did."""
     model, way = part.model, np.empty(part.model.nv)
     mujoco.mj_differentiatePos(model, way, 1.0, stated, rested.qpos)
     way[part.still] = 0.0
-    joints = [int(j) for j in dict.fromkeys(model.dof_jntid[np.abs(way) > _MOVED])]
-    named = [f"{joint_name(model, j)} by {_farthest(model, j, way)}" for j in joints]
-    if not named:
-        return ()
-    return (f"came to rest away from its start: {listed(named)}",)
+    named = []
+    for joint in dict.fromkeys(model.dof_jntid[np.abs(way) > _MOVED].tolist()):
+        own = np.abs(way[model.dof_jntid == joint])
+        lengths = {_SLIDE: 1, _FREE: 3}.get(int(model.jnt_type[joint]), 0)
+        parts = {"m": own[:lengths], "rad": own[lengths:]}
+        far = (f"{part.max():.2g} {unit}" for unit, part in parts.items() if len(part))
+        named.append(f"{joint_name(model, joint)} by {' and '.join(far)}")
+    return f"came to rest away from its start: {listed(named)}" if named else ""
 
 
-def _farthest(model: mujoco.MjModel, joint: int, way: Array) -> str:
-    """How far it moved, as an angle and as a distance, where it has either."""
-    own, kind = np.abs(way[model.dof_jntid == joint]), model.jnt_type[joint]
-    lengths = {_SLIDE: 1, _FREE: 3}.get(int(kind), 0)
-    parts = {"m": own[:lengths], "rad": own[lengths:]}
-    return " and ".join(f"{part.max():.2g} {unit}" for unit, part in parts.items() if len(part))
+def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjModel:
+    """Compile a model without the joints that are no part of the task, as if welded in `data`.
+
+    What acts on them is gone. Names stay, and so do the joints, actuators and equalities of the
+    part, in their order, with the servos that `part.model` has got since `spec` was compiled, which
+    stays as it is; positions of `data` are up to date.
+    """
+    model, rest = part.model, frozenset(part.rest)
+    spec = spec.copy()
+    spec.compiler.fusestatic = False
+    bodies = [body for body in spec.bodies if body.id in rest]
+    for body in bodies:
+        _place(body, model, data)
+    gone = [
+        *spec.sensors,
+        *spec.keys,
+        *(each for each in spec.actuators if each.id not in part.actuators),
+        *(each for each in spec.equalities if each.id in part.apart),
+        *(each for each in spec.tendons if tendon_bodies(model, each.id) & rest),
+        *(joint for body in bodies for joint in body.joints),
+    ]
+    locks = {each.name: each for each in spec.equalities}
+    for each in gone:
+        spec.delete(each)
+    for fewer, actuator in enumerate(part.actuators):  # named by numbers, which are others now
+        if lock := locks.get(lock_name(actuator)):
+            lock.name = lock_name(fewer)
+    own, ids = spec.compile(), list(part.actuators)
+    own.opt.integrator = model.opt.integrator
+    for names, here, there in (
+        ("gainprm biasprm biastype", slice(None), ids),
+        ("forcerange forcelimited", own.actuator_outadr, model.actuator_outadr[ids]),
+        ("ctrlrange ctrllimited", own.actuator_ctrladr, model.actuator_ctrladr[ids]),
+    ):
+        for name in names.split():
+            getattr(own, f"actuator_{name}")[here] = getattr(model, f"actuator_{name}")[there]
+    return own
+
+
+def _place(body: mujoco.MjsBody, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Give a body the pose in its parent that it has in `data`."""
+    at, above = body.id, int(model.body_parentid[body.id])
+    to_parent = data.xmat[above].reshape(3, 3).T
+    body.pos = to_parent @ (data.xpos[at] - data.xpos[above])
+    inverse = np.empty(4)
+    mujoco.mju_negQuat(inverse, data.xquat[above])
+    mujoco.mju_mulQuat(inverse, inverse, data.xquat[at])
+    body.quat = inverse
+    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

@@ -3,31 +3,14 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import mujoco
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.task import LocatedRows
-from sim.mjcf.frame import Body
-
-
-class LocatedFunction(LocatedRows, Protocol):
-    """A task function, once its names are looked up in a model."""
-
-    def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The way to the target, (k,): J qvel times a second leads there to first order.
-
-        `data` is up to date: positions of frames and centres of mass belong to its `qpos`.
-
-        Raises:
-            ValueError: There is no target, or none of this model.
-        """
-        ...
+from sim.kinematics.task import LocatedFunction
 
 
 @dataclass(eq=False, kw_only=True)
@@ -48,9 +31,8 @@ class TaskFunction(ABC):
             before a target out of reach, by what is asked for (Levenberg and Marquardt).
 
     Raises:
-        ValueError: A gain outside of 0..1, a weight or damping that is negative or not finite, or a
+        ValueError: A gain outside of 0..1, a negative weight or damping, rows out of range, or a
             target of the wrong shape.
-        TypeError: An argument is of another kind.
         AttributeError: What is fixed is set.
     """
 
@@ -82,11 +64,7 @@ class TaskFunction(ABC):
         object.__setattr__(self, "_is_given", True)
 
     def checked(self, target: Any) -> Any:
-        """The target in the form that the error is computed with.
-
-        Raises:
-            ValueError: It is none.
-        """
+        """The target in the form that the error is computed with."""
         return target
 
     @abstractmethod
@@ -111,58 +89,22 @@ class TaskFunction(ABC):
 def _weight(name: str, value: ArrayLike | None) -> Array | None:
     if value is None:
         return None
-    weight = check.frozen(check.not_negative(name, value))
+    weight = check.frozen(check.array(name, value, least=0.0))
     if weight.ndim > 1:
         raise ValueError(f"{name} must be one number or (k,), got {check.shown(value)}")
     return weight
 
 
-def _damping(name: str, value: float | None) -> float | None:
-    return None if value is None else check.number(name, value)
-
-
 _CHECKS: dict[str, Callable[[str, Any], Any]] = {
-    "gain": check.at_most_one,
+    "gain": lambda name, value: check.number(name, value, 0.0, 1.0),
     "weight": _weight,
-    "damping": _damping,
+    "damping": lambda name, value: None if value is None else check.number(name, value, 0.0),
 }
 
 
 def rows_among(rows: Sequence[int], count: int) -> tuple[int, ...]:
-    """Rows by number.
-
-    Raises:
-        ValueError: One out of range or repeated, or none at all.
-    """
+    """Rows by number, each once, one at least."""
     chosen = tuple(check.indices("rows", rows, count).tolist())
     if not chosen:
         raise ValueError("rows must have one at least, got none")
     return chosen
-
-
-def frame_name(name: str, value: Any) -> str | Body:
-    """The name of a site, or a body.
-
-    Raises:
-        TypeError: It is neither.
-    """
-    return check.instance(name, value, str, Body)
-
-
-def turned(rotation: Array, rows: Array) -> Array:
-    """Vectors in the axes of a frame, of stacked vectors (3 k, .) or (3 k,) in world axes."""
-    return (rotation.T @ rows.reshape(-1, 3, *rows.shape[1:] or (1,))).reshape(rows.shape)
-
-
-def chosen_rows(A: Array, rows: tuple[int, ...]) -> Array:
-    """These rows of a matrix or vector, in their order; a view where they follow one another."""
-    return A[_chosen(rows)]
-
-
-@lru_cache(maxsize=1024)
-def _chosen(rows: tuple[int, ...]) -> slice | NDArray[np.intp]:
-    """Rows as an index: looked up once, because they are the same at every tick."""
-    first = rows[0]
-    if rows == tuple(range(first, first + len(rows))):
-        return slice(first, first + len(rows))
-    return check.read_only(np.array(rows))

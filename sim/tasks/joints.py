@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
-from sim.kinematics.task import new_rows
 from sim.mjcf.frame import Located
+from sim.mjcf.joints import joint_positions, one_axis, turning
 from sim.mjcf.model import element_id
-from sim.mjcf.ranges import joint_positions, one_axis, turning
 from sim.tasks.function import TaskFunction
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
@@ -26,14 +25,34 @@ def _names(name: str, value: Iterable[str] | None) -> tuple[str, ...] | None:
 
 def _factors(name: str, value: Mapping[str, float]) -> Mapping[str, float]:
     given = check.instance(name, value, Mapping)
-    factors = {each: check.signed(name, given[each]) for each in check.members(name, given, str)}
+    factors = {each: check.number(name, given[each]) for each in check.members(name, given, str)}
     if not any(factors.values()):
         raise ValueError(f"{name} must name a joint at least, with a factor, got none")
     return factors
 
 
+@dataclass(eq=False, kw_only=True)
+class _OnRates(TaskFunction):
+    _checks: ClassVar = {"joints": _names}
+    _with_free: ClassVar = True
+    """Whether all joints are free ones, too."""
+
+    joints: Iterable[str] | None = None
+
+    def on(self, model: mujoco.MjModel) -> "LocatedRates":
+        """As :meth:`TaskFunction.on`."""
+        check.instance("model", model, mujoco.MjModel)
+        if self.joints is None:
+            among = self._with_free | (model.jnt_type != _FREE)
+        else:
+            among = np.zeros(model.njnt, dtype=bool)
+            among[[element_id(model, "joint", name) for name in self.joints]] = True
+        velocities = np.flatnonzero(among[model.dof_jntid])
+        return LocatedRates(self, velocities, tuple(turning(model)[velocities].tolist()))
+
+
 @dataclass(eq=False)
-class PostureTask(TaskFunction):
+class PostureTask(_OnRates):
     """Joints are to be where they are in a posture: rows on the rates themselves.
 
     Of joints that have an actuator, or are variables; others follow from these. Where the tasks
@@ -48,21 +67,15 @@ class PostureTask(TaskFunction):
     Further attributes and errors are those of :class:`TaskFunction`.
     """
 
-    _checks: ClassVar = {"joints": _names}
-
-    joints: Iterable[str] | None = field(default=None, kw_only=True)
+    _with_free: ClassVar = False
 
     def checked(self, target: Any) -> Array:
         """Positions (nq,)."""
-        return check.frozen(check.series("target", target))
-
-    def on(self, model: mujoco.MjModel) -> "LocatedRates":
-        """As :meth:`TaskFunction.on`."""
-        return _rates(self, model, free=False)
+        return check.frozen(check.array("target", target, None))
 
 
 @dataclass(eq=False)
-class DampingTask(TaskFunction):
+class DampingTask(_OnRates):
     """Joints are to rest: what no level before it asks for is as little motion as can be.
 
     A level of its own. Whatever comes after it has nothing left to move these joints with.
@@ -75,42 +88,29 @@ class DampingTask(TaskFunction):
     :class:`TaskFunction`.
     """
 
-    _checks: ClassVar = {"joints": _names}
-
-    joints: Iterable[str] | None = field(default=None, kw_only=True)
-
     def checked(self, target: Any) -> Any:
         """None: the target is to rest."""
         raise ValueError(f"target must be None, which is to rest, got {check.shown(target)}")
 
-    def on(self, model: mujoco.MjModel) -> "LocatedRates":
-        """As :meth:`TaskFunction.on`."""
-        return _rates(self, model, free=True)
 
-
-class LocatedRates(NamedTuple):
-    """A task on rates in one model.
+@dataclass(frozen=True, eq=False)
+class LocatedRates:
+    """A task on rates in one model: rows of the identity, at any pose.
 
     Attributes:
-        task: What is asked for.
+        task: With its target.
         velocities: Which, shape (k,).
-        angular: Whether each of them turns.
-        frames: None: rates are rates at any pose.
+        angular: Whether each is one of an angle.
     """
 
-    task: PostureTask | DampingTask
+    task: _OnRates
     velocities: NDArray[np.intp]
     angular: tuple[bool, ...]
     frames: tuple[Located, ...] = ()
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Rows of the identity, shape (k, nv)."""
-        return new_rows(self, model, data)
-
-    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (k, nv) by them."""
-        out[:] = 0.0
-        out[np.arange(len(out)), self.velocities] = 1.0
+        """The rows per qvel, shape (k, nv)."""
+        return np.eye(model.nv)[self.velocities]
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Displacement of each of these velocities to the target, shape (k,)."""
@@ -132,11 +132,7 @@ class JointCouplingTask(TaskFunction):
         coefficients: Factor of the position of each slide or hinge joint, by its name.
         target: What coefficient times position adds up to, one number.
 
-    Further attributes are those of :class:`TaskFunction`.
-
-    Raises:
-        ValueError: No joint, or only factors of zero; or as :class:`TaskFunction`.
-        TypeError: An argument is of another kind.
+    Further attributes, and errors, are those of :class:`TaskFunction`.
     """
 
     _checks: ClassVar = {"coefficients": _factors}
@@ -146,7 +142,7 @@ class JointCouplingTask(TaskFunction):
 
     def checked(self, target: Any) -> float:
         """A number."""
-        return check.signed("target", target)
+        return check.number("target", target)
 
     def on(self, model: mujoco.MjModel) -> "LocatedCoupling":
         """As :meth:`TaskFunction.on`."""
@@ -159,17 +155,19 @@ class JointCouplingTask(TaskFunction):
         used = np.flatnonzero(row)
         bodies = {int(body) for body in model.dof_bodyid[used]}
         frames = tuple(Located(body, body, is_site=False) for body in sorted(bodies))
-        return LocatedCoupling(self, row, frames, (bool(turning(model)[used[0]]),))
+        angular = (bool(turning(model)[used[0]]),)
+        return LocatedCoupling(self, row, frames, angular)
 
 
-class LocatedCoupling(NamedTuple):
-    """The same in one model.
+@dataclass(frozen=True, eq=False)
+class LocatedCoupling:
+    """A sum of positions of joints of one model, with a target.
 
     Attributes:
-        task: What is asked for.
+        task: With its target.
         row: Factor of each velocity, shape (nv,).
         frames: Of the bodies that these joints move.
-        angular: Whether the first of the joints turns.
+        angular: Whether the first is an angle.
     """
 
     task: JointCouplingTask
@@ -178,25 +176,9 @@ class LocatedCoupling(NamedTuple):
     angular: tuple[bool, ...]
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The row, shape (1, nv)."""
-        return new_rows(self, model, data)
-
-    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (1, nv) by it."""
-        out[0] = self.row
+        """The row per qvel, (1, nv)."""
+        return self.row[None]
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """What the sum lacks to its target, shape (1,)."""
         return np.array([self.task.needed() - self.row @ joint_positions(model, data.qpos)])
-
-
-def _rates(task: PostureTask | DampingTask, model: mujoco.MjModel, *, free: bool) -> LocatedRates:
-    """Of its joints; where it names none of all, of free ones too where they count."""
-    check.instance("model", model, mujoco.MjModel)
-    if task.joints is None:
-        among = free | (model.jnt_type != _FREE)
-    else:
-        among = np.zeros(model.njnt, dtype=bool)
-        among[[element_id(model, "joint", name) for name in task.joints]] = True
-    velocities = np.flatnonzero(among[model.dof_jntid])
-    return LocatedRates(task, velocities, tuple(turning(model)[velocities].tolist()))

@@ -98,7 +98,7 @@ def test_a_refusal_of_the_library_is_a_sentence(capfd, out, monkeypatch):
     import argument_checks as check
 
     def perform(*_: object, **__: object) -> None:
-        check.real("joint_weight", [1e200])
+        check.array("joint_weight", [1e200])
 
     words = measuring(monkeypatch, out, perform)
     assert "joint_weight must be smaller than 1e+120, got 1e+200" in refused(capfd, *words)

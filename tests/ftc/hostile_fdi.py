@@ -5,16 +5,15 @@ from typing import Any
 import control
 import numpy as np
 
-from ftc import LinearLoop, SensorCheck, SensorChecks, simulate, supervisor_for
+from ftc import LinearLoop, SensorCheck, SensorChecks, simulate
 from ftc.control import circle_margin, sensitivity_peak
 from ftc.control.anti_windup import tracking_gain
 from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor, static_share
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import resting_displacements, static_gain
-from ftc.time_limit import time_limit
+from ftc.guarded_controller import time_limit
 from tests.ftc.hostile_loop import FAULTY, SWING
 from tests.ftc.hostile_machine import (
-    GOAL,
     LOOP,
     M1,
     NOMINAL,
@@ -24,9 +23,6 @@ from tests.ftc.hostile_machine import (
     STILL,
     WATCH,
     N,
-    flown,
-    pilot,
-    possible,
 )
 from tests.hostile import Target
 
@@ -50,7 +46,7 @@ def watched(config: FdiConfig) -> Any:
     state = watch.start()
     for _ in range(min(3 * watch.ticks, 100)):
         state = watch.step(state, np.zeros(M1), STILL)
-    return state.watch.residual, state.watch.parameters.mean, state.last_commanded
+    return state.observer.residual, state.observer.parameters.mean, state.last_commanded
 
 
 def sampled(**given: Any) -> Any:
@@ -58,7 +54,7 @@ def sampled(**given: Any) -> Any:
     state = given.pop("state")
     for _ in range(ENOUGH):
         state = WATCH.step(state, **given)
-    return state.watch.residual, state.last_commanded
+    return state.observer.residual, state.last_commanded
 
 
 def limited(seconds: float) -> int:
@@ -106,17 +102,11 @@ TARGETS = {
     "Dither.at": Target(SWING.at, {"time_s": 0.1}),
     "SensorCheck": Target(
         checked,
-        {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True}
-        | {"stuck_s": 1e-2, "gap_s": 2e-2},
+        {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True},
     ),
     "SensorChecks": Target(
         lambda **a: SensorChecks(**a).start(2, N).failed,
         {"task": SensorCheck(PERIOD_S), "encoders": SensorCheck(PERIOD_S)},
-    ),
-    "supervisor_for": Target(
-        lambda **a: flown(supervisor_for(**a)),
-        {"goal": GOAL, "controller": pilot, "watched": NOMINAL, "is_possible": possible}
-        | {"task": NOMINAL, "unused": "free", "dither": SWING, "config": DEFAULT_CONFIG},
     ),
     "time_limit": Target(limited, {"seconds": 1.0}),
 }

@@ -1,6 +1,5 @@
 """What is attacked of the loop: controllers, and what runs them."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from ftc import (
     Supervisor,
     run_loop,
 )
-from ftc.fdi import DEFAULT_CONFIG, Dither, Fault, monitor
+from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor
 from tests.ftc.hostile_machine import (
     DESIRED,
     DRIVES,
@@ -51,6 +50,8 @@ GUARDED = GuardedController("own", lambda task: PILOT, TASK)
 AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
 SECONDARY = {"secondary_reference": STILL, "feedforward": DESIRED, "unused_reference": STILL}
 SWING = Dither(1e-3, 20.0, (1.0, -1.0, 1.0))
+SWINGING = Supervisor(**SUPERVISOR, dither=SWING)
+TOLD = [Diagnosis.told(Fault(0, "locked"), 1e-3)]
 LIMITED = mapping(GOAL, limits=LIMITS)
 
 
@@ -102,10 +103,8 @@ TARGETS = {
     ),
     "PrioritizedController.step": Target(
         lambda **a: stepped(PILOT, **a),
-        {"state": PILOT.start()} | AT_REST | SECONDARY | {"pose": STILL},
-        spared=("pose",),  # the client's own type
+        {"state": PILOT.start()} | AT_REST | SECONDARY,
     ),
-    "PrioritizedController.estimate": Target(PILOT.estimate, {"state": PILOT.start()}),
     "PrioritizedController.transfer": Target(
         transferred,
         {"state": PILOT.start(), "lost_displacements": STILL, "acting": STILL}
@@ -130,18 +129,13 @@ TARGETS = {
         told(Supervisor),
         SUPERVISOR
         | {"task": NOMINAL, "watched": lambda read, *_: read.output, "estimate": lambda *_: DESIRED}
-        | {"sensor_checks": SensorChecks(SensorCheck(PERIOD_S)), "test_motion": motionless},
+        | {"sensor_checks": SensorChecks(SensorCheck(PERIOD_S)), "unused": "locked"}
+        | {"dither": SWING},
     ),
-    "Supervisor of motions": Target(
-        lambda secondary_reference, unused_reference: flown(
-            replace(
-                SUPERVISED,
-                secondary=lambda _: secondary_reference,
-                test_motion=lambda _: unused_reference,
-            )
-        ),
-        {"secondary_reference": STILL, "unused_reference": STILL},
+    "Supervisor.reconfigured": Target(
+        lambda diagnoses: flown(SUPERVISED.reconfigured(diagnoses)), {"diagnoses": TOLD}
     ),
+    "Supervisor.secondary": Target(SWINGING.secondary, {"time_s": 0.1}),
     "Supervisor.step": Target(
         lambda **a: stepped(SUPERVISED, **a),
         {"state": SUPERVISED.start(), "feedforward": DESIRED} | AT_REST,

@@ -66,12 +66,8 @@ def possible(faults: Any) -> bool:
     return True
 
 
-def reconfigured(diagnoses: Any) -> PrioritizedController[Any]:
-    return PILOT
-
-
-SUPERVISOR: dict[str, Any] = {"first": PILOT, "monitor": WATCH, "secondary": motionless}
-SUPERVISOR |= {"reconfigured": reconfigured, "is_possible": possible}
+SUPERVISOR: dict[str, Any] = {"goal": GOAL, "controller": pilot, "monitor": WATCH}
+SUPERVISOR |= {"is_possible": possible}
 SUPERVISED = Supervisor(**SUPERVISOR)
 
 
@@ -90,7 +86,7 @@ class Still:
 
 
 class Stage:
-    """The stage as a :class:`ftc.control.mechanism.MechanismModel`; postures are displacements."""
+    """The stage as a :class:`ftc.control.geometry.MechanismModel`; postures are displacements."""
 
     nominal = STILL
 

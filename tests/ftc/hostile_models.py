@@ -1,6 +1,6 @@
 """What is attacked of the loop: what a controller is made of."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,17 +13,15 @@ from ftc import (
     GuardedController,
     LocalGeometry,
     LoopShape,
-    Tracking,
     compensator,
     goal_after,
     inverse_feedforward,
     margins,
     tracking,
 )
-from ftc.control.mechanism import MechanismGeometry
-from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Fault, NominalModel, fault_model
-from ftc.fdi.friction import DryFriction
-from tests.ftc.hostile_loop import FAULTY, SWING
+from ftc.control.geometry import MechanismGeometry
+from ftc.fdi import DEFAULT_CONFIG, Fault, NominalModel, fault_model
+from tests.ftc.hostile_loop import FAULTY, SWING, TOLD
 from tests.ftc.hostile_machine import (
     CHANNEL,
     DRIVE,
@@ -55,9 +53,9 @@ from tests.hostile import Target
 
 LOADED = {"feedback": np.eye(N, 2 * N), "holding": np.ones(N), "spring": np.eye(N, 2 * N)}
 LOADED |= {"preload": np.ones(N), "implicit_damping": False, "floor": np.ones((N, 3))}
-RUBS = DryFriction(np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N))
-TOLD = [Diagnosis.told(Fault(0, "locked"), 1e-3)]
+RUBS = np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N)
 ENCODED = {"limits": LIMITS, "springs": False, "sense": "joints", "noise": np.ones(N)}
+ENCODED |= {"handover_s": 0.1, "when_limited": "scaled", "unused": "free", "feedforward": True}
 
 
 def model(**given: Any) -> Any:
@@ -81,7 +79,7 @@ def model_of(lower: Any, drive: Any, C: Any) -> Any:
 
 
 def rubbing(**given: Any) -> Any:
-    return model(**MODEL, friction=DryFriction(**given))
+    return model(**MODEL, friction=tuple(given.values()))
 
 
 def weighed(**given: Any) -> Any:
@@ -97,14 +95,6 @@ def tracked(**given: Any) -> Any:
 
 def tracked_plant(**given: Any) -> Any:
     return tracked(linear=SimpleNamespace(**given))
-
-
-OF_TRACK = {field.name: getattr(TRACK, field.name) for field in fields(TRACK)}
-
-
-def remade(**given: Any) -> Any:
-    track = Tracking(**(OF_TRACK | given))
-    return flown(track.controller(track.goal)), flown(track.supervisor())
 
 
 def on_three(geometry: Any) -> Any:
@@ -141,7 +131,9 @@ TARGETS = {
     "NominalModel with friction": Target(
         lambda friction: model(**MODEL, friction=friction), {"friction": RUBS}
     ),
-    "NominalModel with friction in numbers": Target(rubbing, RUBS._asdict()),
+    "NominalModel with friction in numbers": Target(
+        rubbing, dict(zip(("push", "rows", "limit", "softness", "rate"), RUBS, strict=True))
+    ),
     "NominalModel of a plant": Target(
         model_of,
         {"lower": LOWER, "drive": DRIVE, "C": C},
@@ -175,9 +167,6 @@ TARGETS = {
     "tracking": Target(tracked, TRACKED | {"crossover_hz": 5.0, "sense": "task"}),
     "tracking with options": Target(tracked, ENCODED),
     "tracking of a plant": Target(tracked_plant, LINEAR),
-    "Tracking": Target(
-        remade, OF_TRACK | {"limits": LIMITS, "encoder_noise": np.ones(N), "sense": "both"}
-    ),
     "Tracking.mapping": Target(lambda goal: TRACK.mapping(goal).major_gain(), {"goal": GOAL}),
     "Tracking.controller": Target(told(TRACK.controller), {"goal": GOAL}),
     "Tracking.supervisor": Target(

@@ -57,7 +57,7 @@ def test_a_cause_that_is_no_failure_is_named_and_no_actuator_is(name, seed):
     assert states[-1].causes[0] == cause
 
 
-@pytest.mark.parametrize("seed", [2, 3, 5])
+@pytest.mark.parametrize("seed", [5, 9, 10])
 def test_without_these_hypotheses_a_supply_that_fails_accuses_an_actuator(seed):
     """So the law above can fail: by failures alone, half of what all do is one's weakness."""
     _, *event = EVENTS["supply"]

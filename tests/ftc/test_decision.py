@@ -11,21 +11,15 @@ from hypothesis import strategies as st
 
 from fjh.rig import Rig
 from ftc import DirectDrive, Goal
-from ftc.decision import Case, Outlook
 from ftc.fdi import Fault
+from ftc.reconfiguration import Case, Outlook
 from sim import Failure
 
 RIG = Rig.hexapod()
-
-
-def still(_: int) -> np.ndarray:
-    """No secondary motion."""
-    return np.zeros(6)
-
-
 STILL = np.zeros(12)
 PATH = RIG.path("circle", duration_s=0.4)
-OUTLOOK = Outlook(RIG.nominal, np.zeros(2), PATH, secondary=still, unused=still)
+NO_MOTION = np.zeros((3 * len(PATH), 6))
+OUTLOOK = Outlook(RIG.nominal, np.zeros(2), PATH, secondary=NO_MOTION, unused=NO_MOTION)
 GIVEN = dict(vars(OUTLOOK))
 
 

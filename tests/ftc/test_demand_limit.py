@@ -105,7 +105,7 @@ def test_a_setting_of_many_is_the_setting_alone(model, loops):
     rng = np.random.default_rng(0)
     nominal = nominal_model(model, TestbedConfig())
     plant, C = fault_model(nominal), nominal.plant.C
-    stage = Stage(plant.A, plant.B, gain=1e-2 * rng.normal(size=(6, 2)))
+    stage = Stage(plant, gain=1e-2 * rng.normal(size=(6, 2)))
     reference = 1e-4 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
     disturbance, start = 1e-6 * rng.normal(size=(80, 12)), 1e-6 * rng.normal(size=(3, 12))
     limit, held = np.array([1e-4, 2e-4, np.inf]), np.array([True, False, True])

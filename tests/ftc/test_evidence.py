@@ -8,9 +8,8 @@ import pytest
 
 from ftc._records import changed
 from ftc.fdi import Uncertainty
-from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.isolation.evidence import EXTRA, Evidence
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.bank import EXTRA, Evidence, hypothesis_bank
+from ftc.fdi.observer import Parameters
 from kernels import lib, pointer
 from tests.cart_runs import ONSETS, Record, carts
 

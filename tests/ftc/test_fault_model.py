@@ -122,7 +122,7 @@ def test_several_sequences_of_commands_at_once_give_what_each_gives():
     [
         ({"plant": np.eye(2)}, "plant must be"),
         ({"plant": control.ss(np.eye(6), np.ones((6, 3)), np.ones((3, 6)), 0)}, r"\[q; q_dot\]"),
-        ({"displacement": np.zeros((2, 6))}, "displacement must be"),
+        ({"displacement": np.zeros((2, 6))}, "displacement must have shape"),
         ({"noise": np.array([1.0, 0.0, 1.0])}, "noise must be"),
         ({"period_s": 0.0}, "period_s must be"),
         ({"step_s": 1.0}, "step_s must not exceed period_s"),

@@ -9,8 +9,7 @@ from scipy.optimize import lsq_linear
 
 from ftc import Stage, steps
 from ftc.fdi import CERTAIN, Fault, NominalModel, fault_model, monitor
-from ftc.fdi.friction import DryFriction
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.uncertainty import TYPICAL, uncertain_model
 from tests.ftc.test_servo_faults import Carts
 
@@ -21,9 +20,8 @@ STEP_S = 1e-3
 def block(ticks: int = 1) -> NominalModel:
     """A block on a dry floor, pushed by a force [N]."""
     plant = control.ss([[0, 1], [0, 0]], [[0], [1 / MASS]], [[1, 0]], 0)
-    friction = DryFriction(
-        np.array([[1 / MASS]]), np.eye(1), np.array([LIMIT]), np.array([SOFTNESS]), np.array([RATE])
-    )
+    one = np.ones(1)
+    friction = np.eye(1) / MASS, np.eye(1), LIMIT * one, SOFTNESS * one, RATE * one
     seen = np.array([[1.0, 0.0]])
     return NominalModel(plant, seen, np.ones(1), ticks * STEP_S, STEP_S, friction=friction)
 
@@ -53,8 +51,14 @@ def rubbing_carts(seed: int, limit: float = 0.05, n: int = 3) -> NominalModel:
     """Carts on servos, each with dry friction."""
     carts = Carts.random(n, seed)
     push = np.diag(1 / carts.mass)
-    friction = DryFriction(push, np.eye(n), np.full(n, limit), np.diag(push) / 9, np.full(n, 105.0))
+    friction = push, np.eye(n), np.full(n, limit), np.diag(push) / 9, np.full(n, 105.0)
     return replace(carts.nominal(), friction=friction)
+
+
+def with_limits(nominal: NominalModel, limit: np.ndarray) -> NominalModel:
+    assert nominal.friction is not None
+    push, rows, _, softness, rate = nominal.friction
+    return replace(nominal, friction=(push, rows, limit, softness, rate))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -64,7 +68,8 @@ def test_forces_are_those_of_least_energy_within_the_limits(seed):
     root = rng.normal(size=(n, n))
     nominal = rubbing_carts(seed, n=n)
     M = root @ root.T + np.eye(n)
-    rubs = DryFriction(M, np.eye(n), rng.uniform(0.01, 0.1, n), rng.uniform(0.1, 1, n), np.ones(n))
+    limit = rng.uniform(0.01, 0.1, n)
+    rubs = M, np.eye(n), limit, rng.uniform(0.1, 1, n), np.ones(n)
     model = fault_model(replace(nominal, period_s=STEP_S, friction=rubs))
     x, u = 1e-3 * rng.normal(size=2 * n), 1e-3 * rng.normal(size=n)
     free = fault_model(replace(nominal, period_s=STEP_S, friction=None)).step(x, u)
@@ -72,9 +77,9 @@ def test_forces_are_those_of_least_energy_within_the_limits(seed):
     assert rub is not None
     c = rub.E @ x + rub.D @ [*u, 1.0]
     L = np.linalg.cholesky(rub.K)
-    best = lsq_linear(L.T, -np.linalg.solve(L, c), (-rubs.limit, rubs.limit), tol=1e-14)
+    best = lsq_linear(L.T, -np.linalg.solve(L, c), (-limit, limit), tol=1e-14)
     np.testing.assert_allclose(model.step(x, u), free + rub.G @ best.x, atol=1e-9)
-    assert (np.abs(best.x) > 0.99 * rubs.limit).any()
+    assert (np.abs(best.x) > 0.99 * limit).any()
 
 
 def test_a_loop_steps_the_same_friction_for_all_settings():
@@ -83,7 +88,7 @@ def test_a_loop_steps_the_same_friction_for_all_settings():
     model = fault_model(nominal)
     loops = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3
     reference = 1e-3 * np.random.default_rng(1).normal(size=(2, 20, 3)).cumsum(axis=1)
-    stage = Stage(model.A, model.B, drift=model.drift, rubbing=model.rubbing)
+    stage = Stage(model)
     both = np.array([one.x for one in steps([stage], nominal.plant.C, loops, reference)])
     for k in range(2):
         alone = np.array([one.x for one in steps([stage], nominal.plant.C, loops, reference[k])])
@@ -97,9 +102,7 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
     ticks, spread, n = 4, 0.5, 3
     nominal = rubbing_carts(2)
-    assert nominal.friction is not None
-    less = nominal.friction._replace(limit=np.array([0.025, 0.05, 0.05]))
-    smaller = replace(nominal, friction=less)
+    smaller = with_limits(nominal, np.array([0.025, 0.05, 0.05]))
     model = uncertain_model(
         lambda some: fault_model(nominal, some), faults, friction=spread, ticks=ticks
     )
@@ -126,8 +129,7 @@ def watched(nominal: NominalModel, fault: Fault | None, seed: int, actual: float
     """
     rng, n = np.random.default_rng(seed), nominal.actuators
     assert nominal.friction is not None
-    friction = nominal.friction._replace(limit=actual * nominal.friction.limit)
-    plant = replace(nominal, friction=friction)
+    plant = with_limits(nominal, actual * nominal.friction[2])
     before, after = fault_model(plant), fault_model(plant, [fault] if fault else [])
     watch = monitor(nominal)
     state, x, u = watch.start(), np.zeros(2 * n), np.zeros(n)
@@ -166,6 +168,6 @@ def test_without_friction_there_is_nothing_of_it():
     nominal = Carts.random(3, 0).nominal()
     assert fault_model(nominal).rubbing is None
     bank = hypothesis_bank(nominal, uncertainty=TYPICAL)
-    assert bank.friction is None
+    assert bank.models.friction is None
     assert bank.believed.limits == 0
     assert hypothesis_bank(rubbing_carts(0), uncertainty=CERTAIN).believed.limits == 0

@@ -27,6 +27,7 @@ from ftc import (
     steps,
 )
 from ftc.control import NoResponse, UnstableLoop
+from ftc.fdi.fault_model import FaultModel
 from prioritized import ConstrainedSystem
 from sim import HEXAPOD_MJCF, Failure, Plant, jacobians, linearize, load_model
 
@@ -98,7 +99,9 @@ def unaware(own: PrioritizedMapping) -> OracleController:
 def predicted_m() -> np.ndarray:
     """The same loop with the linear plant, shape (N, 3)."""
     P = control.c2d(control.ss(LINEAR.A, LINEAR.B, LINEAR.C_twist[MAJOR], 0), PERIOD_S, "zoh")
-    ticks = steps([Stage(P.A, P.B)], P.C, COMPENSATORS, REFERENCE, gain=mapping().major_gain())
+    s = len(P.A)
+    first = Stage(FaultModel(P.A, P.B, P.C, np.eye(s), np.zeros(s)), gain=mapping().major_gain())
+    ticks = steps([first], P.C, COMPENSATORS, REFERENCE)
     return np.array([tick.output for tick in ticks])
 
 

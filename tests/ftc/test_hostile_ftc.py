@@ -19,15 +19,15 @@ RESULTS = (
 """Only loops and controllers make them."""
 
 PARTS = (
-    *("Stage", "steps", "one_tick", "mapping_for", "supervisor_for"),
-    *("status", "explanation", "deciding_sentence", "is_possible"),
+    *("Stage", "steps", "one_tick", "mapping_for", "Tracking"),
+    *("explanation", "deciding_sentence", "is_possible"),
     *(
         f"{name}.{method}"
         for name in ("SensorCheck", "SensorChecks")
         for method in ("start", "step")
     ),
 )
-"""`fjh` puts a rig together of these, and gives them what it has checked or what they gave it."""
+"""`fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked."""
 
 AT_EVERY_TICK = (
     *(f"LocalGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
@@ -35,7 +35,7 @@ AT_EVERY_TICK = (
     *(
         f"PrioritizedMapping.{name}"
         for name in (
-            *("displacements", "tick", "within_limits", "followed", "major_motion", "reached"),
+            *("displacements", "tick", "followed", "major_motion", "reached"),
             *("split", "estimate", "at"),
         )
     ),

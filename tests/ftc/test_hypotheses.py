@@ -9,8 +9,8 @@ import scipy.optimize
 from scipy.stats import multivariate_normal
 
 from ftc.fdi import CERTAIN, Cause, Fault, Uncertainty
-from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.bank import hypothesis_bank
+from ftc.fdi.observer import Parameters
 from ftc.fdi.uncertainty import perturbed
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 

@@ -1,5 +1,7 @@
 """Which failures of the hexapod look alike, without simulated noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,9 +21,10 @@ from ftc.fdi import (
     fault_model,
     isolability,
 )
-from ftc.fdi.design.isolability import distances as from_causes
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.bank import hypothesis_bank
+from ftc.fdi.separation import distances as from_causes
 from ftc.fdi.uncertainty import TYPICAL
+from tests.ftc.test_excitation import LOOSE, mechanism
 
 BENCH, RIG = TestbedConfig(), hexapod_rig()
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
@@ -96,6 +99,27 @@ def test_an_uncertain_model_tells_less_and_the_failure_itself_is_at_distance_zer
     assert 0 < from_none_unsure < from_none
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
+    """Of the same evidence: as many onsets a second, and noise of the same density."""
+    found = []
+    for period_s in (5e-4, 1e-3, 2e-3):
+        plant = mechanism(1)
+        density = np.sqrt(2e-3 / period_s)
+        seen = replace(plant, period_s=period_s, step_s=5e-4, noise=density * plant.noise)
+        fault, times = Fault(1, kind, 0.5 * (kind == "weak")), np.arange(0.0, 0.6, period_s)
+        commanded = 1e-3 * np.sin(np.outer(times, [10.0, 25.0, 40.0]))
+        onset = round(0.3 / period_s)
+        before = fault_model(seen).states(commanded[:onset])
+        after = fault_model(seen, [fault])
+        struck = after.states(commanded[onset:], after.onset @ before[-1])
+        states = np.vstack([before[:-1], struck[:-1]])
+        apart, from_none = isolability(seen, fault, onset, states, commanded, LOOSE)
+        found.append([*np.delete(apart, 1, axis=0).ravel(), from_none])
+    for other in (found[0], found[2]):
+        np.testing.assert_allclose(other, found[1], rtol=0.05)
+
+
 @pytest.mark.parametrize("hz", [1.0, 8.0, 20.0, 35.0])
 def test_pointing_does_not_see_the_heave_and_sees_each_strut_that_leaves_it(hz):
     """By the threefold symmetry, at any frequency; the six signatures are 60 degrees apart."""
@@ -127,5 +151,7 @@ def test_what_is_no_failure_is_far_from_every_failure(cause, commands, scale):
     sound, bank = fault_model(ANGLES), hypothesis_bank(ANGLES, (), TYPICAL, 4)
     moved = sound.states(commands(since_s, commanded))[:-1] @ sound.C.T
     outputs = moved * np.where(since_s < 0, 1.0, scale)
-    found, from_none = from_causes(bank, cause, ONSET, outputs, commanded, TYPICAL, 4)
+    found, from_none = from_causes(
+        bank, cause, ONSET, outputs, commanded, (ANGLES.period_s, 4), TYPICAL
+    )
     assert 40 < found.min() < from_none

@@ -1,5 +1,8 @@
 """Laws of displacement limits in the loop: what is achieved, anti-windup from it, stability."""
 
+from dataclasses import replace
+from typing import Any
+
 import control
 import numpy as np
 import pytest
@@ -17,7 +20,6 @@ from ftc import (
 )
 from ftc.control import circle_margin
 from ftc.control.anti_windup import tracking_gain
-from ftc.control.bumpless_transfer import bumpless_transfer
 from prioritized import ConstrainedSystem
 from tests.profiles import examples
 
@@ -34,7 +36,7 @@ def geometry(seed: int, n: int = 5) -> LocalGeometry:
     return LocalGeometry(ConstrainedSystem(J, None, np.arange(n)))
 
 
-def limited(own: LocalGeometry, half: float = 0.5, **options) -> PrioritizedMapping:
+def limited(own: LocalGeometry, half: float = 0.5, **options) -> Any:
     n = len(own.system.active)
     goal = options.pop("goal", Goal(joint_weight=(1.0,) * n))
     box = (np.full(n, -half), np.full(n, half))
@@ -47,19 +49,19 @@ def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, loc
     """An independent bounded solver finds the same error, stuck actuators included."""
     own, demand = geometry(seed), np.random.default_rng(seed + 1).normal(size=2)
     mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_at=locked_at))
-    found = mapping.within_limits(demand, own.nominal)
-    assert np.abs(found.displacements).max() <= 0.5
-    assert not found.displacements[list(locked_at)].any()
-    standing_m = found.displacements.copy()
+    found_m, residual = mapping.tick(demand, own.nominal)
+    assert np.abs(found_m).max() <= 0.5
+    assert not found_m[list(locked_at)].any()
+    standing_m = found_m.copy()
     for actuator, stands_m in locked_at.items():
         standing_m[actuator] = stands_m
     achieved = mapping.major_motion(standing_m, own.nominal)
-    np.testing.assert_allclose(found.achieved, achieved, atol=1e-9)
-    np.testing.assert_allclose(found.residual, demand - achieved, atol=1e-9)
+    assert residual is not None
+    np.testing.assert_allclose(residual, demand - achieved, atol=1e-9)
     offset = own.system.J_T[MAJOR][:, list(locked_at)] @ list(locked_at.values())
     J_m = np.delete(own.system.J_T[MAJOR], list(locked_at), axis=1)
     best = lsq_linear(J_m, demand - offset, (-0.5, 0.5), method="bvls", tol=1e-14)
-    assert np.linalg.norm(found.residual) == pytest.approx(np.sqrt(2 * best.cost), abs=1e-7)
+    assert np.linalg.norm(residual) == pytest.approx(np.sqrt(2 * best.cost), abs=1e-7)
 
 
 @given(SEEDS)
@@ -69,9 +71,9 @@ def test_limits_that_are_not_reached_change_nothing(seed):
     demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
     free = limited(own).displacements(demand, own.nominal, secondary_reference=reference_m)
     wide = limited(own, half=2 * np.abs(free).max())
-    found = wide.within_limits(demand, own.nominal, reference_m)
-    np.testing.assert_allclose(found.displacements, free, atol=1e-10)
-    np.testing.assert_allclose(found.residual, 0, atol=1e-10)
+    found, residual = wide.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_allclose(found, free, atol=1e-10)
+    np.testing.assert_allclose(residual, 0, atol=1e-10)
 
 
 @given(SEEDS)
@@ -79,16 +81,16 @@ def test_a_secondary_goal_beyond_the_limits_costs_the_major_task_nothing(seed):
     own = geometry(seed)
     rng = np.random.default_rng(seed + 1)
     mapping, demand = limited(own), rng.normal(size=2)
-    alone = mapping.within_limits(demand, own.nominal)
-    beside = mapping.within_limits(demand, own.nominal, 10 * rng.normal(size=5))
-    np.testing.assert_allclose(beside.residual, alone.residual, atol=1e-8)
+    _, alone = mapping.tick(demand, own.nominal)
+    _, beside = mapping.tick(demand, own.nominal, secondary_reference=10 * rng.normal(size=5))
+    np.testing.assert_allclose(beside, alone, atol=1e-8)
 
 
 @given(SEEDS)
 def test_scaled_demands_keep_their_direction(seed):
     own, demand = geometry(seed), 5 * np.random.default_rng(seed + 1).normal(size=2)
-    found = limited(own, when_limited="scaled").within_limits(demand, own.nominal)
-    achieved = found.achieved
+    _, residual = limited(own, when_limited="scaled").tick(demand, own.nominal)
+    achieved = demand - residual
     assert abs(np.linalg.det([achieved, demand])) < 1e-8
     assert 0 <= achieved @ demand <= demand @ demand + 1e-9
 
@@ -211,11 +213,13 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
     """Commands within the limits are those of the new mapping, whatever it would do itself."""
     own, rng = geometry(seed), np.random.default_rng(seed)
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
-    last = mapping.nothing()
-    still = np.zeros(5)
-    new = bumpless_transfer(mapping, last, commanded_m, own.nominal, still, still, still, still)
-    found = mapping.within_limits(last.demand + new.demand, own.nominal, new.secondary_reference)
-    np.testing.assert_allclose(found.displacements, commanded_m, atol=1e-9)
+    pilot = PrioritizedController([INTEGRATOR] * 2, mapping, DirectDrive(), handover_s=0.1)
+    state = replace(pilot.start(), inputs=commanded_m)
+    last, new = state.asked, pilot.transfer(state).bumpless_transfer
+    assert new is not None
+    demand, beside = last.demand + new.demand, new.secondary_reference
+    found, _ = mapping.tick(demand, own.nominal, secondary_reference=beside)
+    np.testing.assert_allclose(found, commanded_m, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -241,8 +245,9 @@ def test_limits_without_sense_are_refused(options, words):
         PrioritizedMapping(geometry(0), Goal(), MAJOR, SECONDARY, **options)
 
 
-def test_displacements_within_limits_need_limits():
+def test_without_limits_nothing_is_left():
     own = geometry(0)
-    mapping = PrioritizedMapping(own, Goal(), MAJOR, SECONDARY)
-    with pytest.raises(ValueError, match="limits must be given for displacements within limits"):
-        mapping.within_limits(np.zeros(2), own.nominal)
+    mapping = PrioritizedMapping(own, Goal(joint_weight=(1.0,) * 5), MAJOR, SECONDARY)
+    found, residual = mapping.tick(np.ones(2), own.nominal)
+    assert residual is None
+    np.testing.assert_array_equal(found, mapping.displacements(np.ones(2), own.nominal))

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftc.control.minimal import minimal
+from ftc.control.compensator import minimal
 
 W = np.geomspace(0.1, 100.0, 15)
 

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from ftc.fdi import CERTAIN, Uncertainty
-from ftc.fdi.detection.parameter_filter import Parameters, drift
-from ftc.fdi.detection.watch import corrected
-from ftc.fdi.detection.whitening import Spectrum
+from ftc.fdi.observer import ObserverState, Parameters, Spectrum, drift
 
 J, P = 4, 2
 seeds = pytest.mark.parametrize("seed", range(5))
@@ -31,9 +29,10 @@ def updated(parameters: Parameters, white, moving, walk) -> tuple[Parameters, np
     """As the watch does it at a sample, without a spectrum; regressors of offsets are one."""
     errors, p = moving.shape
     predicted, memory = np.vstack([np.zeros(p), moving]), np.zeros((1, errors + 1, p))
-    filtered = np.ones((1, p)), parameters, walk, Spectrum.start(0, p)
-    found = corrected(memory, predicted, white, *filtered, 1.0, np.inf, learns=True)
-    return found[2], found[1]
+    plain, spectrum = np.ones((1, p)), Spectrum(white[None], white[None], 0)
+    before = ObserverState(0, moving, memory, parameters, spectrum, plain, plain, white, 1)
+    after = before.corrected(predicted, white, walk, 1.0, np.inf, learns=True)
+    return after.parameters, after.residual
 
 
 def tracked(regressors, white, rates: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:
@@ -167,9 +166,9 @@ def test_an_innovation_is_measured_in_the_deviation_that_the_uncertainty_gives_i
 
 def test_offsets_walk_at_their_rate_and_errors_at_theirs():
     """Variance grows with time."""
-    drift = replace(STEADY, drift_rate=0.2, offset_rate=0.7)
+    rates = replace(STEADY, drift_rate=0.2, offset_rate=0.7)
     prior = Parameters.prior(J, P, STEADY)
-    later = prior.drifted(4.0, P, drift)
+    later = prior.spread(drift(J + P, 4.0, P, rates))
     grown = np.diag(later.covariance - prior.covariance)
     np.testing.assert_allclose(grown, [0.2**2 * 4] * J + [0.7**2 * 4] * P)
     np.testing.assert_array_equal(later.mean, prior.mean)

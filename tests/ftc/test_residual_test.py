@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ftc.fdi.detection.residual_test import WINDOWS, residual_test
+from ftc.fdi.observer import residual_test
 
 PERIOD_S = 4e-3
 DITHER_HZ = 20.0
 dithers = pytest.mark.parametrize("dither_hz", [None, DITHER_HZ])
+WINDOWS = residual_test(1, 0.01, PERIOD_S).windows
 LONGEST = WINDOWS[-1]
 
 
@@ -96,3 +97,16 @@ def test_old_residuals_are_forgotten(dither_hz):
     watch = residual_test(2, 0.01, PERIOD_S, dither_hz)
     found = alarms(watch, np.vstack([np.full((5, 2), 100.0), np.zeros((LONGEST, 2))]))
     assert (found > 0).tolist() == [True] * (LONGEST + 4) + [False]
+
+
+@pytest.mark.parametrize("hz", [1.5, 5.0, 10.0, 20.0])
+def test_cosine_and_sine_of_a_demodulated_mean_are_nearly_independent(hz):
+    """Else their squares are large together, and the stated rate of false alarms is exceeded."""
+    test = residual_test(2, 0.01, PERIOD_S, hz)
+    assert test.swing is not None
+    for M in test.windows:
+        if test.demodulated <= M:
+            swing = test.swing[:M]
+            assert np.linalg.eigvalsh(swing.T @ swing * 2 / M)[-1] < 1.25
+    shorter = test.swing[: test.demodulated // 2]
+    assert np.linalg.eigvalsh(shorter.T @ shorter * 2 / len(shorter))[-1] > 1.25

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from ftc.fdi import Fault, NominalModel, fault_model
-from ftc.fdi.friction import DryFriction
 from sim import Plant
 from tests.sim.test_friction import plant_of
 
@@ -27,7 +26,7 @@ def nominal_of(plant: Plant) -> NominalModel:
         feedback=linear.feedback,
         holding=linear.holding,
         implicit_damping=plant.implicit_damping,
-        friction=DryFriction(*linear.friction),
+        friction=linear.friction,
     )
 
 

@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftc import SensorCheck
-from ftc.sensor_check import SensorState
+from ftc.sensors import SensorState
 
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
+NAMED = "the task's sensor", "the commands are held"
 STUCK, GAP = 35, 20  # ticks of the usual times
-SOON = 10  # ticks that random readings repeat now and then
+SOON = 10  # ticks of a slower loop, for which random readings repeat now and then
 
 
 def read(readings: Any, check: SensorCheck = CHECK, moving: bool = True) -> list[SensorState]:
@@ -54,7 +55,7 @@ def test_the_rule_is_that_of_a_few_lines(spec):
         NO_NUMBERS[kind] if kind >= 0 else np.array([values[n % 5, 0], values[n, 1]])
         for kind, n in spec
     ]
-    states = read(readings, replace(CHECK, stuck_s=SOON * PERIOD_S))
+    states = read(readings, replace(CHECK, period_s=STUCK / SOON * PERIOD_S))
     missing = [kind >= 0 for kind, _ in spec]
     assert [state.missing for state in states] == np.cumsum(missing, dtype=int).tolist()
     assert [state.held_ticks for state in states] == np.cumsum(
@@ -97,8 +98,18 @@ def test_a_row_that_repeats_is_stuck_after_a_while_and_lost_at_once(rows):
     states = read(readings)
     used = [state.usable for state in states]
     assert used == [True] * (40 + STUCK) + [False] * (80 - STUCK) + [True] * 30
-    said = states[100].sentence(PERIOD_S)
+    said = states[100].sentence(PERIOD_S, *NAMED)
     assert said == "the task's sensor repeats one value since 0.041 s: the commands are held"
+
+
+@pytest.mark.parametrize("period_s", [0.5e-3, 1e-3, 2e-3])
+def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
+    check = SensorCheck(period_s)
+    stuck, gone = read([np.ones(2)] * 100, check), read([*noise(1), *[None] * 100], check)
+    assert sum(state.usable for state in stuck) * period_s == pytest.approx(35e-3, abs=period_s)
+    assert sum(not state.lost for state in gone) * period_s == pytest.approx(
+        20e-3, abs=1.5 * period_s
+    )
 
 
 def test_a_slow_loop_waits_for_five_repetitions():
@@ -125,7 +136,7 @@ def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
     assert [state.new for state in states] == [tick != 10 for tick in range(20)]
     assert states[-1].repeated == (len(rows) == 2)
     if len(rows) == 2:
-        assert states[-1].sentence(PERIOD_S) == "the task's sensor is usable (1 repeated)"
+        assert states[-1].sentence(PERIOD_S, *NAMED) == "the task's sensor is usable (1 repeated)"
 
 
 @given(st.lists(st.tuples(st.integers(1, 30), st.integers(1, 50)), min_size=1, max_size=8))

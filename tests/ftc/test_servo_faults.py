@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from ftc.fdi import CERTAIN, KINDS, Fault, NominalModel, fault_model, monitor
-from ftc.fdi.detection.parameter_filter import Parameters
+from ftc.fdi.bank import hypothesis_bank
+from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import resting_displacements
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.observer import Parameters
 from sim import Failure
 from tests.sim.test_released import lifted, servos
 
@@ -132,7 +133,7 @@ def test_failures_of_servos_are_weighed_as_newton_has_them():
     for h, fault in enumerate(bank.faults, 1):
         left = y - carts.run(fault, onset, sent) / 2e-5
         assert evidence.energy[h, 0] == pytest.approx((left**2).sum(), rel=1e-6)
-    verdict = bank.verdict(evidence, 299)
+    verdict = verdict_of(bank, evidence, 299)
     assert (verdict.fault.actuator, verdict.fault.kind) == (2, "weak")
     assert verdict.fault.effectiveness == pytest.approx(0.45, abs=0.02)
 

@@ -2,11 +2,13 @@
 
 import control
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ftc import WEAKEST
 from ftc.fdi import Fault, NominalModel, static_share
+from ftc.fdi.fault_model import static_gain
 from ftc.reconfiguration import used_share
 from tests.cart_runs import carts
 from tests.ftc.test_servo_faults import Carts
@@ -62,6 +64,15 @@ def test_a_mass_that_nothing_holds_is_moved_by_the_part_of_the_force_that_is_lef
     plant = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [3.0]], [[1.0, 0.0]], 0)
     floating = NominalModel(plant, np.eye(1, 2), np.ones(1), period_s=2e-3, step_s=1e-3)
     assert abs(static_share(floating, Fault(0, "weak", 0.3)) - 0.3) < 1e-9
+
+
+@pytest.mark.parametrize("ticks_a_second", [2000, 1000, 500, 250])
+def test_what_nothing_brings_to_rest_has_moved_as_far_at_any_control_rate(ticks_a_second):
+    """In a hundred seconds, by 3 m/s^2 against a damper of 5 /s; a servo beside it is at rest."""
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.diag([0.0, -900.0]), np.diag([-5.0, -30.0])]])
+    plant = control.ss(A, np.vstack([np.zeros((2, 2)), np.diag([3.0, 900.0])]), np.eye(1, 4), 0)
+    slides = NominalModel(plant, np.eye(2, 4), np.ones(1), 1 / ticks_a_second, step_s=5e-4)
+    np.testing.assert_allclose(static_gain(slides), np.diag([3 / 5 / 1e-2, 1.0]), rtol=3e-3)
 
 
 def test_what_moves_less_than_half_of_what_it_is_told_is_not_used():

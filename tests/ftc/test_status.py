@@ -5,10 +5,12 @@ from dataclasses import replace
 import pytest
 
 from fjh.rig import Rig
-from ftc import Goal, status
+from ftc import Goal
 from ftc.fdi import Cause, Diagnosis, Fault
 
-START = Rig.hexapod().supervisor().start()
+PILOT = Rig.hexapod().supervisor()
+NUMBERED = replace(PILOT.monitor, nominal=replace(PILOT.monitor.nominal, names=None))
+START = replace(PILOT.start(), monitor=NUMBERED)
 LOCKED = Diagnosis.told(Fault(2, "locked"), 1e-6)
 CONFIRMED = replace(START, confirmed=(LOCKED,))
 NAMED = replace(
@@ -73,13 +75,12 @@ AGAIN = replace(Diagnosis.told(Fault(2, "weak", 1.0)), confirmed=False)
     ],
 )
 def test_each_belief_and_act_has_its_sentence(state, said):
-    assert status(state) == said
+    assert state.status == said
 
 
 def test_actuators_are_called_as_a_robot_calls_them():
-    names = [f"strut{k}" for k in range(1, 7)]
-    assert status(CONFIRMED, names) == "strut3 is locked; the other actuators do the task."
-    assert CONFIRMED.status == status(CONFIRMED, names)  # the model of a rig knows its names
+    named = replace(CONFIRMED, monitor=PILOT.monitor)
+    assert named.status == "strut3 is locked; the other actuators do the task."
 
 
 def test_an_actuator_that_works_again_is_believed_sound():

@@ -7,13 +7,13 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault
-from ftc.fdi.design.isolability import distances
-from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.detection.residual_test import residual_test
+from ftc.fdi.bank import HypothesisBank, bank_of
+from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Verdict
+from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import FaultModel
-from ftc.fdi.isolation.bank import HypothesisBank
-from ftc.fdi.isolation.hypotheses import bank_of
-from ftc.fdi.isolation.verdict import Verdict
+from ftc.fdi.observer import Parameters, residual_test
+from ftc.fdi.separation import distances
+from ftc.fdi.uncertainty import uncertain_model
 from tests.aircraft import (
     DEGREES,
     FREQUENCIES,
@@ -84,9 +84,11 @@ def test_the_distance_bounds_the_isolability_of_a_flight():
     bank = input_fault_bank(PLANT, SIGMA)
     u = commands()[:600]
     half = input_fault_model(PLANT, SIGMA, [Fault(0, "weak", 0.5)])
-    by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, half.outputs(u), u)
-    averaging = bank_of(partial(input_fault_model, PLANT, SIGMA), 2, ticks=4)
-    _, less = distances(averaging, Fault(0, "weak", 0.5), 0, half.outputs(u), u, ticks=4)
+    by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, half.outputs(u), u, (PERIOD_S, 1))
+    averaging = bank_of(
+        partial(uncertain_model, partial(input_fault_model, PLANT, SIGMA), ticks=4), 2
+    )
+    _, less = distances(averaging, Fault(0, "weak", 0.5), 0, half.outputs(u), u, (PERIOD_S, 4))
     assert 0.99 * d < less < d  # means of four ticks tell a little less
     per_energy = output_distance(
         model(LEFT[0], 2, DEGREES), model(LEFT[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
@@ -114,7 +116,7 @@ def whitening(gusts: bool) -> np.ndarray:
     """From the residuals of one sound flight of 10 s, seed 1000."""
     if not gusts:
         return WHITE
-    return spectrum_of(sound_residuals(1000, gusts), DEFAULT_CONFIG.order).filter()
+    return spectrum_of(sound_residuals(1000, gusts), order=10).filter()
 
 
 def sound_residuals(seed: int, gusts: bool) -> np.ndarray:
@@ -135,13 +137,13 @@ def judged(bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray 
     for k in range(tick + 1):
         v = np.concatenate([u[k], before[k], [1.0]])
         evidence = bank.step(evidence, k, v, y[k] / SIGMA, filtered, shaken=1.0)
-    return bank.verdict(evidence, tick)
+    return verdict_of(bank, evidence, tick)
 
 
 def names(verdict: Verdict) -> bool:
     """Whether an actuator would be named, by the settings of a monitor."""
-    sure = verdict.actuator_confidence >= DEFAULT_CONFIG.confidence
-    return sure and verdict.unexplained <= DEFAULT_CONFIG.largest_unexplained
+    sure = verdict.actuator_confidence >= CONFIDENCE
+    return sure and verdict.unexplained <= LARGEST_UNEXPLAINED
 
 
 @pytest.mark.parametrize("gusts, errors", [(False, (0.08, 1e-3)), (True, (0.08, 0.015))])
@@ -243,5 +245,5 @@ def test_a_free_surface_does_nothing_and_hypotheses_add_to_what_is_known():
     for h, fault in enumerate(bank.faults, 1):  # a weak actuator may get weaker
         also = [fault] if fault.actuator == 0 else [known, fault]
         expected = input_fault_model(PLANT, SIGMA, also)
-        assert np.array_equal(bank.A[h], expected.A)
-        assert np.array_equal(bank.M[h, 0, :, 6:8], expected.B)
+        assert np.array_equal(bank.models.A[h], expected.A)
+        assert np.array_equal(bank.models.M[h, 0, :, 6:8], expected.B)

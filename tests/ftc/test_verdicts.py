@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import binom
 
 from ftc.fdi import CERTAIN, Fault, Uncertainty, fault_model
-from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.isolation.evidence import LOST
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.bank import LOST, hypothesis_bank
+from ftc.fdi.decision import verdict as verdict_of
+from ftc.fdi.observer import Parameters
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
@@ -41,7 +41,7 @@ def test_confidence_is_what_it_says(noise):
         onset = int(rng.choice(ONSETS))
         record = Record.of(nominal, ticks, [seed, 1], fault, onset)
         evidence = gathered(bank, record, prior, np.ones((1, 3)))
-        verdict = bank.verdict(evidence, SAMPLES - 1)
+        verdict = verdict_of(bank, evidence, SAMPLES - 1)
         sound = verdict.fault_free_confidence > verdict.actuator_confidence
         claimed.append(max(verdict.fault_free_confidence, verdict.actuator_confidence))
         named = None if sound else verdict.fault.actuator
@@ -60,7 +60,7 @@ def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturb
     prior = Parameters.prior(len(bank.believed.M) - 1, 4, uncertainty)
     silent = Record(nominal, 2, np.zeros((0, 4)), np.zeros((0, 4)))
     evidence = gathered(bank, silent, prior, np.ones((1, 4)))
-    verdict = bank.verdict(evidence, 0, disturbed=disturbed)
+    verdict = verdict_of(bank, evidence, 0, disturbed=disturbed)
     assert verdict.fault_free_confidence == pytest.approx(1 / 2)
     assert verdict.actuator_confidence == pytest.approx(1 / 2 / 4)
     # Locked, free, and three models of weak: each is as likely as the other.
@@ -75,7 +75,7 @@ def test_a_loss_between_the_models_is_found_and_the_state_that_it_leaves(lost):
     bank = hypothesis_bank(nominal, (), CERTAIN, ticks)
     prior = Parameters.prior(0, 3, CERTAIN)
     evidence = gathered(bank, record, prior, np.ones((1, 3)), np.arange(18, 23))
-    verdict = bank.verdict(evidence, samples - 1)
+    verdict = verdict_of(bank, evidence, samples - 1)
     assert (verdict.fault.actuator, verdict.fault.kind) == (1, "weak")
     assert verdict.fault.effectiveness == pytest.approx(1 - lost, abs=0.03)
     assert verdict.unexplained < 0.1
@@ -88,7 +88,7 @@ def test_the_state_of_a_verdict_is_that_of_the_failed_plant(kind):
     bank = hypothesis_bank(nominal, (), CERTAIN, ticks)
     prior = Parameters.prior(0, 2, CERTAIN)
     evidence = gathered(bank, record, prior, np.ones((1, 2)), np.arange(19, 22))
-    verdict = bank.verdict(evidence, samples - 1)
+    verdict = verdict_of(bank, evidence, samples - 1)
     assert (verdict.fault, verdict.onset) == (Fault(0, kind), 20)
     sent, cut = np.repeat(record.u, ticks, axis=0), 20 * ticks
     before, after = fault_model(nominal), fault_model(nominal, [Fault(0, kind)])
@@ -106,7 +106,7 @@ def concluded(y_more: np.ndarray, seed: int = 0):
     bank = hypothesis_bank(nominal, (), CERTAIN, 2)
     prior = Parameters.prior(0, 2, CERTAIN)
     evidence = gathered(bank, record, prior, np.ones((1, 2)), np.arange(18, 23))
-    return evidence, bank.verdict(evidence, samples - 1)
+    return evidence, verdict_of(bank, evidence, samples - 1)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -151,7 +151,8 @@ def test_a_lock_that_is_off_its_place_is_found_where_it_is(seed):
     record = replace(record, y=record.y + moved - outputs(nominal, 2, record.u, fault, onset))
     bank = hypothesis_bank(nominal, (), CERTAIN, 2)
     prior = Parameters.prior(0, 2, CERTAIN)
-    verdict = bank.verdict(gathered(bank, record, prior, np.ones((1, 2)), np.arange(19, 22)), 59)
+    evidence = gathered(bank, record, prior, np.ones((1, 2)), np.arange(19, 22))
+    verdict = verdict_of(bank, evidence, 59)
     sent, cut = np.repeat(record.u, 2, axis=0), onset * 2
     before, after = fault_model(nominal), fault_model(nominal, [fault])
     struck = after.onset @ before.states(sent[:cut])[-1]
@@ -185,5 +186,5 @@ def test_how_far_a_plant_is_strained_has_nothing_to_do_with_the_zeros_of_sensors
     for off in (0.0, 50.0):
         shifted = replace(record, y=record.y + off)
         evidence = gathered(bank, shifted, prior, np.ones((1, 3)))
-        strains.append(bank.verdict(evidence, SAMPLES).strain)
+        strains.append(verdict_of(bank, evidence, SAMPLES).strain)
     assert 0 < strains[0] < 10 and strains[1] == pytest.approx(strains[0], abs=1)

@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 import scipy.signal
 
-from ftc.fdi.detection.whitening import Spectrum
+from ftc.fdi.observer import Spectrum
 from tests.spectra import spectrum_of
 
 ORDER = 6

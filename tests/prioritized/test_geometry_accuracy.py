@@ -80,8 +80,8 @@ def test_it_sets_the_tolerance_and_stays_visible():
     ("arguments", "message"),
     [
         ({"geometry_accuracy": 1e-6, "rank_tolerance": 1e-8}, "with another rank_tolerance, got"),
-        ({"geometry_accuracy": -1e-6}, "^geometry_accuracy must not be negative"),
-        ({"geometry_accuracy": 0.1}, r"^geometry_accuracy must lie below 0\.1, got 0\.1"),
+        ({"geometry_accuracy": -1e-6}, r"^geometry_accuracy must be from 0 to 0\.05"),
+        ({"geometry_accuracy": 0.1}, r"^geometry_accuracy must be from 0 to 0\.05, got 0\.1"),
         ({"geometry_accuracy": np.nan}, "^geometry_accuracy must be finite"),
         ({"geometry_accuracy": "fine"}, "^geometry_accuracy must hold real numbers"),
     ],

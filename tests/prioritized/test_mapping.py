@@ -210,21 +210,27 @@ def test_a_weighted_pseudo_inverse_spoils_the_major_task_and_the_mapping_does_no
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"J": [1.0, 2.0]}, "J must be a matrix"),
+        ({"J": [1.0, 2.0]}, r"J must have shape \(\.\.\., any, any\)"),
         ({"J": [[np.nan, 1.0]]}, "J must be finite"),
         ({"major": [2]}, r"major must lie in 0\.\.1, got \[2\]"),
         ({"major": [0, 0]}, "major must not repeat"),
         ({"major": [0.5]}, "major must be a list of integers"),
-        ({"joint_weight": [1.0]}, "joint_weight must have 3 columns"),
-        ({"joint_weight": 2.0}, "joint_weight must be a diagonal or a matrix"),
-        ({"secondary_weight": [[1.0, 2.0]]}, "secondary_weight must have 1 columns"),
+        ({"joint_weight": [1.0]}, r"joint_weight must have shape \(3,\) or \(\.\.\., any, 3\)"),
+        ({"joint_weight": 2.0}, r"joint_weight must have shape \(3,\) or \(\.\.\., any, 3\)"),
+        (
+            {"secondary_weight": [[1.0, 2.0]]},
+            r"secondary_weight must have shape \(1,\) or \(\.\.\., any, 1\)",
+        ),
         ({"secondary_weight": [np.inf]}, "secondary_weight must be finite"),
         ({"scale": np.nan}, "scale must be finite"),
         ({"scale": -1.0}, "scale must not be negative"),
-        ({"rank_tolerance": -1e-9}, "rank_tolerance must not be negative"),
+        ({"rank_tolerance": -1e-9}, r"rank_tolerance must be from 0 to 0\.5"),
         ({"J": [[1j, 0.0]]}, "J must hold real numbers"),
         ({"J": [[1.0, 2.0], [3.0]]}, "J must be a rectangular array"),
-        ({"active_constraint": [[1.0, 2.0]]}, "active_constraint must have 3 columns"),
+        (
+            {"active_constraint": [[1.0, 2.0]]},
+            r"active_constraint must have shape \(\.\.\., any, 3\)",
+        ),
     ],
 )
 def test_wrong_input_is_refused_by_name(arguments, message):

@@ -116,9 +116,9 @@ SYSTEM = ConstrainedSystem(np.eye(3, 4), np.ones((1, 4)), [0, 1, 2])
 @pytest.mark.parametrize(
     ("J_T", "J_C", "said"),
     [
-        (np.ones((2, 3, 5)), None, r"J_T must have 4 columns, got shape \(2, 3, 5\)"),
-        (np.ones((2, 2, 4)), None, r"J_T must have 3 rows, got shape \(2, 2, 4\)"),
-        (np.ones((2, 3, 4)), np.ones((2, 1, 3)), r"J_C must have 4 columns"),
+        (np.ones((2, 3, 5)), None, r"J_T must have shape \(\.\.\., 3, 4\), got \(2, 3, 5\)"),
+        (np.ones((2, 2, 4)), None, r"J_T must have shape \(\.\.\., 3, 4\), got \(2, 2, 4\)"),
+        (np.ones((2, 3, 4)), np.ones((2, 1, 3)), r"J_C must have shape \(\.\.\., any, 4\)"),
         (np.ones((2, 3, 4)), np.ones((3, 1, 4)), r"leading axes must broadcast, got J_T \(2,\)"),
         (np.ones((0, 3, 4)), None, r"J_T and J_C must hold a posture at least"),
     ],

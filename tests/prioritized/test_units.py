@@ -77,7 +77,7 @@ def test_what_is_measured_with_a_length_says_so_and_a_stated_metric_goes_before_
     accuracy, length = _read(1.0)[0].accuracy, 1.2
     mapping = kin.velocity_mapping(range(6))
     assert accuracy is not None
-    assert mapping.characteristic_length == accuracy.length
+    assert mapping.characteristic_length == accuracy.structure.length
     assert f"{mapping.characteristic_length:.3g}" in str(mapping)
     stated = np.repeat([1.0, 1.0 / length], 3)
     own = kin.velocity_mapping(range(6), major_metric=stated, tie_metric=np.ones(4))

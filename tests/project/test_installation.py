@@ -97,8 +97,8 @@ def test_in_a_checkout_both_names_are_one_object():
     assert fjh.Rig is fjh.rig.Rig
     assert fjh.load_model is sim.load_model
     assert fjh.ConstrainedSystem is prioritized.ConstrainedSystem
-    assert importlib.import_module("fjh.sim.plant.friction") is importlib.import_module(
-        "sim.plant.friction"
+    assert importlib.import_module("fjh.sim.plant.linear") is importlib.import_module(
+        "sim.plant.linear"
     )
     assert sim.__spec__.name == sim.__name__ == "sim"
 

@@ -98,12 +98,12 @@ CHOOSES_OTHERWISE = {
     "fjh/rig/rig.py": "times that a user gave",
     "fjh/study/files.py": "names",
     "fjh/track.py": "times that a user gave",
-    "prioritized/_mapping/plan.py": "whole numbers",
+    "prioritized/_mapping/tick.py": "whole numbers",
     "prioritized/_solver/rank.py": "what counts before what does not",
     "sim/mjcf/accuracy.py": "the first that is true",
     "sim/plant/bench.py": "times that a user gave",
     "sim/mjcf/frame.py": "the first that is true",
-    "sim/mjcf/numbers.py": "what is stated before what follows",
+    "sim/mjcf/load.py": "what is stated before what follows",
 }
 """Files of the product that sort, or take the greatest, without the rule; of what."""
 

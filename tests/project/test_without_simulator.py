@@ -17,7 +17,7 @@ PAGE = (ROOT / "docs" / "control-without-simulator.md").read_text()
 
 FURTHER = """
 import json, sys
-unaware = ftc.run_loop(Machine(), controller(), desired).measured
+unaware = ftc.run_loop(Machine(), controller(goal), desired).measured
 off = np.linalg.norm(desired - unaware, axis=1)[1500:]
 found = {"before": before, "after": after, "unaware": np.sqrt(np.mean(off**2))}
 found["modules"] = sorted({name.partition(".")[0] for name in sys.modules})

@@ -88,8 +88,7 @@ TARGETS = {
     ),
     "Plant": Target(
         lambda **a: state(Plant(**a)),
-        {"model": MODEL, "base": "base", "payload": "payload"}
-        | {"locks": [f"lock{k}" for k in range(1, 7)]},
+        {"model": MODEL, "base": "base", "payload": "payload"},
     ),
     "Plant.step": Target(after("step"), {"command_m": np.full(6, 1e-5), "period_s": 2e-3}),
     "Plant.settle": Target(after("settle"), {"seconds": 2e-3, "command_m": np.full(6, 1e-5)}),

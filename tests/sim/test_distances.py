@@ -189,9 +189,9 @@ def test_pairs_that_are_none_are_refused(pairs, error, said):
     [
         ({"margin_m": -0.01}, "margin_m must not be negative"),
         ({"margin_m": 0.05}, "margin_m must be below detection_m"),
-        ({"detection_m": 1e3}, "detection_m must be from 0 to 100 m"),
-        ({"gain": 0.0}, "gain must be positive"),
-        ({"gain": 1.5}, "gain must be from 0 to 1"),
+        ({"detection_m": 1e3}, "detection_m must be from 0 to 100"),
+        ({"gain": 0.0}, "gain must be above 0 and at most 1"),
+        ({"gain": 1.5}, "gain must be above 0 and at most 1"),
     ],
 )
 def test_a_number_out_of_range_is_refused(given, said):

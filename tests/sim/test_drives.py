@@ -8,7 +8,7 @@ import pytest
 
 from prioritized import ConstrainedSystem
 from sim import Jacobians, ModelError, assemble, jacobians, pose_error, pose_of
-from sim.kinematics.machine import Machine
+from sim.kinematics.jacobian import Machine
 from sim.mjcf import Drive, drives, element_id, names_of, number_of
 
 # A planar five-bar on a rail, closed by a connect: three freedoms, driven by a servo on a cable

@@ -10,7 +10,7 @@ import pytest
 from fjh.ik import Ik
 from prioritized import ConstrainedSystem
 from sim import CenterOfMass, FrameTask, JacobianReader, Mechanism, jacobians, load_model, pose_of
-from sim.mjcf.rounding import roundings
+from sim.mjcf.accuracy import roundings
 from tests.three_rrr import EXACT, six_digits, taken, three_rrr
 
 
@@ -130,7 +130,7 @@ def test_in_another_unit_of_length_the_natural_errors_are_the_same(unit):
     a, b = here.accuracy, there.accuracy
     assert a is not None
     assert b is not None
-    assert b.length == pytest.approx(a.length * 10.0**unit, rel=1e-9)
+    assert b.structure.length == pytest.approx(a.structure.length * 10.0**unit, rel=1e-9)
     assert b.error_bound == pytest.approx(a.error_bound, rel=1e-6)
     # The slide of 0.3 m is not that of 0.3 of another unit: its joint, and its place, differ.
     turns = [0, 1, 2, 4]
@@ -146,6 +146,18 @@ def test_what_is_written_exactly_is_exact():
     jac = taken(three_rrr())
     assert jac.accuracy is not None
     assert not jac.accuracy.J_T_error.any()
+
+
+@pytest.mark.parametrize(("written", "rounded"), [("0.3 0.25 0", 1), ("0.70711 0.21038 0", 5)])
+def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, rounded):
+    """Of a hand-written file one number was rounded; a program rounded all of its own."""
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body pos="{written}"><joint/><geom size="0.1"/>'
+        '<site pos="0.12345 0.12 -1.5"/></body></worldbody></mujoco>'
+    )
+    found = roundings(model)
+    assert len(found) == rounded
+    assert {each.half_unit for each in found} == {0.5e-5, *([0.5e-4] if rounded > 1 else [])}
 
 
 @pytest.mark.parametrize("seed", range(3))

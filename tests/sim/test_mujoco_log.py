@@ -31,7 +31,7 @@ def load_odd() -> None:
 
 
 def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
-    with caplog.at_level(logging.WARNING, "sim.warning"):
+    with caplog.at_level(logging.WARNING, "sim"):
         load_odd()
     assert "NaN" in caplog.text
 

@@ -373,7 +373,7 @@ def test_what_a_plant_cannot_do_is_refused_by_name(model):
     plant = Plant(model)
     with pytest.raises(ValueError, match="command_m must be finite"):
         plant.step(np.full(6, np.nan), PERIOD_S)
-    with pytest.raises(ValueError, match="command_m must be 6 finite numbers"):
+    with pytest.raises(ValueError, match="command_m must have shape"):
         plant.step(np.zeros(5), PERIOD_S)
     for strut in (-1, 6):
         for fail in (plant.lock, plant.release):

@@ -148,13 +148,13 @@ SHEARED = np.eye(4) + np.eye(4, k=1) * [0, 0.1, 0, 0]
         (np.diag([1.0, 1, -1, 1]), "target must be a rotation matrix"),
         (np.eye(4)[::-1], "target must have the last row 0 0 0 1"),
         (np.eye(3), r"got shape \(3, 3\): a rotation R alone is Pose\(R, position\)"),
-        (np.zeros(7), "target must be 3 finite numbers"),
+        (np.zeros(7), r"target must have shape \(3,\)"),
         (
             RigidTransform.from_matrix(np.stack([np.eye(4)] * 2)),
             r"got shape \(2, 4, 4\)",
         ),
         ((np.zeros(3), np.zeros(4)), "the quaternion of target must not be zero"),
-        ((np.zeros(3), np.ones(3)), "the quaternion of target must be 4 finite numbers"),
+        ((np.zeros(3), np.ones(3)), "the quaternion of target must have shape"),
         ((np.zeros(3), np.full(4, np.nan)), "the quaternion of target must be finite"),
     ],
 )

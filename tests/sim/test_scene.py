@@ -16,7 +16,7 @@ from sim.closing.equalities import closure_rows
 from sim.mjcf import Part, located
 from sim.mjcf.part import task_part
 from sim.scene import Scene, robot_scene
-from sim.scene.reduced import reduced
+from sim.scene.scene import reduced
 from tests.robots import FINGER
 
 LINK = '<joint name="{0}" axis="{1}"/><geom size="0.02" pos="0.05 0.01 0" mass="{2}"/>'

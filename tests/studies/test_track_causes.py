@@ -9,7 +9,7 @@ import pytest
 
 from fjh.rig import Rig, Run
 from fjh.rig.reach import limited_by, predictor
-from ftc.decision import Outlook
+from ftc.reconfiguration import Outlook
 from sim import Failure
 from tests.arms import ARMS
 

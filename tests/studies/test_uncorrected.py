@@ -118,7 +118,7 @@ def test_shaking_leaves_the_callers_model_alone_and_stops_with_zero(model):
 
 def test_a_floor_of_another_length_than_the_spiral_is_refused():
     rig = hexapod_rig(floor_m_per_s2=np.zeros((50, 3)))
-    with pytest.raises(ValueError, match="floor_m_per_s2 must be 300 finite numbers"):
+    with pytest.raises(ValueError, match="floor_m_per_s2 must have shape"):
         rig.fly(rig.controller(), TestbedConfig().spiral_rad(0.1))
 
 

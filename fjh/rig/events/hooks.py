@@ -174,7 +174,7 @@ class Target:
     @property
     def lock(self) -> int:
         """Id of the equality that locks the event's own actuator; negative: it has none."""
-        return locks_of(self.rig.model, self.drives, None)[self.actuator]
+        return locks_of(self.rig.model, self.drives)[self.actuator]
 
     @cached_property
     def reach(self) -> float:

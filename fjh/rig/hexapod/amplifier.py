@@ -36,10 +36,10 @@ class Amplifier:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if not 2 <= check.index("bits", self.bits) <= 53:
+        if not 2 <= check.integer("bits", self.bits) <= 53:
             raise ValueError(f"bits must lie in 2..53, got {check.shown(self.bits)}")
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):
-            check.positive(name, getattr(self, name))
+            check.number(name, getattr(self, name), check.SMALLEST)
 
     def inputs(self, displacement_m: Array) -> Array:
         """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
@@ -75,7 +75,7 @@ def _conversion(factor: float, lower: float, upper: float, gain: float, *, whole
 
 
 def _converted(name: str, value: Array, conversion: Struct) -> Array:
-    x = check.finite(name, value)
+    x = check.array(name, value)
     y = np.empty(x.shape)
     lib.convert(conversion.pointer, x.size, pointer(np.ascontiguousarray(x)), pointer(y))
     return y
@@ -104,8 +104,6 @@ def displacement_limits(
 
     Raises:
         ModelError: As :class:`Plant` for its actuators.
-        ValueError: A current is negative or not finite, or their number is wrong.
-        TypeError: `model` or `amplifier` is of another type.
     """
     check.instance("amplifier", amplifier, Amplifier)
     lower, upper = Plant(check.instance("model", model, mujoco.MjModel)).limits()
@@ -113,7 +111,7 @@ def displacement_limits(
     # The chain itself says what its converter leaves of full input: one code less upwards.
     least_m, most_m = amplifier.displacements(amplifier.inputs(full_m * np.array([-2, 2])))
     if current_limit_a is not None:
-        currents = check.not_negative("current_limit_a", current_limit_a)
+        currents = check.array("current_limit_a", current_limit_a, least=0.0)
         if currents.shape not in ((), lower.shape):
             raise ValueError(
                 f"current_limit_a must be one number or {len(lower)}, got shape {currents.shape}"

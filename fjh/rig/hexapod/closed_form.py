@@ -20,9 +20,6 @@ class Posture(Pose):
     Attributes:
         displacement_m: Strut lengths less their nominal ones, shape (..., 6).
         inverse_jacobian: A in l_dot = A [omega; v], shape (..., 6, 6).
-
-    Raises:
-        ValueError: Another shape, or numbers that are not finite.
     """
 
     displacement_m: Array
@@ -41,7 +38,7 @@ class Posture(Pose):
             ValueError: Another shape, or numbers that are not finite; or the pose is singular, and
                 a displacement that large finds no twist.
         """
-        displacement_m = check.exactly("displacement_m", displacement_m, 6)
+        displacement_m = check.array("displacement_m", displacement_m, 6)
         if self.inverse_jacobian.ndim != 2:
             raise ValueError("inverse_jacobian must be that of one pose, got a batch")
         twist = displacement_m.copy()
@@ -63,9 +60,6 @@ class Hexapod:
     Attributes:
         bottom_m: Bottom node of each strut, on the base, shape (6, 3).
         top_m: Top node of each strut at the nominal pose, on the payload, shape (6, 3).
-
-    Raises:
-        ValueError: Another shape, or numbers that are not finite.
     """
 
     bottom_m: Array
@@ -75,7 +69,7 @@ class Hexapod:
         """Check the arguments, and keep read-only copies."""
         for name in ("bottom_m", "top_m"):
             check.keep(self, name, 6, 3)
-            check.exactly(name, getattr(self, name), 6, 3)
+            check.array(name, getattr(self, name), 6, 3)
 
     @cached_property
     def nominal_length_m(self) -> Array:
@@ -89,11 +83,7 @@ class Hexapod:
         return Struct("strut_nodes", **{name: getattr(self, name) for name in names})
 
     def displacements(self, pose: Pose) -> Array:
-        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
-
-        Raises:
-            TypeError: `pose` is of another type.
-        """
+        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m]."""
         if isinstance(pose, Posture):
             return pose.displacement_m
         return self.lengths_and_jacobian(pose, singular=True)[0] - self.nominal_length_m
@@ -108,7 +98,6 @@ class Hexapod:
 
         Raises:
             ValueError: Some strut has no length there, and so no direction.
-            TypeError: `pose` is of another type.
         """
         if isinstance(pose, Posture):
             return pose
@@ -144,10 +133,9 @@ class Hexapod:
         Raises:
             ValueError: Another shape, or numbers that are not finite; the pose is singular; or some
                 strut has no length there.
-            TypeError: `pose` is of another type.
         """
         here = pose if isinstance(pose, Posture) else self.posture(pose)
-        asked = check.exactly("displacement_m", displacement_m, 6)
+        asked = check.array("displacement_m", displacement_m, 6)
         fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
         R, t, A, moved_m = fields
         given = (
@@ -168,7 +156,6 @@ def hexapod(model: mujoco.MjModel) -> Hexapod:
     Raises:
         sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
             do not drive the struts in their order.
-        TypeError: `model` is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     if model.nu != 6:

@@ -26,9 +26,6 @@ class Coils:
         heat_capacity_j_per_k: C, of each winding.
         thermal_resistance_k_per_w: R_th, from each winding to the ambient, shape (n,).
         ambient_c: T_ambient, [degrees Celsius].
-
-    Raises:
-        ValueError: Numbers that are not finite, or not positive but for the ambient's.
     """
 
     resistance_ohm: float
@@ -38,10 +35,10 @@ class Coils:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        check.positive("resistance_ohm", self.resistance_ohm)
-        check.positive("heat_capacity_j_per_k", self.heat_capacity_j_per_k)
-        check.signed("ambient_c", self.ambient_c)
-        paths = check.series("thermal_resistance_k_per_w", self.thermal_resistance_k_per_w)
+        check.number("resistance_ohm", self.resistance_ohm, check.SMALLEST)
+        check.number("heat_capacity_j_per_k", self.heat_capacity_j_per_k, check.SMALLEST)
+        check.number("ambient_c", self.ambient_c)
+        paths = check.array("thermal_resistance_k_per_w", self.thermal_resistance_k_per_w, None)
         if not (paths > check.SMALLEST).all():
             raise ValueError(
                 "thermal_resistance_k_per_w must be a list of positive numbers, "
@@ -68,7 +65,7 @@ class Coils:
                 temperature has left what numbers hold.
         """
         temperature_c, current_a = self._checked(temperature_c, current_a)
-        check.number("period_s", period_s)
+        check.number("period_s", period_s, 0.0)
         rising = self.resistance_ohm * COPPER_PER_K * current_a**2
         decay = (1 / self.thermal_resistance_k_per_w - rising) / self.heat_capacity_j_per_k
         rate = self.net_power_w(temperature_c, current_a) / self.heat_capacity_j_per_k
@@ -83,7 +80,7 @@ class Coils:
 
     def temperatures_c(self, current_a: Array, period_s: float) -> Array:
         """From cold, at the beginning of every period of held currents (N, n), shape (N, n)."""
-        current_a = check.shaped("current_a", current_a, *self.thermal_resistance_k_per_w.shape)
+        current_a = check.array("current_a", current_a, ..., *self.thermal_resistance_k_per_w.shape)
         if current_a.ndim != 2:
             raise ValueError(f"current_a must have shape (N, n), got {current_a.shape}")
         now, passed = self.cold(), []
@@ -95,6 +92,6 @@ class Coils:
     def _checked(self, temperature_c: Array, current_a: Array) -> tuple[Array, Array]:
         shape = self.thermal_resistance_k_per_w.shape
         return (
-            check.exactly("temperature_c", temperature_c, *shape),
-            check.exactly("current_a", current_a, *shape),
+            check.array("temperature_c", temperature_c, *shape),
+            check.array("current_a", current_a, *shape),
         )

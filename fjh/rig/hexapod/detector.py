@@ -16,11 +16,8 @@ def pointing_angles(rotation: Array) -> Array:
 
     Args:
         rotation: Payload axes in base axes, shape (..., 3, 3).
-
-    Raises:
-        ValueError: Another shape, or numbers that are not finite.
     """
-    rotation = check.shaped("rotation", rotation, 3, 3)
+    rotation = check.array("rotation", rotation, ..., 3, 3)
     x, y, z = np.moveaxis(rotation[..., 2], -1, 0)
     return np.stack([np.arctan2(-y, z), np.arctan2(x, z)], axis=-1)
 
@@ -35,8 +32,8 @@ def secondary_motion(rotation: Array, translation_m: Array) -> Array:
     Raises:
         ValueError: Another shape, numbers that are not finite, or no rotation.
     """
-    rotation = check.shaped("rotation", rotation, 3, 3)
-    translation_m = check.shaped("translation_m", translation_m, 3)
+    rotation = check.array("rotation", rotation, ..., 3, 3)
+    translation_m = check.array("translation_m", translation_m, ..., 3)
     if rotation.shape[:-2] != translation_m.shape[:-1]:
         raise ValueError(
             f"translation_m must have the batch axes of rotation, {rotation.shape[:-2]}, "
@@ -68,9 +65,9 @@ class Detector:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        check.positive("focal_length_m", self.focal_length_m)
-        check.positive("half_width_m", self.half_width_m)
-        check.number("noise_m", self.noise_m)
+        check.number("focal_length_m", self.focal_length_m, check.SMALLEST)
+        check.number("half_width_m", self.half_width_m, check.SMALLEST)
+        check.number("noise_m", self.noise_m, 0.0)
 
     def read(self, rotation: Array, rng: np.random.Generator) -> Array:
         """Measured (alpha, beta), shape (2,), [rad]; small-angle optics, as on the testbed.
@@ -78,12 +75,8 @@ class Detector:
         Args:
             rotation: Payload axes in base axes, shape (3, 3).
             rng: Source of the noise; two normal numbers are drawn.
-
-        Raises:
-            ValueError: Another shape, not finite, or a payload at right angles to the beam.
-            TypeError: `rng` is no generator.
         """
-        rotation = check.exactly("rotation", rotation, 3, 3)
+        rotation = check.array("rotation", rotation, 3, 3)
         check.instance("rng", rng, np.random.Generator)
         # The beam, along z_b, in payload axes is the third row.
         if rotation.item(8) == 0.0:

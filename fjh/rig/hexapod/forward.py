@@ -58,13 +58,10 @@ def forward_kinematics(
         the distances of the nodes from the payload origin.
 
     Raises:
-        ValueError: `displacements_m` has another shape or is not finite; `start` is not finite, or
-            a batch of another shape.
-        TypeError: `geometry` or `start` is of another type.
         UnreachableLengths: Some lengths belong to no pose, or to one beyond a singularity.
     """
     check.instance("geometry", geometry, Hexapod)
-    check.index("most_steps", most_steps)
+    check.integer("most_steps", most_steps)
     asked, pose = _checked(displacements_m, start)
     limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(asked) + _spread_m(geometry)).max(-1)
     steps = 0
@@ -81,7 +78,7 @@ def forward_kinematics(
 
 def _checked(displacements_m: Array, start: Pose) -> tuple[Array, Pose]:
     """Arguments of one batch shape."""
-    asked = check.shaped("displacements_m", displacements_m, 6)
+    asked = check.array("displacements_m", displacements_m, ..., 6)
     rotation, translation_m = check.instance("start", start, Pose).rotation, start.translation_m
     # Beyond this a step where the struts are nearly singular would leave what numbers hold.
     for name, lengths in (("displacements_m", asked), ("start.translation_m", translation_m)):

@@ -109,7 +109,7 @@ class HexapodMachine:
             return None
         rest = int((time_s == time_s[0]).sum()) - 1
         ticks = len(time_s) - rest
-        return after_rest(rest, check.exactly("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
+        return after_rest(rest, check.array("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
 
     def zero_rad(self, ticks: int) -> Array:
         """Where the detector's zero has drifted to in (alpha, beta), tick by tick, shape (N, 2)."""

@@ -36,10 +36,9 @@ from ftc import (
     Supervisor,
     Unused,
     is_possible,
-    supervisor_for,
 )
 from ftc.control import Compensator, DisplacementForm, Margins
-from ftc.fdi import Dither, Fault, NominalModel, by_kind, of_actuators
+from ftc.fdi import DEFAULT_CONFIG, Dither, Fault, NominalModel, by_kind, monitor, of_actuators
 from prioritized import ConstrainedSystem, Manipulability
 from sim import NOMINAL, Array, Plant, Pose, load_model
 
@@ -107,14 +106,15 @@ class HexapodControl:
         bench = self.testbed.bench
         range_rad = bench.detector_half_width_m / bench.focal_length_m
         check = SensorCheck(bench.control_period_s, limits=(_BEYOND * range_rad,) * len(MAJOR))
-        return supervisor_for(
+        hz = None if dither is None else dither.frequency_hz
+        return Supervisor(
             self.goal,
             self.controller,
-            self.watched,
+            monitor(self.watched, config=replace(DEFAULT_CONFIG, dither_hz=hz)),
             self._can,
             self.nominal,
-            unused=self.unused,
-            dither=dither,
+            self.unused,
+            dither,
             sensor_checks=SensorChecks(check),
         )
 

@@ -14,16 +14,13 @@ class StrutSensors:
 
     Attributes:
         noise_m: Standard deviation of one sample.
-
-    Raises:
-        ValueError: It is negative or not finite.
     """
 
     noise_m: float
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        check.number("noise_m", self.noise_m)
+        check.number("noise_m", self.noise_m, 0.0)
 
     def read(self, displacement_m: Array, rng: np.random.Generator) -> Array:
         """Measured strut displacements, shape (nu,).
@@ -31,11 +28,7 @@ class StrutSensors:
         Args:
             displacement_m: True ones, shape (nu,).
             rng: Source of the noise; nu normal numbers are drawn.
-
-        Raises:
-            ValueError: Displacements that are no vector or not finite.
-            TypeError: `rng` is no generator.
         """
-        displacement_m = check.series("displacement_m", displacement_m)
+        displacement_m = check.array("displacement_m", displacement_m, None)
         check.instance("rng", rng, np.random.Generator)
         return displacement_m + self.noise_m * rng.standard_normal(len(displacement_m))

@@ -27,18 +27,14 @@ def spiral(
         duration_s: Of the whole spiral.
         exponent: Of the law of time, above 0 and at most 1.
         start_rad: Direction in which it leaves the centre, from alpha towards beta.
-
-    Raises:
-        ValueError: Times that are no vector or negative, or numbers that are not finite; a duration
-            that is not positive; another exponent.
     """
-    time_s = check.not_negative("time_s", check.series("time_s", time_s))
-    check.signed("radius_rad", radius_rad)
-    check.signed("turns", turns)
-    check.at_most_one("exponent", check.positive("exponent", exponent))
-    progress = time_s / check.positive("duration_s", duration_s)
+    time_s = check.array("time_s", time_s, None, least=0.0)
+    check.number("radius_rad", radius_rad)
+    check.number("turns", turns)
+    check.number("exponent", exponent, check.SMALLEST, 1.0)
+    progress = time_s / check.number("duration_s", duration_s, check.SMALLEST)
     if exponent != 1.0:
         progress = progress**exponent
-    angle = 2 * np.pi * turns * progress + check.signed("start_rad", start_rad)
+    angle = 2 * np.pi * turns * progress + check.number("start_rad", start_rad)
     radius = radius_rad * progress
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])

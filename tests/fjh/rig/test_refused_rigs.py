@@ -150,7 +150,6 @@ LOCKS = [Target(Event, {"name": "locked", "time_s": 0.1, "actuator": 0})]
 SHORT, MISSING = np.zeros(1), np.full(2, NAN)
 VALUES = [
     (MADE + LOADED, "seed", [*NUMBERS, -1, 2.5], "^seed must"),
-    (LOADED, "limits", ["some"], "^limits must be one of stated, none"),
     (PATH, "duration_s", [*NUMBERS, 0.0, -1, 1e9], "^duration_s must"),
     (PATH, "turn_s", [*NUMBERS, 0.0, -1], "^turn_s must"),
     (FLOWN, "path", [np.zeros((0, 2))], "^path must have a row"),
@@ -193,7 +192,6 @@ KINDS = [
     (LOADED, "site", [None, NAN, []], "^site must"),
     (LOADED, "feedforward", NO_NUMBER, "^feedforward must"),
     (LOADED, "pinned", [5, [5]], "^pinned must"),
-    (LOADED, "limits", [None], "^limits must"),
     (LOADED, "cross_over", [5.0], "^there is no argument cross_over; did you mean .crossover"),
     (PATH, "name", [None, 5, ["circle"]], "^name must"),
     (FLOWN, "controller", [None, 5, "supervisor"], "^controller must"),
@@ -220,6 +218,8 @@ KINDS = [
     ([Target(record, {"path": "x.rrd", "run": None})], "rig", [None, 5], "^rig must"),
 ]
 BY_COMMANDS = [
+    (LOADED, "limits", ["some", None], "^limits must be one of stated, none"),
+    (LOADED, "sense", ["some", None], "^sense must be one of"),
     (
         MADE + LOADED,
         "size",

@@ -14,7 +14,7 @@ from fjh.rig.dither import rig_dither
 from fjh.rig.mismatch import Known, Mismatch
 from fjh.study.errors import WrongInput
 from ftc import NEVER, OracleController
-from ftc.fdi import Diagnosis, Fault
+from ftc.fdi import LEARNING_S, Diagnosis, Fault
 from sim import HEXAPOD_MJCF, Body, Failure, JacobianReader, Mechanism, Plant, load_model
 from tests.robots import FINGER
 
@@ -92,11 +92,9 @@ def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():
     """What was taken for the robot without a failure has been compared with nothing."""
     one = rig("arm")
     pilot = one.supervisor(dither=None)
-    learning_s = pilot.monitor.config.learning_s
-    short, longer = (one.fly(pilot, path_of("arm", learning_s + more)) for more in (-0.1, 0.1))
-    assert (
-        short.undiagnosed == f"it takes the first {learning_s:g} s for the robot without a failure"
-    )
+    short, longer = (one.fly(pilot, path_of("arm", LEARNING_S + more)) for more in (-0.1, 0.1))
+    learning = f"it takes the first {LEARNING_S:g} s for the robot without a failure"
+    assert short.undiagnosed == learning
     assert longer.undiagnosed == "the sensors read what the model without a failure predicts"
 
 

@@ -22,7 +22,7 @@ from fjh.survey.isolation import (
 )
 from fjh.survey.subject import matrix_subject, robot_subject
 from ftc import tracking
-from ftc.control.minimal import minimal
+from ftc.control.compensator import minimal
 from ftc.fdi import separations
 from sim import HEXAPOD_MJCF, Mechanism, Plant, load_model
 from tests.random_systems import SEEDS

@@ -1,0 +1,125 @@
+"""Single numbers and indices, switches, choices by name, and things of a kind."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from argument_checks.arrays import LARGEST, SMALLEST, Indices, array, at_least, is_masked
+from argument_checks.shown import shown
+
+_Kind = TypeVar("_Kind")
+
+DAY_S = 86_400.0
+SECONDS = 1e-9, DAY_S
+"""From where to where a duration goes: what is counted in ticks of one and lasts for the other
+must come to an end."""
+
+
+def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = LARGEST) -> float:
+    """One finite number from `least` to `most`."""
+    if type(value) is float and least <= value <= most and abs(value) < LARGEST:
+        return value  # the common case
+    A = array(name, value)
+    if A.ndim:
+        raise ValueError(f"{name} must be one number, got shape {A.shape}")
+    if not least <= (x := float(A)) <= most:
+        below = (
+            f"be {'above 0 and at most' if least == SMALLEST else f'from {least:g} to'} {most:g}"
+        )
+        expected = below if most < LARGEST else at_least(least)
+        raise ValueError(f"{name} must {expected}, got {shown(value)}")
+    return x
+
+
+def integer(name: str, value: Any, size: int | None = None) -> int:
+    """One integer of range(size), or any that is not negative."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        raise ValueError(f"{name} must be an integer, got {shown(value)}")
+    if value < 0 or (size is not None and value >= size):
+        expected = "not be negative" if size is None else f"lie in 0..{size - 1}"
+        raise ValueError(f"{name} must {expected}, got {shown(value)}")
+    return int(value)
+
+
+def indices(
+    name: str, value: Iterable[int] | ArrayLike, size: int, *, distinct: bool = True
+) -> Indices:
+    """Integers of range(size), in the order given; distinct, unless repetition does not matter."""
+    listed = value if isinstance(value, Sequence | np.ndarray) else _listed(value)
+    try:
+        raw = np.asarray(None if is_masked(listed) else listed)
+    except ValueError:  # rows that differ
+        raw = np.asarray(None)
+    if raw.size == 0 and raw.ndim == 1:
+        return np.zeros(0, dtype=np.intp)
+    if raw.ndim != 1 or raw.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be a list of integers, got {shown(value)}")
+    if raw.min() < 0 or raw.max() >= size:
+        raise ValueError(f"{name} must lie in 0..{size - 1}, got {shown(raw.tolist())}")
+    if distinct and len(set(raw.tolist())) != raw.size:
+        raise ValueError(f"{name} must not repeat an index, got {shown(raw.tolist())}")
+    return raw.astype(np.intp)
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
+def choice(name: str, value: Any, known: Iterable[str]) -> str:
+    """One of these words."""
+    if instance(name, value, str) not in (words := tuple(known)):
+        raise ValueError(f"{name} must be one of {', '.join(words)}, got {shown(value)}")
+    return value
+
+
+def instance(name: str, value: Any, *kinds: type[_Kind]) -> _Kind:
+    """The thing itself, if it is of one of these classes."""
+    if not isinstance(value, kinds):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} must be a {expected}, got {shown(value)}")
+    return value
+
+
+def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Kind, ...]:
+    """All things of a list, each of one of these classes; a text is no list."""
+    each: tuple[Any, ...] = (None,) if isinstance(value, str) else _listed(value)
+    if not all(isinstance(one, kinds) for one in each):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} must be a list of {expected}, got {shown(value)}")
+    return each
+
+
+def function(name: str, value: Any) -> Any:
+    """The function itself, or whatever can be called."""
+    if not callable(value):
+        raise TypeError(f"{name} must be a function, got {shown(value)}")
+    return value
+
+
+def attributes(name: str, value: Any, *wanted: str) -> Any:
+    """The thing itself, which has these attributes or methods.
+
+    None that it lists is computed for that.
+    """
+    own, kind = getattr(value, "__dict__", ()), type(value)
+    absent = {each for each in wanted if each not in own and not hasattr(kind, each)}
+    if absent:  # the list of all takes longer
+        absent -= set(dir(value))
+    if not all(hasattr(value, each) for each in absent):  # a proxy lists none of its own
+        *most, last = wanted
+        words = f"{', '.join(most)} and {last}" if most else last
+        raise TypeError(f"{name} must have {words}, got {shown(value)}")
+    return value
+
+
+def _listed(value: Any) -> tuple[Any, ...]:
+    """All things that there are in it; of what is no list, one None."""
+    with suppress(TypeError):
+        return tuple(value)
+    return (None,)

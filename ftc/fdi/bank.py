@@ -1,0 +1,451 @@
+"""Bank of hypotheses: what may have happened, and what each sample says of each possibility.
+
+Multiple-model estimation (Magill, IEEE Trans. Automatic Control 10, 1965) over the time of onset
+(Willsky and Jones, IEEE Trans. Automatic Control 21, 1976), with nuisance parameters.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from argument_checks import Array, Indices, Mask
+from ftc._records import changed
+from ftc.fdi.fault_model import Fault, NominalModel, at_rest, fault_model, of_actuators
+from ftc.fdi.observer import ObserverState, Parameters, Sample
+from ftc.fdi.uncertainty import (
+    CERTAIN,
+    UncertainModel,
+    Uncertainty,
+    perturbed,
+    side_by_side,
+    uncertain_model,
+)
+from kernels import ffi, lib, pointer
+
+LOST = (0.25, 0.5, 0.75, 1.0)
+"""Parts of an actuator's force that the models have lost. Within an eighth of each the part is one
+more unknown parameter, of which the outputs are taken as linear."""
+
+PART_SPREAD = LOST[0] / np.sqrt(12)
+ONSET_SPREAD = 1 / np.sqrt(12)
+"""Standard deviations of a uniform variable within a cell: of the part lost, which is a quarter
+wide, and of the onset, which is one sample, the resolution of the means that are compared."""
+
+LEAST_LOST = 0.02
+"""A smaller loss is no failure: it is one standard deviation of the gain of a healthy actuator."""
+
+EXTRA = 4
+"""Parameters of a hypothesis beside errors of the model and offsets: its onset; two more of its
+own, such as the place of a locked actuator, or the constant and the growth of an offset; and the
+part lost."""
+
+_SUMS = ("memory", "information", "score", "energy")
+"""Arrays of evidence that each sample adds to."""
+
+_CELLS = [-EXTRA, -1]
+"""Places of onset and part lost among the parameters."""
+
+_UNSEEN = 1e-12
+"""What moves no output: less than that is round-off, and not divided by."""
+
+
+Models = Callable[[Sequence[Fault]], UncertainModel]
+"""Uncertain model of a plant with any faults."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Sudden change of the outputs that is no failure and asks for no other mapping.
+
+    An actuator works from another zero, which may move; all commands do more or less than before;
+    all sensors show more or less.
+    """
+
+    kind: Literal["offset", "supply", "scale"]
+    actuator: int = -1
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence of H hypotheses and K onsets: states, and sums of products of whitened residuals.
+
+    These are the normal equations of a linear regression on what each parameter would add.
+
+    Attributes:
+        onsets: Samples, ascending, shape (K,).
+        prior: Parameters when the first of them began.
+        samples: Number of them.
+        X: States, shape (H, K, 4 + J, s): of the model, of its errors, and what an onset later, and
+            both parameters of its own, by a standard deviation each, would add.
+        memory: Latest residuals and regressors before whitening, newest last, shape
+            (H, K, q + 1, 5 + J, p).
+        information: Of the regressors, the lower triangle by rows, shape (H, K, R (R + 1) / 2).
+        score: Of regressors and residuals, shape (H, K, R).
+        energy: Of the residuals, shape (H, K).
+        gain: Log of how much less the filter of the last hypothesis amplifies than that of the
+            others, so far.
+    """
+
+    onsets: Indices
+    prior: Parameters
+    samples: int
+    X: Array
+    memory: Array
+    information: Array
+    score: Array
+    energy: Array
+    gain: float = 0.0
+
+    def marginal(self) -> tuple[Array, Array, Array]:
+        """Integrate out all parameters; the onset and the part lost stay in their cells.
+
+        Returns:
+            Energy of the residuals that is left, (H, K); log of the square root of the determinant
+            of their covariance, (H, K); and the most likely parameters, less their prior mean,
+            (H, K, R).
+        """
+        R = self.score.shape[-1]
+        spread, room = np.zeros((R, R)), np.empty(R * (2 * R + 1))
+        spread[:-EXTRA, :-EXTRA] = self.prior.root
+        spread[-EXTRA:, -EXTRA:] = np.eye(EXTRA)
+        score = self.score @ spread
+        solved = np.zeros((*score.shape, 3))
+        solved[..., 0], solved[..., _CELLS, [1, 2]] = score, 1.0
+        log_det = np.empty(self.energy.shape)
+        given = pointer(self.information), pointer(spread), pointer(room)
+        lib.integrate_out(log_det.size, R, *given, pointer(solved), pointer(log_det))
+        root = solved[..., 0]
+        energy = self.energy - (score * root).sum(axis=-1)
+        high = np.full((len(energy), 1, 2), np.sqrt(3.0))  # of cells about those of hypotheses
+        low, m = -high, 1 + len(LOST)
+        low[2::m, 0, 1], high[m::m, 0, 1] = (LEAST_LOST - LOST[0]) / PART_SPREAD, 0.0
+        spreads = solved[..., _CELLS, 1:]
+        moved = _into(root[..., _CELLS], spreads, low, high) - root[..., _CELLS]
+        pull = np.linalg.solve(spreads, moved[..., None])
+        energy = energy + (moved * pull[..., 0]).sum(axis=-1)
+        root = root + (solved[..., 1:] @ pull)[..., 0]
+        return energy, log_det, root @ spread.T
+
+    def only(self, kept: Mask) -> "Evidence":
+        """The evidence of some onsets, bool (K,)."""
+        parts = {}
+        for name in ("X", *_SUMS):
+            whole = getattr(self, name)
+            parts[name] = np.compress(kept, whole, axis=1)
+            for h in (0, -1):  # no failure, which has no onset
+                parts[name][h, 0] = whole[h, 0]
+        return replace(self, onsets=self.onsets[kept], **parts)
+
+
+def _into(best: Array, spreads: Array, low: Array, high: Array) -> Array:
+    """The most likely pairs (..., 2) within a box, of Gaussians about `best`.
+
+    At the optimum one of those beyond a bound is at this bound, and the other as likely as it gets.
+    """
+    candidates, distances = [], []
+    for k in (0, 1):
+        z = best.clip(low, high)
+        along = spreads[..., k, 1 - k] / spreads[..., k, k] * (z - best)[..., k]
+        z[..., 1 - k] = (best[..., 1 - k] + along).clip(low[..., 1 - k], high[..., 1 - k])
+        candidates.append(z)
+        off = (z - best)[..., None]
+        distances.append((off * np.linalg.solve(spreads, off)).sum(axis=(-1, -2)))
+    return np.where((distances[0] <= distances[1])[..., None], *candidates)
+
+
+@dataclass(frozen=True)
+class HypothesisBank:
+    """Hypotheses about a machine with known failures.
+
+    Each is a linear model of its own that runs beside the plant, driven by the same commands, and
+    may be wrong in the same unknown parameters, offsets of the sensors included. Given these its
+    residuals, whitened by the spectrum measured before the alarm, are white noise in which they are
+    linear, so that its likelihood with all parameters integrated out is Gaussian.
+
+    The first one: no more has failed. Then one more failure each. Then causes, null models of what
+    is as sudden and asks for no other mapping. The last one is that something else, slow, acts on
+    the machine: the model of the first with another filter of its residuals, decoupled from slow
+    unknown inputs (Chen and Patton, Robust Model-Based Fault Diagnosis, 1999, chapter 3).
+
+    Attributes:
+        faults: Of the hypotheses 1..F; weak ones that have lost all are free.
+        causes: Of those from F + 1 to H - 2, which are no failures.
+        effectiveness: That actuators 0..n-1 are believed to have, shape (n,).
+        believed: The plant with the known faults.
+        models: Of all H, with the parameters of their own after the errors.
+        placed: State at the onset per standard deviation of a hypothesis' first own parameter, as
+            an output sees it, shape (H, s).
+        scaled: The same per state at the onset, shape (H,).
+    """
+
+    faults: tuple[Fault, ...]
+    causes: tuple[Cause, ...]
+    effectiveness: Array
+    believed: UncertainModel
+    models: UncertainModel
+    placed: Array
+    scaled: Array
+
+    def start(self, onsets: Indices, prior: Parameters, X: Array, memory: Array) -> Evidence:
+        """No evidence yet, before the first of these onsets, samples (K,), ascending.
+
+        With the parameters and the believed model's state X (1 + J, s) then, and residuals and
+        regressors of the samples before, before whitening, in `memory` (q + 1, 1 + J, p).
+        """
+        H, K, R = len(self.scaled), len(onsets), prior.mean.size + EXTRA
+        q, rows, p = memory.shape
+        kept = np.zeros((H, K, q, rows + EXTRA, p))
+        states = np.zeros((H, K, rows + EXTRA - 1, X.shape[1]))
+        for h in (0, -1):  # until its onset each of the others is the first one
+            kept[h, 0, :, :-EXTRA] = memory
+            states[h, 0, :rows] = X
+        information, score = np.zeros((H, K, R * (R + 1) // 2)), np.zeros((H, K, R))
+        return Evidence(onsets, prior, 0, states, kept, information, score, np.zeros((H, K)))
+
+    def step(
+        self,
+        state: Evidence,
+        sample: int,
+        v: Array,
+        y: Array | None,
+        whitening: Array,
+        shaken: float,
+        *,
+        decoupled: Array | None = None,
+        weighs: bool = True,
+        keeps: bool = True,
+    ) -> Evidence:
+        """Add one sample of evidence.
+
+        Args:
+            state: Before it.
+            sample: Its number.
+            v: Inputs, shape (r,).
+            y: Mean outputs in units of their noise, shape (p,); None: nothing was measured, and
+                each hypothesis goes on as it predicts.
+            whitening: Weights (q + 1, p) of the newest to the oldest residual.
+            shaken: By how much an actuator may lock off its place, as an output sees it, in
+                standard deviations of noise.
+            decoupled: Weights of the last hypothesis; None: the same.
+            weighs: Whether the sample is evidence: all that its whitening needs was measured.
+            keeps: Whether the arrays of `state` stay as they are; else they are overwritten.
+        """
+        last = whitening if decoupled is None else decoupled
+        steps = np.zeros(state.energy.shape, dtype=bool)
+        steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample, True
+        X, outputs = self._advanced(state, sample, v, shaken, steps, keeps)
+        sums = [getattr(state, name) for name in _SUMS]
+        after = [np.empty_like(each) for each in sums] if keeps else sums
+        H, K, rows, p = outputs.shape
+        J, now = rows - EXTRA, state.onsets == sample
+        lib.weigh_sample(
+            *(H, K, J, p, len(whitening), pointer(steps), pointer(now), weighs),
+            ffi.new("evidence *", [pointer(each) for each in sums]),
+            pointer(outputs),
+            pointer(self._part_slopes(outputs[:, :, 0])),
+            pointer(whitening[0] if y is None else y),
+            pointer(state.prior.mean),
+            pointer(np.tile(np.stack([whitening, last])[:, ::-1], rows + 1)),
+            pointer(np.empty(p * (2 * J + p + 12))),
+            ffi.new("evidence *", [pointer(each) for each in after]),
+        )
+        if y is None:
+            after[0][steps, -1] = 0.0
+        gain = state.gain + weighs * float(np.log(last[0] / whitening[0]).sum())
+        sums = dict(zip(_SUMS, after, strict=True))
+        return changed(state, samples=state.samples + 1, X=X, gain=gain, **sums)
+
+    def _advanced(
+        self, state: Evidence, sample: int, v: Array, shaken: float, steps: Mask, keeps: bool
+    ) -> tuple[Array, Array]:
+        """States after a sample and outputs during it, of the hypotheses that `steps` (H, K)."""
+        X, now = state.X.copy() if keeps else state.X, state.onsets == sample
+        onset, friction = self.models.onset, self.models.friction
+        later = np.zeros((len(X), X.shape[-1]))
+        if now.any():  # until then each hypothesis is the first one
+            healthy = X[0, 0, : 1 - EXTRA].copy()
+            later = onset @ self.believed.step(healthy, v)[1][0]
+            X[1:-1, now] = (X[0, 0] @ onset[1:-1].swapaxes(-1, -2))[:, None]
+            X[1:-1, now, -2] = self.scaled[1:-1, None, None] * healthy[0]
+        H, K, rows, s = X.shape
+        p = state.memory.shape[-1]
+        outputs, room = np.empty((H, K, rows, p)), np.empty(2 * rows * (p + s))
+        outputs[:, :, 0] = 0.0
+        before = None if friction is None else X.copy()
+        age = np.maximum(sample - state.onsets, 0).astype(float)
+        given = pointer(steps), *self.models.stacked, pointer(v), pointer(age)
+        changing = pointer(room), pointer(X), pointer(outputs)
+        lib.advance_models(H, K, rows, s, p, len(v), *given, *changing)
+        if friction is not None and before is not None:
+            friction.apply(steps, before, X, outputs, v)
+        if now.any():
+            X[1:-1, now, -3] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
+            X[1:-1, now, -2] += shaken * self.placed[1:-1, None]
+        return X, outputs
+
+    def _part_slopes(self, outputs: Array) -> Array:
+        """Slopes of outputs (H, K, p) per standard deviation of the part lost within its cell."""
+        slopes = np.zeros_like(outputs)
+        m = 1 + len(LOST)
+        working = slice(1, 1 + m * np.count_nonzero(self.effectiveness))
+        lost = outputs[working].reshape(-1, m, *outputs.shape[1:])[:, 1:]
+        healthy = np.broadcast_to(outputs[0, 0], lost[:, :1].shape)
+        edges = np.concatenate([healthy, lost, 2 * lost[:, -1:] - lost[:, -2:-1]], axis=1)
+        by_part = (edges[:, 2:] - edges[:, :-2]) / (2 * LOST[0]) * PART_SPREAD
+        slopes[working].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
+        return slopes
+
+    def weighed(
+        self, evidence: Evidence, sample: Sample, state: ObserverState, *, keeps: bool = True
+    ) -> Evidence:
+        """The evidence with one more sample, by the filters of the observer now."""
+        return self.step(
+            *(evidence, sample.number, sample.v, sample.y, state.whitening, state.shaken),
+            decoupled=state.decoupled,
+            weighs=sample.is_whole,
+            keeps=keeps,
+        )
+
+
+def hypothesis_bank(
+    nominal: NominalModel,
+    faults: Sequence[Fault] = (),
+    uncertainty: Uncertainty = CERTAIN,
+    ticks: int = 1,
+) -> HypothesisBank:
+    """Make the hypotheses of a mechanism with these known faults, in samples of so many ticks.
+
+    Weak actuators may get weaker, lock or lose all.
+
+    Raises:
+        ValueError: No actuator is left that could fail.
+    """
+    k = nominal.plant.nstates // 2
+    push, rows = nominal.plant.B[k:], nominal.displacement[:, :k]
+    directions = push / np.einsum("nk,kn->n", rows, push)
+    seen = np.linalg.norm(nominal.plant.C[:, :k] @ directions / nominal.noise[:, None], axis=0)
+    directions = directions / np.maximum(seen, _UNSEEN * np.linalg.norm(directions, axis=0))
+    return bank_of(
+        _models(nominal, uncertainty, ticks),
+        nominal.actuators,
+        faults,
+        lock_displacement=np.vstack([directions, np.zeros_like(directions)]).T,
+        beside=uncertainty,
+        sample_s=ticks * nominal.period_s,
+    )
+
+
+def believed_model(
+    nominal: NominalModel, faults: Sequence[Fault], uncertainty: Uncertainty, ticks: int
+) -> UncertainModel:
+    """Make the first model of :func:`hypothesis_bank` without the others, which take most time."""
+    _left(faults, nominal.actuators)
+    return _models(nominal, uncertainty, ticks)(faults)
+
+
+def _models(nominal: NominalModel, uncertainty: Uncertainty, ticks: int) -> Models:
+    return partial(
+        uncertain_model,
+        partial(fault_model, nominal),
+        others=[partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
+        delay_ticks=uncertainty.delay_s / nominal.period_s,
+        friction=uncertainty.friction,
+        ticks=ticks,
+    )
+
+
+def _left(faults: Sequence[Fault], n: int) -> Array:
+    """Effectiveness (n,) that actuators with these faults have left."""
+    left = np.ones(n)
+    for fault in of_actuators(faults, n):
+        left[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
+    if not left.any():
+        raise ValueError("faults must leave a working actuator, got failures of all of them")
+    return left
+
+
+def bank_of(
+    models: Models,
+    n: int,
+    faults: Sequence[Fault] = (),
+    *,
+    lock_displacement: Array | None = None,
+    beside: Uncertainty = CERTAIN,
+    sample_s: float = 1.0,
+) -> HypothesisBank:
+    """Make the hypotheses of one more failure of a plant of any kind, with n actuators.
+
+    By how much its state differs with each actuator locked further out, by what an output sees as
+    one standard deviation, is `lock_displacement` (n, s). Beside failures `command`, `supply` and
+    `scale` of an uncertainty may happen.
+
+    Raises:
+        ValueError: No actuator is left that could fail.
+    """
+    left = _left(faults, n)
+    believed, one_more, causes = models(faults), _one_more(faults, left), _causes(left, beside)
+    made = [believed]
+    for fault in one_more:
+        others = [each for each in faults if each.actuator != fault.actuator]
+        made.append(models([*others, fault]))
+    made += [believed] * (len(causes) + 1)
+    every, s = side_by_side(made), len(believed.A)
+    drives = np.zeros((len(made), EXTRA - 1, sum(believed.C.shape), every.M.shape[-1]))
+    placed, scaled = np.zeros((len(made), s)), np.zeros(len(made))
+    for h, fault in enumerate(one_more, 1):
+        if fault.kind == "locked" and lock_displacement is not None:
+            placed[h] = lock_displacement[fault.actuator]
+    for h, cause in enumerate(causes, 1 + len(one_more)):
+        drives[h, 1:] = _own_drives(believed, cause, beside, sample_s)
+        scaled[h] = beside.scale if cause.kind == "scale" else 0.0
+    M, N = np.split(drives, [s], axis=2)
+    M, N = np.concatenate([every.M, M], axis=1), np.concatenate([every.N, N], axis=1)
+    every = replace(every, M=M, N=N)
+    return HypothesisBank(tuple(one_more), tuple(causes), left, believed, every, placed, scaled)
+
+
+def _one_more(faults: Sequence[Fault], left: Array) -> list[Fault]:
+    """List what may fail next, in groups of one actuator; then what is known, otherwise.
+
+    A failed actuator may work again, or be locked instead of free, or free instead of locked; a
+    weak one counts as working.
+    """
+    one_more = []
+    for k in np.flatnonzero(left).tolist():
+        weak = [Fault(k, "weak", float(left[k] * (1 - part))) for part in LOST[:-1]]
+        one_more += [Fault(k, "locked"), *weak, Fault(k, "free")]
+    for fault in faults:
+        one_more.append(Fault(fault.actuator, "weak", 1.0))
+        if fault.kind != "weak":
+            other = "free" if fault.kind == "locked" else "locked"
+            one_more.append(Fault(fault.actuator, other))
+    return one_more
+
+
+def _causes(left: Array, beside: Uncertainty) -> list[Cause]:
+    """List what may happen that is no failure; what all actuators share needs two of them."""
+    working = np.flatnonzero(left).tolist()
+    causes = [Cause("offset", k) for k in working if beside.command > 0]
+    causes += [Cause("supply")] if beside.supply > 0 and len(working) > 1 else []
+    return causes + ([Cause("scale")] if beside.scale > 0 else [])
+
+
+def _own_drives(
+    believed: UncertainModel, cause: Cause, beside: Uncertainty, sample_s: float
+) -> Array:
+    """[M; N] of the two parameters of its own, one standard deviation each, (2, s + p, s + r)."""
+    driven, s = np.vstack([believed.M[0], believed.N[0]]), len(believed.A)
+    own, k = np.zeros((2, *driven.shape)), s + cause.actuator
+    if cause.kind == "offset":  # as large as moves an output by `command` in the end
+        rest = at_rest(believed.A, believed.M[0, :, k : k + 1], sample_s)
+        seen = np.linalg.norm(believed.C @ rest + believed.N[0, :, k : k + 1])
+        own[0, :, -1] = beside.command / max(seen, _UNSEEN) * driven[:, k]
+        own[1, :, -1] = sample_s * own[0, :, -1]
+    if cause.kind == "supply":
+        own[0, :, s:-1] = beside.supply * driven[:, s:-1]
+    if cause.kind == "scale":
+        own[0] = beside.scale * driven
+    return own

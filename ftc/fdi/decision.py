@@ -1,0 +1,252 @@
+"""Decision: what the evidence says (verdict), and what is made of that (action)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.special import chdtri
+
+from argument_checks import Array
+from argument_checks.ties import greatest
+from ftc.fdi.bank import EXTRA, LEAST_LOST, PART_SPREAD, Cause, Evidence, HypothesisBank
+from ftc.fdi.diagnosis import Diagnosis, FdiConfig
+from ftc.fdi.fault_model import KINDS, Fault
+
+LARGEST_INFLATION = 30.0
+"""A failure fits if the variance of the residuals since its onset is at most so many times that of
+before: what shakes a machine reaches its sensors another way after a failure. Measured on the
+hexapod: up to 15, and 25 with all mismatches three times as large."""
+
+MODEL_ERROR = 0.01
+"""It also fits if it leaves at most this part of the energy that the residuals have without it,
+above noise: a tenth of their size, squared, which a linear model misses of the largest failures."""
+
+LARGEST_STRAIN = 20.0
+"""It never fits if the parameters of the plant must be further than this, in standard deviations,
+from what is known of them: what moves a servo by some other cause is explained by a damper of a
+hundred times its uncertainty, too."""
+
+LARGEST_UNEXPLAINED = 0.3
+"""An actuator is first named only if its failure leaves at most this part of the energy: the square
+of the relative error of a model that is expected while onset and part lost are hardly known."""
+
+MOST_LEFT = 0.8
+"""A name is withdrawn once its failure leaves four times the energy that it explains."""
+
+RESTART_S = 0.2
+"""So long no failure fits the residuals before evidence begins anew: what has happened before, such
+as a bump, is left behind, and a lock 0.4 s after it is found."""
+
+EFFECTIVENESS_STEP = 0.1
+"""A diagnosed effectiveness is revised when it has changed by this much: less than the quarters
+between the models of the bank, more than its estimate wanders."""
+
+CONFIDENCE = 0.999
+"""An actuator is named when it is this likely; an alarm dismissed when it is this likely that
+nothing has failed: one of a thousand names may be wrong."""
+
+LOOK_BACK_S = 1.0
+"""How far onsets are looked for, and how long an alarm may stay unexplained: twice the longest mean
+that is tested, so that what has raised an alarm began within."""
+
+CONFIRMATION_S = 1.0
+"""How long a diagnosis may be revised, and one that is given back must have worked: as long as is
+looked back."""
+
+_NOISE = 4.0
+"""Energy counts as above noise from so many standard deviations of its chi-square on."""
+
+_ALIKE = 1e-6
+"""Log likelihoods that differ by less are of hypotheses that nothing distinguishes: round-off."""
+
+_log_sum = np.logaddexp.reduce
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Probabilities of the hypotheses.
+
+    Attributes:
+        fault: The most likely one.
+        actuator_confidence: Probability that it is this actuator, whatever its kind; the rest is
+            that of other actuators, and of no failure at all.
+        kind_confidences: Of each of :data:`ftc.fdi.fault_model.KINDS`, given the actuator.
+        fault_free_confidence: Probability that nothing has failed, whatever else acts.
+        cause: The most likely of what acts then; None is nothing, or something slow.
+        inflation: Variance of the residuals that this fault leaves, over that expected; at least 1.
+            All log likelihoods are divided by it.
+        unexplained: Part of the energy against no failure that this fault leaves, above noise.
+        energy: Of the residuals that this fault leaves, parameters fitted.
+        strain: Distance of these parameters of the plant from what is known of them, in standard
+            deviations.
+        onset: Most likely sample.
+        x: State of the plant now, if it is so, shape (s,).
+        best: Log likelihood ratio of the best hypothesis with each onset, shape (K,).
+    """
+
+    fault: Fault
+    actuator_confidence: float
+    kind_confidences: tuple[float, ...]
+    fault_free_confidence: float
+    cause: Cause | None
+    inflation: float
+    unexplained: float
+    energy: float
+    strain: float
+    onset: int
+    x: Array
+    best: Array
+
+    @property
+    def fits(self) -> bool:
+        """Whether what the most likely failure leaves is noise, of a plant that there may be."""
+        small = self.inflation <= LARGEST_INFLATION or self.unexplained <= MODEL_ERROR
+        return small and self.strain <= LARGEST_STRAIN
+
+
+def verdict(
+    bank: HypothesisBank, evidence: Evidence, sample: int, *, disturbed: bool = True
+) -> Verdict:
+    """Weigh the hypotheses after this sample; a priori, failure and no failure are equally likely.
+
+    So are, of no failure, nothing at all, each kind of cause, and, if `disturbed`, something else
+    that acts slowly.
+    """
+    faults = bank.faults
+    energy, log_det, parameters = evidence.marginal()
+    plain = -energy / 2 - log_det
+    ratios = plain[1:-1] - plain[0, 0]
+    h, k = divmod(greatest(ratios.ravel(), zero=_ALIKE), ratios.shape[1])
+    p = evidence.memory.shape[-1]
+    after = max(sample - int(evidence.onsets[k]) + 1, 1)
+    excess = max(float(energy[1 + h, k]) - evidence.samples * p, 0.0)
+    inflation = 1 + excess / (after * p)
+    by_fault, by_cause = np.split(_log_sum(ratios / inflation, axis=-1), [len(faults)])
+    ratios = ratios[: len(faults)] / inflation
+    numbers = np.array([fault.actuator for fault in faults])
+    candidates = np.unique(numbers)
+    actuators = np.array([_log_sum(by_fault[numbers == k]) for k in candidates])
+    slow = (float(plain[-1, 0] - plain[0, 0]) + evidence.gain) / inflation if disturbed else None
+    nothing, cause = _no_failure(by_cause - np.log(ratios.shape[1]), bank.causes, slow)
+    nothing += np.log(ratios.size)
+    total = np.logaddexp(_log_sum(actuators), nothing)
+    a = greatest(actuators, zero=_ALIKE)
+    own = np.flatnonzero(numbers == candidates[a])
+    i, k = divmod(greatest(ratios[own].ravel(), zero=_ALIKE), ratios.shape[1])
+    h = 1 + int(own[i])
+    of_kind = np.array([faults[each].kind for each in own.tolist()])
+    kinds = [np.exp(by_fault[own[of_kind == kind]] - actuators[a]).sum() for kind in KINDS]
+    gained = float(energy[0, 0] - energy[h, k])
+    noise = _NOISE * np.sqrt(2 * evidence.samples * p)
+    return Verdict(
+        fault=_with_part(faults[h - 1], bank.effectiveness, float(parameters[h, k, -1])),
+        actuator_confidence=float(np.exp(actuators[a] - total)),
+        kind_confidences=tuple(float(each) for each in kinds),
+        fault_free_confidence=float(np.exp(nothing - total)),
+        cause=cause,
+        inflation=inflation,
+        unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
+        energy=float(energy[h, k]),
+        strain=float(np.linalg.norm(parameters[h, k, : -EXTRA - p])),
+        onset=int(evidence.onsets[k]),
+        x=_state(evidence, h, k, parameters[h, k]),
+        best=ratios.max(axis=0),
+    )
+
+
+def _no_failure(
+    by_cause: Array, causes: Sequence[Cause], slow: float | None
+) -> tuple[float, Cause | None]:
+    """Log likelihood ratio that nothing has failed, over its cases; and the likeliest of causes.
+
+    By that of each cause over its onsets, and that of something slow, unless it is out of question.
+    """
+    cases = {"nothing": 0.0} if slow is None else {"nothing": 0.0, "slow": slow}
+    for kind in {each.kind: None for each in causes}:
+        own = [by_cause[k] for k, each in enumerate(causes) if each.kind == kind]
+        cases[kind] = float(_log_sum(own) - np.log(len(own)))
+    likeliest = list(cases)[greatest(list(cases.values()), zero=_ALIKE)]
+    own = [k for k, each in enumerate(causes) if each.kind == likeliest]
+    cause = causes[own[greatest(by_cause[own], zero=_ALIKE)]] if own else None
+    return float(_log_sum(list(cases.values())) - np.log(len(cases))), cause
+
+
+def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
+    """The fault with the effectiveness of a weak actuator, by its deviation within the cell."""
+    if fault.kind != "weak" or fault.is_sound:
+        return fault
+    part = 1 - fault.effectiveness / effectiveness[fault.actuator]
+    part = float(np.clip(part + PART_SPREAD * deviation, LEAST_LOST, 1 - LEAST_LOST))
+    return replace(fault, effectiveness=float(effectiveness[fault.actuator]) * (1 - part))
+
+
+def _state(evidence: Evidence, h: int, k: int, parameters: Array) -> Array:
+    """State of the plant now (s,), by one hypothesis and onset with its parameters (R,)."""
+    X, own = evidence.X[h, k], EXTRA - 1
+    J = len(X) - 1 - own
+    errors = evidence.prior.mean[:J] + parameters[:J]
+    return X[0] + errors @ X[1:-own] + parameters[-EXTRA:-1] @ X[-own:]
+
+
+Action = Literal["wait", "dismiss", "name", "keep", "confirm", "begin", "give_up"]
+"""Go on; nothing has failed; the verdict's failure is named, or instead of another; what was named
+is confirmed as it is; as it is now; evidence begins anew; nothing explains what is seen."""
+
+
+def action(
+    config: FdiConfig,
+    found: Diagnosis | None,
+    now: Verdict,
+    waited_s: float,
+    seen_s: float,
+    *,
+    contradicted: bool = False,
+) -> Action:
+    """Decide what to do, with what was found so far and the verdict now.
+
+    It is `waited_s` since the alarm, or since an actuator was first named, and `seen_s` since the
+    evidence began; `contradicted`: something else has happened since, by :func:`contradicts`.
+    """
+    certain = now.actuator_confidence >= CONFIDENCE
+    healthy = now.fault_free_confidence >= CONFIDENCE
+    # What a name is withdrawn for must explain better than it does.
+    if healthy and (found is None or now.inflation <= LARGEST_INFLATION):
+        return "dismiss"
+    if found is None:
+        explained = now.fits and now.unexplained <= LARGEST_UNEXPLAINED
+        if certain and explained and seen_s >= config.evidence_s:
+            return "name"
+        if waited_s >= LOOK_BACK_S:
+            return "give_up"
+        return "begin" if not now.fits and seen_s >= RESTART_S else "wait"
+    if contradicted:
+        # One that comes and goes has not been healthy for the time that a confirmation takes.
+        return "dismiss" if found.fault.is_sound else "keep"
+    if not now.fits or now.unexplained > MOST_LEFT:
+        return "give_up"
+    if certain and waited_s >= CONFIRMATION_S:
+        return "confirm"
+    if certain and _revises(found.fault, now):
+        return "name"
+    return "give_up" if not certain and waited_s >= 2 * CONFIRMATION_S else "wait"
+
+
+def contradicts(
+    config: FdiConfig, before: Verdict, now: Verdict, freedom: int, time_s: float
+) -> bool:
+    """Whether something else has happened between two verdicts, at the rate of false alarms.
+
+    It has if `freedom` numbers, measured in `time_s`, have more energy than noise as before has.
+    """
+    limit = chdtri(freedom, config.false_alarms_per_hour * time_s / 3600) * before.inflation
+    return bool(now.energy - before.energy > limit)
+
+
+def _revises(before: Fault, now: Verdict) -> bool:
+    """Whether another actuator or kind is certain by now, or another effectiveness."""
+    if now.fault.actuator != before.actuator:
+        return True
+    if now.fault.kind != before.kind:
+        return max(now.kind_confidences) >= CONFIDENCE
+    return abs(now.fault.effectiveness - before.effectiveness) > EFFECTIVENESS_STEP

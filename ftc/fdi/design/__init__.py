@@ -1,1 +1,0 @@
-"""Before anything runs: what can be told apart, with which dither."""

@@ -1,1 +1,0 @@
-"""Detection: the believed model beside the plant, and tests of what is left."""

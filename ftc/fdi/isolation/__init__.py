@@ -1,1 +1,0 @@
-"""Isolation: which hypothesis the samples since an alarm speak for."""
