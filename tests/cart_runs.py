@@ -1,12 +1,14 @@
 """Runs of carts on springs, as a bank of hypotheses sees them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import control
 import numpy as np
 
-from ftc.fdi import NominalModel, fault_model
+from ftc.fdi import Fault, NominalModel, fault_model
 from ftc.fdi.bank import Evidence, HypothesisBank
+from ftc.fdi.monitor import Monitor, MonitorState
 
 SAMPLES, ONSETS = 14, np.array([3, 6, 9])
 
@@ -22,6 +24,50 @@ def carts(seed: int, n: int = 2, noise: float = 1e-3) -> NominalModel:
     C = (np.eye(n) + 0.3 * rng.normal(size=(n, n))) @ shown
     plant = control.ss(np.vstack([np.eye(n, 2 * n, n), lower]), B, C, 0)
     return NominalModel(plant, shown, np.full(n, noise), period_s=5e-3, step_s=1e-3)
+
+
+Signal = Callable[[int], np.ndarray]
+"""Of a tick, shape (3,)."""
+
+
+def nothing(tick: int) -> np.ndarray:
+    """No signal."""
+    return np.zeros(3)
+
+
+def flown(
+    watch: Monitor,
+    seed: int,
+    ticks: int,
+    *,
+    fault: Fault | None = None,
+    fails: int | None = None,
+    force: Signal = nothing,
+    sensor: Signal = nothing,
+) -> list[MonitorState]:
+    """States of a monitor of three carts at each tick, to a confirmation.
+
+    Random slow commands of 4 to 8 mm and the dither, from rest; the fault is there from the tick
+    `fails` on. Of a tick, `force` is in displacements that commands would cause, `sensor` in
+    deviations of noise.
+    """
+    nominal, rng = watch.nominal, np.random.default_rng(seed)
+    plant = sound = fault_model(nominal)
+    phase, size = rng.uniform(0, 2 * np.pi, 3), rng.uniform(4e-3, 8e-3, 3)
+    x, u, states = np.zeros(6), np.zeros(3), [watch.start()]
+    for tick in range(ticks):
+        if fault is not None and tick == fails:
+            plant = fault_model(nominal, [fault])
+            x = plant.onset @ x
+        y = plant.C @ x + rng.standard_normal(3) + sensor(tick)
+        states.append(watch.step(states[-1], nominal.noise * y, u))
+        if (found := states[-1].diagnosis) is not None and found.confirmed:
+            break
+        time_s = tick * nominal.period_s
+        u = size * np.sin(2.2 * time_s * np.array([1.0, 0.8, 1.3]) + phase)
+        u = u + 2e-3 * np.sin(2 * np.pi * (watch.config.dither_hz or 0.0) * time_s)
+        x = plant.step(x, u) + sound.B @ force(tick)
+    return states
 
 
 @dataclass(frozen=True)

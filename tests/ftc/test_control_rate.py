@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault, fault_model, monitor
+from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault, monitor
 from ftc.fdi.decision import CONFIRMATION_S
 from ftc.fdi.monitor import JUDGED_S, REVISED_S, MonitorState
 from tests.cart_runs import carts
+from tests.cart_runs import flown as run_of_carts
 
 PERIODS_S = {"half": 20e-3, "nominal": 10e-3, "twice": 5e-3}
 """Longer than the samples of the diagnosis, which then are of one tick."""
@@ -22,25 +23,10 @@ CONFIG = replace(
 
 
 def flown(rate: str, seed: int, fault: Fault | None, duration_s: float) -> list[MonitorState]:
-    """States of a monitor at each tick, to a confirmation: slow random commands and a dither."""
-    period_s, rng = PERIODS_S[rate], np.random.default_rng(seed)
-    nominal = replace(carts(0, n=3), period_s=period_s)
-    watch, plant = monitor(nominal, config=CONFIG), fault_model(nominal)
-    phase, size = rng.uniform(0, 2 * np.pi, 3), rng.uniform(4e-3, 8e-3, 3)
-    x, u, states = np.zeros(6), np.zeros(3), [watch.start()]
-    for tick in range(round(duration_s / period_s)):
-        if fault is not None and tick == round(FAILS_S / period_s):
-            plant = fault_model(nominal, [fault])
-            x = plant.onset @ x
-        y = plant.C @ x + rng.standard_normal(3)
-        states.append(watch.step(states[-1], nominal.noise * y, u))
-        if (found := states[-1].diagnosis) is not None and found.confirmed:
-            break
-        time_s = tick * period_s
-        u = size * np.sin(2.2 * time_s * np.array([1.0, 0.8, 1.3]) + phase)
-        u = u + 2e-3 * np.sin(2 * np.pi * DITHER_HZ * time_s)
-        x = plant.step(x, u)
-    return states
+    """States of a monitor at each tick at this rate, to a confirmation."""
+    nominal = replace(carts(0, n=3), period_s=PERIODS_S[rate])
+    ticks, fails = (round(time_s / nominal.period_s) for time_s in (duration_s, FAILS_S))
+    return run_of_carts(monitor(nominal, config=CONFIG), seed, ticks, fault=fault, fails=fails)
 
 
 @pytest.mark.parametrize("seed", range(2))

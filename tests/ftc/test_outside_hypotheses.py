@@ -9,7 +9,7 @@ import pytest
 from ftc.fdi import CERTAIN, Fault, fault_model, monitor
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.monitor import MonitorState
-from tests.cart_runs import carts
+from tests.cart_runs import Signal, carts, flown, nothing
 
 NOMINAL, SOUND, TICK_S, HZ = carts(0, n=3), fault_model(carts(0, n=3)), 5e-3, 5.0
 CONFIG = FdiConfig(
@@ -19,14 +19,6 @@ CONFIG = FdiConfig(
 )
 MONITOR = monitor(NOMINAL, config=CONFIG)
 BEGIN, TICKS = 260, 460
-
-Signal = Callable[[int], np.ndarray]
-"""Of a tick, shape (3,)."""
-
-
-def nothing(tick: int) -> np.ndarray:
-    """No signal."""
-    return np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -43,22 +35,15 @@ class Flight:
 
     def states(self, ticks: int = TICKS) -> list[MonitorState]:
         """Of the monitor at each tick, to a confirmation."""
-        rng, plant = np.random.default_rng(self.seed), SOUND
-        phase, size = rng.uniform(0, 2 * np.pi, 3), rng.uniform(4e-3, 8e-3, 3)
-        x, u, states = np.zeros(6), np.zeros(3), [MONITOR.start()]
-        for tick in range(ticks):
-            if tick == self.lock_tick:
-                plant = fault_model(NOMINAL, [self.lock])
-                x = plant.onset @ x
-            y = plant.C @ x + rng.standard_normal(3) + self.sensor(tick)
-            states.append(MONITOR.step(states[-1], NOMINAL.noise * y, u))
-            if (found := states[-1].diagnosis) is not None and found.confirmed:
-                break
-            time_s = tick * TICK_S
-            u = size * np.sin(2.2 * time_s * np.array([1.0, 0.8, 1.3]) + phase)
-            u = u + 2e-3 * np.sin(2 * np.pi * HZ * time_s)
-            x = plant.A @ x + plant.B @ u + SOUND.B @ self.force(tick)
-        return states
+        return flown(
+            MONITOR,
+            self.seed,
+            ticks,
+            fault=self.lock,
+            fails=self.lock_tick,
+            force=self.force,
+            sensor=self.sensor,
+        )
 
     @property
     def lock(self) -> Fault:
