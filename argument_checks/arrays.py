@@ -181,6 +181,8 @@ def _as_float64(name: str, value: ArrayLike | None) -> Array:
 
 
 def _has_shape(A: Array, shape: tuple[int | EllipsisType | None, ...]) -> bool:
+    if shape == (None,):  # at every tick
+        return A.ndim == 1
     own = shape[1:] if shape[0] is ... else shape
     last = A.shape[A.ndim - len(own) :] if A.ndim >= len(own) else None
     if last is None or (shape[0] is not ... and A.ndim != len(own)):

@@ -1,6 +1,6 @@
 """The plant: physics, actuators that fail, sensors in a loop, linear models; hooks of events."""
 
-from sim.plant.actuators import locks_of as locks_of
+from sim.plant.actuators import lock_of as lock_of
 from sim.plant.actuators import switch_off as switch_off
 from sim.plant.bench import MaxwellSlip as MaxwellSlip
 from sim.plant.events import FailureKind as FailureKind

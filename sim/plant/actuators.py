@@ -39,6 +39,8 @@ _SERVO = (
 _SERVO += "servo"
 _OF_ACTUATORS = "actuator_group", "actuator_gainprm", "actuator_biasprm"
 _OF_VELOCITIES = "dof_armature", "dof_invweight0"
+STRENGTHS = (*_OF_ACTUATORS, *_OF_VELOCITIES, "jnt_stiffness", "tendon_stiffness", "eq_data")
+"""All that a failure changes of a model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +69,6 @@ class Commands:
         commanded = self.per_displacement.any(axis=1)
         return replace(self, at_rest=np.where(commanded, self.at_rest, controls))
 
-    def controls(self, displacements: Array) -> Array:
-        """Controls (nu,) for displacements (n,)."""
-        return self.at_rest + self.per_displacement.dot(displacements)
-
 
 def commands_of(
     model: mujoco.MjModel,
@@ -92,7 +90,7 @@ def commands_of(
     stiffness, feedback = np.zeros(len(drives)), np.zeros((len(drives), 2))
     for n, drive in enumerate(drives):
         laws = [law_of(model, k) for k in drive.ids]
-        spring, _ = _spring(model, data, drive)
+        spring, _ = spring_of(model, data, drive)
         squares = sum(gear * gear for gear in drive.gear)
         for k, out, gear, law in zip(drive.ids, drive.outputs, drive.gear, laws, strict=True):
             feedback[n] -= gear * gear * np.array([law.per_length, law.per_speed])
@@ -111,7 +109,7 @@ def commands_of(
     return Commands(at_rest, gains, force, slope, stiffness, feedback)
 
 
-def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[float, float]:
+def spring_of(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[float, float]:
     """Stiffness of the spring of the joint or tendon itself, and how far it is stretched."""
     if drive.lockable is None:
         return 0.0, 0.0
@@ -126,12 +124,6 @@ def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[f
     if not is_linear:
         raise ModelError(f'the spring of {kind} "{drive.name}" is not linear')
     return float(stiffness), float(stretch)
-
-
-def spring_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
-    """Force of the own spring of each drive at this pose, along its velocity, shape (n,)."""
-    springs = [_spring(model, data, drive) for drive in drives]
-    return np.array([-stiffness * stretch for stiffness, stretch in springs])
 
 
 def _why_without(drive: Drive, laws: list[Law]) -> str:
@@ -197,8 +189,8 @@ def rest_limits(
     return found[0], found[1]
 
 
-def locks_of(model: mujoco.MjModel, drives: tuple[Drive, ...]) -> list[int]:
-    """Id of the equality that locks each drive (n,), -1 where a drive that is no joint has none.
+def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
+    """Id of the equality that locks a drive, -1 where one that is no joint has none.
 
     It is `lock1`, `lock2`, ..., after the first actuator of the joint or tendon, or any that holds
     it alone.
@@ -206,10 +198,6 @@ def locks_of(model: mujoco.MjModel, drives: tuple[Drive, ...]) -> list[int]:
     Raises:
         ModelError: A joint has no lock, or the equality of this name does anything else.
     """
-    return [_lock_of(model, drive) for drive in drives]
-
-
-def _lock_of(model: mujoco.MjModel, drive: Drive) -> int:
     if drive.lockable is None:
         return -1
     name, called = _lock_name(model, drive), _called(drive)
@@ -218,7 +206,7 @@ def _lock_of(model: mujoco.MjModel, drive: Drive) -> int:
     if not set(named) <= set(own):
         raise ModelError(f'equality "{name}" must lock the {called} alone')
     if not own and drive.joint is not None:
-        raise _missing_lock(model, drive)
+        raise no_lock(model, drive)
     return next(iter(named + own), -1)
 
 
@@ -234,7 +222,13 @@ def _called(drive: Drive) -> str:
     return f'{kind} "{getattr(drive.model, kind)(number).name}"'
 
 
-def _missing_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
+def no_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
+    """The error of a drive that is to lock and has no lock."""
+    if drive.lockable is None:
+        return ModelError(
+            f'actuator "{drive.name}" cannot be locked: it moves neither a slide or hinge joint '
+            "nor a tendon, and only these have locks"
+        )
     return ModelError(
         f'the model has no equality named "{_lock_name(model, drive)}" to lock the '
         f"{_called(drive)}; load_model(path, add_locks=True) adds one"
@@ -251,20 +245,8 @@ def enable_locks(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     model.opt.disableflags = flags & ~(bit.mjDSBL_EQUALITY | bit.mjDSBL_CONSTRAINT)
 
 
-def refuse_without_lock(model: mujoco.MjModel, drive: Drive, equality: int) -> None:
-    """Raise a ModelError if a drive cannot lock."""
-    if drive.lockable is None:
-        raise ModelError(
-            f'actuator "{drive.name}" cannot be locked: it moves neither a slide or hinge joint '
-            "nor a tendon, and only these have locks"
-        )
-    if equality < 0:
-        raise _missing_lock(model, drive)
-
-
 def activate_lock(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equality: int) -> None:
-    """Hold the joint or tendon of a drive where it is; a ModelError if it has no lock."""
-    refuse_without_lock(model, drive, equality)
+    """Hold the joint or tendon of a drive where it is, by its lock."""
     if drive.joint is not None:
         qpos, dof = model.jnt_qposadr[drive.joint], model.jnt_dofadr[drive.joint]
         model.eq_data[equality, 0] = data.qpos[qpos] - model.qpos0[qpos]
@@ -335,12 +317,6 @@ def switch_off(model: mujoco.MjModel, drive: Drive) -> None:
     """Make the force of this drive exactly zero; the model has its group reserved."""
     model.actuator_group[list(drive.ids)] = _OFF
     model.opt.disableactuator |= 1 << _OFF
-
-
-def strengths_of(model: mujoco.MjModel) -> dict[str, Array]:
-    """All that a failure changes of a model."""
-    names = (*_OF_ACTUATORS, *_OF_VELOCITIES, "jnt_stiffness", "tendon_stiffness", "eq_data")
-    return {name: getattr(model, name).copy() for name in names}
 
 
 def restore(model: mujoco.MjModel, drive: Drive, strengths: Mapping[str, Array]) -> None:

@@ -20,16 +20,16 @@ from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
 from sim.mjcf.part import Part
 from sim.plant.actuators import (
+    STRENGTHS,
     activate_lock,
     commands_of,
     enable_locks,
-    locks_of,
-    refuse_without_lock,
+    lock_of,
+    no_lock,
     reserve_off_group,
     rest_limits,
     restore,
-    spring_forces,
-    strengths_of,
+    spring_of,
     switch_off,
     yields,
 )
@@ -98,10 +98,13 @@ class Plant:
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         reserve_off_group(self.model)
-        self._sound = strengths_of(self.model)
+        self._sound = {name: getattr(self.model, name).copy() for name in STRENGTHS}
         self.data = mujoco.MjData(self.model)
         self.drives = required_drives(self.model, None if part is None else part.actuators)
-        self._locks = locks_of(self.model, self.drives)
+        self._locks = [lock_of(self.model, drive) for drive in self.drives]
+        joints = [drive.joint for drive in self.drives if drive.joint is not None]
+        only_joints = len(joints) == len(self.drives)
+        self._velocities = self.model.jnt_dofadr[joints] if only_joints else None
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
         self._payload_frame = payload
@@ -157,7 +160,8 @@ class Plant:
         """Hold checked displacements for a number of physics steps; Ctrl-C ends it soon."""
         model, data = self.model, self.data
         mujoco.mj_getState(model, data, self._last, _STATE)
-        data.ctrl[:] = self._commands.controls(command_m)
+        commands = self._commands
+        data.ctrl[:] = commands.at_rest + commands.per_displacement.dot(command_m)
         self._command[:] = command_m
         for done in range(0, steps, _UNINTERRUPTED):
             mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
@@ -178,12 +182,13 @@ class Plant:
 
     def lock(self, actuator: int) -> None:
         """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
-        k = self._index(actuator)
+        self.check_lock(k := self._index(actuator))
         activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def check_lock(self, actuator: int) -> None:
         """Raise a ModelError if actuator 0..n-1 cannot lock."""
-        refuse_without_lock(self.model, self.drives[actuator], self._locks[actuator])
+        if self._locks[actuator] < 0:
+            raise no_lock(self.model, self.drives[actuator])
 
     @property
     def soft_locks(self) -> dict[int, str]:
@@ -234,7 +239,11 @@ class Plant:
     def load(self, force: Array) -> None:
         """Push along each actuator's velocity, from now on, by (n,), [N] or [N m], as friction."""
         force = check.array("force", force, len(self.drives))
-        self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
+        if self._velocities is None:
+            rows = drive_rows(self.model, self.data, self.drives)
+            self.data.qfrc_applied[:] = rows.T.dot(force)
+        else:
+            self.data.qfrc_applied[self._velocities] = force
 
     def shake(self, acceleration: Array) -> None:
         """Accelerate the floor, from now on, by (3,) in base axes, [m]/[s^2], without turning it.
@@ -300,6 +309,7 @@ class Plant:
         to_axes = self._observed.axes(data).T
         linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
         commands, k = self._commands, len(linear.A) // 2
+        springs = np.array([spring_of(self.model, data, drive) for drive in self.drives])
         return replace(
             linear,
             B=linear.B @ commands.per_displacement,
@@ -308,7 +318,7 @@ class Plant:
             ),
             holding=self.coil_force_n() / commands.stiffness,
             spring=self.spring_share[:, None] * linear.C_active,
-            preload=spring_forces(self.model, data, self.drives) / commands.stiffness,
+            preload=-springs.prod(axis=1) / commands.stiffness,
         )
 
     @property
@@ -338,17 +348,8 @@ class Plant:
 
     def observed(self) -> dict[str, Any]:
         """Arrays of :attr:`data` that the compiled code reads to log a tick, by its names."""
-        data = self.data
-        return self._observed.fields(data) | {
-            "counts": self._is_loop,
-            "forces": data.actuator_force,
-        }
-
-    def integration_state(self) -> Array:
-        """The complete state of the integration (mjSTATE_INTEGRATION)."""
-        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return state
+        own = {"counts": self._is_loop, "forces": self.data.actuator_force}
+        return self._observed.fields(self.data) | own
 
     def number(self, actuator: int | str) -> int:
         """The number 0..n-1 of a drive, given by it or by a name.
