@@ -10,7 +10,6 @@ from scipy.optimize import lsq_linear
 from argument_checks.ties import greatest
 from sim.array import Array
 from sim.closing.equalities import closure_rows
-from sim.errors import ModelError
 from sim.mjcf.drive import Drive, moments_of
 from sim.mjcf.joints import mass_of, ranges
 from sim.mjcf.model import name_of
@@ -23,10 +22,7 @@ _WITHIN = 1e-6
 """Part of a range by which a value may miss it, and of a power by which equal ones may differ."""
 _PREFERENCE = 1e-6
 """Weight of small forces against a load that is borne."""
-_KIND = {
-    int(mujoco.mjtJoint.mjJNT_FREE): "free joint",
-    int(mujoco.mjtJoint.mjJNT_BALL): "ball joint",
-}
+_KINDS = {mujoco.mjtJoint.mjJNT_FREE: "free joint", mujoco.mjtJoint.mjJNT_BALL: "ball joint"}
 
 
 class Balance(NamedTuple):
@@ -61,16 +57,16 @@ def balance(
     arms = Z.T @ moments[used].T
     each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
     low, high = ranges(model).force[used].T
-    least = each.sum(axis=1)
+    least, negligible = each.sum(axis=1), _BALANCED * np.linalg.norm(loads)
     if ((least < low) | (least > high)).any():
         # Along what bears no load others may take over.
         within = _within_ranges(arms, arms @ least, low, high)
-        if np.linalg.norm(arms @ (within - least)) <= _BALANCED * np.linalg.norm(loads):
-            each = each + (within - least)[:, None] * np.array([1.0, 0.0])
+        if np.linalg.norm(arms @ (within - least)) <= negligible:
+            each[:, 0] += within - least
     unbalanced = Z @ (Z.T @ loads + arms @ each)
     forces = np.zeros(model.nout)
     forces[used] = each.sum(axis=1)
-    if np.linalg.norm(unbalanced.sum(axis=1)) <= _BALANCED * np.linalg.norm(loads):
+    if np.linalg.norm(unbalanced.sum(axis=1)) <= negligible:
         return Balance(forces)
     return Balance(forces, *_what_moves(model, Z, mass_of(model, data), unbalanced))
 
@@ -91,34 +87,25 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
     joint = greatest(np.bincount(model.dof_jntid, power.sum(axis=1)), _WITHIN)
     of_gravity, of_springs = power[model.dof_jntid == joint].sum(axis=0)
     cause = "gravity" if of_gravity > of_springs else "a spring"
-    kind = _KIND.get(int(model.jnt_type[joint]), "joint")
+    kind = _KINDS.get(mujoco.mjtJoint(model.jnt_type[joint]), "joint")
     name = model.joint(joint).name
     called = f'"{name}"' if name else f'of body "{model.body(model.jnt_bodyid[joint]).name}"'
     return joint, f"{cause} moves the {kind} {called}: no actuator holds it"
 
 
-def holding_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
-    """Forces (nout,) of :func:`balance`; a ModelError if something falls or a spring moves it."""
-    found = balance(model, data, drives)
-    if found.joint is not None:
-        raise ModelError(found.moves)
-    return found.forces
-
-
 def beyond_ranges(model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Commands) -> str:
     """Sentence on an actuator that could hold the pose only beyond its range; empty if none."""
     limits = ranges(model)
-    for drive in drives:
-        for k, out in zip(drive.ids, drive.outputs, strict=True):
-            control = model.actuator_ctrladr[k]
-            for what, value, (low, high) in (
-                ("a force", float(commands.force[out]), limits.force[out]),
-                ("a control", float(commands.at_rest[control]), limits.control[control]),
-            ):
-                slack = _WITHIN * (high - low)
-                if not low - slack <= value <= high + slack:
-                    return (
-                        f'actuator "{name_of(model.actuator(k))}" cannot hold the start: it takes '
-                        f"{what} of {value:.4g}, outside {low:g}..{high:g}"
-                    )
+    for k, out in (each for d in drives for each in zip(d.ids, d.outputs, strict=True)):
+        control = model.actuator_ctrladr[k]
+        for what, value, (low, high) in (
+            ("a force", commands.force[out], limits.force[out]),
+            ("a control", commands.at_rest[control], limits.control[control]),
+        ):
+            slack = _WITHIN * (high - low)
+            if not low - slack <= value <= high + slack:
+                return (
+                    f'actuator "{name_of(model.actuator(k))}" cannot hold the start: it takes '
+                    f"{what} of {value:.4g}, outside {low:g}..{high:g}"
+                )
     return ""

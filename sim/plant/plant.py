@@ -33,7 +33,7 @@ from sim.plant.actuators import (
     switch_off,
     yields,
 )
-from sim.plant.holding import beyond_ranges, holding_forces
+from sim.plant.holding import balance, beyond_ranges
 from sim.plant.linear import LinearPlant, linear_plant
 
 MOST_STEPS = 10_000_000
@@ -102,9 +102,8 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         self.drives = required_drives(self.model, None if part is None else part.actuators)
         self._locks = [lock_of(self.model, drive) for drive in self.drives]
-        joints = [drive.joint for drive in self.drives if drive.joint is not None]
-        only_joints = len(joints) == len(self.drives)
-        self._velocities = self.model.jnt_dofadr[joints] if only_joints else None
+        joints = [drive.joint for drive in self.drives]
+        self._velocities = None if None in joints else self.model.jnt_dofadr[joints]
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
         self._payload_frame = payload
@@ -118,11 +117,11 @@ class Plant:
         self._last = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
-        held = None
-        if part is not None:
-            held = self.data.actuator_force.copy()
-        elif start is not None:
-            held = holding_forces(self.model, self.data, self.drives)
+        held = None if part is None else self.data.actuator_force.copy()
+        if start is not None and part is None:
+            held, falls, why = balance(self.model, self.data, self.drives)
+            if falls is not None:
+                raise ModelError(why)
         self._commands = commands_of(self.model, self.data, self.drives, held)
         if start is not None:
             if beyond := beyond_ranges(self.model, self.drives, self._commands):
