@@ -167,7 +167,11 @@ def linear_plant(
     k = Z.shape[1]
     gravity, model = model.opt.gravity.copy(), copy.copy(model)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER  # "discrete" adds to the mass matrix
-    controls, probe = _clamped(model, data), mujoco.MjData(model)
+    probe, controls = mujoco.MjData(model), data.ctrl
+    if not model.opt.disableflags & _NO_CLAMP:
+        # At the end of a range a central difference would take half of the slope.
+        controls = controls.clip(*ranges(model).control.T)
+        model.opt.disableflags |= _NO_CLAMP
     mujoco.mj_copyState(model, data, probe, mujoco.mjtState.mjSTATE_USER)
     start = np.concatenate([np.zeros(2 * k), controls, np.zeros(3)])  # y, y_dot, u, a
     steps = np.repeat([1e-6, 1e-4, 1e-6, 1e-2], [k, k, model.nu, 3])
@@ -203,17 +207,6 @@ def linear_plant(
         joints=tuple(joint_name(model, int(j)) for j in model.dof_jntid),
         friction=friction_of(model, probe, Z, mass_of(model, probe)),
     )
-
-
-def _clamped(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """The controls (nu,) within their ranges, which the model, a copy, then no longer has.
-
-    At the end of a range a central difference would take half of the slope.
-    """
-    if model.opt.disableflags & _NO_CLAMP:
-        return data.ctrl.copy()
-    model.opt.disableflags |= _NO_CLAMP
-    return data.ctrl.clip(*ranges(model).control.T)
 
 
 def allowed(J_C: Array) -> Array:
