@@ -82,6 +82,7 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
         ModelError: There is no such site or body.
     """
     if not isinstance(frame, Body):
+        check.instance("model", model, mujoco.MjModel)
         check.instance(argument, frame, str)
         if _is(model, _SITE, frame) or not _is(model, _BODY, frame):
             site = element_id(model, "site", frame)
