@@ -40,13 +40,11 @@ class Drive:
     """One active velocity, and the actuators that move it.
 
     Attributes:
-        model: Of names and forces.
         ids: Numbers of the actuators.
         gear: Of each: its length grows by gear times the velocity, its force acts gear times.
         outputs: Of each, in `data.actuator_force`. The row of the first in `data.actuator_moment`,
             divided by its gear, gives the velocity from the joints'.
-        joint: Slide or hinge joint driven.
-        tendon: Tendon driven.
+        joint: Slide or hinge driven.
         has_length: Whether `data.actuator_length` is a length whose slope is the velocity's row:
             of joints, tendons and slider-cranks.
     """

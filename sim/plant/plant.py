@@ -19,20 +19,7 @@ from sim.mjcf.drive import drive_rows, names_of, number_of, required_drives
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
 from sim.mjcf.part import Part
-from sim.plant.actuators import (
-    STRENGTHS,
-    activate_lock,
-    commands_of,
-    enable_locks,
-    lock_of,
-    no_lock,
-    reserve_off_group,
-    rest_limits,
-    restore,
-    spring_of,
-    switch_off,
-    yields,
-)
+from sim.plant import actuators
 from sim.plant.holding import balance, beyond_ranges
 from sim.plant.linear import LinearPlant, linear_plant
 
@@ -97,11 +84,11 @@ class Plant:
         self.model = copy.copy(model)
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        reserve_off_group(self.model)
-        self._sound = {name: getattr(self.model, name).copy() for name in STRENGTHS}
+        actuators.reserve_off_group(self.model)
+        self._sound = {name: getattr(self.model, name).copy() for name in actuators.STRENGTHS}
         self.data = mujoco.MjData(self.model)
         self.drives = required_drives(self.model, None if part is None else part.actuators)
-        self._locks = [lock_of(self.model, drive) for drive in self.drives]
+        self._locks = [actuators.lock_of(self.model, drive) for drive in self.drives]
         joints = [drive.joint for drive in self.drives]
         self._velocities = None if None in joints else self.model.jnt_dofadr[joints]
         axes = None if base is None else located(self.model, "base", base)
@@ -113,7 +100,7 @@ class Plant:
             self._is_loop[list(part.apart)] = 0.0
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
-        enable_locks(self.model, self.data)
+        actuators.enable_locks(self.model, self.data)
         self._last = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
@@ -122,7 +109,7 @@ class Plant:
             held, falls, why = balance(self.model, self.data, self.drives)
             if falls is not None:
                 raise ModelError(why)
-        self._commands = commands_of(self.model, self.data, self.drives, held)
+        self._commands = actuators.commands_of(self.model, self.data, self.drives, held)
         if start is not None:
             if beyond := beyond_ranges(self.model, self.drives, self._commands):
                 raise ModelError(beyond)
@@ -131,7 +118,7 @@ class Plant:
             mujoco.mj_forward(self.model, self.data)
         self._observed = observed_from_here(self.model, self.data, self.drives, frame, axes)
         self._observer = Observer(self._observed, self.data)
-        self._limits = rest_limits(self.model, self.data, self.drives, self._commands)
+        self._limits = actuators.rest_limits(self.model, self.data, self.drives, self._commands)
         self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -182,23 +169,23 @@ class Plant:
     def lock(self, actuator: int) -> None:
         """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
         self.check_lock(k := self._index(actuator))
-        activate_lock(self.model, self.data, self.drives[k], self._locks[k])
+        actuators.activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def check_lock(self, actuator: int) -> None:
         """Raise a ModelError if actuator 0..n-1 cannot lock."""
         if self._locks[actuator] < 0:
-            raise no_lock(self.model, self.drives[actuator])
+            raise actuators.no_lock(self.model, self.drives[actuator])
 
     @property
     def soft_locks(self) -> dict[int, str]:
         """How far, and why, locks would give way at the present pose, by number of the drive."""
         each = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
-        found = {k: yields(self.model, self.data, *one) for k, one in each}
+        found = {k: actuators.yields(self.model, self.data, *one) for k, one in each}
         return {k: said for k, said in found.items() if said is not None}
 
     def release(self, actuator: int) -> None:
         """Switch actuator 0..n-1 off: a torque failure."""
-        switch_off(self.model, self.drives[self._index(actuator)])
+        actuators.switch_off(self.model, self.drives[self._index(actuator)])
 
     def weaken(self, actuator: int, effectiveness: float) -> None:
         """Leave actuator 0..n-1 this part, in 0..1, of its force."""
@@ -223,7 +210,7 @@ class Plant:
         if (lock := self._locks[k]) >= 0:
             self.data.eq_active[lock] = self._held[lock]
             self.model.eq_data[lock] = self._sound["eq_data"][lock]
-        restore(self.model, self.drives[k], self._sound)
+        actuators.restore(self.model, self.drives[k], self._sound)
 
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with a wrench (6,), [N m] and [N], at its site.
@@ -308,7 +295,7 @@ class Plant:
         to_axes = self._observed.axes(data).T
         linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
         commands, k = self._commands, len(linear.A) // 2
-        springs = np.array([spring_of(self.model, data, drive) for drive in self.drives])
+        springs = np.array([actuators.spring_of(self.model, data, drive) for drive in self.drives])
         return replace(
             linear,
             B=linear.B @ commands.per_displacement,
@@ -330,10 +317,6 @@ class Plant:
             damped = not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
             return bool(damped and not self._commands.feedback[:, 1].any())
         return self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
-
-    def constraint_force(self) -> Array:
-        """Forces of closures, locks and stops on each velocity, shape (nv,), [N] and [N m]."""
-        return self.data.qfrc_constraint.copy()
 
     def coil_force_n(self) -> Array:
         """Force of each actuator along its velocity, shape (n,), [N] or [N m]."""
