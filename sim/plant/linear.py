@@ -113,12 +113,21 @@ class LinearPlant:
         held = self.A[k:, :k] / max(np.abs(self.A[k:, :k]).max(initial=0.0), 1.0)
         outputs = np.vstack([self.C_twist[:, :k], self.C_active[:, :k]])
         rows = np.vstack([held, outputs / max(np.abs(outputs).max(initial=0.0), _NOTHING)])
-        spins = scipy.linalg.null_space(rows, rcond=_IDLE)
+        return self.named(scipy.linalg.null_space(rows, rcond=_IDLE))
+
+    def named(self, y: Array) -> tuple[str, ...]:
+        """Joints that mostly move in motions y (k, ...), real or complex modes, in their order."""
         if self.motion is None:
             return ()
-        moved = np.abs(self.motion @ spins)
-        most = (moved >= _MOSTLY * moved.max(axis=0, initial=0.0)) & (moved > 0.0)
-        return tuple(dict.fromkeys(self.joints[k] for k in np.flatnonzero(most.any(axis=1))))
+        k, is_mode = len(self.A) // 2, isinstance(y, np.ndarray) and np.iscomplexobj(y)
+        parts = [check.array("y", part) for part in ((y.real, y.imag) if is_mode else (y,))]
+        if parts[0].shape[:1] != (k,):
+            raise ValueError(f"y must have shape ({k}, ...), got {parts[0].shape}")
+        moved = np.abs(self.motion @ (parts[0] + 1j * parts[-1] if is_mode else parts[0]))
+        moved = moved.reshape(len(self.motion), -1)
+        most = moved >= _MOSTLY * moved.max(axis=0, initial=0.0)
+        moving = np.flatnonzero((most & (moved > 0.0)).any(axis=1))
+        return tuple(dict.fromkeys(self.joints[velocity] for velocity in moving))
 
 
 def linearize(

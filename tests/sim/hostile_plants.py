@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from sim import NOMINAL, Bench, Failure, Mechanism, Plant, servoed
+from sim import NOMINAL, Bench, Failure, Mechanism, Plant, linearize, servoed
 from sim.plant import JointSensors, MaxwellSlip, TaskSensor, failed_plant
 from tests.hostile import Target
-from tests.sim.hostile_hexapod import MODEL
+from tests.sim.hostile_hexapod import DATA, MODEL
 from tests.sim.hostile_mechanisms import ARM, AT_REST
 
 TICKS, PERIOD_S = 2, 2.5e-4
@@ -110,6 +110,10 @@ TARGETS = {
     "TaskSensor.read": Target(lambda **a: TaskSensor(**TASK).read(**a), SENSED),
     "JointSensors": Target(lambda **a: JointSensors(**a).read(**SENSED), JOINTS),
     "JointSensors.read": Target(lambda **a: JointSensors(**JOINTS).read(**a), SENSED),
+    "LinearPlant.named": Target(
+        linearize(MODEL, DATA, "payload").named,
+        {"y": np.eye(len(linearize(MODEL, DATA).A) // 2)[0]},
+    ),
     "MaxwellSlip.moved": Target(SLIP.moved, {"stretch": np.zeros((2, 3)), "by": np.full(2, 1e-6)}),
     "MaxwellSlip.force": Target(SLIP.force, {"stretch": np.full((2, 3), 1e-7)}),
     "servoed": Target(
