@@ -90,7 +90,7 @@ class Plant:
         self.drives = required_drives(self.model, None if part is None else part.actuators)
         self._locks = [actuators.lock_of(self.model, drive) for drive in self.drives]
         joints = [drive.joint for drive in self.drives]
-        self._velocities = None if None in joints else self.model.jnt_dofadr[joints]
+        self._velocities = None if None in joints else self.model.jnt_dofadr[joints].astype(np.intp)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
         self._payload_frame = payload
