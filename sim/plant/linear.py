@@ -120,7 +120,7 @@ class LinearPlant:
         if self.motion is None:
             return ()
         k, is_mode = len(self.A) // 2, isinstance(y, np.ndarray) and np.iscomplexobj(y)
-        parts = [check.array("y", part) for part in ((y.real, y.imag) if is_mode else (y,))]
+        parts = [check.array("y", part) for part in ((np.real(y), np.imag(y)) if is_mode else (y,))]
         if parts[0].shape[:1] != (k,):
             raise ValueError(f"y must have shape ({k}, ...), got {parts[0].shape}")
         moved = np.abs(self.motion @ (parts[0] + 1j * parts[-1] if is_mode else parts[0]))
@@ -202,7 +202,7 @@ def linear_plant(
         (acceleration(start + step) - acceleration(start - step)) / (2 * step.sum())
         for step in np.diag(steps)
     ]
-    rates = np.vstack([np.eye(k, len(start), k), np.transpose(slopes).reshape(k, -1)])
+    rates = np.vstack([np.eye(k, len(start), k), np.transpose(slopes).reshape(k, len(start))])
     A, B, B_floor = (part.copy() for part in np.split(rates, [2 * k, -3], axis=1))
     acceleration(start)
     jacobian = np.kron(np.eye(2), to_axes) @ located_task(model, task).jacobian(model, data)

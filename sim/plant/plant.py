@@ -1,8 +1,11 @@
-"""The plant: MuJoCo physics, actuators that can lock or lose force, and the true payload motion."""
+"""The plant: MuJoCo physics, the true payload motion, and failures of its actuators."""
 
 import copy
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any, Literal, cast, get_args
 
 import mujoco
 import numpy as np
@@ -20,7 +23,6 @@ from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
 from sim.mjcf.part import Part
 from sim.plant import actuators
-from sim.plant.holding import balance, beyond_ranges
 from sim.plant.linear import LinearPlant, linear_plant
 
 MOST_STEPS = 10_000_000
@@ -30,6 +32,9 @@ _UNINTERRUPTED = 250
 """Physics steps between which Ctrl-C acts: much more than those of a control tick."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+FailureKind = Literal["locked", "free", "loose", "weak"]
+"""Stuck where it is; without force; without force and spring; with a part of its force."""
 
 
 class Plant:
@@ -106,12 +111,12 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
         held = None if part is None else self.data.actuator_force.copy()
         if start is not None and part is None:
-            held, falls, why = balance(self.model, self.data, self.drives)
+            held, falls, why = actuators.balance(self.model, self.data, self.drives)
             if falls is not None:
                 raise ModelError(why)
         self._commands = actuators.commands_of(self.model, self.data, self.drives, held)
         if start is not None:
-            if beyond := beyond_ranges(self.model, self.drives, self._commands):
+            if beyond := actuators.beyond_ranges(self.model, self.drives, self._commands):
                 raise ModelError(beyond)
             self._commands = self._commands.beside(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
@@ -386,3 +391,81 @@ def _place(
     if (gap := closures.largest_gap(data)) > CLOSURE_TOLERANCE:
         name = equality_name(model, closures.worst(data))
         raise ClosureError(name, gap, "call sim.assemble(model, data)")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One actuator fails at one time.
+
+    As text it is NAME:KIND@SECONDS, such as "strut1:locked@1.3", which :meth:`parse` reads.
+
+    Attributes:
+        actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`; or the
+            name of its joint, tendon or actuator.
+        kind: See :data:`FailureKind`.
+        time_s: When, not before 0.
+        effectiveness: Part of the force that a weak one has left, in 0..1.
+    """
+
+    actuator: int | str
+    kind: FailureKind
+    time_s: float = 0.0
+    effectiveness: float = 0.5
+
+    def __post_init__(self) -> None:
+        check.choice("kind", self.kind, get_args(FailureKind))
+        if not isinstance(self.actuator, str):
+            check.integer("actuator", self.actuator)
+        check.number("time_s", self.time_s, 0.0)
+        check.number("effectiveness", self.effectiveness, 0.0, 1.0)
+
+    def __str__(self) -> str:
+        return f"{self.actuator}:{self.kind}@{str(float(self.time_s)).removesuffix('.0')}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Failure":
+        """Parse NAME:KIND@SECONDS, as `str` writes a failure; a weak one has the default part.
+
+        NAME is that of a joint, tendon or actuator, or the number of the actuator in digits.
+        """
+        name, _, rest = check.instance("text", text, str).rpartition(":")
+        kind, _, time_s = rest.partition("@")
+        is_number = name.isascii() and name.isdecimal() and len(name) < 10  # of 32 bits
+        actuator = int(name) if is_number else name
+        with suppress(ValueError):  # what is said below is of the whole text
+            if name:
+                return cls(actuator, cast(FailureKind, kind), float(time_s))
+        kinds = get_args(FailureKind)
+        near = [] if kind in kinds else get_close_matches(kind, kinds, 1)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        raise ValueError(
+            f"text must be NAME:KIND@SECONDS, with KIND one of {', '.join(kinds)} and SECONDS from "
+            f"0 on, got {check.shown(text)}{hint}"
+        )
+
+    @property
+    def number(self) -> int:
+        """The actuator, 0..n-1."""
+        if isinstance(self.actuator, str):
+            raise TypeError(f"actuator must be a number here, got {check.shown(self.actuator)}")
+        return int(self.actuator)
+
+    def strike(self, plant: Plant) -> None:
+        """Apply the failure now; a ModelError if the actuator is to lock and has no lock."""
+        actuator = check.instance("plant", plant, Plant).number(self.actuator)
+        if self.kind == "weak":
+            plant.weaken(actuator, self.effectiveness)
+        else:
+            events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
+            events[self.kind](actuator)
+
+
+def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
+    """Make a plant at rest at the nominal pose, with failures already applied.
+
+    Sites have the names that :class:`Plant` expects by default.
+    """
+    plant = Plant(model)
+    for failure in check.members("failures", failures, Failure):
+        failure.strike(plant)
+    return plant
