@@ -37,9 +37,9 @@ from sim.mjcf.load import HEXAPOD_MJCF as HEXAPOD_MJCF
 from sim.mjcf.load import MODELS as MODELS
 from sim.mjcf.load import load_model as load_model
 from sim.plant.bench import Bench as Bench
-from sim.plant.events import Failure as Failure
 from sim.plant.linear import LinearPlant as LinearPlant
 from sim.plant.linear import linearize as linearize
+from sim.plant.plant import Failure as Failure
 from sim.plant.plant import Plant as Plant
 from sim.plant.servo import servoed as servoed
 from sim.tasks.frames import CenterOfMassTask as CenterOfMassTask

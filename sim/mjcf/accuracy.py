@@ -13,6 +13,8 @@ import numpy as np
 from sim.array import Array
 
 _POINTS = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
+_UNITS = "jnt_axis", "body_quat", "site_quat"
+"""Fields of directions and quaternions."""
 
 _FEWEST_DIGITS = 5
 """Digits of a length that was rounded: fewer state a design, as 0.1234 m to 0.1 mm."""
@@ -61,7 +63,16 @@ def roundings(model: mujoco.MjModel) -> tuple[Rounding, ...]:
     A direction or quaternion of four to eight digits was rounded in its last decimal; a component
     of it that is not zero and below 1e-5 should have been zero.
     """
-    return (*_of_lengths(model), *_of_units(model))
+    lengths = _lengths(model)
+    flat = _halves_of_lengths(np.concatenate([A.ravel() for A in lengths.values()]))
+    found, start = {name: _halves_of_units(getattr(model, name)) for name in _UNITS}, 0
+    for name, A in lengths.items():
+        found[name], start = flat[start : start + A.size].reshape(A.shape), start + A.size
+    return tuple(
+        Rounding(name, row, column, float(found[name][row, column]), name in _UNITS)
+        for name in (*lengths, *_UNITS)
+        for row, column in np.argwhere(found[name] > 0.0).tolist()
+    )
 
 
 def moved(model: mujoco.MjModel, rounding: Rounding, by: float) -> Array:
@@ -81,36 +92,18 @@ def _lengths(model: mujoco.MjModel) -> dict[str, Array]:
     return fields | {"eq_data": np.where(of_points, model.eq_data, 0.0)[:, :3]}
 
 
-def _of_lengths(model: mujoco.MjModel) -> list[Rounding]:
-    fields = _lengths(model)
-    x = np.abs(np.concatenate([A.ravel() for A in fields.values()]))
-    x = x[x > 0.0]
-    digits = _significant_digits(x)
-    is_rounded = (digits >= _FEWEST_DIGITS) & (digits <= _MOST_DIGITS)
-    if not is_rounded.any():
-        return []
-    written_by_program = 2 * is_rounded.sum() >= (digits <= _MOST_DIGITS).sum()
-    fewest = 1 if written_by_program else _FEWEST_DIGITS
-    most, last, found = digits[is_rounded].max(), _last_places(x[is_rounded]).min(), []
-    for name, A in fields.items():
-        size = np.where(A == 0.0, 1.0, np.abs(A))
-        digits, halves = _significant_digits(size), _half_units(size, most, last)
-        halves[(A == 0.0) | (digits < fewest) | (digits > _MOST_DIGITS)] = 0.0
-        found += _positive(name, halves, is_unit=False)
-    return found
-
-
-def _of_units(model: mujoco.MjModel) -> list[Rounding]:
-    fields = {name: getattr(model, name) for name in ("jnt_axis", "body_quat", "site_quat")}
-    halves = {name: _halves_of_units(A) for name, A in fields.items()}
-    return [each for name, A in halves.items() for each in _positive(name, A, is_unit=True)]
-
-
-def _positive(name: str, halves: Array, *, is_unit: bool) -> list[Rounding]:
-    return [
-        Rounding(name, row, column, float(halves[row, column]), is_unit)
-        for row, column in np.argwhere(halves > 0.0).tolist()
-    ]
+def _halves_of_lengths(x: Array) -> Array:
+    """Half units of the last digits in which lengths (n,) were rounded, else zero; (n,)."""
+    size = np.where(x == 0.0, 1.0, np.abs(x))
+    digits = _significant_digits(size)
+    counts = (x != 0.0) & (digits <= _MOST_DIGITS)
+    rounded = counts & (digits >= _FEWEST_DIGITS)
+    if not rounded.any():
+        return np.zeros(len(x))
+    if 2 * rounded.sum() < counts.sum():  # not a program
+        counts = rounded
+    halves = _half_units(size, digits[rounded].max(), _last_places(size[rounded]).min())
+    return np.where(counts, halves, 0.0)
 
 
 def _halves_of_units(unit: Array) -> Array:
@@ -139,18 +132,16 @@ def _half_units(x: Array, most: Array | int, last: Array | float) -> Array:
 
     Short ones may have lost zeros, to the most digits or the last place of any, whichever is first.
     """
-    own, is_short = _last_places(x), _significant_digits(x) < _FEWEST_DIGITS
-    lost = np.minimum(own, np.maximum(_exponents(x) - most + 1, last))
-    return 0.5 * 10.0 ** np.where(is_short, lost, own)
+    own = _last_places(x)
+    lost = np.minimum(own, np.maximum(_last_places(x, most), last))
+    places = np.where(_significant_digits(x) < _FEWEST_DIGITS, lost, own)
+    # On some processors numpy's powers of ten are not the nearest numbers to them.
+    return np.reshape([float(f"5e{place - 1:.0f}") for place in places.flat], places.shape)
 
 
-def _exponents(x: Array) -> Array:
-    return np.floor(np.log10(x))
-
-
-def _last_places(x: Array) -> Array:
-    """Exponents of the last digits of positive numbers as they were written."""
-    return _exponents(x) - _significant_digits(x) + 1
+def _last_places(x: Array, digits: Array | int | None = None) -> Array:
+    """Exponents of the last of so many digits of positive numbers; None is as they were written."""
+    return np.floor(np.log10(x)) - (_significant_digits(x) if digits is None else digits) + 1
 
 
 def _significant_digits(x: Array) -> Array:
@@ -161,5 +152,5 @@ def _significant_digits(x: Array) -> Array:
 
 def _shows(x: Array, digits: Array | int) -> Array:
     """Whether so many digits are all that numbers have."""
-    unit = 10.0 ** (_exponents(x) - digits + 1)
+    unit = 10.0 ** _last_places(x, digits)
     return np.abs(np.round(x / unit) * unit - x) < 1e-14 * x

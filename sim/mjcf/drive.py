@@ -15,22 +15,15 @@ from sim.array import Array
 from sim.errors import ModelError
 from sim.mjcf.model import name_of, with_sleepers
 
-_JOINT, _IN_PARENT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-_TENDON, _CRANK = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtTrn.mjTRN_SLIDERCRANK)
-_SITE, _BODY = int(mujoco.mjtTrn.mjTRN_SITE), int(mujoco.mjtTrn.mjTRN_BODY)
-_TURN = int(mujoco.mjtTrn.mjTRN_SO3)
-_ON_JOINT = frozenset({_JOINT, _IN_PARENT})
-_HINGE, _BALL = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL)
-_ONE_AXIS = frozenset({int(mujoco.mjtJoint.mjJNT_SLIDE), _HINGE})
-_COUPLES = {int(mujoco.mjtEq.mjEQ_JOINT): "joint", int(mujoco.mjtEq.mjEQ_TENDON): "tendon"}
-_MUSCLE, _FIXED = int(mujoco.mjtGain.mjGAIN_MUSCLE), int(mujoco.mjtGain.mjGAIN_FIXED)
-_NO_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
+_TRN, _JNT, _GAIN, _BIAS = mujoco.mjtTrn, mujoco.mjtJoint, mujoco.mjtGain, mujoco.mjtBias
+_ON_JOINT = frozenset({_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT})
+_COUPLES = {mujoco.mjtEq.mjEQ_JOINT: "joint", mujoco.mjtEq.mjEQ_TENDON: "tendon"}
 _OTHER_GAINS = {
-    int(mujoco.mjtGain.mjGAIN_AFFINE): "an actuator of variable gain",
-    _MUSCLE: "a muscle",
-    int(mujoco.mjtGain.mjGAIN_DCMOTOR): "a motor with electric dynamics",
-    int(mujoco.mjtGain.mjGAIN_PID): "a PID controller",
-    int(mujoco.mjtGain.mjGAIN_SO3): "an orientation servo of three controls",
+    _GAIN.mjGAIN_AFFINE: "an actuator of variable gain",
+    _GAIN.mjGAIN_MUSCLE: "a muscle",
+    _GAIN.mjGAIN_DCMOTOR: "a motor with electric dynamics",
+    _GAIN.mjGAIN_PID: "a PID controller",
+    _GAIN.mjGAIN_SO3: "an orientation servo of three controls",
 }
 
 _DIGITS = 9
@@ -47,13 +40,11 @@ class Drive:
     """One active velocity, and the actuators that move it.
 
     Attributes:
-        model: Of names and forces.
         ids: Numbers of the actuators.
         gear: Of each: its length grows by gear times the velocity, its force acts gear times.
         outputs: Of each, in `data.actuator_force`. The row of the first in `data.actuator_moment`,
             divided by its gear, gives the velocity from the joints'.
-        joint: Slide or hinge joint driven.
-        tendon: Tendon driven.
+        joint: Slide or hinge driven.
         has_length: Whether `data.actuator_length` is a length whose slope is the velocity's row:
             of joints, tendons and slider-cranks.
     """
@@ -80,9 +71,7 @@ class Drive:
     @property
     def lockable(self) -> Lockable | None:
         """The joint or tendon that a lock can hold; None of any other transmission."""
-        if self.joint is not None:
-            return "joint", self.joint
-        return None if self.tendon is None else ("tendon", self.tendon)
+        return lockable_by(self.model, self.ids[0])
 
     @cached_property
     def unit(self) -> str:
@@ -91,7 +80,7 @@ class Drive:
             turns = is_turn(self.model, self.joint, self.tendon)
         else:
             force, moment = np.split(self.model.actuator_gear[self.ids[0]], 2)
-            of_site = self.model.actuator_trntype[self.ids[0]] == _SITE
+            of_site = _TRN(self.model.actuator_trntype[self.ids[0]]) == _TRN.mjTRN_SITE
             turns = of_site and moment.any() and not force.any()
         return "rad" if turns else "m"
 
@@ -127,7 +116,7 @@ def is_turn(model: mujoco.MjModel, joint: int | None, tendon: int | None) -> boo
         parts = slice(first, first + int(model.tendon_num[tendon]))
         if (model.wrap_type[parts] == mujoco.mjtWrap.mjWRAP_JOINT).all():
             joints = model.wrap_objid[parts].tolist()
-    return bool(joints) and all(model.jnt_type[joint] == _HINGE for joint in joints)
+    return bool(joints) and all(_JNT(model.jnt_type[joint]) == _JNT.mjJNT_HINGE for joint in joints)
 
 
 def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:
@@ -136,13 +125,11 @@ def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:
     if model.actuator_forcelimited[output]:
         least, most = model.actuator_forcerange[output]
     control = int(model.actuator_ctrladr[actuator])
-    if model.actuator_gaintype[actuator] == _MUSCLE:
+    gain, bias = _GAIN(model.actuator_gaintype[actuator]), _BIAS(model.actuator_biastype[actuator])
+    is_motor = gain == _GAIN.mjGAIN_FIXED and bias == _BIAS.mjBIAS_NONE
+    if gain == _GAIN.mjGAIN_MUSCLE:
         most = min(most, 0.0)  # it pulls
-    elif (
-        model.actuator_gaintype[actuator] == _FIXED
-        and model.actuator_biastype[actuator] == _NO_BIAS
-        and model.actuator_ctrllimited[control]
-    ):
+    elif is_motor and model.actuator_ctrllimited[control]:
         ends = np.sort(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[control])
         least, most = max(least, ends[0]), min(most, ends[1])
     return np.array([least, most])
@@ -185,7 +172,7 @@ def names_of(some: Sequence[Drive]) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(dict.fromkeys((first[k], *names))) for k, names in enumerate(own))
 
 
-_Motion = tuple[int, int, int, tuple[float, ...]]
+_Motion = tuple[mujoco.mjtTrn, int, int, tuple[float, ...]]
 """Kind of transmission, its ends, and a direction: equal for all actuators of one velocity."""
 
 
@@ -208,7 +195,7 @@ def drives(
     shared: dict[_Motion, list[tuple[float, int, int]]] = {}
     for k in range(model.nactuator) if among is None else among:
         off = is_disabled(model, k)
-        if not off or (disabled and int(model.actuator_trntype[k]) != _BODY):
+        if not off or (disabled and _TRN(model.actuator_trntype[k]) != _TRN.mjTRN_BODY):
             for motion, gear, output in _outputs(model, k):
                 shared.setdefault(motion, []).append((gear, k, output))
     return tuple(_drive(model, motion, of) for motion, of in shared.items())
@@ -257,25 +244,26 @@ def moments_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
     """Motion, gear and number of each output of an actuator: three of an orientation servo."""
-    kind, first = int(model.actuator_trntype[k]), int(model.actuator_outadr[k])
+    kind, first = _TRN(model.actuator_trntype[k]), int(model.actuator_outadr[k])
     end, other_end = model.actuator_trnid[k].tolist()
-    if kind == _BODY:
+    if kind == _TRN.mjTRN_BODY:
         raise ModelError(
             f"{_called(model, k)} adheres to whatever touches it, which is no velocity: take it "
             "out of the model, or disable its group and pin what it holds"
         )
-    if kind == _TURN:
+    if kind == _TRN.mjTRN_SO3:
         return [((kind, end, other_end, (i,)), 1.0, first + i) for i in range(3)]
     gears = model.actuator_gear[first].tolist()
     gear, direction = gears[0], ()
-    if kind in _ON_JOINT and int(model.jnt_type[end]) in _ONE_AXIS:
-        kind = _JOINT
-    elif kind == _CRANK:
+    if part := lockable_by(model, k):
+        kind = _TRN.mjTRN_JOINT if part[0] == "joint" else kind
+    elif kind == _TRN.mjTRN_SLIDERCRANK:
         direction = (float(model.actuator_cranklength[k]),)
-    elif kind != _TENDON:
+    else:
         # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
         # the same for opposite ones.
-        used = gears[: 3 if kind in _ON_JOINT and int(model.jnt_type[end]) == _BALL else 6]
+        of_ball = kind in _ON_JOINT and _JNT(model.jnt_type[end]) == _JNT.mjJNT_BALL
+        used = gears[: 3 if of_ball else 6]
         size = math.hypot(*used)
         # The first that is more than round-off of a sine or cosine.
         gear = math.copysign(size, next((g for g in used if abs(g) > 10.0**-_DIGITS * size), 0.0))
@@ -286,14 +274,13 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
 
 
 def _drive(model: mujoco.MjModel, motion: _Motion, outputs: list[tuple[float, int, int]]) -> Drive:
-    kind, end, _, direction = motion
     gear, ids, numbers = zip(*outputs, strict=True)
-    joint = end if kind == _JOINT and not direction else None
-    tendon = end if kind == _TENDON else None
-    has_length = joint is not None or kind in (_TENDON, _CRANK)
-    if direction and not has_length:  # their sign came from the direction's first component
+    of, number = lockable_by(model, ids[0]) or ("", 0)
+    has_length = bool(of) or motion[0] == _TRN.mjTRN_SLIDERCRANK
+    if not has_length and len(motion[3]) > 1:  # their sign came from the first component
         gear = tuple(math.copysign(1.0, gear[0]) * each for each in gear)
-    return Drive(model, ids, gear, numbers, joint, tendon, has_length)
+    ends = number if of == "joint" else None, number if of == "tendon" else None
+    return Drive(model, ids, gear, numbers, *ends, has_length)
 
 
 def _called(model: mujoco.MjModel, actuator: int) -> str:
@@ -319,8 +306,8 @@ def law_of(model: mujoco.MjModel, actuator: int) -> Law:
         ModelError: It has another form, gain zero, or a state of its own.
     """
     called = _called(model, actuator)
-    gain, bias = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
-    if gain != _FIXED or bias not in (_NO_BIAS, _AFFINE):
+    gain, bias = _GAIN(model.actuator_gaintype[actuator]), _BIAS(model.actuator_biastype[actuator])
+    if gain != _GAIN.mjGAIN_FIXED or bias not in (_BIAS.mjBIAS_NONE, _BIAS.mjBIAS_AFFINE):
         raise ModelError(
             f"{called} is {_OTHER_GAINS.get(gain, 'user-defined')}: only servos and motors of "
             "fixed gain and linear feedback are commanded by displacements"
@@ -331,7 +318,7 @@ def law_of(model: mujoco.MjModel, actuator: int) -> Law:
         )
     if not model.actuator_gainprm[actuator, 0]:
         raise ModelError(f"{called} has gain 0, so nothing commands it: take it out")
-    feedback = model.actuator_biasprm[actuator, :3].tolist() if bias == _AFFINE else ()
+    feedback = model.actuator_biasprm[actuator, :3].tolist() if bias == _BIAS.mjBIAS_AFFINE else ()
     return Law(float(model.actuator_gainprm[actuator, 0]), *feedback)
 
 
@@ -342,17 +329,17 @@ def lock_name(actuator: int) -> str:
 
 def locked_by(model: mujoco.MjModel, equality: int) -> Lockable | None:
     """The joint or tendon that the equality holds alone; None if it does anything else."""
-    kind = _COUPLES.get(int(model.eq_type[equality]))
-    alone = int(model.eq_obj2id[equality]) == -1
+    kind = _COUPLES.get(mujoco.mjtEq(model.eq_type[equality]))
+    alone = model.eq_obj2id[equality] == -1
     return (kind, int(model.eq_obj1id[equality])) if kind and alone else None
 
 
 def lockable_by(model: mujoco.MjModel, actuator: int) -> Lockable | None:
     """The slide, hinge or tendon that an actuator moves; None for any other transmission."""
-    end, kind = int(model.actuator_trnid[actuator, 0]), int(model.actuator_trntype[actuator])
-    if kind in _ON_JOINT and int(model.jnt_type[end]) in _ONE_AXIS:
+    end, kind = int(model.actuator_trnid[actuator, 0]), _TRN(model.actuator_trntype[actuator])
+    if kind in _ON_JOINT and _JNT(model.jnt_type[end]) in (_JNT.mjJNT_SLIDE, _JNT.mjJNT_HINGE):
         return "joint", end
-    return ("tendon", end) if kind == _TENDON else None
+    return ("tendon", end) if kind == _TRN.mjTRN_TENDON else None
 
 
 def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
@@ -365,6 +352,7 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     """
     taken = {model.equality(k).name for k in range(model.neq)}
     locked, before = {locked_by(model, k) for k in range(model.neq)}, len(spec.equalities)
+    types = {kind: type_ for type_, kind in _COUPLES.items()}
     for k in range(model.nactuator):
         part, name = lockable_by(model, k), lock_name(k)
         if part is None or part in locked:
@@ -374,8 +362,7 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
             said = f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
             raise ModelError(said)
         locked.add(part)
-        type_ = mujoco.mjtEq.mjEQ_JOINT if kind == "joint" else mujoco.mjtEq.mjEQ_TENDON
-        lock = spec.add_equality(name=name, type=type_, name1=of, active=False)
+        lock = spec.add_equality(name=name, type=types[kind], name1=of, active=False)
         stiffen(lock, model.opt.timestep)
     return len(spec.equalities) > before
 

@@ -13,8 +13,9 @@ import argument_checks as check
 from argument_checks.ties import ACCURACY
 from sim.array import Array
 from sim.errors import ModelError
-from sim.mjcf.model import element_id, listed
+from sim.mjcf.model import element_id, listed, names_of_kind
 
+_SITE, _BODY = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY
 _HALF_TURN = np.pi * (1 - ACCURACY)
 
 
@@ -80,20 +81,17 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     Raises:
         ModelError: There is no such site or body.
     """
-    if isinstance(frame, Body):
-        body = frame.name
-        if isinstance(body, str):
-            body = element_id(model, "body", body)
-        elif body >= model.nbody:
-            raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {body}")
-        return Located(body, body, is_site=False)
-    try:
-        site = element_id(model, "site", check.instance(argument, frame, str))
-    except ModelError:
-        if frame in _names(model)[1]:
-            return located(model, argument, Body(frame))
-        raise
-    return Located(site, int(model.site_bodyid[site]), is_site=True)
+    if not isinstance(frame, Body):
+        check.instance("model", model, mujoco.MjModel)
+        check.instance(argument, frame, str)
+        if _is(model, _SITE, frame) or not _is(model, _BODY, frame):
+            site = element_id(model, "site", frame)
+            return Located(site, int(model.site_bodyid[site]), is_site=True)
+        frame = Body(frame)
+    body = element_id(model, "body", frame.name) if isinstance(frame.name, str) else frame.name
+    if body >= model.nbody:
+        raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {body}")
+    return Located(body, body, is_site=False)
 
 
 def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str | Body:
@@ -102,25 +100,21 @@ def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str 
     Raises:
         ModelError: There is none; the message has the argument and the nearest names.
     """
-    if isinstance(frame, Body):
+    if isinstance(frame, Body) or _is(model, _SITE, frame):
         return frame
-    sites, bodies = _names(model)
-    if frame in sites:
-        return frame
-    if frame in bodies:
+    if _is(model, _BODY, frame):
         return Body(frame)
     if frame.isdecimal() and len(frame) < 10:
         return Body(int(frame))
-    names = [name for name in (*sites, *bodies) if name]
+    names = [*names_of_kind(model, "site"), *names_of_kind(model, "body")]
     near = " or ".join(f'"{each}"' for each in get_close_matches(frame, names))
     hint = f"did you mean {near}?" if near else f"it has {listed(names)}"
     raise ModelError(f'{argument}: the model has no site or body "{frame:.80}"; {hint}')
 
 
-def _names(model: mujoco.MjModel) -> tuple[list[str], list[str]]:
-    """Names of sites and of bodies."""
-    sites = [model.site(k).name for k in range(model.nsite)]
-    return sites, [model.body(k).name for k in range(model.nbody)]
+def _is(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> bool:
+    """Whether a name is that of an element of a kind."""
+    return mujoco.mj_name2id(model, kind, name) >= 0
 
 
 def rotation_vector(rotation: Array) -> Array:

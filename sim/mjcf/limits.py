@@ -62,15 +62,15 @@ class Coupled(NamedTuple):
     def room(self, data: mujoco.MjData) -> Array:
         """Distance from each limit at a state that is up to date, (r,)."""
         (low, high), length = self.span, data.ten_length[self.tendons]
-        angles = [np.linalg.norm(_ball_turn(self.model, data, k)) for k in self.balls]
+        angles = [_ball(self.model, data, k)[0] for k in self.balls]
         largest = self.model.jnt_range[self.balls, 1]
         return np.concatenate([length - low, high - length, largest - angles])
 
     def rows(self, data: mujoco.MjData) -> Array:
         """Slopes of these distances, (r, nv)."""
         grows = [tendon_row(self.model, data, k) for k in self.tendons]
-        shrinks = [-row for row in (*grows, *(_ball_row(self.model, data, k) for k in self.balls))]
-        return np.array([*grows, *shrinks]).reshape(-1, self.model.nv)
+        turns = [_ball(self.model, data, k)[1] for k in self.balls]
+        return np.reshape([*grows, *(-row for row in (*grows, *turns))], (-1, self.model.nv))
 
 
 class Resting(NamedTuple):
@@ -96,9 +96,9 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
         for k in np.flatnonzero(limited & resting)
     ]
     for k in _limited_balls(model):
-        angle = np.linalg.norm(_ball_turn(model, data, k))
+        angle, row = _ball(model, data, k)
         if angle and _at_ends(angle, model.jnt_range[k], model.jnt_margin[k])[1]:
-            found.append(Resting("joint", name_of(model.joint(k)), _ball_row(model, data, k)))
+            found.append(Resting("joint", name_of(model.joint(k)), row))
     resting = _at_ends(data.ten_length, model.tendon_range, model.tendon_margin).any(axis=0)
     for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
         found.append(Resting("tendon", name_of(model.tendon(k)), tendon_row(model, data, k)))
@@ -139,19 +139,14 @@ def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[s
     return np.vstack([np.zeros((0, model.nv)), *(limit.row for limit in resting)])
 
 
-def _ball_turn(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> Array:
-    """Rotation vector (3,) of a ball joint."""
-    vector, start = np.empty(3), model.jnt_qposadr[joint]
-    mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
-    return vector
-
-
-def _ball_row(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> Array:
-    """Slope (nv,) of the angle of a ball joint; zero where it is not turned."""
-    row, start = np.zeros(model.nv), model.jnt_dofadr[joint]
-    vector = _ball_turn(model, data, joint)
-    row[start : start + 3] = vector / (np.linalg.norm(vector) or 1.0)
-    return row
+def _ball(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> tuple[float, Array]:
+    """Angle of a ball joint, and its slope (nv,); zero where it is not turned."""
+    row, vector = np.zeros(model.nv), np.empty(3)
+    place, start = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    mujoco.mju_quat2Vel(vector, data.qpos[place : place + 4], 1.0)
+    angle = float(np.linalg.norm(vector))
+    row[start : start + 3] = vector / (angle or 1.0)
+    return angle, row
 
 
 def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: SupportsIndex) -> Array:

@@ -118,9 +118,7 @@ def _check_numbers(file: Path, model: mujoco.MjModel) -> None:
         within = f"from {SHORTEST_S:g} to {LONGEST_S:g} s"
         raise ModelError(f"{file}: timestep must be {within}, got {step_s:g}")
     # Derived numbers last: the message names what the file states.
-    for field, A in sorted(
-        _arrays(model), key=lambda each: _DERIVED.fullmatch(each[0]) is not None
-    ):
+    for field, A in sorted(_arrays(model), key=lambda each: bool(_DERIVED.fullmatch(each[0]))):
         expected = f"a number of at most {LARGEST:g}"
         if _OPEN.fullmatch(field):
             wrong, expected = np.isnan(A), "a number"

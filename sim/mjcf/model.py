@@ -12,6 +12,8 @@ import argument_checks as check
 from sim.errors import ModelError
 
 _MOST_LISTED = 12
+_COUNTS = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq", "geom": "ngeom"}
+_COUNTS["actuator"] = "nactuator"  # not nu: an orientation servo has three controls
 
 
 def start_of(model: mujoco.MjModel) -> mujoco.MjData:
@@ -39,18 +41,20 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
         ValueError: No such kind.
     """
     check.instance("model", model, mujoco.MjModel)
-    counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
-    counts |= {"geom": "ngeom", "actuator": "nactuator"}  # an orientation servo has three controls
-    check.choice("kind", kind, counts)
+    check.choice("kind", kind, _COUNTS)
     try:
         return getattr(model, kind)(check.instance("name", name, str)).id
     except KeyError:
-        every = (getattr(model, kind)(k).name for k in range(getattr(model, counts[kind])))
-        names = [each for each in every if each]
+        names = names_of_kind(model, kind)
         near = "".join(f'; did you mean "{each}"?' for each in get_close_matches(name, names, n=1))
-        raise ModelError(
-            f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
-        ) from None
+        said = f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
+        raise ModelError(said) from None
+
+
+def names_of_kind(model: mujoco.MjModel, kind: str) -> list[str]:
+    """All names of elements of a kind, as of :func:`element_id`."""
+    every = (getattr(model, kind)(k).name for k in range(getattr(model, _COUNTS[kind])))
+    return [name for name in every if name]
 
 
 def listed(names: Sequence[str]) -> str:

@@ -1,17 +1,17 @@
 """The plant: physics, actuators that fail, sensors in a loop, linear models; hooks of events."""
 
-from sim.plant.actuators import locks_of as locks_of
+from sim.plant.actuators import lock_of as lock_of
 from sim.plant.actuators import switch_off as switch_off
+from sim.plant.bench import JointSensors as JointSensors
 from sim.plant.bench import MaxwellSlip as MaxwellSlip
-from sim.plant.events import FailureKind as FailureKind
-from sim.plant.events import failed_plant as failed_plant
-from sim.plant.events import hooks_of as hooks_of
-from sim.plant.events import measured_by as measured_by
-from sim.plant.events import sent_by as sent_by
+from sim.plant.bench import Reading as Reading
+from sim.plant.bench import Sensors as Sensors
+from sim.plant.bench import TaskSensor as TaskSensor
+from sim.plant.bench import hooks_of as hooks_of
+from sim.plant.bench import measured_by as measured_by
+from sim.plant.bench import sent_by as sent_by
 from sim.plant.linear import Met as Met
 from sim.plant.linear import beyond_linear as beyond_linear
 from sim.plant.linear import dry_friction as dry_friction
-from sim.plant.sensors import JointSensors as JointSensors
-from sim.plant.sensors import Reading as Reading
-from sim.plant.sensors import Sensors as Sensors
-from sim.plant.sensors import TaskSensor as TaskSensor
+from sim.plant.plant import FailureKind as FailureKind
+from sim.plant.plant import failed_plant as failed_plant

@@ -1,14 +1,19 @@
-"""Actuators of a plant: they hold displacements, lock, lose their force, and work again."""
+"""Actuators of a plant: they hold it still or displaced, lock, lose force, and work again."""
 
 import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
+from argument_checks.ties import greatest
 from sim.array import Array
+from sim.closing.equalities import closure_rows
 from sim.errors import ModelError
 from sim.mjcf.drive import (
     STEPS,
@@ -19,10 +24,13 @@ from sim.mjcf.drive import (
     lock_name,
     lockable_by,
     locked_by,
+    moments_of,
     stiffness_of,
     weakens_locks,
 )
 from sim.mjcf.joints import has_linear_spring, is_slack, mass_of, ranges
+from sim.mjcf.model import name_of
+from sim.plant.linear import allowed
 
 _STEP, _SAME_SLOPE = 1e-6, 1e-4
 """Step of a central difference of lengths [rad] or [m], and how far its slope may be off."""
@@ -39,6 +47,15 @@ _SERVO = (
 _SERVO += "servo"
 _OF_ACTUATORS = "actuator_group", "actuator_gainprm", "actuator_biasprm"
 _OF_VELOCITIES = "dof_armature", "dof_invweight0"
+STRENGTHS = (*_OF_ACTUATORS, *_OF_VELOCITIES, "jnt_stiffness", "tendon_stiffness", "eq_data")
+"""All that a failure changes of a model."""
+_BALANCED = 1e-7
+"""Part of the weights and springs that may stay without balance: joint axes are rounded."""
+_WITHIN = 1e-6
+"""Part of a range by which a value may miss it, and of a power by which equal ones may differ."""
+_PREFERENCE = 1e-6
+"""Weight of small forces against a load that is borne."""
+_KINDS = {mujoco.mjtJoint.mjJNT_FREE: "free joint", mujoco.mjtJoint.mjJNT_BALL: "ball joint"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +84,6 @@ class Commands:
         commanded = self.per_displacement.any(axis=1)
         return replace(self, at_rest=np.where(commanded, self.at_rest, controls))
 
-    def controls(self, displacements: Array) -> Array:
-        """Controls (nu,) for displacements (n,)."""
-        return self.at_rest + self.per_displacement.dot(displacements)
-
 
 def commands_of(
     model: mujoco.MjModel,
@@ -92,7 +105,7 @@ def commands_of(
     stiffness, feedback = np.zeros(len(drives)), np.zeros((len(drives), 2))
     for n, drive in enumerate(drives):
         laws = [law_of(model, k) for k in drive.ids]
-        spring, _ = _spring(model, data, drive)
+        spring, _ = spring_of(model, data, drive)
         squares = sum(gear * gear for gear in drive.gear)
         for k, out, gear, law in zip(drive.ids, drive.outputs, drive.gear, laws, strict=True):
             feedback[n] -= gear * gear * np.array([law.per_length, law.per_speed])
@@ -111,7 +124,7 @@ def commands_of(
     return Commands(at_rest, gains, force, slope, stiffness, feedback)
 
 
-def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[float, float]:
+def spring_of(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[float, float]:
     """Stiffness of the spring of the joint or tendon itself, and how far it is stretched."""
     if drive.lockable is None:
         return 0.0, 0.0
@@ -126,12 +139,6 @@ def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[f
     if not is_linear:
         raise ModelError(f'the spring of {kind} "{drive.name}" is not linear')
     return float(stiffness), float(stretch)
-
-
-def spring_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
-    """Force of the own spring of each drive at this pose, along its velocity, shape (n,)."""
-    springs = [_spring(model, data, drive) for drive in drives]
-    return np.array([-stiffness * stretch for stiffness, stretch in springs])
 
 
 def _why_without(drive: Drive, laws: list[Law]) -> str:
@@ -197,8 +204,94 @@ def rest_limits(
     return found[0], found[1]
 
 
-def locks_of(model: mujoco.MjModel, drives: tuple[Drive, ...]) -> list[int]:
-    """Id of the equality that locks each drive (n,), -1 where a drive that is no joint has none.
+class Balance(NamedTuple):
+    """Forces (nout,) of outputs that hold a machine still, and the joint that moves most if any.
+
+    `moves` says in words what moves it.
+    """
+
+    forces: Array
+    joint: int | None = None
+    moves: str = ""
+
+
+def balance(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    drives: tuple[Drive, ...],
+    still: NDArray[np.intp] | None = None,
+) -> Balance:
+    """Find forces of the actuators of drives that hold the machine still in the pose of `data`.
+
+    They balance gravity and springs through the closures, with the least norm, within the ranges of
+    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing;
+    something else holds the velocities `still` (k,). `data` has been through `mj_forward` at rest.
+    """
+    moments = moments_of(model, data)
+    used = [out for drive in drives for out in drive.outputs]
+    held = np.eye(model.nv)[[] if still is None else still]
+    Z = allowed(np.vstack([closure_rows(model, data), held]))
+    springs = data.qfrc_passive + data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
+    loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
+    arms = Z.T @ moments[used].T
+    each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
+    low, high = ranges(model).force[used].T
+    least, negligible = each.sum(axis=1), _BALANCED * np.linalg.norm(loads)
+    if ((least < low) | (least > high)).any():
+        # Along what bears no load others may take over.
+        within = _within_ranges(arms, arms @ least, low, high)
+        if np.linalg.norm(arms @ (within - least)) <= negligible:
+            each[:, 0] += within - least
+    unbalanced = Z @ (Z.T @ loads + arms @ each)
+    forces = np.zeros(model.nout)
+    forces[used] = each.sum(axis=1)
+    if np.linalg.norm(unbalanced.sum(axis=1)) <= negligible:
+        return Balance(forces)
+    return Balance(forces, *_what_moves(model, Z, mass_of(model, data), unbalanced))
+
+
+def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
+    """Forces (k,) within ranges that bear a load, nearly the least; as far as there are any."""
+    scale = np.linalg.norm(arms, 2) or 1.0
+    rows = np.vstack([arms / scale, _PREFERENCE * np.eye(len(low))])
+    wanted = np.concatenate([load / scale, np.zeros(len(low))])
+    return lsq_linear(rows, wanted, (low, high), method="bvls").x
+
+
+def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> tuple[int, str]:
+    """The joint that takes most of the power, and whether from gravity or springs, (nv, 2)."""
+    falls = Z @ np.linalg.solve(Z.T @ mass @ Z, Z.T @ unbalanced.sum(axis=1))
+    # Force times acceleration has one unit for joints that turn and that slide.
+    power = unbalanced * falls[:, None]
+    joint = greatest(np.bincount(model.dof_jntid, power.sum(axis=1)), _WITHIN)
+    of_gravity, of_springs = power[model.dof_jntid == joint].sum(axis=0)
+    cause = "gravity" if of_gravity > of_springs else "a spring"
+    kind = _KINDS.get(mujoco.mjtJoint(model.jnt_type[joint]), "joint")
+    name = model.joint(joint).name
+    called = f'"{name}"' if name else f'of body "{model.body(model.jnt_bodyid[joint]).name}"'
+    return joint, f"{cause} moves the {kind} {called}: no actuator holds it"
+
+
+def beyond_ranges(model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Commands) -> str:
+    """Sentence on an actuator that could hold the pose only beyond its range; empty if none."""
+    limits = ranges(model)
+    for k, out in (each for d in drives for each in zip(d.ids, d.outputs, strict=True)):
+        control = model.actuator_ctrladr[k]
+        for what, value, (low, high) in (
+            ("a force", commands.force[out], limits.force[out]),
+            ("a control", commands.at_rest[control], limits.control[control]),
+        ):
+            slack = _WITHIN * (high - low)
+            if not low - slack <= value <= high + slack:
+                return (
+                    f'actuator "{name_of(model.actuator(k))}" cannot hold the start: it takes '
+                    f"{what} of {value:.4g}, outside {low:g}..{high:g}"
+                )
+    return ""
+
+
+def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
+    """Id of the equality that locks a drive, -1 where one that is no joint has none.
 
     It is `lock1`, `lock2`, ..., after the first actuator of the joint or tendon, or any that holds
     it alone.
@@ -206,10 +299,6 @@ def locks_of(model: mujoco.MjModel, drives: tuple[Drive, ...]) -> list[int]:
     Raises:
         ModelError: A joint has no lock, or the equality of this name does anything else.
     """
-    return [_lock_of(model, drive) for drive in drives]
-
-
-def _lock_of(model: mujoco.MjModel, drive: Drive) -> int:
     if drive.lockable is None:
         return -1
     name, called = _lock_name(model, drive), _called(drive)
@@ -218,7 +307,7 @@ def _lock_of(model: mujoco.MjModel, drive: Drive) -> int:
     if not set(named) <= set(own):
         raise ModelError(f'equality "{name}" must lock the {called} alone')
     if not own and drive.joint is not None:
-        raise _missing_lock(model, drive)
+        raise no_lock(model, drive)
     return next(iter(named + own), -1)
 
 
@@ -234,7 +323,13 @@ def _called(drive: Drive) -> str:
     return f'{kind} "{getattr(drive.model, kind)(number).name}"'
 
 
-def _missing_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
+def no_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
+    """The error of a drive that is to lock and has no lock."""
+    if drive.lockable is None:
+        return ModelError(
+            f'actuator "{drive.name}" cannot be locked: it moves neither a slide or hinge joint '
+            "nor a tendon, and only these have locks"
+        )
     return ModelError(
         f'the model has no equality named "{_lock_name(model, drive)}" to lock the '
         f"{_called(drive)}; load_model(path, add_locks=True) adds one"
@@ -251,20 +346,8 @@ def enable_locks(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     model.opt.disableflags = flags & ~(bit.mjDSBL_EQUALITY | bit.mjDSBL_CONSTRAINT)
 
 
-def refuse_without_lock(model: mujoco.MjModel, drive: Drive, equality: int) -> None:
-    """Raise a ModelError if a drive cannot lock."""
-    if drive.lockable is None:
-        raise ModelError(
-            f'actuator "{drive.name}" cannot be locked: it moves neither a slide or hinge joint '
-            "nor a tendon, and only these have locks"
-        )
-    if equality < 0:
-        raise _missing_lock(model, drive)
-
-
 def activate_lock(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equality: int) -> None:
-    """Hold the joint or tendon of a drive where it is; a ModelError if it has no lock."""
-    refuse_without_lock(model, drive, equality)
+    """Hold the joint or tendon of a drive where it is, by its lock."""
     if drive.joint is not None:
         qpos, dof = model.jnt_qposadr[drive.joint], model.jnt_dofadr[drive.joint]
         model.eq_data[equality, 0] = data.qpos[qpos] - model.qpos0[qpos]
@@ -335,12 +418,6 @@ def switch_off(model: mujoco.MjModel, drive: Drive) -> None:
     """Make the force of this drive exactly zero; the model has its group reserved."""
     model.actuator_group[list(drive.ids)] = _OFF
     model.opt.disableactuator |= 1 << _OFF
-
-
-def strengths_of(model: mujoco.MjModel) -> dict[str, Array]:
-    """All that a failure changes of a model."""
-    names = (*_OF_ACTUATORS, *_OF_VELOCITIES, "jnt_stiffness", "tendon_stiffness", "eq_data")
-    return {name: getattr(model, name).copy() for name in names}
 
 
 def restore(model: mujoco.MjModel, drive: Drive, strengths: Mapping[str, Array]) -> None:

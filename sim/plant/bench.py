@@ -1,19 +1,96 @@
-"""A simulated machine in a loop: plant, sensors, drives, failures at their times, and a log."""
+"""A simulated machine in a loop: plant, sensors, drives, failures, hooks of events, and a log."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from inspect import signature
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 import argument_checks as check
 from kernels import Struct, lib, pointer
 from sim.array import Array
+from sim.kinematics.mechanism import JointPosture, Mechanism
 from sim.kinematics.pose import Pose, principal
-from sim.plant.events import Failure, hooks_of, measured_by, sent_by
-from sim.plant.plant import Plant, physics_steps
-from sim.plant.sensors import Reading, Sensors
+from sim.plant.plant import Failure, Plant, physics_steps
+
+
+class Reading(NamedTuple):
+    """Reading at one tick, as :class:`ftc.Measurement`: major task (m1,) and actuators (n,)."""
+
+    output: Array
+    displacement: Array
+
+
+class Sensors(Protocol):
+    """Protocol of the sensors of a machine."""
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """Read at a pose of the task frame and displacements (n,) of the actuators."""
+        ...
+
+
+class TaskSensor:
+    """A sensor of the task frame itself, such as a camera or a tracker, beside encoders."""
+
+    def __init__(
+        self, rows: Sequence[int], noise: float, encoder_noise: float, seed: int | Sequence[int]
+    ) -> None:
+        """Measure rows of [rotation vector; translation] of the task frame.
+
+        Noise is a standard deviation of one sample of each row, and of each actuator's
+        displacement, [rad] or [m].
+        """
+        self._rows = check.indices("rows", rows, 6)
+        self._noise = check.number("noise", noise, 0.0)
+        self._encoder_noise = check.number("encoder_noise", encoder_noise, 0.0)
+        self._rng = _generator(seed)
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """The rows and the displacements, with noise."""
+        displacements, m1 = _seen(pose, displacements), len(self._rows)
+        noise = self._rng.standard_normal(m1 + len(displacements))
+        output = pose.displacement().take(self._rows) + self._noise * noise[:m1]
+        return Reading(output, displacements + self._encoder_noise * noise[m1:])
+
+
+class JointSensors:
+    """Encoders alone: the task follows from the forward kinematics of a model, loops closed."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        rows: Sequence[int],
+        encoder_noise: float,
+        seed: int | Sequence[int],
+    ) -> None:
+        """Start at the nominal posture of the mechanism; arguments as :class:`TaskSensor`."""
+        self._mechanism = check.instance("mechanism", mechanism, Mechanism)
+        self._rows = check.indices("rows", rows, 6)
+        self._noise = check.number("encoder_noise", encoder_noise, 0.0)
+        self._rng = _generator(seed)
+        self._posture: JointPosture = mechanism.nominal
+        self._all = np.arange(len(mechanism.nominal.displacements))
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """The task as the encoders have it, and what they read; the true pose stays unknown."""
+        displacements = _seen(pose, displacements)
+        seen = displacements + self._noise * self._rng.standard_normal(len(displacements))
+        self._posture = self._mechanism.moved(self._posture, seen, self._all)
+        return Reading(self._mechanism.task(self._posture)[self._rows], seen)
+
+
+def _seen(pose: Pose, displacements: Array) -> Array:
+    check.instance("pose", pose, Pose)
+    return check.array("displacements", displacements, None)
+
+
+def _generator(seed: int | Sequence[int]) -> np.random.Generator:
+    """Of one integer that is not negative, or of a list of some; numpy crashes at other things."""
+    listed = seed if isinstance(seed, list | tuple) and seed else [seed]
+    return np.random.default_rng([check.integer("seed", each) for each in listed])
 
 
 @dataclass(frozen=True)
@@ -215,3 +292,47 @@ class Bench:
             self._on_plant(self._tick, self.plant.model, self.plant.data)
         self.plant.hold(command, self._steps)
         self._tick += 1
+
+
+def hooks_of(events: object) -> list[Any]:
+    """List the hooks `plant`, `measured` and `sent` of an object, None where it has none."""
+    takes = {"plant": "tick, model, data", "measured": "tick, reading", "sent": "tick, inputs"}
+    hooks = {name: getattr(events, name, None) for name in takes}
+    given = {name: hook for name, hook in hooks.items() if hook is not None}
+    if not given:
+        raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+    for name, hook in given.items():
+        with suppress(ValueError):  # of compiled functions nothing is known
+            of = signature(check.function(f"events.{name}", hook))
+            try:
+                of.bind(*takes[name].split(", "))
+            except TypeError:
+                said = f"events.{name} must be a function of ({takes[name]}), got {of}"
+                raise TypeError(said) from None
+    return [*hooks.values()]
+
+
+def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> tuple[Any, Any]:
+    """Let a hook change a reading; return it, and the error of a pilot that needs what is missing.
+
+    The error is None if nothing is missing, as NaN, and all numbers are there, in arrays.
+    """
+    changed = hook(tick, reading)
+    if not isinstance(reading, Reading):
+        return changed, None
+    name, arrays = f"what events.measured returns at tick {tick}", list[Array]()
+    try:
+        check.attributes(name, changed, *Reading._fields)
+        for part, before in zip(Reading._fields, reading, strict=True):
+            value = getattr(changed, part)
+            arrays.append(check.array(f"{part} of {name}", value, *before.shape, finite=False))
+    except (ValueError, TypeError) as error:
+        return changed, error
+    missing = ValueError(f"pilot must go on without numbers that are missing in {name}")
+    return Reading(*arrays), None if np.isfinite(arrays[0]).all() else missing
+
+
+def sent_by(hook: Callable[[int, Array], Array], tick: int, inputs: Array) -> Array:
+    """Let a hook change inputs, and refuse anything but as many finite numbers."""
+    name = f"what events.sent returns at tick {tick}"
+    return check.array(name, hook(tick, inputs), *inputs.shape)

@@ -120,7 +120,7 @@ class LinearPlant:
         if self.motion is None:
             return ()
         k, is_mode = len(self.A) // 2, isinstance(y, np.ndarray) and np.iscomplexobj(y)
-        parts = [check.array("y", part) for part in ((y.real, y.imag) if is_mode else (y,))]
+        parts = [check.array("y", part) for part in ((np.real(y), np.imag(y)) if is_mode else (y,))]
         if parts[0].shape[:1] != (k,):
             raise ValueError(f"y must have shape ({k}, ...), got {parts[0].shape}")
         moved = np.abs(self.motion @ (parts[0] + 1j * parts[-1] if is_mode else parts[0]))
@@ -176,13 +176,17 @@ def linear_plant(
     k = Z.shape[1]
     gravity, model = model.opt.gravity.copy(), copy.copy(model)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER  # "discrete" adds to the mass matrix
-    control = _clamped(model, data)
-    probe = mujoco.MjData(model)
-    probe.eq_active[:] = data.eq_active
-    probe.mocap_pos[:], probe.mocap_quat[:] = data.mocap_pos, data.mocap_quat
-    probe.xfrc_applied[:], probe.qfrc_applied[:] = data.xfrc_applied, data.qfrc_applied
+    probe, controls = mujoco.MjData(model), data.ctrl
+    if not model.opt.disableflags & _NO_CLAMP:
+        # At the end of a range a central difference would take half of the slope.
+        controls = controls.clip(*ranges(model).control.T)
+        model.opt.disableflags |= _NO_CLAMP
+    mujoco.mj_copyState(model, data, probe, mujoco.mjtState.mjSTATE_USER)
+    start = np.concatenate([np.zeros(2 * k), controls, np.zeros(3)])  # y, y_dot, u, a
+    steps = np.repeat([1e-6, 1e-4, 1e-6, 1e-2], [k, k, model.nu, 3])
 
-    def acceleration(y: Array, y_dot: Array, u: Array, floor: Array) -> Array:
+    def acceleration(at: Array) -> Array:
+        y, y_dot, u, floor = np.split(at, [k, 2 * k, -3])
         # Seen from a floor that accelerates, every mass weighs by so much less.
         model.opt.gravity[:] = gravity - to_axes.T @ floor
         probe.qpos[:] = data.qpos
@@ -194,42 +198,24 @@ def linear_plant(
         force = ways.T @ (mass @ probe.qacc_smooth)
         return Z.T @ ways @ np.linalg.solve(ways.T @ mass @ ways, force)
 
-    def gradient(argument: int, size: int, step: float) -> Array:
-        columns = []
-        for e in np.eye(size) * step:
-            ahead = [np.zeros(k), np.zeros(k), control.copy(), np.zeros(3)]
-            behind = [part.copy() for part in ahead]
-            ahead[argument] += e
-            behind[argument] -= e
-            columns.append((acceleration(*ahead) - acceleration(*behind)) / (2 * step))
-        return np.array(columns).T.reshape(k, size)
-
-    zero = np.zeros((k, k))
-    stiffness, damping = gradient(0, k, 1e-6), gradient(1, k, 1e-4)
-    drive, floor = gradient(2, model.nu, 1e-6), gradient(3, 3, 1e-2)
-    acceleration(np.zeros(k), np.zeros(k), control, np.zeros(3))
+    slopes = [
+        (acceleration(start + step) - acceleration(start - step)) / (2 * step.sum())
+        for step in np.diag(steps)
+    ]
+    rates = np.vstack([np.eye(k, len(start), k), np.transpose(slopes).reshape(k, len(start))])
+    A, B, B_floor = (part.copy() for part in np.split(rates, [2 * k, -3], axis=1))
+    acceleration(start)
     jacobian = np.kron(np.eye(2), to_axes) @ located_task(model, task).jacobian(model, data)
     return LinearPlant(
-        A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
-        B=np.vstack([np.zeros((k, model.nu)), drive]),
-        B_floor=np.vstack([np.zeros((k, 3)), floor]),
+        A=A,
+        B=B,
+        B_floor=B_floor,
         C_twist=np.hstack([jacobian @ Z, np.zeros((6, k))]),
         C_active=np.hstack([drive_rows(model, data, some) @ Z, np.zeros((len(some), k))]),
         motion=Z,
         joints=tuple(joint_name(model, int(j)) for j in model.dof_jntid),
         friction=friction_of(model, probe, Z, mass_of(model, probe)),
     )
-
-
-def _clamped(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """The controls (nu,) within their ranges, which the model, a copy, then no longer has.
-
-    At the end of a range a central difference would take half of the slope.
-    """
-    if model.opt.disableflags & _NO_CLAMP:
-        return data.ctrl.copy()
-    model.opt.disableflags |= _NO_CLAMP
-    return data.ctrl.clip(*ranges(model).control.T)
 
 
 def allowed(J_C: Array) -> Array:

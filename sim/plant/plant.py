@@ -1,8 +1,11 @@
-"""The plant: MuJoCo physics, actuators that can lock or lose force, and the true payload motion."""
+"""The plant: MuJoCo physics, the true payload motion, and failures of its actuators."""
 
 import copy
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any, Literal, cast, get_args
 
 import mujoco
 import numpy as np
@@ -19,21 +22,7 @@ from sim.mjcf.drive import drive_rows, names_of, number_of, required_drives
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
 from sim.mjcf.part import Part
-from sim.plant.actuators import (
-    activate_lock,
-    commands_of,
-    enable_locks,
-    locks_of,
-    refuse_without_lock,
-    reserve_off_group,
-    rest_limits,
-    restore,
-    spring_forces,
-    strengths_of,
-    switch_off,
-    yields,
-)
-from sim.plant.holding import beyond_ranges, holding_forces
+from sim.plant import actuators
 from sim.plant.linear import LinearPlant, linear_plant
 
 MOST_STEPS = 10_000_000
@@ -43,6 +32,9 @@ _UNINTERRUPTED = 250
 """Physics steps between which Ctrl-C acts: much more than those of a control tick."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+FailureKind = Literal["locked", "free", "loose", "weak"]
+"""Stuck where it is; without force; without force and spring; with a part of its force."""
 
 
 class Plant:
@@ -97,11 +89,13 @@ class Plant:
         self.model = copy.copy(model)
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        reserve_off_group(self.model)
-        self._sound = strengths_of(self.model)
+        actuators.reserve_off_group(self.model)
+        self._sound = {name: getattr(self.model, name).copy() for name in actuators.STRENGTHS}
         self.data = mujoco.MjData(self.model)
         self.drives = required_drives(self.model, None if part is None else part.actuators)
-        self._locks = locks_of(self.model, self.drives)
+        self._locks = [actuators.lock_of(self.model, drive) for drive in self.drives]
+        joints = [drive.joint for drive in self.drives]
+        self._velocities = None if None in joints else self.model.jnt_dofadr[joints].astype(np.intp)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
         self._payload_frame = payload
@@ -111,25 +105,25 @@ class Plant:
             self._is_loop[list(part.apart)] = 0.0
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
-        enable_locks(self.model, self.data)
+        actuators.enable_locks(self.model, self.data)
         self._last = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
-        held = None
-        if part is not None:
-            held = self.data.actuator_force.copy()
-        elif start is not None:
-            held = holding_forces(self.model, self.data, self.drives)
-        self._commands = commands_of(self.model, self.data, self.drives, held)
+        held = None if part is None else self.data.actuator_force.copy()
+        if start is not None and part is None:
+            held, falls, why = actuators.balance(self.model, self.data, self.drives)
+            if falls is not None:
+                raise ModelError(why)
+        self._commands = actuators.commands_of(self.model, self.data, self.drives, held)
         if start is not None:
-            if beyond := beyond_ranges(self.model, self.drives, self._commands):
+            if beyond := actuators.beyond_ranges(self.model, self.drives, self._commands):
                 raise ModelError(beyond)
             self._commands = self._commands.beside(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
             mujoco.mj_forward(self.model, self.data)
         self._observed = observed_from_here(self.model, self.data, self.drives, frame, axes)
         self._observer = Observer(self._observed, self.data)
-        self._limits = rest_limits(self.model, self.data, self.drives, self._commands)
+        self._limits = actuators.rest_limits(self.model, self.data, self.drives, self._commands)
         self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -157,7 +151,8 @@ class Plant:
         """Hold checked displacements for a number of physics steps; Ctrl-C ends it soon."""
         model, data = self.model, self.data
         mujoco.mj_getState(model, data, self._last, _STATE)
-        data.ctrl[:] = self._commands.controls(command_m)
+        commands = self._commands
+        data.ctrl[:] = commands.at_rest + commands.per_displacement.dot(command_m)
         self._command[:] = command_m
         for done in range(0, steps, _UNINTERRUPTED):
             mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
@@ -178,23 +173,24 @@ class Plant:
 
     def lock(self, actuator: int) -> None:
         """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
-        k = self._index(actuator)
-        activate_lock(self.model, self.data, self.drives[k], self._locks[k])
+        self.check_lock(k := self._index(actuator))
+        actuators.activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def check_lock(self, actuator: int) -> None:
         """Raise a ModelError if actuator 0..n-1 cannot lock."""
-        refuse_without_lock(self.model, self.drives[actuator], self._locks[actuator])
+        if self._locks[actuator] < 0:
+            raise actuators.no_lock(self.model, self.drives[actuator])
 
     @property
     def soft_locks(self) -> dict[int, str]:
         """How far, and why, locks would give way at the present pose, by number of the drive."""
         each = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
-        found = {k: yields(self.model, self.data, *one) for k, one in each}
+        found = {k: actuators.yields(self.model, self.data, *one) for k, one in each}
         return {k: said for k, said in found.items() if said is not None}
 
     def release(self, actuator: int) -> None:
         """Switch actuator 0..n-1 off: a torque failure."""
-        switch_off(self.model, self.drives[self._index(actuator)])
+        actuators.switch_off(self.model, self.drives[self._index(actuator)])
 
     def weaken(self, actuator: int, effectiveness: float) -> None:
         """Leave actuator 0..n-1 this part, in 0..1, of its force."""
@@ -219,7 +215,7 @@ class Plant:
         if (lock := self._locks[k]) >= 0:
             self.data.eq_active[lock] = self._held[lock]
             self.model.eq_data[lock] = self._sound["eq_data"][lock]
-        restore(self.model, self.drives[k], self._sound)
+        actuators.restore(self.model, self.drives[k], self._sound)
 
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with a wrench (6,), [N m] and [N], at its site.
@@ -234,7 +230,11 @@ class Plant:
     def load(self, force: Array) -> None:
         """Push along each actuator's velocity, from now on, by (n,), [N] or [N m], as friction."""
         force = check.array("force", force, len(self.drives))
-        self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
+        if self._velocities is None:
+            rows = drive_rows(self.model, self.data, self.drives)
+            self.data.qfrc_applied[:] = rows.T.dot(force)
+        else:
+            self.data.qfrc_applied[self._velocities] = force
 
     def shake(self, acceleration: Array) -> None:
         """Accelerate the floor, from now on, by (3,) in base axes, [m]/[s^2], without turning it.
@@ -300,6 +300,7 @@ class Plant:
         to_axes = self._observed.axes(data).T
         linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
         commands, k = self._commands, len(linear.A) // 2
+        springs = np.array([actuators.spring_of(self.model, data, drive) for drive in self.drives])
         return replace(
             linear,
             B=linear.B @ commands.per_displacement,
@@ -308,7 +309,7 @@ class Plant:
             ),
             holding=self.coil_force_n() / commands.stiffness,
             spring=self.spring_share[:, None] * linear.C_active,
-            preload=spring_forces(self.model, data, self.drives) / commands.stiffness,
+            preload=-springs.prod(axis=1) / commands.stiffness,
         )
 
     @property
@@ -322,10 +323,6 @@ class Plant:
             return bool(damped and not self._commands.feedback[:, 1].any())
         return self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
 
-    def constraint_force(self) -> Array:
-        """Forces of closures, locks and stops on each velocity, shape (nv,), [N] and [N m]."""
-        return self.data.qfrc_constraint.copy()
-
     def coil_force_n(self) -> Array:
         """Force of each actuator along its velocity, shape (n,), [N] or [N m]."""
         force = self.data.actuator_force
@@ -338,17 +335,8 @@ class Plant:
 
     def observed(self) -> dict[str, Any]:
         """Arrays of :attr:`data` that the compiled code reads to log a tick, by its names."""
-        data = self.data
-        return self._observed.fields(data) | {
-            "counts": self._is_loop,
-            "forces": data.actuator_force,
-        }
-
-    def integration_state(self) -> Array:
-        """The complete state of the integration (mjSTATE_INTEGRATION)."""
-        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, self.data, state, _STATE)
-        return state
+        own = {"counts": self._is_loop, "forces": self.data.actuator_force}
+        return self._observed.fields(self.data) | own
 
     def number(self, actuator: int | str) -> int:
         """The number 0..n-1 of a drive, given by it or by a name.
@@ -403,3 +391,81 @@ def _place(
     if (gap := closures.largest_gap(data)) > CLOSURE_TOLERANCE:
         name = equality_name(model, closures.worst(data))
         raise ClosureError(name, gap, "call sim.assemble(model, data)")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One actuator fails at one time.
+
+    As text it is NAME:KIND@SECONDS, such as "strut1:locked@1.3", which :meth:`parse` reads.
+
+    Attributes:
+        actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`; or the
+            name of its joint, tendon or actuator.
+        kind: See :data:`FailureKind`.
+        time_s: When, not before 0.
+        effectiveness: Part of the force that a weak one has left, in 0..1.
+    """
+
+    actuator: int | str
+    kind: FailureKind
+    time_s: float = 0.0
+    effectiveness: float = 0.5
+
+    def __post_init__(self) -> None:
+        check.choice("kind", self.kind, get_args(FailureKind))
+        if not isinstance(self.actuator, str):
+            check.integer("actuator", self.actuator)
+        check.number("time_s", self.time_s, 0.0)
+        check.number("effectiveness", self.effectiveness, 0.0, 1.0)
+
+    def __str__(self) -> str:
+        return f"{self.actuator}:{self.kind}@{str(float(self.time_s)).removesuffix('.0')}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Failure":
+        """Parse NAME:KIND@SECONDS, as `str` writes a failure; a weak one has the default part.
+
+        NAME is that of a joint, tendon or actuator, or the number of the actuator in digits.
+        """
+        name, _, rest = check.instance("text", text, str).rpartition(":")
+        kind, _, time_s = rest.partition("@")
+        is_number = name.isascii() and name.isdecimal() and len(name) < 10  # of 32 bits
+        actuator = int(name) if is_number else name
+        with suppress(ValueError):  # what is said below is of the whole text
+            if name:
+                return cls(actuator, cast(FailureKind, kind), float(time_s))
+        kinds = get_args(FailureKind)
+        near = [] if kind in kinds else get_close_matches(kind, kinds, 1)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        raise ValueError(
+            f"text must be NAME:KIND@SECONDS, with KIND one of {', '.join(kinds)} and SECONDS from "
+            f"0 on, got {check.shown(text)}{hint}"
+        )
+
+    @property
+    def number(self) -> int:
+        """The actuator, 0..n-1."""
+        if isinstance(self.actuator, str):
+            raise TypeError(f"actuator must be a number here, got {check.shown(self.actuator)}")
+        return int(self.actuator)
+
+    def strike(self, plant: Plant) -> None:
+        """Apply the failure now; a ModelError if the actuator is to lock and has no lock."""
+        actuator = check.instance("plant", plant, Plant).number(self.actuator)
+        if self.kind == "weak":
+            plant.weaken(actuator, self.effectiveness)
+        else:
+            events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
+            events[self.kind](actuator)
+
+
+def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
+    """Make a plant at rest at the nominal pose, with failures already applied.
+
+    Sites have the names that :class:`Plant` expects by default.
+    """
+    plant = Plant(model)
+    for failure in check.members("failures", failures, Failure):
+        failure.strike(plant)
+    return plant

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from sim.array import Array
 from sim.closing.equalities import check_closures, closure_rows
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive, Law, drive_rows, drives, law_of
@@ -74,7 +73,10 @@ def servoed(
             f'actuator "{of_model[0].actuators[0]}" feels no length that a position servo could '
             "hold, at a site or on a ball or free joint, nor does any other: use force mappings"
         )
-    inertias = _inertias(model, state, of_model)
+    # Each drive's with the others held; what no drive moves stays as slow as the loops allow.
+    Z = allowed(closure_rows(model, state))
+    motion = Z @ np.linalg.pinv(drive_rows(model, state, of_model) @ Z)
+    inertias = np.einsum("ij,ik,kj->j", motion, mass_of(model, state), motion)
     for drive, inertia, is_driven in zip(of_model, inertias, driven, strict=True):
         if is_driven:
             squares = sum(gear * gear for gear in drive.gear)
@@ -95,16 +97,6 @@ def _lacks_position(model: mujoco.MjModel, drive: Drive) -> bool:
         return not any(law_of(model, k).per_length for k in drive.ids)
     except ModelError:  # muscles and others, which a plant refuses in its own words
         return False
-
-
-def _inertias(model: mujoco.MjModel, data: mujoco.MjData, some: tuple[Drive, ...]) -> Array:
-    """Inertia (n,) of each drive with the others held: diag of the mass matrix without loops.
-
-    Per unit of a drive's velocity, what no drive moves stays as slow as the loops allow.
-    """
-    Z = allowed(closure_rows(model, data))
-    motion = Z @ np.linalg.pinv(drive_rows(model, data, some) @ Z)
-    return np.einsum("ij,ik,kj->j", motion, mass_of(model, data), motion)
 
 
 def _close_loop(

@@ -16,8 +16,7 @@ from sim.mjcf.frame import located
 from sim.mjcf.joints import ranges
 from sim.mjcf.model import joint_name, name_of
 from sim.mjcf.part import Part
-from sim.plant.actuators import Commands, commands_of
-from sim.plant.holding import Balance, balance, beyond_ranges
+from sim.plant.actuators import Balance, Commands, balance, beyond_ranges, commands_of
 
 LONGEST_S, _EVERY_S = 10.0, 0.05
 """Of physics, in which a file comes to rest, and how often that is looked at."""

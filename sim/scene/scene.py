@@ -18,7 +18,7 @@ from sim.mjcf.joints import one_axis
 from sim.mjcf.load import load_spec
 from sim.mjcf.model import joint_name, listed, name_of
 from sim.mjcf.part import Part, task_part, tendon_bodies
-from sim.plant.holding import balance
+from sim.plant.actuators import balance
 from sim.plant.servo import servoed
 from sim.scene.rest import is_held, settled, stand, standing
 

@@ -15,7 +15,7 @@ TICKS, PERIOD_S = 2, 2.5e-4
 
 def state(plant: Plant) -> Any:
     """All that a plant tells of itself."""
-    loads = (plant.constraint_force(), plant.coil_force_n(), plant.closure_residual_m())
+    loads = (plant.data.qfrc_constraint, plant.coil_force_n(), plant.closure_residual_m())
     return plant.pose(), plant.displacement(), plant.displacements(), loads
 
 

@@ -11,6 +11,7 @@ from sim import MODELS, Body, Failure, Plant, load_model
 from tests.sim.test_any_plant import POSES, SERIAL, started
 
 PERIOD_S = 5e-3
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 SPRUNG = SERIAL.replace('<fixed name="cable"', '<fixed name="cable" stiffness="300"')
 OF_FAILURES = "actuator_group", "actuator_gainprm", "actuator_biasprm"
 OF_FAILURES += "jnt_stiffness", "tendon_stiffness"
@@ -59,11 +60,12 @@ def test_repair_gives_the_model_back_all_that_failures_take(plant, kinds):
 
 def test_a_repaired_machine_moves_as_a_sound_one_bit_for_bit(plant):
     n = len(plant.drives)
-    state = plant.integration_state()
+    state = np.empty(mujoco.mj_stateSize(plant.model, STATE))
+    mujoco.mj_getState(plant.model, plant.data, state, STATE)
     commands = 1e-3 * np.sin(np.arange(20)[:, None] + np.arange(n))
 
     def moved() -> np.ndarray:
-        mujoco.mj_setState(plant.model, plant.data, state, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_setState(plant.model, plant.data, state, STATE)
         mujoco.mj_forward(plant.model, plant.data)
         visited = []
         for command in commands:

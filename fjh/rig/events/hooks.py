@@ -16,7 +16,7 @@ from fjh.rig.run import tick_of
 from fjh.study.errors import WrongInput
 from sim import Array, Failure
 from sim.mjcf import Drive, drives
-from sim.plant import Reading, hooks_of, locks_of, measured_by, sent_by, switch_off
+from sim.plant import Reading, hooks_of, lock_of, measured_by, sent_by, switch_off
 
 if TYPE_CHECKING:
     from fjh.rig.rig import Rig
@@ -174,7 +174,7 @@ class Target:
     @property
     def lock(self) -> int:
         """Id of the equality that locks the event's own actuator; negative: it has none."""
-        return locks_of(self.rig.model, self.drives)[self.actuator]
+        return lock_of(self.rig.model, self.drive)
 
     @cached_property
     def reach(self) -> float:
