@@ -20,13 +20,13 @@ from sim.errors import SimulationDiverged as SimulationDiverged
 from sim.errors import log_warnings
 from sim.kinematics.distances import FRACTIONS as FRACTIONS
 from sim.kinematics.distances import Distances as Distances
+from sim.kinematics.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
+from sim.kinematics.jacobian import JacobianReader as JacobianReader
 from sim.kinematics.jacobian import Jacobians as Jacobians
+from sim.kinematics.jacobian import jacobians as jacobians
 from sim.kinematics.mechanism import Mechanism as Mechanism
 from sim.kinematics.pose import NOMINAL as NOMINAL
 from sim.kinematics.pose import Pose as Pose
-from sim.kinematics.reader import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
-from sim.kinematics.reader import JacobianReader as JacobianReader
-from sim.kinematics.reader import jacobians as jacobians
 from sim.kinematics.task import CenterOfMass as CenterOfMass
 from sim.kinematics.task import Relative as Relative
 from sim.kinematics.task import pose_error as pose_error

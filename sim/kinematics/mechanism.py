@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import mujoco
@@ -14,10 +13,9 @@ import argument_checks as check
 from kernels import Struct, lib, pointer
 from sim.array import Array
 from sim.closing.hold import Pin
-from sim.kinematics.jacobian import Jacobians, Machine
+from sim.kinematics.jacobian import JacobianReader, Jacobians
 from sim.kinematics.observation import Observer, observed_from_here
 from sim.kinematics.pose import Pose
-from sim.kinematics.reader import JacobianReader
 from sim.kinematics.task import located_axes
 from sim.mjcf.drive import drives
 from sim.mjcf.frame import Body, located
@@ -29,25 +27,16 @@ class JointPosture(Jacobians):
     """Joint positions, and what follows from them.
 
     Attributes:
-        mechanism: Whose they are.
         qpos: As in `data.qpos`, shape (nq,).
         pose: Of the task frame, relative to the nominal one, as :meth:`Plant.pose`.
         gaps: Of the closures, in the units of their rows, shape (c,).
         displacements: Of the active velocities from the nominal posture, shape (n,).
-        error_bound: Of the errors of all entries of the Jacobians, in natural units.
     """
 
-    mechanism: "Mechanism"
     qpos: Array
     pose: Pose
     gaps: Array
     displacements: Array
-    error_bound: float
-
-    @cached_property
-    def machine(self) -> Machine | None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """See :class:`Jacobians`; only rank decisions and reports need it."""
-        return self.mechanism.read(self.qpos).machine
 
 
 class Mechanism:
@@ -92,8 +81,6 @@ class Mechanism:
         mujoco.mj_fwdPosition(self._model, self._data)
         driven = drives(self._model)
         self._observed = observed_from_here(self._model, self._data, driven, frame, base)
-        first = self._reader.at(self._data)
-        self._rows, self._gear = first.rows, first.gear
         self._workspaces = list[_Workspace]()
         self.nominal = self._posture(self._data.qpos.copy())
         rows = None
@@ -110,14 +97,6 @@ class Mechanism:
     def jacobians(self, posture: JointPosture) -> Jacobians:
         """The Jacobians in a posture: itself."""
         return _checked(posture)
-
-    def read(self, qpos: Array) -> Jacobians:
-        """The Jacobians at joint positions (nq,), with all that the model says besides."""
-        space = self._workspace()
-        space.data.qpos[:] = qpos
-        jacobians = self._reader.at(space.data)
-        self._workspaces.append(space)
-        return jacobians
 
     def displacements(self, posture: JointPosture) -> Array:
         """Displacements of the active velocities from the nominal posture, shape (n,)."""
@@ -159,28 +138,13 @@ class Mechanism:
         """Everything at these joint positions."""
         space = self._workspace()
         space.data.qpos[:] = qpos
-        J_T, J_C, active, residual, bound = space.reader.read(space.data)
+        jac = self._reader.at(space.data)
         self._observed.refresh(self._model, space.data)
         pose, displacements = space.observer.read()
-        gaps, J_T, J_C = space.data.efc_pos[: space.data.ne].copy(), J_T.copy(), J_C.copy()
+        gaps = check.read_only(space.data.efc_pos[: space.data.ne].copy())
         self._workspaces.append(space)
-        for array in (gaps, J_T, J_C, qpos):
-            array.setflags(write=False)
-        return check.made(
-            JointPosture,
-            mechanism=self,
-            qpos=qpos,
-            pose=pose,
-            J_T=J_T,
-            J_C=J_C,
-            active=active,
-            gear=self._gear,
-            rows=self._rows,
-            closure_residual=residual,
-            error_bound=bound,
-            gaps=gaps,
-            displacements=displacements,
-        )
+        own = {"qpos": check.read_only(qpos), "gaps": gaps, "displacements": displacements}
+        return check.made(JointPosture, **vars(jac), **own, pose=pose)
 
     def _workspace(self) -> "_Workspace":
         """A state to compute in, which is to be given back."""
@@ -188,14 +152,13 @@ class Mechanism:
             return self._workspaces.pop()
         except IndexError:  # another thread has it
             mujoco.mj_copyData(data := mujoco.MjData(self._model), self._model, self._data)
-            return _Workspace(data, copy.copy(self._reader), Observer(self._observed, data))
+            return _Workspace(data, Observer(self._observed, data))
 
 
 class _Workspace(NamedTuple):
     """A state to compute in, of which no two threads have the same, and what reads it."""
 
     data: mujoco.MjData
-    reader: JacobianReader
     observer: Observer
 
 

@@ -34,19 +34,6 @@ _Writer = Callable[[mujoco.MjModel, mujoco.MjData, Array], None]
 """Overwrites an array (k, nv) by rows per qvel."""
 
 
-class Names(NamedTuple):
-    """Names of a mechanism.
-
-    Attributes:
-        velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
-            free joint share one, and a joint without a name has "".
-        actuators: Those that drive each active velocity; none for a variable without one.
-    """
-
-    velocities: tuple[str, ...]
-    actuators: tuple[tuple[str, ...], ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Structure:
     """What no pose changes of the Jacobians of a model with certain equalities and actuators.
@@ -75,20 +62,6 @@ class Structure:
     gear: Array
     extra: tuple[Drive, ...]
     variables: int
-
-    @cached_property
-    def drives(self) -> tuple[Drive, ...]:
-        """What each active velocity is and what drives it, in actuator order."""
-        return drives(self.model)
-
-    @cached_property
-    def names(self) -> Names:
-        """Names of the velocities and of the actuators."""
-        joints = [self.model.joint(k).name for k in self.model.dof_jntid]
-        return Names(
-            velocities=(*joints, *(drive.name for drive in self.extra)),
-            actuators=(*(drive.actuators for drive in self.drives), *((),) * self.variables),
-        )
 
     @cached_property
     def length(self) -> float:
@@ -235,17 +208,15 @@ class Matrices(NamedTuple):
     """J_T and J_C, into which MuJoCo writes the rows of each pose.
 
     Attributes:
-        J_T: Shape (m, N), read-only.
-        J_C: Shape (c, N), read-only: rows of closures, transmissions, pins and limits.
-        whole: Both, to be written to.
+        whole: J_T (m, N) and J_C (c, N): rows of closures, transmissions, pins and limits.
+        views: Both, read-only.
         per_qvel: Their first nv columns: themselves where no other velocities are.
         parts: What writes each block of rows, and where.
         limits: Rows of limits, of which another pose may have more.
     """
 
-    J_T: Array
-    J_C: Array
     whole: tuple[Array, Array]
+    views: tuple[Array, Array]
     per_qvel: tuple[Array, Array]
     parts: tuple[tuple[_Writer, Array], ...]
     limits: Array
@@ -271,18 +242,20 @@ def _blank(of: Structure, limits: int) -> Matrices:
     row = C + E
     for pin in of.pins:
         parts.append((pin.frame.write_jacobian, constraints[row : (row := row + pin.height)]))
-    J_T, J_C = (check.read_only(A.view()) for A in whole)
-    return Matrices(J_T, J_C, whole, per_qvel, tuple(parts), constraints[c:])
+    views = check.read_only(whole[0].view()), check.read_only(whole[1].view())
+    return Matrices(whole, views, per_qvel, tuple(parts), constraints[c:])
 
 
 Kept: TypeAlias = dict[tuple["Structure", int], Matrices]
 """Matrices of a structure and a number of rows of limits."""
 
 
-def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
-    """J_T and J_C at a pose, up to date, in matrices that are taken out of those kept.
+def rows_at(
+    of: Structure, data: mujoco.MjData, kept: Kept, *, copied: bool = True
+) -> tuple[Array, Array]:
+    """J_T (m, N) and J_C (c, N) at a pose that is up to date, read-only.
 
-    So no other thread has them, until the caller puts them back.
+    Copies, or views that the next call with the same `kept` overwrites.
 
     Raises:
         ModelError: Rows of closures or transmissions are not finite.
@@ -290,7 +263,8 @@ def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
     """
     model = of.model
     limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK
-    to = kept.pop((of, len(limits)), None) or _blank(of, len(limits))
+    key = of, len(limits)
+    to = kept.pop(key, None) or _blank(*key)  # another thread must not have them meanwhile
     for write, out in to.parts:
         write(model, data, out)
     if len(limits):
@@ -303,14 +277,10 @@ def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
             whole[:, : model.nv] = part
     if not check.is_moderate(to.per_qvel[1]):
         raise ModelError("an equality or a transmission of the model is not finite")
-    return to
-
-
-def rows_at(of: Structure, data: mujoco.MjData, kept: Kept) -> tuple[Array, Array]:
-    """J_T (m, N) and J_C (c, N) as new arrays, read-only; see :func:`written`."""
-    to = written(of, data, kept)
-    J_T, J_C = (check.read_only(A.copy()) for A in to.whole)
-    kept[of, len(to.limits)] = to
+    J_T, J_C = to.views
+    if copied:
+        J_T, J_C = check.read_only(J_T.copy()), check.read_only(J_C.copy())
+    kept[key] = to
     return J_T, J_C
 
 

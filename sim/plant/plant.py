@@ -12,9 +12,9 @@ from kernels import lib, pointer
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures, equality_name
 from sim.errors import BAD_CONTROL, ClosureError, ModelError, SimulationDiverged, has_diverged
+from sim.kinematics.jacobian import CLOSURE_TOLERANCE
 from sim.kinematics.observation import Observer, observed_from_here
 from sim.kinematics.pose import Pose
-from sim.kinematics.reader import CLOSURE_TOLERANCE
 from sim.mjcf.drive import drive_rows, names_of, number_of, required_drives
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
