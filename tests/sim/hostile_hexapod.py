@@ -104,10 +104,6 @@ TARGETS = {
     ),
     "Pose": Target(lambda **a: struts(MACHINE, Pose(**a)), POSE),
     "Pose.from_matrix": Target(Pose.from_matrix, {"T": np.eye(4)}),
-    "Pose.from_quaternion": Target(
-        Pose.from_quaternion, {"translation_m": np.ones(3), "quat_wxyz": np.array([0.6, 0, 0.8, 0])}
-    ),
-    "Pose.__matmul__": Target(lambda other: NOMINAL @ other, {"other": NOMINAL}),
     "Pose.moved": Target(NOMINAL.moved, TWIST),
     "Pose.moved of a batch": Target(NOMINAL.moved, {"twist": np.full((2, 6), 1e-3)}),
     "Posture": Target(
