@@ -29,6 +29,7 @@ from sim.kinematics.pose import NOMINAL as NOMINAL
 from sim.kinematics.pose import Pose as Pose
 from sim.kinematics.task import CenterOfMass as CenterOfMass
 from sim.kinematics.task import Relative as Relative
+from sim.kinematics.task import TaskFunction as TaskFunction
 from sim.kinematics.task import pose_error as pose_error
 from sim.kinematics.task import pose_of as pose_of
 from sim.mjcf.frame import Body as Body
@@ -46,7 +47,6 @@ from sim.tasks.frames import CenterOfMassTask as CenterOfMassTask
 from sim.tasks.frames import FrameTask as FrameTask
 from sim.tasks.frames import LookAtTask as LookAtTask
 from sim.tasks.frames import RelativeFrameTask as RelativeFrameTask
-from sim.tasks.function import TaskFunction as TaskFunction
 from sim.tasks.joints import DampingTask as DampingTask
 from sim.tasks.joints import JointCouplingTask as JointCouplingTask
 from sim.tasks.joints import PostureTask as PostureTask

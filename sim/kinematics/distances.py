@@ -124,16 +124,6 @@ class Distances:
         pairs = self.geom_pairs[[k for k, _, _ in near]]
         return Near(check.read_only(distance_m), check.read_only(rows), check.read_only(pairs))
 
-    def rate_limits(self, data: mujoco.MjData, dt: float) -> tuple[Array, Array]:
-        """Rows and lower limits: rows @ qvel >= lower keeps the near pairs apart.
-
-        A distance d may change by no less than -gain (d - margin) in a tick of `dt` seconds: it
-        never reaches the margin, and from below is led back to it. Shapes (p, nv) and (p,), [m/s].
-        """
-        check.number("dt", dt, *check.SECONDS)
-        near = self.at(data)
-        return near.rows, check.read_only(-self.gain / dt * (near.distance_m - self.margin_m))
-
     def fits(self, model: mujoco.MjModel) -> bool:
         """Whether a model has the same bodies, joints and geoms."""
         return model is self.model or all(

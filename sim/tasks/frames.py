@@ -12,9 +12,8 @@ import argument_checks as check
 from argument_checks.ties import least
 from sim.array import Array
 from sim.kinematics.pose import target_pose
-from sim.kinematics.task import CenterOfMass, Motion, mass_center
+from sim.kinematics.task import CenterOfMass, Motion, TaskFunction, mass_center, rows_among
 from sim.mjcf.frame import Body, Located, located
-from sim.tasks.function import TaskFunction, rows_among
 
 _NEAREST_M = 1e-9
 """Of a point to the frame that looks at it: nearer, no direction leads there."""

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
+from sim.kinematics.task import TaskFunction
 from sim.mjcf.frame import Located
 from sim.mjcf.joints import joint_positions, one_axis, turning
 from sim.mjcf.model import element_id
-from sim.tasks.function import TaskFunction
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 

@@ -22,6 +22,7 @@ from sim import (
     PostureTask,
     Relative,
     RelativeFrameTask,
+    TaskFunction,
     load_model,
 )
 from tests.sim.test_jacobian import everything, random_closed_pose
@@ -137,8 +138,8 @@ def test_a_joint_at_its_limit_has_a_row_of_its_own_velocity_after_any_other_pose
         np.testing.assert_array_equal(found[2 : 2 + len(at)], first[at, :5])
 
 
-@dataclass(frozen=True)
-class Short:
+@dataclass(eq=False)
+class Short(TaskFunction):
     """A task that says two rows and gives one."""
 
     frames: tuple = ()
