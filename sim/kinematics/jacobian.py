@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from sim.array import Array
@@ -436,25 +437,25 @@ class JacobianReader:
 
     def _found(self, data: mujoco.MjData, closed: Closures) -> Structure:
         """What no pose changes, where something active moves each task."""
-        model, known = self._model, (self._model, self._tasks, self._pins, self._stuck, closed)
+        model, tasks, pins = self._model, self._tasks, self._pins
+        frames = [frame for located in tasks.values() for frame in located.frames]
+        beside = left_out(model, data, [*frames, *(pin.frame for pin in pins)])
         velocities = active_velocities(model, self._variables)
-        now = Structure(*known, (), *velocities)
-        resting = self._resting(now, data)
-        if resting:  # rows of what is stretched are zero here, and elsewhere are not
-            resting = self._resting(now, _elsewhere(model, data))
-        if resting:
+        now = Structure(model, tasks, pins, self._stuck, closed, beside, *velocities)
+        # Rows of what is stretched are zero here, and elsewhere are not.
+        if self._resting(now, data) and (resting := self._resting(now, _elsewhere(model, data))):
             raise ModelError(
                 f"no actuator moves {check.shown(resting[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
-        frames = [frame for located in self._tasks.values() for frame in located.frames]
-        frames += [pin.frame for pin in self._pins]
-        return Structure(*known, left_out(model, data, frames), *velocities)
+        return now
 
     def _resting(self, now: Structure, data: mujoco.MjData) -> list[Task]:
         """Tasks of which no active velocity moves anything, through whatever closures."""
-        J_T, J_C = rows_at(now, data, Kept())
-        return [task for task, own in self._rows.items() if _unmoved(J_T[own], J_C, now.active)]
+        J_T, J_C = (np.abs(A) > _ZERO * np.abs(A).max(initial=1.0) for A in rows_at(now, data, {}))
+        part = connected_components(J_C.T @ J_C, directed=False)[1]  # velocities tied by closures
+        moves = J_T & np.isin(part, part[now.active])
+        return [task for task, own in self._rows.items() if not moves[own].any()]
 
 
 def _elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
@@ -464,15 +465,3 @@ def _elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
     mujoco.mj_integratePos(model, there.qpos, motion, 1.0)
     bring_up_to_date(model, there)
     return there
-
-
-def _unmoved(J_T: Array, J_C: Array, active: NDArray[np.intp]) -> bool:
-    """Whether no active velocity has to do with these rows, through whatever closures."""
-    reached = np.asarray((np.abs(J_T) > _ZERO * np.abs(J_T).max(initial=1.0)).any(axis=0))
-    links = np.abs(J_C) > _ZERO * np.abs(J_C).max(initial=1.0)
-    while not reached[active].any():
-        linked = np.asarray(reached | ((links @ reached) @ links))
-        if (linked == reached).all():
-            return True
-        reached = linked
-    return False

@@ -105,7 +105,7 @@ TARGETS = {
     ),
     "Mechanism": Target(
         known,
-        HERE | {"site": "payload", "axes": "base", "pinned": [], "springs": True},
+        HERE | {"site": "payload", "axes": "base", "springs": True},
     ),
     "Mechanism.jacobians": Target(lambda **a: numbers(MECHANISM.jacobians(**a)), POSTURE),
     "Mechanism.displacements": Target(MECHANISM.displacements, POSTURE),
