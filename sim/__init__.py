@@ -43,12 +43,12 @@ from sim.plant.linear import LinearPlant as LinearPlant
 from sim.plant.linear import linearize as linearize
 from sim.plant.plant import Plant as Plant
 from sim.plant.servo import servoed as servoed
-from sim.tasks.frames import CenterOfMassTask as CenterOfMassTask
-from sim.tasks.frames import FrameTask as FrameTask
-from sim.tasks.frames import LookAtTask as LookAtTask
-from sim.tasks.frames import RelativeFrameTask as RelativeFrameTask
-from sim.tasks.joints import DampingTask as DampingTask
-from sim.tasks.joints import JointCouplingTask as JointCouplingTask
-from sim.tasks.joints import PostureTask as PostureTask
+from sim.tasks.functions import CenterOfMassTask as CenterOfMassTask
+from sim.tasks.functions import DampingTask as DampingTask
+from sim.tasks.functions import FrameTask as FrameTask
+from sim.tasks.functions import JointCouplingTask as JointCouplingTask
+from sim.tasks.functions import LookAtTask as LookAtTask
+from sim.tasks.functions import PostureTask as PostureTask
+from sim.tasks.functions import RelativeFrameTask as RelativeFrameTask
 
 log_warnings()  # in every process that uses MuJoCo through us, workers too

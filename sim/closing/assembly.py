@@ -12,7 +12,7 @@ from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures
 from sim.closing.hold import Hold, Pin, hold
-from sim.closing.newton import CLOSED, Loops, close, lacking
+from sim.closing.newton import CLOSED, Loops, close
 from sim.errors import ClosureError
 from sim.mjcf.frame import Body
 from sim.mjcf.joints import mass_of, turning
@@ -252,10 +252,19 @@ def _fault(data: mujoco.MjData, goal: Loops, step: Array) -> tuple[float, str]:
 
 
 def _opens(data: mujoco.MjData, goal: Loops, step: Array) -> bool:
-    """Whether a motion opens the loops to first order, so that no part of it is short enough."""
-    correction, rest = lacking(data, goal, step)
+    """Whether a motion opens the loops to first order, so that no part of it is short enough.
+
+    The least correction that keeps them closed is too long; or what no motion closes is too large a
+    part of the most that a motion of this length may open.
+    """
+    rows, units = goal.rows(data), goal.velocity_units
+    gaps, closing = goal.gaps(data) + rows @ step, goal.closable(rows)
+    closable = closing @ gaps
+    correction = goal.least_change(data, closing @ rows, -closable)
     change, length = _lengths(goal.model, data, correction, step)
-    return change > _LONGEST_CORRECTION * length or rest > _LONGEST_CORRECTION
+    rest = np.linalg.norm(gaps - closing.T @ closable)
+    most = np.linalg.norm(rows * units) * np.linalg.norm(step / units)
+    return change > _LONGEST_CORRECTION * length or bool(rest > _LONGEST_CORRECTION * most)
 
 
 def _lengths(model: mujoco.MjModel, data: mujoco.MjData, *motions: Array) -> list[float]:

@@ -158,19 +158,6 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
     raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or begin nearer")
 
 
-def lacking(data: mujoco.MjData, loops: Loops, motion: Array) -> tuple[Array, float]:
-    """The least correction (nv,) of a motion (nv,) that keeps loops closed, to first order.
-
-    And what no motion closes, as a part of the most that a motion of this length may open.
-    """
-    rows = loops.rows(data)
-    gaps, closing = loops.gaps(data) + rows @ motion, loops.closable(rows)
-    closable = closing @ gaps
-    change = loops.least_change(data, closing @ rows, -closable)
-    rest, units = np.linalg.norm(gaps - closing.T @ closable), loops.velocity_units
-    return change, float(rest / (np.linalg.norm(rows * units) * np.linalg.norm(motion / units)))
-
-
 def _come_nearer(data: mujoco.MjData, loops: Loops, step: Array, closing: Array) -> bool:
     """Take the step, halved until the gaps shrink; False, and no step, if they do not."""
     model, here = loops.model, data.qpos.copy()

@@ -25,8 +25,7 @@ from sim.mjcf.joints import turning
 from sim.mjcf.limits import stuck_rows
 from sim.mjcf.model import element_id, name_of
 
-_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
-_OF_JOINT, _JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtEq.mjEQ_JOINT)
+_OF_JOINT, _TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtEq.mjEQ_TENDON)
 _MARGIN = 4.0
 """Of the bound: two chains meet in a closure, and errors of axes turn what hangs on them."""
 _NONE_STUCK = check.frozen(np.zeros((0, 0)))
@@ -87,16 +86,11 @@ class Structure:
     def constraint_units(self) -> Array:
         """Natural units of the rows of closures, drives that are no joint, and pins."""
         model, velocities = self.model, self.velocity_units
-        units = np.empty(len(self.closures.units))
+        scale = self.closures.units  # of the turns of a weld, which are sines that are scaled
+        lengths = np.where(self.closures.turns(model), 1.0, self.length)
+        units = lengths / np.where(scale > 0.0, scale, 1.0)
         for k, kind, rows in self.closures.parts(model):
-            if kind in (_CONNECT, _WELD):
-                turns = slice(rows.start + 3, rows.stop)  # of a weld, sines that are scaled
-                scale = self.closures.units[turns]
-                units[rows] = self.length
-                units[turns] = 1.0 / np.where(scale > 0.0, scale, 1.0)
-            elif kind == _JOINT:
-                units[rows] = velocities[model.jnt_dofadr[model.eq_obj1id[k]]]
-            else:
+            if kind == _TENDON:
                 units[rows] = self._tendon_unit(int(model.eq_obj1id[k]), velocities)
         pins = [np.repeat([1.0, self.length], 3)[pin.rows] for pin in self.pins]
         return check.read_only(np.concatenate([units, velocities[model.nv :], *pins]))

@@ -173,14 +173,6 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
 }
 
 
-def rows_among(rows: Sequence[int], count: int) -> tuple[int, ...]:
-    """Rows by number, each once, one at least."""
-    chosen = tuple(check.indices("rows", rows, count).tolist())
-    if not chosen:
-        raise ValueError("rows must have one at least, got none")
-    return chosen
-
-
 Task: TypeAlias = str | Body | CenterOfMass | Relative | TaskFunction
 """A site by name, the frame of a body, a centre of mass, one frame relative to another, or rows."""
 
