@@ -14,11 +14,11 @@ from sim.array import Array as Array
 from sim.closing.assembly import advance as advance
 from sim.closing.assembly import assemble as assemble
 from sim.closing.hold import Pin as Pin
+from sim.closing.newton import FRACTIONS as FRACTIONS
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged
 from sim.errors import log_warnings
-from sim.kinematics.distances import FRACTIONS as FRACTIONS
 from sim.kinematics.distances import Distances as Distances
 from sim.kinematics.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.kinematics.jacobian import JacobianReader as JacobianReader

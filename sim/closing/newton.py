@@ -29,7 +29,8 @@ enough where round-off lets no step come nearer.
 _ROUND_OFF = 1e-14
 """Of positions in the model's unit: a smaller gap is none, whatever the own length."""
 _MOST_STEPS = 60
-_FRACTIONS = tuple(0.5**k for k in range(11))
+FRACTIONS = tuple(0.5**k for k in range(11))
+"""Of a step, to be tried one after the other."""
 _LONGEST_MOVE = 0.5
 """Of any joint in one step, [rad] or own lengths: farther, the linearization means nothing."""
 _REDUNDANT = 1e-9
@@ -164,7 +165,7 @@ def _come_nearer(data: mujoco.MjData, loops: Loops, step: Array, closing: Array)
     before = np.linalg.norm(closing @ loops.gaps(data))
     longest = np.abs(step / loops.velocity_units).max(initial=0.0)
     step = step * min(1.0, _LONGEST_MOVE / max(longest, _LONGEST_MOVE))
-    for fraction in _FRACTIONS:
+    for fraction in FRACTIONS:
         data.qpos[:] = here
         mujoco.mj_integratePos(model, data.qpos, fraction * step, 1.0)
         mujoco.mj_fwdPosition(model, data)

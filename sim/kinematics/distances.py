@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
+from sim.closing.newton import FRACTIONS
 from sim.errors import ModelError
 from sim.kinematics.task import carried_bodies
 from sim.mjcf.frame import Body, located
@@ -23,8 +24,6 @@ _TOUCHING_M, _LIFT_M = 1e-9, 1e-6
 """Witness points nearer than the first give no direction; geoms apart by the second do."""
 _ACCURACY_M = 1e-9
 """What a distance may lack of the one allowed: round-off of MuJoCo's."""
-FRACTIONS = tuple(0.5**k for k in range(11))
-"""Of a step, to be tried one after the other."""
 _GEOMETRY = (
     *("body_parentid", "body_pos", "body_quat", "jnt_type", "jnt_bodyid", "jnt_pos", "jnt_axis"),
     *("qpos0", "geom_type", "geom_bodyid", "geom_size", "geom_pos", "geom_quat", "geom_dataid"),

@@ -374,9 +374,8 @@ class JacobianReader:
         self._tasks = located_tasks(model, site, located_axes(model, axes))
         self._pins = pins_of(model, pinned)
         self._stuck = stuck_names("stuck_at_limits", stuck_at_limits)
-        unlimited = isinstance(closure_tolerance, float) and closure_tolerance == np.inf
         self._tolerance = closure_tolerance
-        if not unlimited:
+        if not (isinstance(closure_tolerance, float) and closure_tolerance == np.inf):
             self._tolerance = check.number("closure_tolerance", closure_tolerance, 0.0)
         self._variables = variables_of(model, active)
         ends = np.cumsum([0, *(len(located.angular) for located in self._tasks.values())]).tolist()
