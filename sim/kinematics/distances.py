@@ -98,8 +98,30 @@ class Distances:
 
     @cached_property
     def geom_pairs(self) -> NDArray[np.intp]:
-        """Numbers of the geoms of all pairs, shape (q, 2), ascending."""
-        return _geom_pairs(self.model, self.pairs)
+        """Numbers of the geoms of every pair that can collide, shape (q, 2), ascending."""
+        model, pairs = check.instance("model", self.model, mujoco.MjModel), self.pairs
+        if pairs is None:
+            named = np.transpose(np.triu_indices(model.ngeom, 1))
+        else:
+            given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
+            if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
+                raise TypeError(
+                    "pairs must be a list of pairs of lists of geoms or bodies, got "
+                    f"{check.shown(pairs)}"
+                )
+            groups = [[_numbers(model, group) for group in pair] for pair in given]
+            every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
+            named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
+        found = named[_can_collide(model, named)]
+        if not len(found):
+            raise ModelError(
+                "pairs must name two geoms that MuJoCo lets collide, got none: see contype, "
+                "conaffinity and exclude; those of one rigid body, or of a body and its parent, do "
+                "not"
+            )
+        if (fields := found[model.geom_type[found] == _SDF]).size:
+            raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
+        return check.read_only(found)
 
     def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:
         """The pairs nearer than `detection_m`, or `within_m` if that is more, at `data.qpos`.
@@ -245,32 +267,6 @@ class Distances:
             place[:] = here
         normal = fromto[3:] - fromto[:3]
         return normal / np.copysign(np.linalg.norm(normal), distance)
-
-
-def _geom_pairs(model: mujoco.MjModel, pairs: GeomPairs | None) -> NDArray[np.intp]:
-    """Geoms of every pair that can collide, shape (p, 2), ascending, each pair once."""
-    check.instance("model", model, mujoco.MjModel)
-    if pairs is None:
-        named = np.transpose(np.triu_indices(model.ngeom, 1))
-    else:
-        given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
-        if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
-            raise TypeError(
-                "pairs must be a list of pairs of lists of geoms or bodies, got "
-                f"{check.shown(pairs)}"
-            )
-        groups = [[_numbers(model, group) for group in pair] for pair in given]
-        every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
-        named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
-    found = named[_can_collide(model, named)]
-    if not len(found):
-        raise ModelError(
-            "pairs must name two geoms that MuJoCo lets collide, got none: see contype, conaffinity"
-            " and exclude; those of one rigid body, or of a body and its parent, do not"
-        )
-    if (fields := found[model.geom_type[found] == _SDF]).size:
-        raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
-    return check.read_only(found)
 
 
 def _numbers(model: mujoco.MjModel, group: Any) -> NDArray[np.intp]:

@@ -47,7 +47,8 @@ class Pose:
         rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
         given = *self._flat(lead), check.flat(twist, 1, lead), rotation, translation_m
         lib.move(math.prod(lead), *map(pointer, given))
-        return check.computed(Pose, rotation=rotation, translation_m=translation_m)
+        rotation, translation_m = check.read_only(rotation), check.read_only(translation_m)
+        return check.made(Pose, rotation=rotation, translation_m=translation_m)
 
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
