@@ -236,11 +236,8 @@ class Motion:
         return tuple(row < 3 for row in self.rows)
 
     @cached_property
-    def _index(self) -> slice | NDArray[np.intp]:
-        """The rows, as a slice where they follow one another."""
-        first, end = self.rows[0], self.rows[0] + len(self.rows)
-        follow = self.rows == tuple(range(first, end))
-        return slice(first, end) if follow else np.array(self.rows)
+    def _index(self) -> NDArray[np.intp]:
+        return np.array(self.rows)
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """The rows per qvel, shape (k, nv); `data` is up to date."""
@@ -263,7 +260,7 @@ class Motion:
             twist[5] -= of_root[0] * y - of_root[1] * x
         if axes is not None:
             twist = np.matmul(axes.rotation(data).T, twist.reshape(2, 3, -1)).reshape(6, -1)
-        out[:] = twist[self._index]
+        twist.take(self._index, axis=0, out=out, mode="clip")  # which needs no buffer
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """[rotation vector; translation] to the target, its rows, shape (k,)."""
