@@ -68,7 +68,7 @@ class Ik:
         anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
         self._there = anywhere, mujoco.MjData(model)
         jac = anywhere.at(self._there[1])
-        for sentence in jac.machine.structure.left_out if jac.machine else ():
+        for sentence in jac.structure.left_out:
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
         self._limits = given.of(model, jac)
@@ -116,8 +116,8 @@ class Ik:
         """The same with its status, and what each task lacks; see :meth:`step`."""
         period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
-        asked, accuracy = self._asked_at(data, period_s), jac.accuracy
-        met = accuracy and self._met(data, jac.J_T, jac.J_C, accuracy.error_bound, asked)
+        asked = self._asked_at(data, period_s)
+        met = self._met(data, jac.J_T, jac.J_C, jac.error_bound, asked)
         return self._solved(data, period_s, jac, asked, met)
 
     def advance(

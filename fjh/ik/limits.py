@@ -86,22 +86,21 @@ class Limits:
             ValueError: A name that the mechanism does not have, with the nearest, or that means two
                 things; or distances of another model.
         """
-        assert jac.machine is not None
         if self.distances is not None and not self.distances.fits(model):
             raise ValueError("distances must be of this model, got those of another model")
-        N = len(jac.machine.names.velocities)
+        N = len(jac.names.velocities)
         positions = Positions.of(model, jac) if self.ranges else Positions.free(N)
         meanings = _meanings(model, jac)
         velocity, of_tendons = _each("velocity", self.velocity, meanings, N, model.ntendon)
         acceleration, wrong = _each("acceleration", self.acceleration, meanings, N, model.ntendon)
-        driven = [d.tendon for d in jac.machine.drives if d.tendon is not None]
+        driven = [d.tendon for d in jac.drives if d.tendon is not None]
         of_tendons[driven] = np.inf
         wrong[driven] = np.inf
         for k in np.flatnonzero(np.isfinite(wrong)):
             name = name_of(model.tendon(k))
             raise ValueError(f'acceleration: no actuator drives the tendon "{name}"')
         coupled = Coupled.of(model, driven, of_tendons, stated=self.ranges)
-        extra = tuple(d for d in jac.machine.drives if d.joint is None)
+        extra = tuple(d for d in jac.drives if d.joint is None)
         return LimitsOf(
             self,
             model,
@@ -131,8 +130,7 @@ class Positions(NamedTuple):
     @classmethod
     def of(cls, model: mujoco.MjModel, jac: Jacobians) -> "Positions":
         """Those of a mechanism's velocities."""
-        assert jac.machine is not None
-        stated, extra = ranges(model), [d for d in jac.machine.drives if d.joint is None]
+        stated, extra = ranges(model), [d for d in jac.drives if d.joint is None]
         bounds = np.tile([[-np.inf], [np.inf]], (1, model.nv + len(extra)))
         bounds[:, : model.nv] = stated.joint.T
         velocities = np.flatnonzero(np.isfinite(stated.joint).any(axis=1))
@@ -529,14 +527,13 @@ class Meaning(NamedTuple):
 
 def _meanings(model: mujoco.MjModel, jac: Jacobians) -> dict[str, list[Meaning]]:
     """By each name of a joint, tendon or actuator that moves something what it stands for."""
-    assert jac.machine is not None
     found: dict[str, list[Meaning]] = {}
     for k in range(model.njnt):
         own = np.flatnonzero(model.dof_jntid == k).tolist()
         found.setdefault(model.joint(k).name, []).append(Meaning(("joint", k), own))
     for k in range(model.ntendon):
         found.setdefault(model.tendon(k).name, []).append(Meaning(("tendon", k), []))
-    for drive, velocity in zip(jac.machine.drives, jac.active.tolist(), strict=False):
+    for drive, velocity in zip(jac.drives, jac.active.tolist(), strict=False):
         first = drive.ids[0]
         what = ("actuator", first)
         if drive.tendon is not None:

@@ -113,9 +113,8 @@ class IkSolution:
 
         For `kinematics.force_mapping(torque_limits=...)`; zero of variables without an actuator.
         """
-        machine = self.problem.jacobians.machine
-        assert machine is not None
-        return machine.force_range[:, 0], machine.force_range[:, 1]
+        force_range = self.problem.jacobians.force_range
+        return force_range[:, 0], force_range[:, 1]
 
     @property
     def status(self) -> Status:

@@ -10,9 +10,9 @@ import numpy as np
 import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
-from sim.closing.equalities import check_closures
+from sim.closing.equalities import active_closures, check_closures
 from sim.closing.hold import Hold, Pin, hold
-from sim.closing.newton import CLOSED, Loops, close, lacking, loops_of
+from sim.closing.newton import CLOSED, Loops, close
 from sim.errors import ClosureError
 from sim.mjcf.frame import Body
 from sim.mjcf.joints import mass_of, turning
@@ -77,7 +77,8 @@ def assemble(
     closed = start_of(model) if data is None else copy.copy(data)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    for sentence in _close_in_place(model, closed, hold(model, held, pinned), geometry_accuracy):
+    fixed = hold(model, held, pinned)
+    for sentence in _close_in_place(model, closed, fixed, geometry_accuracy)[1]:
         warnings.warn(sentence, RuntimeWarning, stacklevel=2)
     return closed
 
@@ -146,8 +147,8 @@ def advance(
     try:
         loops = None
         if fixed.binds(moved):
-            _close_in_place(model, moved, fixed, geometry_accuracy)
-            loops = loops_of(model, moved, fixed.at(moved), geometry_accuracy)
+            loops = _close_in_place(model, moved, fixed, geometry_accuracy)[0]
+            loops = loops.holding(fixed.at(moved))
         else:
             mujoco.mj_kinematics(model, moved)
             mujoco.mj_comPos(model, moved)
@@ -172,13 +173,13 @@ def advance(
 
 def _close_in_place(
     model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: float | None
-) -> tuple[str, ...]:
-    """Close the loops of a state; returns a sentence for each equality that is left out."""
+) -> tuple[Loops, tuple[str, ...]]:
+    """Close the loops of a state; returns them, and a sentence for each equality left out."""
     mujoco.mj_fwdPosition(model, data)
     beside = check_closures(model, data, [pin.frame for pin in fixed.pins])
-    if fixed.binds(data):
-        close(data, loops_of(model, data, fixed.at(data), accuracy))
-    return beside
+    loops = Loops(model, active_closures(model, data), fixed.at(data), accuracy)
+    close(data, loops)
+    return loops, beside
 
 
 def _turned(model: mujoco.MjModel, motion: Array) -> tuple[float, str]:
@@ -186,6 +187,8 @@ def _turned(model: mujoco.MjModel, motion: Array) -> tuple[float, str]:
 
     Beyond a radian a velocity says little about where the task goes.
     """
+    if np.abs(motion).max(initial=0.0) <= _LONGEST_TURN_RAD:  # mostly, and faster
+        return 1.0, ""
     turns = np.abs(motion) * turning(model)
     if not exceeds(turns.max(initial=0.0), _LONGEST_TURN_RAD):
         return 1.0, ""
@@ -209,7 +212,7 @@ def _follow(
     begun, is_first = data.qpos.copy(), True
     while part > _SHORTEST:
         step = part * motion
-        goal = loops._replace(fixed=loops.fixed.moved(loops.model, data, step))
+        goal = loops.holding(loops.fixed.moved(loops.model, data, step))
         shorter, fault = _fault(data, goal, step)
         if not fault:
             return part, why
@@ -249,10 +252,19 @@ def _fault(data: mujoco.MjData, goal: Loops, step: Array) -> tuple[float, str]:
 
 
 def _opens(data: mujoco.MjData, goal: Loops, step: Array) -> bool:
-    """Whether a motion opens the loops to first order, so that no part of it is short enough."""
-    correction, rest = lacking(data, goal, step)
+    """Whether a motion opens the loops to first order, so that no part of it is short enough.
+
+    The least correction that keeps them closed is too long; or what no motion closes is too large a
+    part of the most that a motion of this length may open.
+    """
+    rows, units = goal.rows(data), goal.velocity_units
+    gaps, closing = goal.gaps(data) + rows @ step, goal.closable(rows)
+    closable = closing @ gaps
+    correction = goal.least_change(data, closing @ rows, -closable)
     change, length = _lengths(goal.model, data, correction, step)
-    return change > _LONGEST_CORRECTION * length or rest > _LONGEST_CORRECTION
+    rest = np.linalg.norm(gaps - closing.T @ closable)
+    most = np.linalg.norm(rows * units) * np.linalg.norm(step / units)
+    return change > _LONGEST_CORRECTION * length or bool(rest > _LONGEST_CORRECTION * most)
 
 
 def _lengths(model: mujoco.MjModel, data: mujoco.MjData, *motions: Array) -> list[float]:

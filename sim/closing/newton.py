@@ -1,14 +1,17 @@
 """Newton's method on the gaps of closed loops."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
+import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
-from sim.closing.equalities import Closures, active_closures, equality_name
+from sim.closing.equalities import Closures, equality_name
 from sim.closing.hold import Hold
 from sim.errors import ClosureError
 from sim.mjcf.accuracy import COARSEST, written_accuracy
@@ -26,7 +29,8 @@ enough where round-off lets no step come nearer.
 _ROUND_OFF = 1e-14
 """Of positions in the model's unit: a smaller gap is none, whatever the own length."""
 _MOST_STEPS = 60
-_FRACTIONS = tuple(0.5**k for k in range(11))
+FRACTIONS = tuple(0.5**k for k in range(11))
+"""Of a step, to be tried one after the other."""
 _LONGEST_MOVE = 0.5
 """Of any joint in one step, [rad] or own lengths: farther, the linearization means nothing."""
 _REDUNDANT = 1e-9
@@ -35,21 +39,42 @@ _MARGIN = 10.0
 """By which those of an inexact model may exceed its accuracy, as in `prioritized`."""
 
 
-class Loops(NamedTuple):
-    """Everything that is to be closed: equalities, and what is held or pinned.
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Everything that is to be closed: equalities, and what is held or pinned; c gaps.
 
-    Of c gaps and nv velocities, of which some are `free`; units are 1 of an angle, the own length
-    of a length. The geometry is accurate to `accuracy` in rad or relative length; None is what the
-    model shows.
+    The geometry is accurate to `accuracy` in rad or relative length; None is what the model shows.
     """
 
     model: mujoco.MjModel
     closures: Closures
     fixed: Hold
-    free: Array
-    row_units: Array
-    velocity_units: Array
     accuracy: float | None
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Velocities that are not held."""
+        return np.setdiff1d(np.arange(self.model.nv), self.fixed.still)
+
+    @cached_property
+    def row_units(self) -> Array:
+        """Units of the gaps, (c,): 1 of an angle, the own length of a length."""
+        turns = np.append(self.closures.turns(self.model), self.fixed.turns()).astype(bool)
+        return np.where(turns, 1.0, self._length)
+
+    @cached_property
+    def velocity_units(self) -> Array:
+        """Units of the velocities, (nv,), likewise."""
+        return np.where(turning(self.model), 1.0, self._length)
+
+    @cached_property
+    def _length(self) -> float:
+        pins = (pin.frame for pin in self.fixed.pins)
+        return own_length(self.model, [*self.closures.frames(self.model), *pins])
+
+    def holding(self, fixed: Hold) -> "Loops":
+        """The same loops, where the same drives and frames are to be elsewhere."""
+        return check.made(Loops, **vars(self) | {"fixed": fixed})
 
     def largest_gap(self, data: mujoco.MjData) -> tuple[float, str]:
         """How large the largest gap is, and whose, in words; of what MuJoCo last computed."""
@@ -101,18 +126,6 @@ class Loops(NamedTuple):
         with_sleepers(self.model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
 
 
-def loops_of(
-    model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: float | None
-) -> Loops:
-    """What is to be closed in a state, derived quantities up to date."""
-    closures = active_closures(model, data)
-    length = own_length(model, [*closures.frames(model), *(pin.frame for pin in fixed.pins)])
-    turns = np.append(closures.turns(model), fixed.turns()).astype(bool)
-    units = np.where(turns, 1.0, length), np.where(turning(model), 1.0, length)
-    free = ~np.isin(np.arange(model.nv), fixed.still)
-    return Loops(model, closures, fixed, free, *units, accuracy)
-
-
 def close(data: mujoco.MjData, loops: Loops) -> None:
     """Close loops in place by Newton's method, derived quantities up to date before and after.
 
@@ -146,26 +159,13 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
     raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or begin nearer")
 
 
-def lacking(data: mujoco.MjData, loops: Loops, motion: Array) -> tuple[Array, float]:
-    """The least correction (nv,) of a motion (nv,) that keeps loops closed, to first order.
-
-    And what no motion closes, as a part of the most that a motion of this length may open.
-    """
-    rows = loops.rows(data)
-    gaps, closing = loops.gaps(data) + rows @ motion, loops.closable(rows)
-    closable = closing @ gaps
-    change = loops.least_change(data, closing @ rows, -closable)
-    rest, units = np.linalg.norm(gaps - closing.T @ closable), loops.velocity_units
-    return change, float(rest / (np.linalg.norm(rows * units) * np.linalg.norm(motion / units)))
-
-
 def _come_nearer(data: mujoco.MjData, loops: Loops, step: Array, closing: Array) -> bool:
     """Take the step, halved until the gaps shrink; False, and no step, if they do not."""
     model, here = loops.model, data.qpos.copy()
     before = np.linalg.norm(closing @ loops.gaps(data))
     longest = np.abs(step / loops.velocity_units).max(initial=0.0)
     step = step * min(1.0, _LONGEST_MOVE / max(longest, _LONGEST_MOVE))
-    for fraction in _FRACTIONS:
+    for fraction in FRACTIONS:
         data.qpos[:] = here
         mujoco.mj_integratePos(model, data.qpos, fraction * step, 1.0)
         mujoco.mj_fwdPosition(model, data)

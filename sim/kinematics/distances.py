@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
+from sim.closing.newton import FRACTIONS
 from sim.errors import ModelError
 from sim.kinematics.task import carried_bodies
 from sim.mjcf.frame import Body, located
@@ -23,8 +24,6 @@ _TOUCHING_M, _LIFT_M = 1e-9, 1e-6
 """Witness points nearer than the first give no direction; geoms apart by the second do."""
 _ACCURACY_M = 1e-9
 """What a distance may lack of the one allowed: round-off of MuJoCo's."""
-FRACTIONS = tuple(0.5**k for k in range(11))
-"""Of a step, to be tried one after the other."""
 _GEOMETRY = (
     *("body_parentid", "body_pos", "body_quat", "jnt_type", "jnt_bodyid", "jnt_pos", "jnt_axis"),
     *("qpos0", "geom_type", "geom_bodyid", "geom_size", "geom_pos", "geom_quat", "geom_dataid"),
@@ -99,8 +98,30 @@ class Distances:
 
     @cached_property
     def geom_pairs(self) -> NDArray[np.intp]:
-        """Numbers of the geoms of all pairs, shape (q, 2), ascending."""
-        return _geom_pairs(self.model, self.pairs)
+        """Numbers of the geoms of every pair that can collide, shape (q, 2), ascending."""
+        model, pairs = check.instance("model", self.model, mujoco.MjModel), self.pairs
+        if pairs is None:
+            named = np.transpose(np.triu_indices(model.ngeom, 1))
+        else:
+            given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
+            if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
+                raise TypeError(
+                    "pairs must be a list of pairs of lists of geoms or bodies, got "
+                    f"{check.shown(pairs)}"
+                )
+            groups = [[_numbers(model, group) for group in pair] for pair in given]
+            every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
+            named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
+        found = named[_can_collide(model, named)]
+        if not len(found):
+            raise ModelError(
+                "pairs must name two geoms that MuJoCo lets collide, got none: see contype, "
+                "conaffinity and exclude; those of one rigid body, or of a body and its parent, do "
+                "not"
+            )
+        if (fields := found[model.geom_type[found] == _SDF]).size:
+            raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
+        return check.read_only(found)
 
     def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:
         """The pairs nearer than `detection_m`, or `within_m` if that is more, at `data.qpos`.
@@ -123,16 +144,6 @@ class Distances:
         distance_m = np.array([distance for _, distance, _ in near], dtype=float)
         pairs = self.geom_pairs[[k for k, _, _ in near]]
         return Near(check.read_only(distance_m), check.read_only(rows), check.read_only(pairs))
-
-    def rate_limits(self, data: mujoco.MjData, dt: float) -> tuple[Array, Array]:
-        """Rows and lower limits: rows @ qvel >= lower keeps the near pairs apart.
-
-        A distance d may change by no less than -gain (d - margin) in a tick of `dt` seconds: it
-        never reaches the margin, and from below is led back to it. Shapes (p, nv) and (p,), [m/s].
-        """
-        check.number("dt", dt, *check.SECONDS)
-        near = self.at(data)
-        return near.rows, check.read_only(-self.gain / dt * (near.distance_m - self.margin_m))
 
     def fits(self, model: mujoco.MjModel) -> bool:
         """Whether a model has the same bodies, joints and geoms."""
@@ -256,32 +267,6 @@ class Distances:
             place[:] = here
         normal = fromto[3:] - fromto[:3]
         return normal / np.copysign(np.linalg.norm(normal), distance)
-
-
-def _geom_pairs(model: mujoco.MjModel, pairs: GeomPairs | None) -> NDArray[np.intp]:
-    """Geoms of every pair that can collide, shape (p, 2), ascending, each pair once."""
-    check.instance("model", model, mujoco.MjModel)
-    if pairs is None:
-        named = np.transpose(np.triu_indices(model.ngeom, 1))
-    else:
-        given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
-        if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
-            raise TypeError(
-                "pairs must be a list of pairs of lists of geoms or bodies, got "
-                f"{check.shown(pairs)}"
-            )
-        groups = [[_numbers(model, group) for group in pair] for pair in given]
-        every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
-        named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
-    found = named[_can_collide(model, named)]
-    if not len(found):
-        raise ModelError(
-            "pairs must name two geoms that MuJoCo lets collide, got none: see contype, conaffinity"
-            " and exclude; those of one rigid body, or of a body and its parent, do not"
-        )
-    if (fields := found[model.geom_type[found] == _SDF]).size:
-        raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
-    return check.read_only(found)
 
 
 def _numbers(model: mujoco.MjModel, group: Any) -> NDArray[np.intp]:

@@ -1,32 +1,41 @@
-"""Task and constraint Jacobians of a model at one pose, their accuracy, and what else it says."""
+"""Task and constraint Jacobians of any MJCF model, once or at every tick; their accuracy."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from sim.array import Array
-from sim.errors import ModelError
-from sim.kinematics.structure import Kept, Names, Structure, rows_at
-from sim.kinematics.task import Task
+from sim.closing.equalities import Closures, active_closures, equality_name, left_out
+from sim.closing.hold import Pin, pins_of
+from sim.errors import ClosureError, ModelError
+from sim.kinematics.structure import Kept, Structure, active_velocities, rows_at, variables_of
+from sim.kinematics.task import Task, located_axes, located_tasks
 from sim.mjcf.accuracy import moved, written_accuracy
-from sim.mjcf.drive import Drive, is_disabled
-from sim.mjcf.joints import is_slack, joint_stiffness
-from sim.mjcf.limits import at_limits, tendon_row, touching
-from sim.mjcf.model import bring_up_to_date, listed, name_of
+from sim.mjcf.drive import Drive, drives, is_disabled
+from sim.mjcf.frame import Body
+from sim.mjcf.joints import is_slack, joint_stiffness, turning
+from sim.mjcf.limits import at_limits, stuck_names, tendon_row, touching
+from sim.mjcf.model import bring_up_to_date, check_state, listed, name_of
 
+CLOSURE_TOLERANCE = 1e-3
+"""Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
+_ZERO = 1e-13
+"""Part of the largest entry of a Jacobian, or of 1, that is zero but for round-off."""
 _POINTS = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _UNLOADED_M = 1e-9
 _ROUND_OFF = 1e-14
 """Part of the largest entry below which a difference is none."""
 _STATE = mujoco.mjtState
-PLACE = int(
+_PLACE = int(
     _STATE.mjSTATE_QPOS
     | _STATE.mjSTATE_EQ_ACTIVE
     | _STATE.mjSTATE_MOCAP_POS
@@ -35,39 +44,85 @@ PLACE = int(
 """What decides the Jacobians of a model in one state."""
 
 
-@dataclass(frozen=True, eq=False)
-class Machine:
-    """What a model says besides the Jacobians at one pose, and how accurate each entry of them is.
-
-    All is computed when first asked for. Errors are in the unit of the entry; natural units are 1
-    of an angle, the mechanism's own length of a length.
+class Names(NamedTuple):
+    """Names of a mechanism.
 
     Attributes:
-        structure: What no pose changes.
-        place: The pose, as `mj_getState` gives it of :data:`PLACE`.
-        residual: Largest gap of the closures, [m] or [rad].
+        velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
+            free joint share one, and a joint without a name has "".
+        actuators: Those that drive each active velocity; none for a variable without one.
     """
 
-    structure: Structure
-    place: Array
-    residual: float
+    velocities: tuple[str, ...]
+    actuators: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Jacobians:
+    """Velocities of a MuJoCo model as v = J_T u, 0 = J_C u, with u = [qvel; other actuators'].
+
+    N velocities: the nv of MuJoCo, then one of each transmission that is no slide or hinge joint.
+    What the model says besides is computed when first asked for. Errors are in the unit of the
+    entry; natural units are 1 of an angle, the mechanism's own length of a length.
+
+    Attributes:
+        J_T: Velocities of the tasks, shape (m, N): a frame has the twist [angular; linear] of its
+            origin, [rad]/[s] and [m]/[s].
+        J_C: Rows of the active equality constraints, shape (c, N), then of the transmissions, pins
+            and limits; redundant rows are normal.
+        active: Velocity index of each active velocity, in actuator order, shape (n,).
+        gear: Gear ratio of its first actuator, never zero, shape (n,).
+        rows: Which rows of J_T belong to which task.
+        closure_residual: Largest gap of the closures, [m] or [rad].
+        structure: What no pose changes.
+        place: The pose, as `mj_getState` gives it.
+    """
+
     J_T: Array
     J_C: Array
+    active: NDArray[np.intp]
+    gear: Array
+    rows: Mapping[Task, slice]
+    closure_residual: float
+    structure: Structure
+    place: Array
 
     @property
+    def accuracy(self) -> "Jacobians":
+        """How far each entry may be off, and natural units: what these Jacobians themselves say."""
+        return self
+
+    @cached_property
     def drives(self) -> tuple[Drive, ...]:
         """What each active velocity is and what drives it, in actuator order."""
-        return self.structure.drives
+        return drives(self._model)
 
-    @property
+    @cached_property
     def names(self) -> Names:
         """Names of the velocities and of the actuators."""
-        return self.structure.names
+        model, of = self._model, self.structure
+        joints = [model.joint(k).name for k in model.dof_jntid]
+        return Names(
+            velocities=(*joints, *(drive.name for drive in of.extra)),
+            actuators=(*(drive.actuators for drive in self.drives), *((),) * of.variables),
+        )
+
+    @cached_property
+    def geometry_accuracy(self) -> float:
+        """Accuracy of the geometry in one number, in rad or relative length, as the model shows it.
+
+        The rounding of its numbers; or a tenth of what the gaps of the closures amount to in J_C,
+        where `ConstrainedSystem(geometry_accuracy=...)` takes ten times the accuracy for zero.
+        `accuracy` says it for each entry.
+        """
+        size = float(np.linalg.norm(self.J_C))
+        of_gaps = 0.1 * self.closure_residual / size if size else 0.0
+        return max(of_gaps, written_accuracy(self._model))
 
     @property
     def error_bound(self) -> float:
         """Bound of the errors of all entries in natural units."""
-        return self.structure.error_bound(self.residual)
+        return self.structure.error_bound(self.closure_residual)
 
     @property
     def task_units(self) -> Array:
@@ -98,7 +153,7 @@ class Machine:
         for _, kind, rows in of.closures.parts(of.model):
             if kind in _POINTS:  # couplings hold however open
                 gaps[rows] = self.J_C[rows].any(axis=0)
-        gaps *= self.residual / of.length * self.constraint_units[:, None]
+        gaps *= self.closure_residual / of.length * self.constraint_units[:, None]
         return check.read_only(self._of_rounding[1] + gaps / self.velocity_units)
 
     @cached_property
@@ -106,12 +161,13 @@ class Machine:
         """The sum of what half a unit of the last digit of each number does."""
         errors = np.zeros(self.J_T.shape), np.zeros(self.J_C.shape)
         if self.structure.roundings:
-            of = self.structure.copied()
-            model, data, spare = of.model, state_at(of.model, self.place), Kept()
+            of, kept = self.structure.copied(), Kept()
+            model = of.model
+            mujoco.mj_setState(model, data := mujoco.MjData(model), self.place, _PLACE)
 
             def read() -> tuple[Array, Array]:
                 bring_up_to_date(model, data)
-                return rows_at(of, data, spare)
+                return rows_at(of, data, kept)
 
             here = read()
             for rounding in of.roundings:
@@ -179,7 +235,7 @@ class Machine:
 
     @cached_property
     def _data(self) -> mujoco.MjData:
-        data = state_at(self._model, self.place)
+        mujoco.mj_setState(self._model, data := mujoco.MjData(self._model), self.place, _PLACE)
         mujoco.mj_fwdPosition(self._model, data)
         return data
 
@@ -226,12 +282,6 @@ class Machine:
         return [words + listed(names) for words, names in said.items() if names]
 
 
-def state_at(model: mujoco.MjModel, place: Array) -> mujoco.MjData:
-    """A state of a model at a place; nothing is computed."""
-    mujoco.mj_setState(model, data := mujoco.MjData(model), place, PLACE)
-    return data
-
-
 class JacobianViews(NamedTuple):
     """What one tick needs of :class:`Jacobians`: the next reading overwrites the matrices.
 
@@ -246,75 +296,171 @@ class JacobianViews(NamedTuple):
     error_bound: float
 
 
-@dataclass(frozen=True, eq=False)
-class Jacobians:
-    """Velocities of a MuJoCo model as v = J_T u, 0 = J_C u, with u = [qvel; other actuators'].
+def jacobians(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    site: Task | Sequence[Task],
+    axes: str | None = None,
+    *,
+    pinned: Iterable[str | Body | Pin] = (),
+    stuck_at_limits: bool | Iterable[str] = False,
+    closure_tolerance: float = CLOSURE_TOLERANCE,
+    active: bool | Iterable[str | int] = (),
+) -> Jacobians:
+    """Jacobians at the present `data.qpos`; for one pose after another: :class:`JacobianReader`.
 
-    N velocities: the nv of MuJoCo, then one of each transmission that is no slide or hinge joint.
+    Joints, equalities and transmissions of every kind that has velocities: connect, weld, joint and
+    tendon equalities; actuators on joints, tendons, sites and slider-cranks. Dry friction is left
+    out; contacts and limits too, unless `pinned` or `stuck_at_limits` says otherwise.
 
-    Attributes:
-        J_T: Velocities of the tasks, shape (m, N): a frame has the twist [angular; linear] of its
-            origin, [rad]/[s] and [m]/[s].
-        J_C: Rows of the active equality constraints, shape (c, N), then of the transmissions, pins
-            and limits; redundant rows are normal.
-        active: Velocity index of each active velocity, in actuator order, shape (n,).
-        gear: Gear ratio of its first actuator, never zero, shape (n,).
-        rows: Which rows of J_T belong to which task.
-        closure_residual: Largest gap of the closures, [m] or [rad].
-        machine: The model behind it: names, limits, springs, and the accuracy of each entry.
+    Args:
+        model: Any model.
+        data: Its state; `eq_active` decides which equalities count. See :func:`assemble`. Frames,
+            tendons and rows of equalities in it are brought up to date; contacts and the mass
+            matrix stay as they were.
+        site: The task: name of a site or, if there is none, of a body; :class:`Body`,
+            :class:`CenterOfMass` or :class:`Relative`; or several, whose rows are stacked.
+        axes: Site whose axes velocities are expressed in; None is the world.
+        pinned: Frames that stay where they are, as feet that stand: names of sites,
+            :class:`Body`, or :class:`Pin`.
+        stuck_at_limits: Which of the joints and tendons that rest on their limits count as stuck,
+            in both directions: none, all (True), or those of these names.
+        closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
+            Jacobians by no more than its own size; infinity takes any.
+        active: Velocities that are variables though they have no actuator, as those of the base of
+            a robot that walks: names or numbers of joints, which mean all their velocities; True is
+            every one without an actuator. They follow the others in `active`.
+
+    Raises:
+        ClosureError: A closure is open farther than the tolerance.
+        ModelError: A name that does not exist; a model in which nothing is active; a task that
+            nothing active moves; an actuator or an active equality that is no velocity; a variable
+            that has an actuator; closures that the model's flags switch off.
+    """
+    check_state(model, data)
+    return JacobianReader(
+        model,
+        site,
+        axes,
+        pinned=pinned,
+        stuck_at_limits=stuck_at_limits,
+        closure_tolerance=closure_tolerance,
+        active=active,
+    ).at(data)
+
+
+class JacobianReader:
+    """The Jacobians of one model at one pose after another, as a control loop needs them.
+
+    Names are looked up when it is made. Which equalities and actuators count is read anew whenever
+    `data.eq_active`, `opt.disableactuator` or `opt.disableflags` change, and only then whether some
+    actuator moves each task. After any other change of the model, make another reader.
     """
 
-    J_T: Array
-    J_C: Array
-    active: NDArray[np.intp]
-    gear: Array
-    rows: Mapping[Task, slice] = field(default_factory=dict)
-    closure_residual: float = 0.0
-    machine: Machine | None = None
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        site: Task | Sequence[Task],
+        axes: str | None = None,
+        *,
+        pinned: Iterable[str | Body | Pin] = (),
+        stuck_at_limits: bool | Iterable[str] = False,
+        closure_tolerance: float = CLOSURE_TOLERANCE,
+        active: bool | Iterable[str | int] = (),
+    ) -> None:
+        """Look up the names; arguments and errors are those of :func:`jacobians`."""
+        check.instance("model", model, mujoco.MjModel)
+        self._model = model
+        self._tasks = located_tasks(model, site, located_axes(model, axes))
+        self._pins = pins_of(model, pinned)
+        self._stuck = stuck_names("stuck_at_limits", stuck_at_limits)
+        self._tolerance = closure_tolerance
+        if not (isinstance(closure_tolerance, float) and closure_tolerance == np.inf):
+            self._tolerance = check.number("closure_tolerance", closure_tolerance, 0.0)
+        self._variables = variables_of(model, active)
+        ends = np.cumsum([0, *(len(located.angular) for located in self._tasks.values())]).tolist()
+        self._rows = dict(zip(self._tasks, map(slice, ends, ends[1:]), strict=True))
+        self._known = dict[tuple[object, ...], Structure]()
+        self._kept = Kept()
 
-    def __post_init__(self) -> None:
-        """Check the arguments, and keep read-only copies."""
-        nv = (J_T := check.array("J_T", self.J_T, ..., None, None)).shape[-1]
-        J_C = check.array("J_C", self.J_C, ..., None, nv)
-        active = check.indices("active", self.active, nv)
-        gear = check.array("gear", self.gear, len(active))
-        if not gear.all():
-            raise ValueError(f"gear must not be zero, got {check.shown(self.gear)}")
-        for name, value in {"J_T": J_T, "J_C": J_C, "active": active, "gear": gear}.items():
-            object.__setattr__(self, name, check.frozen(value))
-        check.instance("rows", self.rows, Mapping)
-        check.number("closure_residual", self.closure_residual, 0.0)
-        if self.machine is not None:
-            check.instance("machine", self.machine, Machine)
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is found again: matrices and their views would be copied apart."""
+        return vars(self) | {"_known": {}, "_kept": {}}
 
-    @property
-    def accuracy(self) -> Machine | None:
-        """How far each entry may be off, and natural units: what the model says."""
-        return self.machine
+    def read(self, data: mujoco.MjData) -> JacobianViews:
+        """Views of the Jacobians, for the tick of a loop; the next reading overwrites them.
 
-    @property
-    def names(self) -> Names | None:
-        """Names of the velocities and of the actuators of each active one."""
-        return self.machine and self.machine.names
-
-    @property
-    def stiffness(self) -> Array | None:
-        """K of the springs of joints and tendons, (N, N); None where one is not linear."""
-        return self.machine and self.machine.stiffness
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the model has besides, and the Jacobians leave out; a sentence each."""
-        return self.machine.warnings if self.machine else ()
-
-    @cached_property
-    def geometry_accuracy(self) -> float:
-        """Accuracy of the geometry in one number, in rad or relative length, as the model shows it.
-
-        The rounding of its numbers; or a tenth of what the gaps of the closures amount to in J_C,
-        where `ConstrainedSystem(geometry_accuracy=...)` takes ten times the accuracy for zero.
-        `accuracy` says it for each entry.
+        So does :meth:`at`. One reader serves one thread so, and any number by :meth:`at` alone.
+        Arguments and errors are those of :meth:`at`.
         """
-        size = float(np.linalg.norm(self.J_C))
-        of_gaps = 0.1 * self.closure_residual / size if size else 0.0
-        return max(of_gaps, written_accuracy(self.machine.structure.model) if self.machine else 0.0)
+        now, residual = self._known_at(data)
+        J_T, J_C = rows_at(now, data, self._kept, copied=False)
+        return JacobianViews(J_T, J_C, now.active, residual, now.error_bound(residual))
+
+    def at(self, data: mujoco.MjData) -> Jacobians:
+        """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them."""
+        now, residual = self._known_at(data)
+        J_T, J_C = rows_at(now, data, self._kept)
+        place = np.empty(mujoco.mj_stateSize(self._model, _PLACE))
+        mujoco.mj_getState(self._model, data, place, _PLACE)
+        return check.made(
+            Jacobians,
+            J_T=J_T,
+            J_C=J_C,
+            active=now.active,
+            gear=now.gear,
+            rows=self._rows.copy(),
+            closure_residual=residual,
+            structure=now,
+            place=check.read_only(place),
+        )
+
+    def _known_at(self, data: mujoco.MjData) -> tuple[Structure, float]:
+        """Bring a state up to date: what is known of its equalities, and their largest gap."""
+        model = self._model
+        check_state(model, data)
+        bring_up_to_date(model, data)
+        opt, closures = model.opt, b""
+        if model.neq:
+            closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
+        key = closures, opt.disableactuator, opt.disableflags
+        known = self._known.get(key)
+        closed = active_closures(model, data) if known is None else known.closures
+        residual = closed.largest_gap(data)
+        if residual > self._tolerance:
+            name = equality_name(model, closed.worst(data))
+            raise ClosureError(name, residual, "call sim.assemble(model, data)")
+        if known is None:
+            known = self._known[key] = self._found(data, closed)
+        return known, residual
+
+    def _found(self, data: mujoco.MjData, closed: Closures) -> Structure:
+        """What no pose changes, where something active moves each task."""
+        model, tasks, pins = self._model, self._tasks, self._pins
+        frames = [frame for located in tasks.values() for frame in located.frames]
+        beside = left_out(model, data, [*frames, *(pin.frame for pin in pins)])
+        velocities = active_velocities(model, self._variables)
+        now = Structure(model, tasks, pins, self._stuck, closed, beside, *velocities)
+        # Rows of what is stretched are zero here, and elsewhere are not.
+        if self._resting(now, data) and (resting := self._resting(now, _elsewhere(model, data))):
+            raise ModelError(
+                f"no actuator moves {check.shown(resting[0])}: name another task, what its "
+                "mechanism stands on in pinned=, or joints that are variables in active="
+            )
+        return now
+
+    def _resting(self, now: Structure, data: mujoco.MjData) -> list[Task]:
+        """Tasks of which no active velocity moves anything, through whatever closures."""
+        J_T, J_C = (np.abs(A) > _ZERO * np.abs(A).max(initial=1.0) for A in rows_at(now, data, {}))
+        part = connected_components(J_C.T @ J_C, directed=False)[1]  # velocities tied by closures
+        moves = J_T & np.isin(part, part[now.active])
+        return [task for task, own in self._rows.items() if not moves[own].any()]
+
+
+def _elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """A state near by where no entry of a Jacobian vanishes that does not at every pose."""
+    there, size = copy(data), np.where(turning(model), 0.3, 0.1 * model.stat.extent)
+    motion = size * np.random.default_rng(0).uniform(0.5, 1.5, size=model.nv)
+    mujoco.mj_integratePos(model, there.qpos, motion, 1.0)
+    bring_up_to_date(model, there)
+    return there

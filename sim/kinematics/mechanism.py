@@ -1,10 +1,8 @@
 """A controller's own model of a mechanism: its kinematics at any joint positions."""
 
 import copy
-from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,11 +11,9 @@ from numpy.typing import NDArray
 import argument_checks as check
 from kernels import Struct, lib, pointer
 from sim.array import Array
-from sim.closing.hold import Pin
-from sim.kinematics.jacobian import Jacobians, Machine
-from sim.kinematics.observation import Observer, observed_from_here
+from sim.kinematics.jacobian import JacobianReader, Jacobians
+from sim.kinematics.observation import Observed, Observer
 from sim.kinematics.pose import Pose
-from sim.kinematics.reader import JacobianReader
 from sim.kinematics.task import located_axes
 from sim.mjcf.drive import drives
 from sim.mjcf.frame import Body, located
@@ -29,25 +25,16 @@ class JointPosture(Jacobians):
     """Joint positions, and what follows from them.
 
     Attributes:
-        mechanism: Whose they are.
         qpos: As in `data.qpos`, shape (nq,).
         pose: Of the task frame, relative to the nominal one, as :meth:`Plant.pose`.
         gaps: Of the closures, in the units of their rows, shape (c,).
         displacements: Of the active velocities from the nominal posture, shape (n,).
-        error_bound: Of the errors of all entries of the Jacobians, in natural units.
     """
 
-    mechanism: "Mechanism"
     qpos: Array
     pose: Pose
     gaps: Array
     displacements: Array
-    error_bound: float
-
-    @cached_property
-    def machine(self) -> Machine | None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """See :class:`Jacobians`; only rank decisions and reports need it."""
-        return self.mechanism.read(self.qpos).machine
 
 
 class Mechanism:
@@ -66,7 +53,6 @@ class Mechanism:
         site: str | Body = "payload",
         axes: str | None = None,
         *,
-        pinned: Iterable[str | Body | Pin] = (),
         springs: bool = False,
     ) -> None:
         """Take private copies.
@@ -76,7 +62,6 @@ class Mechanism:
             data: Its nominal posture, loops closed; None is the first keyframe, or `qpos0`.
             site: The task frame: the name of a site or else of a body, or a :class:`Body`.
             axes: Site that gives the axes of the task; None is the world.
-            pinned: Frames that stay where they are.
             springs: Whether what closures and actuators leave free moves as the springs have it,
                 with their least energy, as of a finger on one cable.
         """
@@ -85,16 +70,11 @@ class Mechanism:
         self._model = copy.copy(model)
         self._data = start_of(model) if data is None else copy.copy(data)
         check_state(self._model, self._data)
-        self._reader = JacobianReader(
-            self._model, site, axes, pinned=pinned, closure_tolerance=np.inf
-        )
+        self._reader = JacobianReader(self._model, site, axes, closure_tolerance=np.inf)
         frame, base = located(model, "site", site), located_axes(model, axes)
         mujoco.mj_fwdPosition(self._model, self._data)
-        driven = drives(self._model)
-        self._observed = observed_from_here(self._model, self._data, driven, frame, base)
-        first = self._reader.at(self._data)
-        self._rows, self._gear = first.rows, first.gear
-        self._workspaces = list[_Workspace]()
+        self._observed = Observed(self._model, self._data, drives(self._model), frame, base)
+        self._observers = list[Observer]()
         self.nominal = self._posture(self._data.qpos.copy())
         rows = None
         if springs and (K := self.nominal.stiffness) is not None:
@@ -104,20 +84,12 @@ class Mechanism:
         self._drives = Struct("drives_model", N=N, n=len(active), active=active, springs=rows)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without workspaces, which point into states of their own."""
-        return vars(self) | {"_workspaces": []}
+        """Without observers, which point into states of their own."""
+        return vars(self) | {"_observers": []}
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
         """The Jacobians in a posture: itself."""
         return _checked(posture)
-
-    def read(self, qpos: Array) -> Jacobians:
-        """The Jacobians at joint positions (nq,), with all that the model says besides."""
-        space = self._workspace()
-        space.data.qpos[:] = qpos
-        jacobians = self._reader.at(space.data)
-        self._workspaces.append(space)
-        return jacobians
 
     def displacements(self, posture: JointPosture) -> Array:
         """Displacements of the active velocities from the nominal posture, shape (n,)."""
@@ -157,46 +129,24 @@ class Mechanism:
 
     def _posture(self, qpos: Array) -> JointPosture:
         """Everything at these joint positions."""
-        space = self._workspace()
-        space.data.qpos[:] = qpos
-        J_T, J_C, active, residual, bound = space.reader.read(space.data)
-        self._observed.refresh(self._model, space.data)
-        pose, displacements = space.observer.read()
-        gaps, J_T, J_C = space.data.efc_pos[: space.data.ne].copy(), J_T.copy(), J_C.copy()
-        self._workspaces.append(space)
-        for array in (gaps, J_T, J_C, qpos):
-            array.setflags(write=False)
-        return check.made(
-            JointPosture,
-            mechanism=self,
-            qpos=qpos,
-            pose=pose,
-            J_T=J_T,
-            J_C=J_C,
-            active=active,
-            gear=self._gear,
-            rows=self._rows,
-            closure_residual=residual,
-            error_bound=bound,
-            gaps=gaps,
-            displacements=displacements,
-        )
+        observer = self._observer()
+        data = observer.data
+        data.qpos[:] = qpos
+        jac = self._reader.at(data)
+        self._observed.refresh(self._model, data)
+        pose, displacements = observer.read()
+        gaps = check.read_only(data.efc_pos[: data.ne].copy())
+        self._observers.append(observer)
+        own = {"qpos": check.read_only(qpos), "gaps": gaps, "displacements": displacements}
+        return check.made(JointPosture, **vars(jac), **own, pose=pose)
 
-    def _workspace(self) -> "_Workspace":
-        """A state to compute in, which is to be given back."""
+    def _observer(self) -> Observer:
+        """One with a state to compute in, which is to be given back."""
         try:
-            return self._workspaces.pop()
+            return self._observers.pop()
         except IndexError:  # another thread has it
             mujoco.mj_copyData(data := mujoco.MjData(self._model), self._model, self._data)
-            return _Workspace(data, copy.copy(self._reader), Observer(self._observed, data))
-
-
-class _Workspace(NamedTuple):
-    """A state to compute in, of which no two threads have the same, and what reads it."""
-
-    data: mujoco.MjData
-    reader: JacobianReader
-    observer: Observer
+            return Observer(self._observed, data)
 
 
 def _checked(posture: JointPosture) -> JointPosture:

@@ -1,7 +1,6 @@
 """What is observed of a machine: motion of its task frame and its drives from a nominal pose."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -16,7 +15,6 @@ from sim.mjcf.frame import Located
 from sim.mjcf.model import with_sleepers
 
 
-@dataclass(frozen=True, eq=False)
 class Observed:
     """Where a task frame and drives are read, and what is read there in the nominal pose.
 
@@ -24,10 +22,34 @@ class Observed:
     `known` is what no pose changes of the `observation` of kernels.h, by its names.
     """
 
-    frame: Located
-    base: Located | None
-    origin_m: Array
-    known: dict[str, Any]
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        drives: Sequence[Drive],
+        frame: Located,
+        base: Located | None,
+    ) -> None:
+        """Take the present pose for the nominal one, `data` up to date."""
+        joints = [n for n, drive in enumerate(drives) if drive.joint is not None]
+        others = [n for n, drive in enumerate(drives) if drive.joint is None]
+        numbers = {
+            "joints": joints,
+            "places": model.jnt_qposadr[[drives[n].joint for n in joints]],
+            "others": others,
+            "outputs": [drives[n].outputs[0] for n in others],
+        }
+        self.frame, self.base = frame, base
+        self.origin_m, nominal = frame.position_m(data).copy(), np.zeros(len(drives))
+        self.known = {name: np.array(each, dtype=np.intp) for name, each in numbers.items()} | {
+            "drives": len(drives),
+            "at_joints": len(joints),
+            "gear": np.array([drives[n].gear[0] for n in others]),
+            "nominal": nominal,
+            "R_0": frame.rotation(data).T.copy(),
+            "p_0": self.origin_m,
+        }
+        nominal[:] = Observer(self, data).read()[1]
 
     def axes(self, data: mujoco.MjData) -> Array:
         """Present axes of the base in the world as columns, shape (3, 3)."""
@@ -64,7 +86,7 @@ class Observer:
 
     def __init__(self, observed: Observed, data: mujoco.MjData) -> None:
         """Take a state, which is up to date whenever it is read."""
-        self._seen = np.empty(18 + observed.known["drives"])
+        self.data, self._seen = data, np.empty(18 + observed.known["drives"])
         rotation, translation_m, self._task, displacement = np.split(self._seen, [9, 12, 18])
         self._log = Struct(
             "observation",
@@ -87,33 +109,3 @@ class Observer:
             _displacement=seen[12:18],
         )
         return pose, seen[18:]
-
-
-def observed_from_here(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    drives: Sequence[Drive],
-    frame: Located,
-    base: Located | None,
-) -> Observed:
-    """What is observed of a machine whose nominal pose is the present one, `data` up to date."""
-    joints = [n for n, drive in enumerate(drives) if drive.joint is not None]
-    others = [n for n, drive in enumerate(drives) if drive.joint is None]
-    numbers = {
-        "joints": joints,
-        "places": model.jnt_qposadr[[drives[n].joint for n in joints]],
-        "others": others,
-        "outputs": [drives[n].outputs[0] for n in others],
-    }
-    origin_m, nominal = frame.position_m(data).copy(), np.zeros(len(drives))
-    known = {name: np.array(value, dtype=np.intp) for name, value in numbers.items()} | {
-        "drives": len(drives),
-        "at_joints": len(joints),
-        "gear": np.array([drives[n].gear[0] for n in others]),
-        "nominal": nominal,
-        "R_0": frame.rotation(data).T.copy(),
-        "p_0": origin_m,
-    }
-    here = Observed(frame, base, origin_m, known)
-    nominal[:] = Observer(here, data).read()[1]
-    return here

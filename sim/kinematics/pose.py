@@ -39,12 +39,6 @@ class Pose:
         """The pose of homogeneous matrices (..., 4, 4)."""
         return _of_matrix("T", T)
 
-    @classmethod
-    def from_quaternion(cls, translation_m: ArrayLike, quat_wxyz: ArrayLike) -> "Pose":
-        """The pose of translations (..., 3) and quaternions (..., 4), of any length but zero."""
-        translation_m = check.array("translation_m", translation_m, copy=True)
-        return cls(_of_quaternion("quat_wxyz", quat_wxyz), translation_m)
-
     def moved(self, twist: Array) -> "Pose":
         """The pose after a displacement [rotation vector; translation] (..., 6), base axes."""
         twist, lead = check.array("twist", twist, ..., 6), self.lead
@@ -53,7 +47,8 @@ class Pose:
         rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
         given = *self._flat(lead), check.flat(twist, 1, lead), rotation, translation_m
         lib.move(math.prod(lead), *map(pointer, given))
-        return check.computed(Pose, rotation=rotation, translation_m=translation_m)
+        rotation, translation_m = check.read_only(rotation), check.read_only(translation_m)
+        return check.made(Pose, rotation=rotation, translation_m=translation_m)
 
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
@@ -71,38 +66,12 @@ class Pose:
         T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = self.rotation, self.translation_m, 1.0
         return T
 
-    def quat_wxyz(self) -> Array:
-        """Unit quaternions, the real part first and not negative, shape (..., 4)."""
-        quat_wxyz = self._batch(self.lead).rotation.as_quat(canonical=True, scalar_first=True)
-        return quat_wxyz.reshape(*self.lead, 4)
-
     def transform(self) -> RigidTransform:
-        """The pose in scipy, whose logarithm [rotation vector; V^-1 translation] is as_exp_coords.
+        """The pose in scipy, which has products, inverses, quaternions and logarithms of poses.
 
         Before scipy 1.17 a batch has one leading axis there.
         """
-        batch = self._batch(self.lead)
-        return batch if len(self.lead) == 1 else RigidTransform.from_matrix(self.matrix())
-
-    def inverse(self) -> "Pose":
-        """The outer frame as seen from this one."""
-        return _of_batch(self._batch(self.lead).inv(), self.lead)
-
-    def __matmul__(self, other: "Pose") -> "Pose":
-        """A pose seen from this one, as seen from the outer frame; batch axes broadcast."""
-        check.instance("other", other, Pose)
-        lead = check.common_axes({"the pose": self.lead, "other": other.lead})
-        return _of_batch(self._batch(lead) * other._batch(lead), lead)
-
-    def adjoint(self) -> Array:
-        """Takes twists [angular; linear] seen from this frame to the one that it is seen from.
-
-        Shape (..., 6, 6). Of T = `matrix()`: T exp(twist) T^-1 is exp(adjoint @ twist).
-        """
-        R, t, Ad = self.rotation, self.translation_m, np.zeros((*self.lead, 6, 6))
-        Ad[..., :3, :3] = Ad[..., 3:, 3:] = R
-        Ad[..., 3:, :3] = np.cross(t[..., None, :], R.swapaxes(-1, -2)).swapaxes(-1, -2)
-        return Ad
+        return RigidTransform.from_matrix(self.matrix())
 
     @property
     def lead(self) -> tuple[int, ...]:
@@ -115,10 +84,6 @@ class Pose:
     def _flat(self, lead: tuple[int, ...]) -> tuple[Array, Array]:
         """Rotations and translations, broadcast to batch axes and then as one batch."""
         return check.flat(self.rotation, 2, lead), check.flat(self.translation_m, 1, lead)
-
-    def _batch(self, lead: tuple[int, ...]) -> RigidTransform:
-        rotation, translation_m = self._flat(lead)
-        return RigidTransform.from_components(translation_m, Rotation.from_matrix(rotation))
 
 
 NOMINAL = Pose(np.eye(3), np.zeros(3))
@@ -139,10 +104,13 @@ def target_pose(name: str, target: Target) -> Pose | Array:
         _refuse_no_rotation(f"{name}.rotation", R)
         return target
     if isinstance(target, list | tuple) and len(target) == 2:
-        position_m, quat_wxyz = target
-        quat_wxyz = check.array(f"the quaternion of {name}", quat_wxyz, 4)
-        position_m = check.array(f"the position of {name}", position_m, 3)
-        return Pose(_of_quaternion(f"the quaternion of {name}", quat_wxyz), position_m)
+        quat_wxyz = check.array(f"the quaternion of {name}", target[1], 4)
+        position_m = check.array(f"the position of {name}", target[0], 3)
+        if not (largest := np.abs(quat_wxyz).max()):
+            got = check.shown(quat_wxyz.tolist())
+            raise ValueError(f"the quaternion of {name} must not be zero, got {got}")
+        unit = quat_wxyz / largest  # else the squares of small numbers vanish
+        return Pose(Rotation.from_quat(unit, scalar_first=True).as_matrix(), position_m)
     given: Any = target  # pyright knows no classes of scipy
     A = check.array(
         name, given.as_matrix() if isinstance(given, RigidTransform) else given, copy=True
@@ -174,32 +142,12 @@ def principal(largest_rad: float, twists: Array) -> None:
         twists[..., :3] = one_half_turn(twists[..., :3])
 
 
-def _of_batch(batch: RigidTransform, lead: tuple[int, ...]) -> Pose:
-    rotation, translation_m = batch.rotation.as_matrix(), batch.translation
-    return check.computed(
-        Pose,
-        rotation=rotation.reshape(*lead, 3, 3),
-        translation_m=translation_m.reshape(*lead, 3),
-    )
-
-
 def _of_matrix(name: str, T: ArrayLike) -> Pose:
     A = check.array(name, check.array(name, T, copy=True), ..., 4, 4)
     if (np.abs(A[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > _ROTATION_ERROR).any():
         raise ValueError(f"{name} must have the last row 0 0 0 1, got {check.shown(A.tolist())}")
     _refuse_no_rotation(name, A[..., :3, :3])
     return Pose(A[..., :3, :3], A[..., :3, 3])
-
-
-def _of_quaternion(name: str, quat_wxyz: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length but zero."""
-    quat = check.array(name, quat_wxyz, ..., 4)
-    largest = np.abs(quat).max(axis=-1, keepdims=True)
-    if not largest.all():
-        raise ValueError(f"{name} must not be zero, got {check.shown(quat.tolist())}")
-    unit = (quat / largest).reshape(-1, 4)  # else the squares of small numbers vanish
-    rotation = Rotation.from_quat(unit, scalar_first=True).as_matrix()
-    return rotation.reshape(*quat.shape[:-1], 3, 3)
 
 
 def _refuse_no_rotation(name: str, R: Array) -> None:

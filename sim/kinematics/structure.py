@@ -25,26 +25,12 @@ from sim.mjcf.joints import turning
 from sim.mjcf.limits import stuck_rows
 from sim.mjcf.model import element_id, name_of
 
-_CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
-_OF_JOINT, _JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtEq.mjEQ_JOINT)
+_OF_JOINT, _TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtEq.mjEQ_TENDON)
 _MARGIN = 4.0
 """Of the bound: two chains meet in a closure, and errors of axes turn what hangs on them."""
 _NONE_STUCK = check.frozen(np.zeros((0, 0)))
 _Writer = Callable[[mujoco.MjModel, mujoco.MjData, Array], None]
 """Overwrites an array (k, nv) by rows per qvel."""
-
-
-class Names(NamedTuple):
-    """Names of a mechanism.
-
-    Attributes:
-        velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
-            free joint share one, and a joint without a name has "".
-        actuators: Those that drive each active velocity; none for a variable without one.
-    """
-
-    velocities: tuple[str, ...]
-    actuators: tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,20 +63,6 @@ class Structure:
     variables: int
 
     @cached_property
-    def drives(self) -> tuple[Drive, ...]:
-        """What each active velocity is and what drives it, in actuator order."""
-        return drives(self.model)
-
-    @cached_property
-    def names(self) -> Names:
-        """Names of the velocities and of the actuators."""
-        joints = [self.model.joint(k).name for k in self.model.dof_jntid]
-        return Names(
-            velocities=(*joints, *(drive.name for drive in self.extra)),
-            actuators=(*(drive.actuators for drive in self.drives), *((),) * self.variables),
-        )
-
-    @cached_property
     def length(self) -> float:
         """The mechanism's own length [m]; see :func:`own_length`."""
         tasks, pins = self.tasks.values(), (pin.frame for pin in self.pins)
@@ -114,16 +86,11 @@ class Structure:
     def constraint_units(self) -> Array:
         """Natural units of the rows of closures, drives that are no joint, and pins."""
         model, velocities = self.model, self.velocity_units
-        units = np.empty(len(self.closures.units))
+        scale = self.closures.units  # of the turns of a weld, which are sines that are scaled
+        lengths = np.where(self.closures.turns(model), 1.0, self.length)
+        units = lengths / np.where(scale > 0.0, scale, 1.0)
         for k, kind, rows in self.closures.parts(model):
-            if kind in (_CONNECT, _WELD):
-                turns = slice(rows.start + 3, rows.stop)  # of a weld, sines that are scaled
-                scale = self.closures.units[turns]
-                units[rows] = self.length
-                units[turns] = 1.0 / np.where(scale > 0.0, scale, 1.0)
-            elif kind == _JOINT:
-                units[rows] = velocities[model.jnt_dofadr[model.eq_obj1id[k]]]
-            else:
+            if kind == _TENDON:
                 units[rows] = self._tendon_unit(int(model.eq_obj1id[k]), velocities)
         pins = [np.repeat([1.0, self.length], 3)[pin.rows] for pin in self.pins]
         return check.read_only(np.concatenate([units, velocities[model.nv :], *pins]))
@@ -235,17 +202,15 @@ class Matrices(NamedTuple):
     """J_T and J_C, into which MuJoCo writes the rows of each pose.
 
     Attributes:
-        J_T: Shape (m, N), read-only.
-        J_C: Shape (c, N), read-only: rows of closures, transmissions, pins and limits.
-        whole: Both, to be written to.
+        whole: J_T (m, N) and J_C (c, N): rows of closures, transmissions, pins and limits.
+        views: Both, read-only.
         per_qvel: Their first nv columns: themselves where no other velocities are.
         parts: What writes each block of rows, and where.
         limits: Rows of limits, of which another pose may have more.
     """
 
-    J_T: Array
-    J_C: Array
     whole: tuple[Array, Array]
+    views: tuple[Array, Array]
     per_qvel: tuple[Array, Array]
     parts: tuple[tuple[_Writer, Array], ...]
     limits: Array
@@ -271,18 +236,20 @@ def _blank(of: Structure, limits: int) -> Matrices:
     row = C + E
     for pin in of.pins:
         parts.append((pin.frame.write_jacobian, constraints[row : (row := row + pin.height)]))
-    J_T, J_C = (check.read_only(A.view()) for A in whole)
-    return Matrices(J_T, J_C, whole, per_qvel, tuple(parts), constraints[c:])
+    views = check.read_only(whole[0].view()), check.read_only(whole[1].view())
+    return Matrices(whole, views, per_qvel, tuple(parts), constraints[c:])
 
 
 Kept: TypeAlias = dict[tuple["Structure", int], Matrices]
 """Matrices of a structure and a number of rows of limits."""
 
 
-def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
-    """J_T and J_C at a pose, up to date, in matrices that are taken out of those kept.
+def rows_at(
+    of: Structure, data: mujoco.MjData, kept: Kept, *, copied: bool = True
+) -> tuple[Array, Array]:
+    """J_T (m, N) and J_C (c, N) at a pose that is up to date, read-only.
 
-    So no other thread has them, until the caller puts them back.
+    Copies, or views that the next call with the same `kept` overwrites.
 
     Raises:
         ModelError: Rows of closures or transmissions are not finite.
@@ -290,7 +257,8 @@ def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
     """
     model = of.model
     limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK
-    to = kept.pop((of, len(limits)), None) or _blank(of, len(limits))
+    key = of, len(limits)
+    to = kept.pop(key, None) or _blank(*key)  # another thread must not have them meanwhile
     for write, out in to.parts:
         write(model, data, out)
     if len(limits):
@@ -303,14 +271,10 @@ def written(of: Structure, data: mujoco.MjData, kept: Kept) -> Matrices:
             whole[:, : model.nv] = part
     if not check.is_moderate(to.per_qvel[1]):
         raise ModelError("an equality or a transmission of the model is not finite")
-    return to
-
-
-def rows_at(of: Structure, data: mujoco.MjData, kept: Kept) -> tuple[Array, Array]:
-    """J_T (m, N) and J_C (c, N) as new arrays, read-only; see :func:`written`."""
-    to = written(of, data, kept)
-    J_T, J_C = (check.read_only(A.copy()) for A in to.whole)
-    kept[of, len(to.limits)] = to
+    J_T, J_C = to.views
+    if copied:
+        J_T, J_C = check.read_only(J_T.copy()), check.read_only(J_C.copy())
+    kept[key] = to
     return J_T, J_C
 
 

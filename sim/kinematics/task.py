@@ -1,13 +1,14 @@
 """Tasks: what of a mechanism is to move, its rows of J_T, its pose and the way to a target."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
@@ -83,16 +84,96 @@ class LocatedFunction(Protocol):
         ...
 
 
-@runtime_checkable
-class HasRows(Protocol):
-    """What has rows in any model, such as a :class:`sim.TaskFunction`."""
+@dataclass(eq=False, kw_only=True)
+class TaskFunction(ABC):
+    """One thing to do: rows of a Jacobian, and the way to a target that the loop may move.
 
+    A class of your own is a dataclass with a method :meth:`on`. Arguments are checked whenever they
+    are set. The target and the gain may be set at any time; what else is checked is fixed once the
+    task is given to `fjh.Ik`, which has looked it up by then: to set it raises.
+
+    Attributes:
+        target: What is to be reached; None is nothing yet.
+        gain: Part of the way to the target that is asked for in one tick, in 0..1.
+        weight: Of the rows, against others of the same level: one number or (k,); None is 1, in
+            natural units.
+        damping: Tikhonov damping of this task's level, in units of the singular values of its rows;
+            see :class:`prioritized.Task`. None damps only a step that would not come nearer, as
+            before a target out of reach, by what is asked for (Levenberg and Marquardt).
+
+    Raises:
+        ValueError: A gain outside of 0..1, a negative weight or damping, rows out of range, or a
+            target of the wrong shape.
+        AttributeError: What is fixed is set.
+    """
+
+    _checks: ClassVar[Mapping[str, Callable[[str, Any], Any]]] = {}
+    """Of attributes of a class of its own, by their names."""
+    _is_given: ClassVar[bool] = False
+
+    target: Any = field(default=None, repr=False)
+    gain: float = field(default=1.0, repr=False)
+    weight: ArrayLike | None = field(default=None, repr=False)
+    damping: float | None = field(default=None, repr=False)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Check what is set."""
+        checks = {**_CHECKS, **self._checks}
+        if self._is_given and name in checks and name != "gain":
+            raise AttributeError(
+                f"{name} of {type(self).__name__} is fixed once an Ik has the task, only target "
+                "and gain may be set: make another task, and another Ik"
+            )
+        if name == "target":
+            value = None if value is None else self.checked(value)
+        elif name in checks:
+            value = checks[name](name, value)
+        object.__setattr__(self, name, value)
+
+    def give(self) -> None:
+        """Fix what :meth:`on` looks up."""
+        object.__setattr__(self, "_is_given", True)
+
+    def checked(self, target: Any) -> Any:
+        """The target in the form that the error is computed with."""
+        return target
+
+    @abstractmethod
     def on(self, model: mujoco.MjModel) -> LocatedFunction:
-        """The rows in one model."""
-        ...
+        """Look up the names in a model.
+
+        Raises:
+            ModelError: A name that does not exist, with the nearest that does.
+        """
+
+    def needed(self) -> Any:
+        """The target, which there must be.
+
+        Raises:
+            ValueError: There is none yet.
+        """
+        if self.target is None:
+            raise ValueError(f"target of {type(self).__name__} must be set before the first tick")
+        return self.target
 
 
-Task: TypeAlias = str | Body | CenterOfMass | Relative | HasRows
+def _weight(name: str, value: ArrayLike | None) -> Array | None:
+    if value is None:
+        return None
+    weight = check.frozen(check.array(name, value, least=0.0))
+    if weight.ndim > 1:
+        raise ValueError(f"{name} must be one number or (k,), got {check.shown(value)}")
+    return weight
+
+
+_CHECKS: dict[str, Callable[[str, Any], Any]] = {
+    "gain": lambda name, value: check.number(name, value, 0.0, 1.0),
+    "weight": _weight,
+    "damping": lambda name, value: None if value is None else check.number(name, value, 0.0),
+}
+
+
+Task: TypeAlias = str | Body | CenterOfMass | Relative | TaskFunction
 """A site by name, the frame of a body, a centre of mass, one frame relative to another, or rows."""
 
 
@@ -155,11 +236,8 @@ class Motion:
         return tuple(row < 3 for row in self.rows)
 
     @cached_property
-    def _index(self) -> slice | NDArray[np.intp]:
-        """The rows, as a slice where they follow one another."""
-        first, end = self.rows[0], self.rows[0] + len(self.rows)
-        follow = self.rows == tuple(range(first, end))
-        return slice(first, end) if follow else np.array(self.rows)
+    def _index(self) -> NDArray[np.intp]:
+        return np.array(self.rows)
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """The rows per qvel, shape (k, nv); `data` is up to date."""
@@ -182,7 +260,7 @@ class Motion:
             twist[5] -= of_root[0] * y - of_root[1] * x
         if axes is not None:
             twist = np.matmul(axes.rotation(data).T, twist.reshape(2, 3, -1)).reshape(6, -1)
-        out[:] = twist[self._index]
+        twist.take(self._index, axis=0, out=out, mode="clip")  # which needs no buffer
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """[rotation vector; translation] to the target, its rows, shape (k,)."""
@@ -236,7 +314,7 @@ def located_task(model: mujoco.MjModel, task: Task, axes: Located | None = None)
     if isinstance(task, Relative):
         frame, root = (located(model, "site", each) for each in (task.frame, task.root))
         return Motion(frame, root, axes)
-    if isinstance(task, HasRows):
+    if isinstance(task, TaskFunction):
         return task.on(model)
     return Motion(located(model, "site", task), axes=axes)
 

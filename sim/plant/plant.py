@@ -15,9 +15,9 @@ from kernels import lib, pointer
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures, equality_name
 from sim.errors import BAD_CONTROL, ClosureError, ModelError, SimulationDiverged, has_diverged
-from sim.kinematics.observation import Observer, observed_from_here
+from sim.kinematics.jacobian import CLOSURE_TOLERANCE
+from sim.kinematics.observation import Observed, Observer
 from sim.kinematics.pose import Pose
-from sim.kinematics.reader import CLOSURE_TOLERANCE
 from sim.mjcf.drive import drive_rows, names_of, number_of, required_drives
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
@@ -121,7 +121,7 @@ class Plant:
             self._commands = self._commands.beside(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
             mujoco.mj_forward(self.model, self.data)
-        self._observed = observed_from_here(self.model, self.data, self.drives, frame, axes)
+        self._observed = Observed(self.model, self.data, self.drives, frame, axes)
         self._observer = Observer(self._observed, self.data)
         self._limits = actuators.rest_limits(self.model, self.data, self.drives, self._commands)
         self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()

@@ -86,7 +86,7 @@ def test_the_robot_of_the_page_follows_its_path_and_joint4_stands(followed):
 
 
 def test_what_the_page_says_of_the_machine_is_there(followed):
-    machine, kin = followed["jac"].machine, followed["kin"]
+    machine, kin = followed["jac"], followed["kin"]
     assert machine.force_range.shape == (8, 2) and not machine.one_sided.any()
     assert "split" in machine.names.velocities and kin.actuators.tolist() == [0, 1, 2, 4, 5, 6, 7]
 

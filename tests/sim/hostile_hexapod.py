@@ -12,7 +12,7 @@ from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
 from fjh.rig.hexapod.forward import forward_kinematics
 from fjh.rig.hexapod.strut_sensors import StrutSensors
 from fjh.rig.hexapod.trajectory import spiral
-from sim import HEXAPOD_MJCF, NOMINAL, Jacobians, Pose, jacobians, linearize, load_model
+from sim import HEXAPOD_MJCF, NOMINAL, Pose, jacobians, linearize, load_model
 from sim.mjcf import element_id, joint_stiffness, mass_matrix, model_sha256, weightless
 from sim.plant import MaxwellSlip
 from tests.hostile import Target
@@ -55,15 +55,10 @@ def struts(geometry: Hexapod, pose: Pose = NOMINAL) -> Any:
     return geometry.nominal_length_m, geometry.posture(pose)
 
 
-def linear_with(**given: Any) -> Any:
-    return Jacobians(**given)
-
-
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-JACOBIANS = vars(jacobians(MODEL, DATA, "payload", "base"))
 SITES = {"site": "payload", "axes": "base"}
 MACHINES = {"model": MODEL, "data": DATA}
 TWIST = {"twist": np.full(6, 1e-3)}
@@ -109,10 +104,6 @@ TARGETS = {
     ),
     "Pose": Target(lambda **a: struts(MACHINE, Pose(**a)), POSE),
     "Pose.from_matrix": Target(Pose.from_matrix, {"T": np.eye(4)}),
-    "Pose.from_quaternion": Target(
-        Pose.from_quaternion, {"translation_m": np.ones(3), "quat_wxyz": np.array([0.6, 0, 0.8, 0])}
-    ),
-    "Pose.__matmul__": Target(lambda other: NOMINAL @ other, {"other": NOMINAL}),
     "Pose.moved": Target(NOMINAL.moved, TWIST),
     "Pose.moved of a batch": Target(NOMINAL.moved, {"twist": np.full((2, 6), 1e-3)}),
     "Posture": Target(
@@ -139,7 +130,6 @@ TARGETS = {
     "mass_matrix": Target(mass_matrix, MACHINES),
     "joint_stiffness": Target(joint_stiffness, {"model": MODEL}),
     "jacobians": Target(jacobians, MACHINES | SITES),
-    "Jacobians": Target(linear_with, JACOBIANS),
     "linearize": Target(linearize, MACHINES | SITES),
     "element_id": Target(element_id, {"model": MODEL, "kind": "site", "name": "base"}),
     "load_model": Target(load_model, {"path": HEXAPOD_MJCF, "add_locks": False}),

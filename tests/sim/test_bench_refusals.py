@@ -18,7 +18,6 @@ from sim import (
     HEXAPOD_MJCF,
     NOMINAL,
     Failure,
-    Jacobians,
     ModelError,
     Plant,
     Pose,
@@ -41,7 +40,6 @@ GOOD: dict[Any, dict[str, Any]] = {
     Failure: {"actuator": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5},
     Pose: {"rotation": np.eye(3), "translation_m": np.zeros(3)},
     Hexapod: {"bottom_m": np.ones((6, 3)), "top_m": np.zeros((6, 3))},
-    Jacobians: {"J_T": np.ones((6, 2)), "J_C": np.zeros((0, 2)), "active": [1], "gear": [1.0]},
     spiral: {"time_s": np.arange(3.0), "radius_rad": 1e-4, "turns": 8, "duration_s": 16.0},
 }
 """Good arguments of each part of a bench."""
@@ -67,9 +65,6 @@ NO_PART = [
     (Pose, "translation_m", [np.zeros(2), np.full(3, INF), 0.0]),
     (Hexapod, "bottom_m", [np.ones((5, 3)), np.full((6, 3), NAN), np.ones((2, 6, 3))]),
     (Hexapod, "top_m", [np.ones((6, 2)), None]),
-    (Jacobians, "J_C", [np.zeros((1, 3)), [[NAN, 0.0]]]),
-    (Jacobians, "active", [[2], [-1], [0.5]]),
-    (Jacobians, "gear", [[0.0], [1.0, 1.0], [NAN]]),
     (spiral, "time_s", [0.0, [NAN], [[0.0]], [-1.0]]),
     (spiral, "exponent", [0.0, -0.5, 2.0, NAN, None]),
     (spiral, "turns", [NAN, "8"]),

@@ -210,20 +210,3 @@ TORUS = """<mujoco>
 def test_a_signed_distance_field_is_refused_whose_distance_mujoco_calls_far():
     with pytest.raises(ModelError, match="signed distance field, got geom 1"):
         Distances(mujoco.MjModel.from_xml_string(TORUS))
-
-
-@pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
-@pytest.mark.parametrize("gain", [0.25, 1.0])
-def test_at_the_limit_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
-    """From above it and from below it, as a geometric sequence."""
-    model, dt = two("sphere", "plane"), 0.01
-    data, distances = (
-        mujoco.MjData(model),
-        Distances(model, None, 0.01, 1.0, gain),
-    )
-    data.qpos[0] = (start_m + 0.1 - 0.03) * np.sqrt(14) / 3  # along the slide's axis (1, 2, 3)
-    for k in range(5):
-        way = distances.at(data).distance_m[0] - 0.01
-        assert way == pytest.approx((1 - gain) ** k * (start_m - 0.01), abs=1e-12)
-        (row,), (lower,) = distances.rate_limits(data, dt)
-        data.qpos[0] += dt * lower / row[0]

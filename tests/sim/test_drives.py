@@ -8,7 +8,6 @@ import pytest
 
 from prioritized import ConstrainedSystem
 from sim import Jacobians, ModelError, assemble, jacobians, pose_error, pose_of
-from sim.kinematics.jacobian import Machine
 from sim.mjcf import Drive, drives, element_id, names_of, number_of
 
 # A planar five-bar on a rail, closed by a connect: three freedoms, driven by a servo on a cable
@@ -108,12 +107,6 @@ def arm(
     return jacobians(model, mujoco.MjData(model), site)
 
 
-def machine(*args: str, **options: str) -> Machine:
-    found = arm(*args, **options).machine  # type: ignore[arg-type]
-    assert found is not None
-    return found
-
-
 PAIR = '<motor name="m1" joint="a" group="1"/><motor name="m2" tendon="cable" group="2"/>'
 
 
@@ -159,8 +152,7 @@ MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
 def test_what_pushes_to_one_side_only_is_marked_and_the_warnings_say_so(actuators, side):
     """A negative gear turns the side of a joint round; an antagonistic pair pushes both ways."""
     jac = arm(actuators)
-    assert jac.machine is not None and jac.names is not None
-    assert jac.machine.one_sided.tolist() == [side]
+    assert jac.one_sided.tolist() == [side]
     name = jac.names.velocities[jac.active[0]]
     words = f"actuated in one direction only, which the mappings do not know: {name}"
     assert jac.warnings == ((words,) if side else ())
@@ -198,16 +190,16 @@ LIMITED = [
 @pytest.mark.parametrize(("actuators", "joint", "tendon"), LIMITED)
 def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, joint, tendon):
     """The ranges of several add up, and the limit of the joint's or tendon's total counts."""
-    found = machine(actuators, joint=joint, tendon=tendon)
+    found = arm(actuators, joint=joint, tendon=tendon)
     xml = ARM.format(actuators=actuators, joint=joint, tendon=tendon)
     np.testing.assert_allclose(found.force_range, most_and_least(xml, found.drives), rtol=1e-12)
 
 
 def test_forces_without_a_limit_range_to_infinity():
-    found = machine(PAIR + '<motor joint="b" forcerange="-1 1"/>')
+    found = arm(PAIR + '<motor joint="b" forcerange="-1 1"/>')
     limits = [[-np.inf, np.inf], [-np.inf, np.inf], [-1.0, 1.0]]
     np.testing.assert_array_equal(found.force_range, limits)
-    pulls = machine(MUSCLE.format("m", -2))
+    pulls = arm(MUSCLE.format("m", -2))
     np.testing.assert_array_equal(pulls.force_range, [[0.0, np.inf]])
 
 

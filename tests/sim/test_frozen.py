@@ -12,13 +12,12 @@ from sim import NOMINAL, Bench, Plant, Pose
 from sim.plant import MaxwellSlip, Reading, TaskSensor
 from tests.frozen import writable
 from tests.sim import hostile_mechanisms
-from tests.sim.hostile_hexapod import COILS, DATA, JACOBIANS, MACHINE, MODEL, POSE, POSTURE
+from tests.sim.hostile_hexapod import COILS, DATA, MACHINE, MODEL, POSE, POSTURE
 
 MADE = {
     sim.Pose: POSE,
     closed_form.Posture: POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": np.eye(6)},
     closed_form.Hexapod: {"bottom_m": MACHINE.bottom_m, "top_m": MACHINE.top_m},
-    sim.Jacobians: {name: JACOBIANS[name] for name in ("J_T", "J_C", "active", "gear")},
     Coils: COILS,
     MaxwellSlip: {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))},
 }

@@ -22,6 +22,7 @@ from sim import (
     PostureTask,
     Relative,
     RelativeFrameTask,
+    TaskFunction,
     load_model,
 )
 from tests.sim.test_jacobian import everything, random_closed_pose
@@ -107,9 +108,8 @@ def test_views_are_to_the_bit_what_a_new_reader_finds_there(name):
             assert ours.tobytes() == theirs.tobytes()
             assert ours.flags.c_contiguous and not ours.flags.writeable
         np.testing.assert_array_equal(found.active, new.active)
-        assert new.accuracy is not None
         assert found.closure_residual == new.closure_residual
-        assert found.error_bound == new.accuracy.error_bound
+        assert found.error_bound == new.error_bound
 
 
 @pytest.mark.parametrize("name", ["every task", "loops", "limits", f"drives: {next(iter(CASES))}"])
@@ -138,8 +138,8 @@ def test_a_joint_at_its_limit_has_a_row_of_its_own_velocity_after_any_other_pose
         np.testing.assert_array_equal(found[2 : 2 + len(at)], first[at, :5])
 
 
-@dataclass(frozen=True)
-class Short:
+@dataclass(eq=False)
+class Short(TaskFunction):
     """A task that says two rows and gives one."""
 
     frames: tuple = ()

@@ -55,9 +55,9 @@ def test_a_turn_about_the_nearest_corner_brings_the_other_one_down():
     model = mujoco.MjModel.from_xml_string(BEAM)
     data, distances = mujoco.MjData(model), Distances(model, margin_m=MARGIN_M, detection_m=0.1)
     data.qpos[1] = 0.01  # one end is 1 cm lower
-    rows, lower = distances.rate_limits(data, DT)
-    qvel = np.array([0.0, -2.0])
-    assert (rows @ qvel >= lower).all()
+    near, qvel = distances.at(data), np.array([0.0, -2.0])
+    lower = -distances.gain / DT * (near.distance_m - MARGIN_M)
+    assert (near.rows @ qvel >= lower).all()
     assert distances_of(model, data.qpos + DT * qvel, distances.geom_pairs, 1.0) < MARGIN_M
     assert 0.0 < distances.safe_fraction(data, qvel, DT) < 1.0
 

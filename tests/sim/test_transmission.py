@@ -161,13 +161,12 @@ def test_each_velocity_is_known_by_its_name_its_actuators_and_their_gears(kind):
     """Actuators of one joint, of one tendon, or along one line share an active velocity."""
     model, data = mechanism(CASES[kind].mjcf)
     jac = jacobians(model, data, "tool")
-    assert jac.machine is not None and jac.names is not None
-    seen = [(drive.name, drive.actuators, drive.gear) for drive in jac.machine.drives]
+    seen = [(drive.name, drive.actuators, drive.gear) for drive in jac.drives]
     assert seen == CASES[kind].drives
     assert jac.names.actuators == tuple(actuators for _, actuators, _ in seen)
     assert [jac.names.velocities[k] for k in jac.active] == [name for name, _, _ in seen]
     np.testing.assert_array_equal(jac.gear, [gear[0] for _, _, gear in seen])
-    extra = [drive for drive in jac.machine.drives if drive.joint is None]
+    extra = [drive for drive in jac.drives if drive.joint is None]
     assert jac.J_T.shape == (6, model.nv + len(extra))
     assert len(set(jac.active.tolist())) == len(seen)
 
@@ -198,12 +197,11 @@ def test_the_velocity_is_mujocos_actuator_velocity_by_the_gear(kind):
     """For every actuator of a drive, and along every qvel, whether it opens loops or not."""
     model, data = mechanism(CASES[kind].mjcf)
     jac = jacobians(model, data, "tool")
-    assert jac.machine is not None
     for qvel in np.random.default_rng(1).normal(size=(3, model.nv)):
         data.qvel[:] = qvel
         mujoco.mj_forward(model, data)
         rates = of_drives(model, jac, qvel)
-        for rate, drive in zip(rates, jac.machine.drives, strict=True):
+        for rate, drive in zip(rates, jac.drives, strict=True):
             seen = data.actuator_velocity[list(drive.outputs)] / drive.gear
             np.testing.assert_allclose(seen, rate, rtol=1e-9, atol=1e-12)
 
@@ -213,16 +211,13 @@ def test_the_drives_do_the_power_of_the_actuators(kind):
     """Sum of gear force times velocity = qfrc_actuator . qvel: forces map by the transpose."""
     model, data = mechanism(CASES[kind].mjcf)
     jac = jacobians(model, data, "tool")
-    assert jac.machine is not None
     rng = np.random.default_rng(2)
     for qvel in rng.normal(size=(3, model.nv)):
         data.qvel[:], data.ctrl[:] = qvel, rng.uniform(0.1, 1.0, size=model.nu)
         data.act[:] = rng.uniform(0.1, 1.0, size=model.na)
         mujoco.mj_forward(model, data)
         assert np.abs(data.actuator_force).min() > 1e-3
-        forces = [
-            drive.gear @ data.actuator_force[list(drive.outputs)] for drive in jac.machine.drives
-        ]
+        forces = [drive.gear @ data.actuator_force[list(drive.outputs)] for drive in jac.drives]
         power = forces @ of_drives(model, jac, qvel)
         assert power == pytest.approx(data.qfrc_actuator @ qvel, rel=1e-9)
 
@@ -241,7 +236,7 @@ def test_along_a_direction_the_velocity_is_that_along_the_gear_of_the_first_actu
     np.testing.assert_allclose(jac.gear, [size])
     rate = of_drives(model, jac, data.qvel)[0]
     assert rate == pytest.approx(data.actuator_velocity[0] / size, rel=1e-9)
-    assert jac.machine is not None and jac.machine.drives[0].gear[1] == pytest.approx(-3.0 * size)
+    assert jac.drives[0].gear[1] == pytest.approx(-3.0 * size)
 
 
 @pytest.mark.parametrize("tendon", ["cable", "hoist", "wrap"])

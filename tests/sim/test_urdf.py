@@ -87,8 +87,7 @@ def test_a_mimic_joint_of_urdf_is_a_closed_loop(file):
 def test_the_effort_of_a_urdf_joint_limits_its_actuator(file):
     model = load_model(driven(file))
     jac = jacobians(model, assemble(model), site=TOOL)
-    assert jac.machine
-    np.testing.assert_array_equal(jac.machine.force_range, [[-80, 80], [-60, 60]])
+    np.testing.assert_array_equal(jac.force_range, [[-80, 80], [-60, 60]])
 
 
 def test_a_urdf_file_without_actuators_is_refused_with_the_remedy(file):

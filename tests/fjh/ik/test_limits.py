@@ -406,3 +406,24 @@ def test_distances_of_another_model_of_the_same_size_are_refused():
     Ik(model, [task], Limits(distances=Distances(cart())))
     with pytest.raises(ValueError, match="distances must be of this model"):
         Ik(model, [task], Limits(distances=Distances(other)))
+
+
+BALL = """<mujoco><worldbody>
+  <geom name="floor" type="plane" size="1 1 1"/>
+  <body name="ball" pos="0 0 0.1"><joint name="slide" type="slide" axis="0 0 1"/>
+    <geom size="0.1"/></body>
+</worldbody><actuator><motor joint="slide"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
+@pytest.mark.parametrize("gain", [0.25, 1.0])
+def test_the_way_to_the_margin_shrinks_by_the_gain_of_the_distances_in_every_tick(start_m, gain):
+    """From above it and from below it, as a geometric sequence."""
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data, distances = mujoco.MjData(model), Distances(model, None, 0.01, 1.0, gain)
+    down = FrameTask("ball", rows=[5], target=[0.0, 0.0, -10.0])
+    ik = Ik(model, [down], Limits(distances=distances))
+    data.qpos[0] = start_m
+    for k in range(1, 6):
+        ik.advance(data, ik.step(data, DT), DT, into=data)
+        assert data.qpos[0] - 0.01 == pytest.approx((1 - gain) ** k * (start_m - 0.01), abs=1e-9)
