@@ -13,9 +13,7 @@ from ftc.feedforward import inverse_feedforward as inverse_feedforward
 from ftc.goal import Goal as Goal
 from ftc.guarded_controller import ControlTask as ControlTask
 from ftc.guarded_controller import GuardedController as GuardedController
-from ftc.linear_loop import LinearLoop as LinearLoop
 from ftc.linear_loop import Stage as Stage
-from ftc.linear_loop import simulate as simulate
 from ftc.linear_loop import steps as steps
 from ftc.loop import Controller as Controller
 from ftc.loop import LoopRun as LoopRun

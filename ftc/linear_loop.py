@@ -6,12 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-import argument_checks as check
 from argument_checks import Array
 from ftc.control.anti_windup import Compensators
 from ftc.control.compensator import Channel
-from ftc.control.frequency_response import channels
-from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, fault_model
+from ftc.fdi.fault_model import FaultModel
 
 
 @dataclass(frozen=True)
@@ -93,56 +91,3 @@ def steps(
         x = stage.model.step(x.T, commanded.T).T
         if disturbance is not None:
             x = x + disturbance[tick]
-
-
-@dataclass(frozen=True)
-class LinearLoop:
-    """Plant, mapping at the nominal pose and compensators; arrays are copied, and read-only.
-
-    Attributes:
-        nominal: The plant; its first outputs are the major task.
-        gain: Displacements per demanded major task, shape (n, m1).
-        secondary: Displacements that the secondary goal asks for, as far as the mapping lets it,
-            shape (N, n).
-        reference: Of the major task, shape (N, m1).
-        compensators: One for each major row.
-    """
-
-    nominal: NominalModel
-    gain: Array
-    secondary: Array
-    reference: Array
-    compensators: Sequence[Channel]
-
-    def __post_init__(self) -> None:
-        n = check.instance("nominal", self.nominal, NominalModel).actuators
-        reference = check.array("reference", self.reference, ..., None, None)
-        ticks, m1 = check.array("reference", reference, *reference.shape[-2:]).shape
-        if not 0 < m1 <= len(self.nominal.noise):
-            raise ValueError(f"reference must be of outputs of nominal, got {m1} columns")
-        given = {"gain": (n, m1), "secondary": (ticks, n), "reference": (ticks, m1)}
-        for name, shape in given.items():
-            vars(self)[name] = check.frozen(check.array(name, getattr(self, name), *shape))
-        channels("compensators", self.compensators, m1)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # the end says what overflows
-def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array, Array]:
-    """States of the plant, shape (N, s), and displacements commanded, (N, n), without noise.
-
-    The `faults` strike all at once at the tick `onset`, unknown to the mapping.
-
-    Raises:
-        ValueError: The loop grows beyond all numbers.
-    """
-    check.instance("loop", loop, LinearLoop)
-    check.integer("onset", onset)
-    sound, failed = fault_model(loop.nominal), fault_model(loop.nominal, faults)
-    stages = [Stage(sound, gain=loop.gain), Stage(failed, onset)]
-    C = loop.nominal.plant.C[: loop.reference.shape[1]]
-    given = C, loop.compensators, loop.reference
-    ticks = list(steps(stages, *given, secondary=loop.secondary))
-    states, commanded = np.array([t.x for t in ticks]), np.array([t.commanded for t in ticks])
-    if not (check.is_moderate(states) and check.is_moderate(commanded)):
-        raise ValueError("loop must stay at moderate numbers, got a gain by which it grows further")
-    return states, commanded

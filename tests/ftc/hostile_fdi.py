@@ -5,7 +5,7 @@ from typing import Any
 import control
 import numpy as np
 
-from ftc import LinearLoop, SensorCheck, SensorChecks, simulate
+from ftc import SensorCheck, SensorChecks
 from ftc.control import circle_margin, sensitivity_peak
 from ftc.control.anti_windup import tracking_gain
 from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor, static_share
@@ -32,12 +32,6 @@ LOOPED = SAMPLED * control.append(LOOP.discrete, LOOP.discrete)
 DISCRETE = control.c2d(PLANT, PERIOD_S)
 ENOUGH = 3 * WATCH.ticks
 CONFIG = {name: value for name, value in vars(DEFAULT_CONFIG).items() if name != "uncertainty"}
-CLOSED: dict[str, Any] = {"nominal": NOMINAL, "gain": PILOT.mapping.major_gain()}
-CLOSED |= {
-    "secondary": np.zeros((4, N)),
-    "reference": np.ones((4, M1)),
-    "compensators": [LOOP] * M1,
-}
 
 
 def watched(config: FdiConfig) -> Any:
@@ -74,11 +68,6 @@ TARGETS = {
     "circle_margin": Target(
         circle_margin, {"plant": SAMPLED, "compensators": [LOOP] * M1, "anti_windup": True}
     ),
-    "simulate": Target(
-        lambda **a: simulate(**a),
-        {"loop": LinearLoop(**CLOSED), "faults": FAULTY, "onset": 1},
-    ),
-    "LinearLoop": Target(lambda **a: simulate(LinearLoop(**a), FAULTY, 1), CLOSED),
     "static_gain": Target(static_gain, {"nominal": NOMINAL, "faults": FAULTY}),
     "static_share": Target(static_share, {"nominal": NOMINAL, "fault": FAULTY[0]}),
     "resting_displacements": Target(

@@ -14,7 +14,6 @@ from ftc import (
     ControlTask,
     Goal,
     GuardedController,
-    LinearLoop,
     Measurement,
     OracleController,
     SensorCheck,
@@ -22,7 +21,6 @@ from ftc import (
 from ftc.fdi import Dither, NominalModel, monitor
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.guarded_controller import time_limit
-from tests.ftc.hostile_fdi import CLOSED
 from tests.ftc.hostile_loop import GUARDED, ORACLE, TASK
 from tests.ftc.hostile_machine import (
     DESIRED,
@@ -102,7 +100,6 @@ HOLDERS: dict[str, tuple[Any, dict[str, Any]]] = {
     "NominalModel": (NominalModel, MODEL | LOADED | {"friction": FRICTION}),
     "ControlTask": (ControlTask, vars(TASK)),
     "OracleController": (OracleController, ORACLE),
-    "LinearLoop": (LinearLoop, CLOSED),
     "Dither": (Dither, {"amplitude": 1.0, "frequency_hz": 1.0, "direction": np.ones(N)}),
     "Goal": (Goal, {"joint_weight": np.ones(N), "locked_at": {0: 1.0}, "effectiveness": {1: 0.5}}),
     "SensorCheck": (SensorCheck, {"period_s": 1e-3, "limits": np.ones(2)}),
