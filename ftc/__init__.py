@@ -19,10 +19,8 @@ from ftc.loop import Controller as Controller
 from ftc.loop import LoopRun as LoopRun
 from ftc.loop import one_tick as one_tick
 from ftc.loop import run_loop as run_loop
-from ftc.oracle import NEVER as NEVER
 from ftc.oracle import NestedState as NestedState
 from ftc.oracle import OracleController as OracleController
-from ftc.oracle import OracleState as OracleState
 from ftc.reconfiguration import WEAKEST as WEAKEST
 from ftc.reconfiguration import Unused as Unused
 from ftc.reconfiguration import goal_after as goal_after

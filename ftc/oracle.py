@@ -13,9 +13,10 @@ from ftc.controller import ControllerState, Measurement, PrioritizedController
 
 @dataclass(frozen=True)
 class NestedState:
-    """State of a controller inside another controller's state."""
+    """State of a controller inside another controller's state, and the number of ticks so far."""
 
     controller: ControllerState[Any]
+    ticks: int
 
     @property
     def inputs(self) -> Array:
@@ -29,23 +30,12 @@ class NestedState:
 
 
 @dataclass(frozen=True)
-class OracleState(NestedState):
-    """The inner state, and the number of ticks so far."""
-
-    ticks: int
-
-
-NEVER = -1
-"""A tick that is never reached."""
-
-
-@dataclass(frozen=True)
 class OracleController:
     """Controller that switches from one controller to another at a given tick.
 
     Attributes:
         before: Controls first.
-        after: Takes over at `tick`, counted from the first.
+        after: Takes over at `tick`, counted from the first; None is never.
         lost_displacements: What each actuator loses then of its displacement, (n,); None: the
             displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
@@ -54,7 +44,7 @@ class OracleController:
 
     before: PrioritizedController[Any]
     after: PrioritizedController[Any]
-    tick: int
+    tick: int | None
     lost_displacements: Array | None = None
     secondary: Callable[[float], Array] | None = None
     acting: Array | None = None
@@ -66,7 +56,7 @@ class OracleController:
         )
         if before != after:
             raise ValueError(f"after must have the {before} actuators of before, got {after}")
-        if not isinstance(self.tick, int) or self.tick != NEVER:
+        if self.tick is not None:
             check.integer("tick", self.tick)
         if self.secondary is not None:
             check.function("secondary", self.secondary)
@@ -74,31 +64,28 @@ class OracleController:
             if (given := getattr(self, name)) is not None:
                 vars(self)[name] = check.frozen(check.array(name, given, before))
 
-    def start(self) -> OracleState:
+    def start(self) -> NestedState:
         """At rest at the nominal pose."""
-        return OracleState(self.before.start(), ticks=0)
+        return NestedState(self.before.start(), 0)
 
     def step(
         self,
-        state: OracleState,
+        state: NestedState,
         reference: Array,
         measurement: Measurement,
         *,
         feedforward: Array | None = None,
-    ) -> OracleState:
+    ) -> NestedState:
         """One control tick."""
-        last = check.instance("state", state, OracleState).controller
+        last = check.instance("state", state, NestedState).controller
         if state.ticks == self.tick:
             if (lost := self.lost_displacements) is None:
                 # An actuator that keeps its damper falls too slowly to be made up for at once.
-                held, lost = (
-                    self.before.drives.displacements(last.inputs),
-                    np.zeros(len(last.inputs)),
-                )
-                free = list(self.after.mapping.goal.free)
-                lost[free] = held[free]
+                held = self.before.drives.displacements(last.inputs)
+                lost = np.where(np.isin(range(len(held)), self.after.mapping.goal.free), held, 0.0)
             last = self.after.transfer(last, lost, self.acting)
-        acting = self.after if 0 <= self.tick <= state.ticks else self.before
+        is_over = self.tick is not None and state.ticks >= self.tick
+        acting = self.after if is_over else self.before
         secondary = self.secondary and self.secondary(state.ticks * acting.period_s)
         controller = acting.step(last, reference, measurement, secondary, feedforward=feedforward)
-        return OracleState(controller, state.ticks + 1)
+        return NestedState(controller, state.ticks + 1)

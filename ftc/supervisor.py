@@ -154,7 +154,7 @@ class Supervisor:
         """State at rest at the nominal pose, without known failures."""
         sensors = self._checks.start(self._rows, self.first.mapping.actuators)
         watch = self.monitor.start()
-        return SupervisorState(self.first.start(), self.first, watch, self.monitor, sensors)
+        return SupervisorState(self.first.start(), 0, self.first, watch, self.monitor, sensors)
 
     def calibrated(self, state: SupervisorState) -> "Supervisor":
         """The supervisor that begins with what another run has learned of the same machine.

@@ -27,7 +27,6 @@ class SupervisorState(NestedState):
         diagnoses: All that were made, revised and withdrawn ones included, in order.
         task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
             task; the controller then goes on as it was, with what it still reaches.
-        ticks: So far.
         withdrawn: Diagnoses that were taken back, and when.
         acted: Diagnoses from which the controller in use changed.
         references: Of the major task of late, one for each sample of the diagnosis, newest first.
@@ -42,7 +41,6 @@ class SupervisorState(NestedState):
     confirmed: tuple[Diagnosis, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
     task_lost: bool = False
-    ticks: int = 0
     withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
     acted: tuple[Diagnosis, ...] = ()
     references: tuple[Array, ...] = ()

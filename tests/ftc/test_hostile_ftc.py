@@ -11,7 +11,6 @@ TARGETS = hostile_models.TARGETS | hostile_loop.TARGETS | hostile_fdi.TARGETS
 RESULTS = (
     "LoopRun",
     "NestedState",
-    "OracleState",
     "Sensors",
     "Sensors.sentence",
     "SupervisorState",
