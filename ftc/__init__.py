@@ -25,7 +25,6 @@ from ftc.reconfiguration import WEAKEST as WEAKEST
 from ftc.reconfiguration import Unused as Unused
 from ftc.reconfiguration import goal_after as goal_after
 from ftc.sensors import SensorCheck as SensorCheck
-from ftc.sensors import SensorChecks as SensorChecks
 from ftc.sensors import Sensors as Sensors
 from ftc.supervisor import Supervisor as Supervisor
 from ftc.supervisor_state import SupervisorState as SupervisorState

@@ -4,7 +4,7 @@ import signal
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import FrameType
@@ -19,7 +19,7 @@ from ftc.controller import Converter, Measurement, checked_drives
 from ftc.fdi.fault_model import NominalModel
 from ftc.goal import Goal
 from ftc.loop import Controller
-from ftc.sensors import SensorCheck, SensorChecks, Sensors
+from ftc.sensors import SensorCheck, Sensors
 
 _START_LIMIT_S = 60.0
 """Of what is designed and compiled before the first step."""
@@ -162,7 +162,9 @@ class GuardedController:
     def start(self) -> GuardedState:
         """The other controller made and started; inputs are zero."""
         n = self.task.nominal.actuators
-        still, sensors = np.zeros(n), self._checks.start(len(self.task.major), n)
+        still = np.zeros(n)
+        task, encoders = self._checks
+        sensors = Sensors(task.start(len(self.task.major)), encoders.start(n))
         try:
             controller = _call(_START_LIMIT_S, lambda: self.factory(self.task))
             own = _call(_START_LIMIT_S, lambda: controller.start())
@@ -172,9 +174,10 @@ class GuardedController:
         return GuardedState(controller, own, still, sensors)
 
     @cached_property
-    def _checks(self) -> SensorChecks:
-        check = SensorCheck(self.task.period_s)
-        return SensorChecks(check, replace(check, noisy=False))
+    def _checks(self) -> tuple[SensorCheck, SensorCheck]:
+        """Of the task, and of the encoders."""
+        period_s = self.task.period_s
+        return SensorCheck(period_s), SensorCheck(period_s, noisy=False)
 
     def step(self, state: GuardedState, reference: Array, measurement: Measurement) -> GuardedState:
         """One control tick; after a failure, or without a usable reading, the inputs stay."""
@@ -182,7 +185,7 @@ class GuardedController:
         controller = check.instance("state", state, GuardedState).controller
         if state.failure is not None or controller is None:
             return changed(state, ticks=state.ticks + 1)
-        sensors = self._checks.step(state.sensors, measurement, state.inputs)
+        sensors = state.sensors.after(measurement, state.inputs, *self._checks)
         state = changed(state, sensors=sensors, ticks=state.ticks + 1)
         if not sensors.task.usable:
             return state

@@ -188,6 +188,31 @@ class Sensors:
     encoders: SensorState
     estimates: bool = False
 
+    def after(
+        self,
+        measurement: Any,
+        sent: Array,
+        of_task: SensorCheck,
+        of_encoders: SensorCheck,
+        *,
+        estimable: bool = False,
+    ) -> "Sensors":
+        """What is known after a measurement; whatever that is, nothing is raised.
+
+        Args:
+            measurement: What should have the attributes of a :class:`ftc.Measurement`.
+            sent: Inputs of the drives since the measurement before, shape (n,).
+            of_task: When the readings of the task are usable.
+            of_encoders: And those of the encoders.
+            estimable: Whether encoders can stand in for a task's sensor that is lost.
+        """
+        task = of_task.step(self.task, getattr(measurement, "output", None), sent)
+        encoders = self.encoders
+        if encoders.last:
+            read = getattr(measurement, "displacement", None)
+            encoders = of_encoders.step(encoders, read, sent)
+        return Sensors(task, encoders, estimable and task.lost and not encoders.gap_ticks)
+
     @property
     def failed(self) -> bool:
         """Whether a reading was missing or repeated so far."""
@@ -204,48 +229,6 @@ class Sensors:
             return said
         waits = "what needs them waits"
         return f"{said}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
-
-
-@dataclass(frozen=True)
-class SensorChecks:
-    """When the readings of a loop are usable.
-
-    Attributes:
-        task: Of the major task.
-        encoders: Of the actuators; None: they are not used, and not checked.
-    """
-
-    task: SensorCheck
-    encoders: SensorCheck | None = None
-
-    def __post_init__(self) -> None:
-        check.instance("task", self.task, SensorCheck)
-        if self.encoders is not None:
-            check.instance("encoders", self.encoders, SensorCheck)
-
-    def start(self, rows: int, actuators: int) -> Sensors:
-        """Before the first reading."""
-        check, used = self.encoders or self.task, self.encoders is not None
-        return Sensors(self.task.start(rows), check.start(actuators if used else 0))
-
-    def step(
-        self, state: Sensors, measurement: Any, sent: Array, *, estimable: bool = False
-    ) -> Sensors:
-        """The state after a measurement; whatever that is, nothing is raised.
-
-        Args:
-            state: Before it.
-            measurement: What should have the attributes of a :class:`ftc.Measurement`.
-            sent: Inputs of the drives since the measurement before, shape (n,).
-            estimable: Whether encoders can stand in for a task's sensor that is lost.
-        """
-        task = self.task.step(state.task, getattr(measurement, "output", None), sent)
-        encoders = state.encoders
-        if self.encoders is not None:
-            displacement = getattr(measurement, "displacement", None)
-            encoders = self.encoders.step(encoders, displacement, sent)
-        estimates = estimable and task.lost and not encoders.gap_ticks
-        return Sensors(task, encoders, estimates)
 
 
 def in_numbers(measurement: Any, rows: int, actuators: int) -> Measurement:

@@ -27,7 +27,7 @@ from ftc.reconfiguration import (
     lost_displacement,
     with_margin,
 )
-from ftc.sensors import SensorCheck, SensorChecks, Sensors, in_numbers
+from ftc.sensors import SensorCheck, Sensors, in_numbers
 from ftc.supervisor_state import SupervisorState
 
 TEST_PART = 0.25
@@ -62,8 +62,8 @@ class Supervisor:
             model has outputs.
         estimate: The major task (m1,) by the encoders alone, near an estimated pose, for a time
             when its own sensor is lost; None: the commands are held.
-        sensor_checks: When readings are usable; None is :class:`.SensorCheck` as it is, of the task
-            and of the encoders where they are used.
+        sensor_check: When readings of the task are usable; None is :class:`.SensorCheck` as it is,
+            which is that of the encoders, where they are used.
     """
 
     goal: Goal
@@ -75,7 +75,7 @@ class Supervisor:
     dither: Dither | None = None
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
-    sensor_checks: SensorChecks | None = None
+    sensor_check: SensorCheck | None = None
 
     def __repr__(self) -> str:
         """One line, for interactive use."""
@@ -91,7 +91,7 @@ class Supervisor:
         n = check.instance("monitor", self.monitor, Monitor).nominal.actuators
         check.instance("goal", self.goal, Goal).of(n)
         check.choice("unused", self.unused, get_args(Unused))
-        check.instance("sensor_checks", self._checks, SensorChecks)
+        check.instance("sensor_check", self._checks[0], SensorCheck)
         check.instance("task", self._task, NominalModel)
         if self.dither is not None:
             moved = len(check.instance("dither", self.dither, Dither).direction)
@@ -133,12 +133,10 @@ class Supervisor:
         return self.monitor.nominal if self.task is None else self.task
 
     @cached_property
-    def _checks(self) -> SensorChecks:
-        if self.sensor_checks is not None:
-            return self.sensor_checks
-        check = SensorCheck(self.first.period_s)
-        used = self.watched or self.estimate or self._outputs > self._rows
-        return SensorChecks(check, check if used else None)
+    def _checks(self) -> tuple[SensorCheck, SensorCheck]:
+        """Of the task, and of the encoders."""
+        usual = SensorCheck(self.first.period_s)
+        return usual if self.sensor_check is None else self.sensor_check, usual
 
     @cached_property
     def _rows(self) -> int:
@@ -152,8 +150,10 @@ class Supervisor:
 
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
-        sensors = self._checks.start(self._rows, self.first.mapping.actuators)
-        watch = self.monitor.start()
+        of_task, of_encoders = self._checks
+        used = self.watched or self.estimate or self._outputs > self._rows
+        encoders = of_encoders.start(self.first.mapping.actuators if used else 0)
+        sensors, watch = Sensors(of_task.start(self._rows), encoders), self.monitor.start()
         return SupervisorState(self.first.start(), 0, self.first, watch, self.monitor, sensors)
 
     def calibrated(self, state: SupervisorState) -> "Supervisor":
@@ -205,7 +205,8 @@ class Supervisor:
         ticks, is_sample = state.ticks + 1, state.ticks % state.monitor.ticks == 0
         commanded = self.first.drives.displacements(state.inputs)
         estimable = self.estimate is not None
-        sensors = self._checks.step(state.sensors, measurement, state.inputs, estimable=estimable)
+        read = measurement, state.inputs, *self._checks
+        sensors = state.sensors.after(*read, estimable=estimable)
         measured = self._seen(state, measurement, sensors)
         watch = state.monitor.step(state.watch, measured, commanded)
         if is_sample:

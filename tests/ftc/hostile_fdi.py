@@ -5,7 +5,7 @@ from typing import Any
 import control
 import numpy as np
 
-from ftc import SensorCheck, SensorChecks
+from ftc import SensorCheck
 from ftc.control import circle_margin, sensitivity_peak
 from ftc.control.anti_windup import tracking_gain
 from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor, static_share
@@ -58,8 +58,8 @@ def limited(seconds: float) -> int:
 
 def checked(**given: Any) -> Any:
     """What sensors say after a reading."""
-    check = SensorChecks(SensorCheck(**given))
-    return check.step(check.start(2, N), None, STILL).task.held_ticks
+    check = SensorCheck(**given)
+    return check.step(check.start(2), None, STILL).held_ticks
 
 
 TARGETS = {
@@ -92,10 +92,6 @@ TARGETS = {
     "SensorCheck": Target(
         checked,
         {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True},
-    ),
-    "SensorChecks": Target(
-        lambda **a: SensorChecks(**a).start(2, N).failed,
-        {"task": SensorCheck(PERIOD_S), "encoders": SensorCheck(PERIOD_S)},
     ),
     "time_limit": Target(limited, {"seconds": 1.0}),
 }

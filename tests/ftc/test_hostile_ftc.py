@@ -12,6 +12,7 @@ RESULTS = (
     "LoopRun",
     "NestedState",
     "Sensors",
+    "Sensors.after",
     "Sensors.sentence",
     "SupervisorState",
 )
@@ -20,11 +21,7 @@ RESULTS = (
 PARTS = (
     *("Stage", "steps", "one_tick", "mapping_for", "Tracking"),
     *("explanation", "deciding_sentence", "is_possible"),
-    *(
-        f"{name}.{method}"
-        for name in ("SensorCheck", "SensorChecks")
-        for method in ("start", "step")
-    ),
+    *("SensorCheck.start", "SensorCheck.step"),
 )
 """`fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked."""
 
