@@ -27,8 +27,8 @@ from ftc.reconfiguration import goal_after as goal_after
 from ftc.sensors import SensorCheck as SensorCheck
 from ftc.sensors import Sensors as Sensors
 from ftc.supervisor import Supervisor as Supervisor
-from ftc.supervisor_state import SupervisorState as SupervisorState
-from ftc.supervisor_state import explanation as explanation
+from ftc.supervisor import SupervisorState as SupervisorState
+from ftc.supervisor import explanation as explanation
 from ftc.tracking import TaskLost as TaskLost
 from ftc.tracking import Tracking as Tracking
 from ftc.tracking import deciding_sentence as deciding_sentence

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import cos, inf, pi
 from typing import Any, Generic, Protocol
 
 import numpy as np
@@ -85,15 +85,9 @@ class BumplessTransfer:
     carried: Array
     age_s: float = 0.0
 
-    def faded(self, displacements: Array, fade_s: float) -> Array:
-        """Displacements (n,) still to be faded out: half a cosine over `fade_s`."""
-        if self.age_s >= fade_s:
-            return np.zeros(len(displacements))
-        return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements
-
-    def demanded(self, fade_s: float) -> Array:
-        """The part of the major task (m1,) that the others are to do beside the compensators'."""
-        return self.demand - self.faded(self.carried, fade_s)
+    def part(self, fade_s: float) -> float:
+        """Of what fades, the part that is left: half a cosine over `fade_s`."""
+        return 0.5 * (1 + cos(pi * self.age_s / fade_s)) if self.age_s < fade_s else 0.0
 
 
 @dataclass(frozen=True)
@@ -216,11 +210,10 @@ class PrioritizedController(Generic[Pose]):
             compensator, demand = self._compensators.limited(state.compensator, error, *held)
         if feedforward is not None:
             demand = feedforward + demand
-        owed = state.bumpless_transfer
-        if owed is not None:
-            demand = demand + owed.demanded(self.handover_s)
-            faded = owed.faded(owed.secondary_reference, self.handover_s)
-            secondary_reference = faded + secondary_reference
+        if (owed := state.bumpless_transfer) is not None:
+            part = owed.part(self.handover_s)
+            demand = owed.demand - part * owed.carried + demand
+            secondary_reference = part * owed.secondary_reference + secondary_reference
         required, residual = self.mapping.tick(
             demand, pose, commanded, state.asked, secondary_reference
         )
@@ -228,9 +221,9 @@ class PrioritizedController(Generic[Pose]):
             compensator = compensator - self._tracking.dot(residual)
         asked = PreviousCommand(demand, required, secondary_reference)
         if owed is not None:
-            beside = self.mapping.followed(required), self._unused * unused_reference
-            alone = owed.kept + owed.faded(owed.left, self.handover_s)
-            required = sum(beside, required + alone)
+            alone = owed.kept + owed.part(self.handover_s) * owed.left
+            alone = alone + self.mapping.followed(required) + self._unused * unused_reference
+            required = required + alone
             owed = replace(owed, age_s=owed.age_s + self.period_s)
         inputs = self.drives.inputs(required / self._effectiveness)
         return ControllerState(compensator, inputs, pose, asked, owed)
@@ -272,9 +265,9 @@ class PrioritizedController(Generic[Pose]):
         demand = demand + carried + mapping.major_motion(lost, pose)
         if (owed := state.bumpless_transfer) is not None:
             # What it keeps and leaves is in the commands, hence in these parts of them.
-            demand = owed.demanded(self.handover_s) + demand
-            faded = owed.faded(owed.secondary_reference, self.handover_s)
-            secondary_reference = faded + secondary_reference
+            part = owed.part(self.handover_s)
+            demand = owed.demand - part * owed.carried + demand
+            secondary_reference = part * owed.secondary_reference + secondary_reference
         parts = demand, secondary_reference, keeps * alone, left + internal, carried
         return replace(state, bumpless_transfer=BumplessTransfer(*parts))
 

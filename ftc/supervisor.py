@@ -11,6 +11,7 @@ import argument_checks as check
 from argument_checks import Array
 from ftc._records import changed
 from ftc.controller import ControllerState, Measurement, PrioritizedController
+from ftc.fdi.bank import Cause
 from ftc.fdi.decision import EFFECTIVENESS_STEP
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
@@ -18,6 +19,7 @@ from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.observer import LEARNING_S
 from ftc.goal import Goal
+from ftc.oracle import NestedState
 from ftc.reconfiguration import (
     WEAKEST,
     Case,
@@ -28,7 +30,6 @@ from ftc.reconfiguration import (
     with_margin,
 )
 from ftc.sensors import SensorCheck, Sensors, in_numbers
-from ftc.supervisor_state import SupervisorState
 
 TEST_PART = 0.25
 """An actuator out of use is given this part of the dither: if it works, the task feels it, because
@@ -42,6 +43,112 @@ _AHEAD_S = 1.0
 
 _Pilot = tuple[PrioritizedController[Any], ControllerState[Any]]
 """A controller and its state."""
+
+
+@dataclass(frozen=True)
+class SupervisorState(NestedState):
+    """State of the supervisor.
+
+    Attributes:
+        current: The controller in use; `controller` is its state.
+        watch: State of the monitor.
+        monitor: That monitor.
+        sensors: What they read so far, and whether it was usable.
+        confirmed: The confirmed diagnoses.
+        diagnoses: All that were made, revised and withdrawn ones included, in order.
+        task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
+            task; the controller then goes on as it was, with what it still reaches.
+        withdrawn: Diagnoses that were taken back, and when.
+        acted: Diagnoses from which the controller in use changed.
+        references: Of the major task of late, one for each sample of the diagnosis, newest first.
+        feedforward: Demands beside the compensators, likewise; empty: none were given.
+        refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
+    """
+
+    current: PrioritizedController[Any]
+    watch: MonitorState
+    monitor: Monitor
+    sensors: Sensors
+    confirmed: tuple[Diagnosis, ...] = ()
+    diagnoses: tuple[Diagnosis, ...] = ()
+    task_lost: bool = False
+    withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
+    acted: tuple[Diagnosis, ...] = ()
+    references: tuple[Array, ...] = ()
+    feedforward: tuple[Array, ...] = ()
+    refused: Diagnosis | None = None
+
+    @property
+    def status(self) -> str:
+        """What is believed, not understood and done, in one sentence.
+
+        Actuators are called by the names that the monitor's model has, or by their numbers.
+        """
+        watch, names = self.watch, self.monitor.nominal.names
+        parts = [", ".join(map(self._named, self.standing)) or "all actuators are believed sound"]
+        if watch.diagnosis is not None and watch.diagnosis.fault.is_sound:
+            parts.append(f"{_name(watch.diagnosis.fault.actuator, names)} seems to work again")
+        if watch.relearns > 0:
+            parts.append("what no failure explains is learned as part of the machine")
+        elif watch.evidence is not None and watch.diagnosis is None:
+            parts.append("an alarm is looked into")
+        elif watch.causes and not self.standing:
+            why = explanation(watch.causes[-1], names)
+            parts.append(f"the last alarm is explained by {why}, which is no failure")
+        known = self.current.mapping.goal.failed
+        if self.task_lost:
+            parts.append(
+                "the major task is lost, and the controller goes on with what it still reaches"
+            )
+        elif self.refused is not None and self.refused.fault.actuator not in known:
+            parts.append("the controller goes on as it was, which is expected to cost less")
+        elif self.standing:
+            parts.append("the other actuators do the task")
+        said = "; ".join(parts)
+        if names is None or not self.standing:  # a name stays as it is
+            said = said[0].upper() + said[1:]
+        return f"{said}."
+
+    def _named(self, found: Diagnosis) -> str:
+        name = _name(found.fault.actuator, self.monitor.nominal.names)
+        doubt = "" if found.confirmed else ", not yet confirmed"
+        return f"{name} is {' or '.join(found.kinds)}{doubt}"
+
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        return f"<SupervisorState after {self.ticks} ticks. {self.status}>"
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether what the sensors read is still taken for the machine without a failure."""
+        learned_s = self.watch.observer.spectrum.samples * self.monitor.observer.period_s
+        return learned_s <= LEARNING_S
+
+    @property
+    def standing(self) -> list[Diagnosis]:
+        """The last diagnosis confirmed of each actuator, and the one being confirmed.
+
+        Without those that work again, once that is confirmed: one that comes and goes stays out.
+        """
+        latest, found = self.confirmed, self.watch.diagnosis
+        if found is not None and found.is_acted_on:
+            latest = (*latest, found)
+        last = {each.fault.actuator: each for each in latest}
+        return [each for each in last.values() if not each.fault.is_sound]
+
+
+def explanation(cause: Cause | None, names: Sequence[str] | None = None) -> str:
+    """What an alarm is explained by that is no failure."""
+    if cause is None:
+        return "something slow"
+    if cause.kind == "offset":
+        return f"an offset of {_name(cause.actuator, names)}"
+    whole = {"supply": "what all commands do", "scale": "the sensors' scale"}
+    return f"a change of {whole[cause.kind]}"
+
+
+def _name(actuator: int, names: Sequence[str] | None) -> str:
+    return f"actuator {actuator}" if names is None else names[actuator]
 
 
 @dataclass(frozen=True)
@@ -210,9 +317,10 @@ class Supervisor:
         measured = self._seen(state, measurement, sensors)
         watch = state.monitor.step(state.watch, measured, commanded)
         if is_sample:
-            state = changed(state, references=(reference, *state.references[: self._ahead]))
-        if is_sample and feedforward is not None:
-            state = changed(state, feedforward=(feedforward, *state.feedforward[: self._ahead]))
+            ahead = round(_AHEAD_S / (state.monitor.ticks * self.first.period_s))
+            state = changed(state, references=(reference, *state.references[:ahead]))
+            if feedforward is not None:
+                state = changed(state, feedforward=(feedforward, *state.feedforward[:ahead]))
         if watch.diagnosis is not state.watch.diagnosis:
             state = self._reconfigured(state, watch, commanded, measurement)
             watch = state.watch
@@ -267,13 +375,15 @@ class Supervisor:
             if known.is_acted_on:
                 sure = [each for each in state.standing if each.confirmed]
                 stays = self._transferred(state, sure)
-                state = replace(state, task_lost=state.task_lost and not self._can(sure))
+                lost = state.task_lost and not self.is_possible([each.fault for each in sure])
+                state = replace(state, task_lost=lost)
         goes, refused = stays, None
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
         if found is not None and found.is_acted_on:
             believed = state.standing
-            faults, can = [each.fault for each in believed], self._can(believed)
+            faults = [each.fault for each in believed]
+            can = self.is_possible(faults)
             # The present controller goes on then: to stand still is worse, and names may be wrong.
             state = replace(state, task_lost=found.confirmed and not can)
             if can:
@@ -316,9 +426,6 @@ class Supervisor:
             controller = state.controller
         return replace(state, current=current, controller=controller)
 
-    def _can(self, believed: Sequence[Diagnosis]) -> bool:
-        return self.is_possible([each.fault for each in believed])
-
     def _transferred(
         self,
         state: SupervisorState,
@@ -351,16 +458,14 @@ class Supervisor:
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True
-
-        times_s = (
-            state.ticks + np.arange(len(state.references) * monitor.ticks)
-        ) * self.first.period_s
+        ticks = state.ticks + np.arange(len(state.references) * monitor.ticks)
+        times_s = (ticks * self.first.period_s).tolist()
         outlook = Outlook(
             self._task,
             measurement.output,
             np.repeat(state.references, monitor.ticks, axis=0),
-            np.array([self.secondary(time_s) for time_s in times_s.tolist()]),
-            np.array([self._test_motion(time_s) for time_s in times_s.tolist()]),
+            np.array(list(map(self.secondary, times_s))),
+            np.array(list(map(self._test_motion, times_s))),
             np.repeat(state.feedforward, monitor.ticks, axis=0) if state.feedforward else None,
         )
         named = [each.fault for each in state.standing]
@@ -370,11 +475,6 @@ class Supervisor:
             Case(1 - certain, monitor.faults, state.watch.observer.X[0]),
         ]
         return outlook.goes_over(stays, goes, cases)
-
-    @property
-    def _ahead(self) -> int:
-        """Samples of the diagnosis by which the costs of a decision are compared."""
-        return round(_AHEAD_S / (self.monitor.ticks * self.first.period_s))
 
 
 def _in_use(found: Diagnosis) -> Diagnosis:
