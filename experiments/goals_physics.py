@@ -342,9 +342,9 @@ def fly_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Flown:
     testbed = Testbed(model, BENCH, loops)
     find = partial(controller_for, testbed, strategy.major_weight)
     controller = find(OBSTRUCTED)
-    now = controller.mapping.at(controller.mapping.nominal)
+    kinematics = controller.mapping.at(controller.mapping.nominal).kinematics
     # Strut rates that give the payload v_sd if pointing is left aside: J_s of them is v_sd.
-    struts = now.expand @ np.linalg.pinv(now.J[SECONDARY])
+    struts = kinematics.expand(np.linalg.pinv(kinematics.J[SECONDARY]).T).T
     seeker = Seeker(find, OBSTRUCTED)
     if strategy.pursues:
         seeker = replace(seeker, rates=lambda _, pose: struts @ retreat(clearance, pose))

@@ -26,17 +26,14 @@ class Geometry(Protocol[Pose]):
         """The mechanism at the nominal pose, with springs where there are any."""
         ...
 
-    def posture(self, pose: Pose) -> Pose:
-        """The pose at which the mapping is evaluated; the nominal one for a constant Jacobian."""
-        ...
+    def jacobians(self, pose: Pose) -> Any:
+        """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a pose.
 
-    def jacobians(self, posture: Pose) -> Any:
-        """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a posture.
-
-        And with their `accuracy`, where that is known.
+        And with their `accuracy`, where that is known. Where the Jacobian is constant,
+        :attr:`system` itself.
         """
 
-    def twist(self, posture: Pose, displacements: Array) -> Array:
+    def twist(self, pose: Pose, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
         ...
 
@@ -54,15 +51,11 @@ class LocalGeometry:
         self.nominal = np.zeros(len(system.J_T))
         self._J = system.kinematics().J
 
-    def posture(self, pose: Array) -> Array:
-        """The nominal pose, for every present pose."""
-        return self.nominal
-
-    def jacobians(self, posture: Array) -> ConstrainedSystem:
+    def jacobians(self, pose: Array) -> ConstrainedSystem:
         """The mechanism itself."""
         return self.system
 
-    def twist(self, posture: Array, displacements: Array) -> Array:
+    def twist(self, pose: Array, displacements: Array) -> Array:
         """Task displacement (m,) of displacements (n,)."""
         return self._J @ displacements
 
@@ -119,10 +112,6 @@ class MechanismGeometry:
         )
         every = np.arange(len(self.system.active))
         self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
-
-    def posture(self, pose: Any) -> Any:
-        """The posture itself."""
-        return pose
 
     def jacobians(self, posture: Any) -> Any:
         """The Jacobians of the model there."""

@@ -5,7 +5,6 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Generic, Literal, NamedTuple, get_args
 
@@ -47,23 +46,18 @@ class PreviousCommand(NamedTuple):
     secondary_reference: Array
 
 
-@dataclass(frozen=True)
-class LocalMapping:
+class LocalMapping(NamedTuple):
     """The mapping at one pose, section 2.3.
 
     Attributes:
         mapping: Rates of the n' surviving actuators, eqs. (28) and (30): a
             :class:`prioritized.VelocityMapping`, or what `allocate` gives in its place.
-        expand: Puts them on all actuators, shape (n, n').
-        J: Task velocity per surviving rate, eq. (14), shape (m, n').
-        constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
+        kinematics: Of the failed mechanism there, with n' actuators.
         limited: The mapping with limits, whose `solve` gives `rates`; None without.
     """
 
     mapping: Any
-    expand: Array
-    J: Array
-    constraint: Array
+    kinematics: Kinematics
     limited: Any = None
 
 
@@ -135,7 +129,7 @@ class PrioritizedMapping(Generic[Pose]):
             ValueError: An actuator locked off centre in incremental form: its displacement is in no
                 increment.
         """
-        check.attributes("geometry", geometry, "posture", "jacobians", "twist", "moved")
+        check.attributes("geometry", geometry, "jacobians", "twist", "moved")
         check.choice("form", form, get_args(DisplacementForm))
         check.choice("when_limited", when_limited, get_args(WhenLimited))
         self._task = task if task is None else check.function("task", task)
@@ -166,6 +160,7 @@ class PrioritizedMapping(Generic[Pose]):
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
         self.unused: Mask = ~np.isin(np.arange(n), self._surviving)
+        self._has_failed = bool(self.unused.any())
         self._velocities = self._failed.active[self._surviving]
         self._expand = np.eye(n)[:, self._surviving]
 
@@ -199,17 +194,17 @@ class PrioritizedMapping(Generic[Pose]):
 
     def major_gain(self) -> Array:
         """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
-        return self._at_nominal.expand @ self._at_nominal.mapping.major
+        return self._expand @ self._at_nominal.mapping.major
 
     def secondary_gain(self) -> Array:
         """Displacements per secondary reference, at the nominal pose, shape (n, n).
 
         Its columns span the motions that a reference can ask for without a part in the major task.
         """
-        now = self._at_nominal
-        still, secondary = np.zeros(len(self._major)), now.J[self._secondary]
-        rates = [now.mapping(still, unit, secondary @ unit) for unit in now.expand]
-        return now.expand @ np.array(rates).T
+        now, still = self._at_nominal, np.zeros(len(self._major))
+        secondary = now.kinematics.J[self._secondary]
+        rates = [now.mapping(still, unit, secondary @ unit) for unit in self._expand]
+        return self._expand @ np.array(rates).T
 
     def displacements(
         self,
@@ -232,12 +227,12 @@ class PrioritizedMapping(Generic[Pose]):
                 pose.
         """
         step = self._step(demand, pose, commanded, last, secondary_reference)
-        posture = self._model.posture(pose)
-        velocities = self._moved(self._tick, posture, step, None)
+        velocities = self._moved(self._ticks[0], pose, step, None)
         if velocities is not None:
-            return self._expand.dot(step.here + velocities[self._velocities])
-        now = self.at(posture)
-        return self._expand.dot(step.here + now.mapping(*step.targets(now.J[self._secondary])))
+            return self._on_all(step.here + velocities[self._velocities])
+        now = self.at(pose)
+        targets = step.targets(now.kinematics.J[self._secondary])
+        return self._on_all(step.here + now.mapping(*targets))
 
     def tick(
         self,
@@ -255,19 +250,23 @@ class PrioritizedMapping(Generic[Pose]):
         if self.limits is None:
             return self.displacements(demand, pose, commanded, last, secondary_reference), None
         step = self._step(demand, pose, commanded, last, secondary_reference)
-        lower, upper = (limit[self._surviving] - step.here for limit in self.limits)
-        posture, left = self._model.posture(pose), (lower, upper)
-        velocities = self._moved(self._limited_tick, posture, step, left)
+        left = tuple(limit[self._surviving] - step.here for limit in self.limits)
+        velocities = self._moved(self._ticks[1], pose, step, left)
         if velocities is not None:
-            moved = self._model.jacobians(posture).J_T.dot(velocities).take(self._major)
+            moved = self._model.jacobians(pose).J_T.dot(velocities).take(self._major)
             residual = step.major - moved
             if _norm(residual) <= _MET * (_norm(step.major) + _norm(moved)):
-                return self._expand.dot(step.here + velocities[self._velocities]), residual
+                return self._on_all(step.here + velocities[self._velocities]), residual
         # What limits leave of a task may hang on singular values that a tick takes for zero.
-        now = self.at(posture)
-        limited = now.limited.within(left) if self.form == "gauss_newton" else now.limited
-        rates = limited.solve(*step.targets(now.J[self._secondary])).rates
-        return self._expand.dot(step.here + rates), step.major - now.J[self._major].dot(rates)
+        now = self.at(pose)
+        J, limited = now.kinematics.J, now.limited
+        limited = limited.within(left) if self.form == "gauss_newton" else limited
+        rates = limited.solve(*step.targets(J[self._secondary])).rates
+        return self._on_all(step.here + rates), step.major - J[self._major].dot(rates)
+
+    def _on_all(self, displacements: Array) -> Array:
+        """Displacements (n',) of the survivors on all actuators, (n,)."""
+        return self._expand.dot(displacements) if self._has_failed else displacements
 
     def _step(
         self,
@@ -292,7 +291,7 @@ class PrioritizedMapping(Generic[Pose]):
         if self.form == "absolute":
             here, task = self._yielded, None
             if self._is_off_centre:  # one has already moved the task by J[:, k] l_k
-                task = self._model.twist(self._model.posture(pose), self._standing)
+                task = self._model.twist(pose, self._standing)
         elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
         else:
@@ -304,7 +303,7 @@ class PrioritizedMapping(Generic[Pose]):
         return _Step(here, demand - task[self._major], wanted - here, wanted, beside)
 
     def _moved(
-        self, tick: Tick | None, posture: Pose, step: _Step, limits: tuple[Array, Array] | None
+        self, tick: Tick | None, pose: Pose, step: _Step, limits: tuple[Array, ...] | None
     ) -> Array | None:
         """What a step displaces all velocities by, (N,), in one compiled call; None: it cannot.
 
@@ -314,20 +313,17 @@ class PrioritizedMapping(Generic[Pose]):
             return None
         parts = (step.major, step.joint, step.secondary)[: 3 if self._weighs_secondary else 2]
         along = step.along if self._weighs_secondary else None
-        jacobians = self._model.jacobians(posture)
+        jacobians = self._model.jacobians(pose)
         return tick.at_jacobians(jacobians, np.concatenate(parts), limits, along)
 
     @cached_property
-    def _tick(self) -> Tick | None:
-        """The mapping at one pose after another; None where another optimum is sought."""
-        of = self._at_nominal.mapping
-        return of.tick() if isinstance(of, VelocityMapping) else None
+    def _ticks(self) -> list[Tick | None]:
+        """The mapping at one pose after another, without and within limits.
 
-    @cached_property
-    def _limited_tick(self) -> Tick | None:
-        """The mapping within limits at one pose after another; None as above."""
-        of = self._at_nominal.limited
-        return of.tick() if isinstance(of, VelocityMapping) else None
+        None where another optimum is sought.
+        """
+        both = self._at_nominal.mapping, self._at_nominal.limited
+        return [of.tick() if isinstance(of, VelocityMapping) else None for of in both]
 
     def followed(self, displacements: Array) -> Array:
         """Where displacements (n,) of the others take actuators known to be free, shape (n,).
@@ -338,7 +334,7 @@ class PrioritizedMapping(Generic[Pose]):
 
     def major_motion(self, displacements: Array, pose: Pose) -> Array:
         """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
-        return self._model.twist(self._model.posture(pose), displacements)[self._major]
+        return self._model.twist(pose, displacements)[self._major]
 
     def reached(self, pose: Pose) -> Array:
         """Major task (m1,) at a pose, by the task coordinates, which the mapping must have."""
@@ -354,12 +350,12 @@ class PrioritizedMapping(Generic[Pose]):
             have too; less these, what is secondary motion alone, shape (n,); and what no motion
             follows, because closed loops tie the actuators together, shape (n,).
         """
-        now = self.at(self._model.posture(pose))
-        surviving = displacements[self._surviving]
-        internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
+        mapping, kinematics, _ = self.at(pose)
+        surviving, C = displacements[self._surviving], kinematics.active_constraint
+        internal = np.linalg.pinv(C) @ (C @ surviving)
         surviving = surviving - internal
-        demand = now.J[self._major] @ surviving
-        secondary_reference = self._expand.dot(surviving - now.mapping(demand))
+        demand = kinematics.J[self._major] @ surviving
+        secondary_reference = self._expand.dot(surviving - mapping(demand))
         return demand, secondary_reference, self._expand.dot(internal)
 
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
@@ -372,11 +368,12 @@ class PrioritizedMapping(Generic[Pose]):
             displacements = np.where(self._locked, self._locked_at, displacements)
         return self._model.moved(pose, self._follow.dot(displacements))
 
-    def at(self, posture: Pose, /) -> LocalMapping:
-        """The mapping at a posture of the geometry."""
-        if posture is self.nominal:
+    def at(self, pose: Pose, /) -> LocalMapping:
+        """The mapping at a pose."""
+        jacobians = self._model.jacobians(pose)
+        if pose is self.nominal or jacobians is self._model.system:
             return self._at_nominal
-        return self._local(self._failed.at_pose(self._model.jacobians(posture)).kinematics())
+        return self._local(self._failed.at_pose(jacobians).kinematics())
 
     def _local(self, kinematics: Kinematics) -> LocalMapping:
         mapping, limited = self._prepared.at(kinematics), None
@@ -384,8 +381,7 @@ class PrioritizedMapping(Generic[Pose]):
             limited = (self._allocate or self._limited.at)(kinematics)
         elif self._allocate is not None:
             mapping = self._allocate(kinematics)
-        constraint = kinematics.active_constraint
-        return LocalMapping(mapping, self._expand, kinematics.J, constraint, limited)
+        return LocalMapping(mapping, kinematics, limited)
 
 
 def _vector(name: str, value: Array, size: int) -> Array:

@@ -26,8 +26,8 @@ PARTS = (
 """`fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked."""
 
 AT_EVERY_TICK = (
-    *(f"LocalGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
-    *(f"MechanismGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
+    *(f"LocalGeometry.{name}" for name in ("jacobians", "twist", "moved")),
+    *(f"MechanismGeometry.{name}" for name in ("jacobians", "twist", "moved")),
     *(
         f"PrioritizedMapping.{name}"
         for name in (
