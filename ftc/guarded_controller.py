@@ -116,7 +116,6 @@ class GuardedState:
         own: Its state; after a failure the last one before it.
         inputs: Last sent to the drives, shape (n,); zeros before the first step.
         sensors: What they read so far, and whether it was usable.
-        ticks: So far.
         failure: What it did wrong, a sentence; None: nothing.
     """
 
@@ -161,17 +160,15 @@ class GuardedController:
 
     def start(self) -> GuardedState:
         """The other controller made and started; inputs are zero."""
-        n = self.task.nominal.actuators
-        still = np.zeros(n)
-        task, encoders = self._checks
-        sensors = Sensors(task.start(len(self.task.major)), encoders.start(n))
+        (of_task, of_encoders), n = self._checks, self.task.nominal.actuators
+        sensors = Sensors(of_task.start(len(self.task.major)), of_encoders.start(n))
         try:
             controller = _call(_START_LIMIT_S, lambda: self.factory(self.task))
             own = _call(_START_LIMIT_S, lambda: controller.start())
         except _Failed as failed:
             sentence = f"{self.name} {failed}, at its start"
-            return GuardedState(None, None, still, sensors, failure=sentence)
-        return GuardedState(controller, own, still, sensors)
+            return GuardedState(None, None, np.zeros(n), sensors, failure=sentence)
+        return GuardedState(controller, own, np.zeros(n), sensors)
 
     @cached_property
     def _checks(self) -> tuple[SensorCheck, SensorCheck]:
@@ -183,14 +180,14 @@ class GuardedController:
         """One control tick; after a failure, or without a usable reading, the inputs stay."""
         reference = check.array("reference", reference, len(self.task.major))
         controller = check.instance("state", state, GuardedState).controller
+        state = changed(state, ticks=state.ticks + 1)
         if state.failure is not None or controller is None:
-            return changed(state, ticks=state.ticks + 1)
+            return state
         sensors = state.sensors.after(measurement, state.inputs, *self._checks)
-        state = changed(state, sensors=sensors, ticks=state.ticks + 1)
+        state = changed(state, sensors=sensors)
         if not sensors.task.usable:
             return state
-        read = sensors.task.last, sensors.encoders.last
-        given = Measurement(*(np.array(each, dtype=float) for each in read))
+        given = Measurement(np.array(sensors.task.last), np.array(sensors.encoders.last))
 
         def stepped() -> tuple[Any, Array]:
             own = controller.step(state.own, reference.copy(), given)

@@ -133,17 +133,20 @@ class SensorCheck:
             sent: Inputs that the drives have had since the reading before, shape (n,). Only
                 while these change does a reading have to.
         """
-        last, repeats, repeated = state.last, state.repeats, state.repeated
+        last, repeats, repeated = state.last, (0,) * len(state.last), state.repeated
         seen = _numbers(reading, len(last))
-        if seen is None or self._is_beyond(seen):
+        if seen is None or (self.limits is not None and any(map(gt, map(abs, seen), self.limits))):
             cause = "gives no numbers" if seen is None else "reads beyond its range"
             after = changed(state, ticks=state.ticks + 1, missing=state.missing + 1)
             return self._without(state, after, cause)
         if self.noisy and any(map(eq, seen, last)):
-            repeats = _repeats(state, seen, sent)
+            # A row begins to while the commands change. After a loss they do not, and one that
+            # repeats is no usable one.
+            before = state.sent
+            moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
+            rows = zip(state.repeats, map(eq, seen, last), strict=True)
+            repeats = tuple(count + 1 if same and (count or moved) else 0 for count, same in rows)
             repeated += all(repeats)
-        elif any(repeats):
-            repeats = (0,) * len(last)
         read = {"last": seen, "sent": sent, "repeats": repeats, "repeated": repeated}
         after = changed(state, **read, ticks=state.ticks + 1, gap_ticks=0, lost=False)
         if any(repeats) and (state.lost or self._is_stuck(repeats)):
@@ -166,9 +169,6 @@ class SensorCheck:
 
     def _is_stuck(self, repeats: tuple[int, ...]) -> bool:
         return max(repeats) >= max(self._ticks(_STUCK_S), _FEWEST)
-
-    def _is_beyond(self, seen: tuple[float, ...]) -> bool:
-        return self.limits is not None and any(map(gt, map(abs, seen), self.limits))
 
     def _ticks(self, time_s: float) -> int:
         return max(1, round(time_s / self.period_s))
@@ -233,15 +233,14 @@ class Sensors:
 
 def in_numbers(measurement: Any, rows: int, actuators: int) -> Measurement:
     """Vectors of what should be a measurement: NaN where a reading is none, or a masked one."""
-    sizes = {"output": rows, "displacement": actuators}
-    return Measurement(*(_vector(getattr(measurement, name, None), n) for name, n in sizes.items()))
-
-
-def _vector(reading: Any, size: int) -> Array:
-    if check.is_plain(reading) and reading.shape == (size,):
-        return reading
-    seen = _numbers(reading, size)
-    return np.full(size, np.nan) if seen is None else np.array(seen, dtype=float)
+    vectors = []
+    for name, size in (("output", rows), ("displacement", actuators)):
+        reading = getattr(measurement, name, None)
+        if not check.is_plain(reading) or reading.shape != (size,):
+            seen = _numbers(reading, size)
+            reading = np.full(size, nan) if seen is None else np.array(seen, dtype=float)
+        vectors.append(reading)
+    return Measurement(*vectors)
 
 
 def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
@@ -251,16 +250,3 @@ def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
         return seen if len(seen) == rows and hypot(*seen) < check.LARGEST else None
     except (AttributeError, TypeError, ValueError, OverflowError):
         return None
-
-
-def _repeats(state: SensorState, seen: tuple[float, ...], sent: Array) -> tuple[int, ...]:
-    """Of each row, the ticks that it has repeated; it begins to while the commands change.
-
-    After a loss they do not, and a row that repeats is no usable one.
-    """
-    before = state.sent
-    moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
-    return tuple(
-        count + 1 if now == then and (count or moved) else 0
-        for count, now, then in zip(state.repeats, seen, state.last, strict=True)
-    )

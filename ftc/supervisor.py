@@ -10,7 +10,7 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array
 from ftc._records import changed
-from ftc.controller import ControllerState, Measurement, PrioritizedController
+from ftc.controller import ControllerState, Measurement, NestedState, PrioritizedController
 from ftc.fdi.bank import Cause
 from ftc.fdi.decision import EFFECTIVENESS_STEP
 from ftc.fdi.diagnosis import Diagnosis
@@ -19,7 +19,6 @@ from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.observer import LEARNING_S
 from ftc.goal import Goal
-from ftc.oracle import NestedState
 from ftc.reconfiguration import (
     WEAKEST,
     Case,

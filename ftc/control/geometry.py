@@ -113,14 +113,13 @@ class MechanismGeometry:
         every = np.arange(len(self.system.active))
         self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
 
-    def jacobians(self, posture: Any) -> Any:
+    def jacobians(self, pose: Any) -> Any:
         """The Jacobians of the model there."""
-        return self.model.jacobians(posture)
+        return self.model.jacobians(pose)
 
-    def twist(self, posture: Any, displacements: Array) -> Array:
+    def twist(self, pose: Any, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,)."""
-        there = self.system.at_pose(self.model.jacobians(posture)).kinematics()
-        return there.J @ displacements
+        return self.system.at_pose(self.model.jacobians(pose)).kinematics().J @ displacements
 
     def moved(self, pose: Any, displacements: Array) -> Any:
         """The posture to which displacements (n,) lead, from the one a tick before."""

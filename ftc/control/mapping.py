@@ -250,7 +250,8 @@ class PrioritizedMapping(Generic[Pose]):
         if self.limits is None:
             return self.displacements(demand, pose, commanded, last, secondary_reference), None
         step = self._step(demand, pose, commanded, last, secondary_reference)
-        left = tuple(limit[self._surviving] - step.here for limit in self.limits)
+        lower, upper = (limit[self._surviving] - step.here for limit in self.limits)
+        left = lower, upper
         velocities = self._moved(self._ticks[1], pose, step, left)
         if velocities is not None:
             moved = self._model.jacobians(pose).J_T.dot(velocities).take(self._major)
@@ -303,7 +304,7 @@ class PrioritizedMapping(Generic[Pose]):
         return _Step(here, demand - task[self._major], wanted - here, wanted, beside)
 
     def _moved(
-        self, tick: Tick | None, pose: Pose, step: _Step, limits: tuple[Array, ...] | None
+        self, tick: Tick | None, pose: Pose, step: _Step, limits: tuple[Array, Array] | None
     ) -> Array | None:
         """What a step displaces all velocities by, (N,), in one compiled call; None: it cannot.
 
