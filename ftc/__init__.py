@@ -5,6 +5,7 @@ from ftc.control.compensator import LoopShape as LoopShape
 from ftc.control.compensator import compensator as compensator
 from ftc.control.frequency_response import margins as margins
 from ftc.control.geometry import LocalGeometry as LocalGeometry
+from ftc.control.mapping import Goal as Goal
 from ftc.control.mapping import PrioritizedMapping as PrioritizedMapping
 from ftc.controller import DirectDrive as DirectDrive
 from ftc.controller import Measurement as Measurement
@@ -12,7 +13,6 @@ from ftc.controller import NestedState as NestedState
 from ftc.controller import OracleController as OracleController
 from ftc.controller import PrioritizedController as PrioritizedController
 from ftc.feedforward import inverse_feedforward as inverse_feedforward
-from ftc.goal import Goal as Goal
 from ftc.guarded_controller import ControlTask as ControlTask
 from ftc.guarded_controller import GuardedController as GuardedController
 from ftc.loop import Controller as Controller

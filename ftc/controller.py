@@ -133,8 +133,8 @@ class PrioritizedController(Generic[Pose]):
         """Take the compensators, one for each major row, all of one period, and what follows them.
 
         Args:
-            loops: The compensators.
-            mapping: From their demands to displacements.
+            loops: From errors of the major rows to demands.
+            mapping: From these to displacements.
             drives: From displacements to inputs of as many actuators.
             handover_s: Time in which the secondary motion of a former mapping fades out.
             demand_limit: Largest output of each compensator.

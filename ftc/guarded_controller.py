@@ -15,9 +15,9 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array, shown
 from ftc._records import changed
+from ftc.control.mapping import Goal
 from ftc.controller import Converter, Measurement, checked_drives
 from ftc.fdi.fault_model import NominalModel
-from ftc.goal import Goal
 from ftc.loop import Controller
 from ftc.sensors import SensorCheck, Sensors
 

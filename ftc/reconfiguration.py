@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from ftc.control.mapping import Goal
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import (
@@ -18,7 +19,6 @@ from ftc.fdi.fault_model import (
     resting_displacements,
     static_share,
 )
-from ftc.goal import Goal
 
 WEAKEST = 0.5
 """An actuator whose commands move it less than this part of what they did is not used. Commanded
@@ -108,8 +108,7 @@ def with_margin(goal: Goal, told: Goal) -> Goal:
     return replace(goal, effectiveness=driven)
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """What is true with some probability: faults of the machine, and its state x (s,) with them."""
 
     probability: float

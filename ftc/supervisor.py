@@ -10,6 +10,7 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array
 from ftc._records import changed
+from ftc.control.mapping import Goal
 from ftc.controller import ControllerState, Measurement, NestedState, PrioritizedController
 from ftc.fdi.bank import Cause
 from ftc.fdi.decision import EFFECTIVENESS_STEP
@@ -18,7 +19,6 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.observer import LEARNING_S
-from ftc.goal import Goal
 from ftc.reconfiguration import (
     WEAKEST,
     Case,
@@ -50,10 +50,8 @@ class SupervisorState(NestedState):
 
     Attributes:
         current: The controller in use; `controller` is its state.
-        watch: State of the monitor.
-        monitor: That monitor.
+        monitor: The monitor, and `watch` its state.
         sensors: What they read so far, and whether it was usable.
-        confirmed: The confirmed diagnoses.
         diagnoses: All that were made, revised and withdrawn ones included, in order.
         task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
             task; the controller then goes on as it was, with what it still reaches.
@@ -249,15 +247,10 @@ class Supervisor:
         """Number of rows of the major task."""
         return len(self.first.mapping.nothing().demand)
 
-    @property
-    def _outputs(self) -> int:
-        """Number of outputs that the diagnosis looks at."""
-        return len(self.monitor.nominal.noise)
-
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
         of_task, of_encoders = self._checks
-        used = self.watched or self.estimate or self._outputs > self._rows
+        used = self.watched or self.estimate or len(self.monitor.nominal.noise) > self._rows
         encoders = of_encoders.start(self.first.mapping.actuators if used else 0)
         sensors, watch = Sensors(of_task.start(self._rows), encoders), self.monitor.start()
         return SupervisorState(self.first.start(), 0, self.first, watch, self.monitor, sensors)
@@ -350,7 +343,7 @@ class Supervisor:
             return None
         if self.watched is None:
             every = np.concatenate([measurement.output, measurement.displacement])
-            return every[: self._outputs]
+            return every[: len(self.monitor.nominal.noise)]
         faults = tuple(each.fault for each in state.standing)
         if new:
             return self.watched(measurement, state.pose, faults)
@@ -467,13 +460,10 @@ class Supervisor:
             np.array(list(map(self._test_motion, times_s))),
             np.repeat(state.feedforward, monitor.ticks, axis=0) if state.feedforward else None,
         )
-        named = [each.fault for each in state.standing]
-        certain = found.actuator_confidence
-        cases = [
-            Case(certain, named, verdict.x),
-            Case(1 - certain, monitor.faults, state.watch.observer.X[0]),
-        ]
-        return outlook.goes_over(stays, goes, cases)
+        named, certain = [each.fault for each in state.standing], found.actuator_confidence
+        right = Case(certain, named, verdict.x)
+        wrong = Case(1 - certain, monitor.faults, state.watch.observer.X[0])
+        return outlook.goes_over(stays, goes, [right, wrong])
 
 
 def _in_use(found: Diagnosis) -> Diagnosis:

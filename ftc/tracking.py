@@ -25,7 +25,7 @@ from ftc.control.compensator import (
 )
 from ftc.control.frequency_response import Margins, channels, margins
 from ftc.control.geometry import MechanismGeometry, MechanismModel
-from ftc.control.mapping import PrioritizedMapping
+from ftc.control.mapping import Goal, PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
@@ -38,7 +38,6 @@ from ftc.fdi.fault_model import (
     static_gain,
 )
 from ftc.fdi.monitor import monitor
-from ftc.goal import Goal
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
@@ -78,7 +77,6 @@ class Tracking:
         nominal: Linear model of the plant to the major rows, with the noise of their measurement.
         major: Rows of the task, each with a compensator, of `loops`.
         margins: Of each loop, the others open.
-        peak: Of the sensitivity of all loops together.
         goal: While all actuators work.
         limits: Lower and upper displacements of the actuators, (n,) each; None is none.
         when_limited: What becomes of a major task beyond them.
@@ -88,7 +86,7 @@ class Tracking:
             diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
-        unused: What an actuator without force counts as, as in :func:`ftc.goal_after`.
+        unused: What an actuator without force counts as, as in :func:`ftc.control.mapping_after`.
     """
 
     model: MechanismModel[Any]
@@ -96,7 +94,6 @@ class Tracking:
     major: tuple[int, ...]
     loops: tuple[Compensator, ...]
     margins: tuple[Margins, ...]
-    peak: float
     goal: Goal
     limits: tuple[Array, Array] | None = None
     when_limited: WhenLimited = "least_squares"
@@ -316,7 +313,7 @@ def tracking(
     def hindrance() -> str:
         return _singular(J_m, rows, _NEARLY_SINGULAR) or _slowest_mode(linear)
 
-    loops, peak, each = _loops(plant, rows, period_s, crossover_hz, hindrance)
+    loops, each = _loops(plant, rows, period_s, crossover_hz, hindrance)
     loads = ("feedback", "holding", "spring", "preload", "friction")
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
@@ -331,7 +328,7 @@ def tracking(
     if overshoots := _overshooting(nominal, linear):
         raise TaskLost(overshoots)
     known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
-    return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
+    return Tracking(model, nominal, rows, loops, each, **(known | options))
 
 
 def _loops(
@@ -340,13 +337,13 @@ def _loops(
     period_s: float,
     crossover_hz: float | None,
     hindrance: Callable[[], str],
-) -> tuple[tuple[Compensator, ...], float, tuple[Margins, ...]]:
-    """Compensators of all rows, the sensitivity peak that they leave, and margins of each row.
+) -> tuple[tuple[Compensator, ...], tuple[Margins, ...]]:
+    """Compensators of all rows, and margins of each row.
 
     `hindrance` says why the rows have no stable loops: a singular posture, or the slowest mode.
     """
     try:
-        loops, peak = compensators(plant, period_s, crossover_hz)
+        loops = compensators(plant, period_s, crossover_hz)
     except (UnstableLoop, NoResponse) as error:
         if crossover_hz is None:
             raise TaskLost(f"{error}: {hindrance()}") from None
@@ -359,7 +356,7 @@ def _loops(
     for row, its in zip(rows, each, strict=True):
         if not np.isfinite(its.crossover_hz):
             raise TaskLost(f"the loop of row {row} has no crossover: {hindrance()}")
-    return loops, peak, each
+    return loops, each
 
 
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:

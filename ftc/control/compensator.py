@@ -137,13 +137,9 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     return Compensator(G.num[0][0], G.den[0][0], G_d.A, G_d.B, G_d.C, G_d.D, period_s)
 
 
-Designed = tuple[tuple[Compensator, ...], float]
-"""Compensators of all channels, and the sensitivity peak that they leave."""
-
-
 def compensators(
     plant: "control.StateSpace", period_s: float, crossover_hz: float | None = None
-) -> Designed:
+) -> tuple[Compensator, ...]:
     """The compensators of all channels of a continuous plant at one crossover.
 
     Unless it is given, the crossover is the highest at which the sensitivity peak, coupling of the
@@ -154,7 +150,7 @@ def compensators(
         NoResponse: A channel has no moderate gain at the crossover that is given.
     """
     if crossover_hz is not None:
-        return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))
+        return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))[0]
     if found := _within_peak(plant, period_s, _FASTEST / period_s):
         return found
     for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
@@ -172,17 +168,21 @@ def compensators(
     )
 
 
-def _within_peak(plant: "control.StateSpace", period_s: float, hz: float) -> Designed | None:
+def _within_peak(
+    plant: "control.StateSpace", period_s: float, hz: float
+) -> tuple[Compensator, ...] | None:
     """The design at this crossover; None where the peak is larger than allowed."""
     try:
         loops, peak = _at(plant, period_s, hz)
     except (UnstableLoop, NoResponse):
         return None
-    return (loops, peak) if peak <= LARGEST_PEAK else None
+    return loops if peak <= LARGEST_PEAK else None
 
 
-def _at(plant: "control.StateSpace", period_s: float, hz: float) -> Designed:
-    """The design at this crossover, whatever its peak."""
+def _at(
+    plant: "control.StateSpace", period_s: float, hz: float
+) -> tuple[tuple[Compensator, ...], float]:
+    """The design at this crossover, and the sensitivity peak that it leaves."""
     import control  # late, as above
 
     shape = LoopShape(hz, _ROLL_OFF * hz, _ROLL_OFF_DAMPING)

@@ -5,6 +5,7 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Generic, Literal, NamedTuple, get_args
 
@@ -22,8 +23,65 @@ from ftc.control.geometry import (
     without_springs,
     yielded,
 )
-from ftc.goal import Goal
 from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
+
+MOST_ACTUATORS = 10_000
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Weights of the secondary goal, and the failures known to the controller.
+
+    Actuators are numbered 0..n-1; displacements are in their own units, [m] or [rad].
+
+    Attributes:
+        joint_weight: W1, diagonal over the n actuators; None is zero.
+        secondary_weight: W2, diagonal over the secondary rows; None is zero.
+        locked_at: Actuators known to be locked, and the displacement at which each stands.
+        free: Actuators known to exert no force, their springs intact.
+        spring_lost: Actuators known to have lost force and spring.
+        effectiveness: Actuators known to be weakened, and the part of the force that each has left,
+            above zero and up to one.
+    """
+
+    joint_weight: tuple[float, ...] | None = None
+    secondary_weight: tuple[float, ...] | None = None
+    locked_at: dict[int, float] = field(default_factory=dict)
+    free: tuple[int, ...] = ()
+    spring_lost: tuple[int, ...] = ()
+    effectiveness: dict[int, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("joint_weight", "secondary_weight"):
+            if (weight := getattr(self, name)) is not None:
+                diagonal = check.array(name, check.array(name, weight, None), least=0.0)
+                vars(self)[name] = tuple(diagonal.tolist())
+        for name in ("free", "spring_lost"):
+            vars(self)[name] = tuple(
+                check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
+            )
+        for name in ("locked_at", "effectiveness"):
+            known = check.instance(name, getattr(self, name), dict)
+            actuators = check.indices(name, list(known), MOST_ACTUATORS).tolist()
+            vars(self)[name] = {
+                k: check.number(name, value)
+                for k, value in zip(actuators, known.values(), strict=True)
+            }
+        for left in self.effectiveness.values():
+            check.number("effectiveness", left, check.SMALLEST, 1.0)
+
+    @property
+    def failed(self) -> set[int]:
+        """Actuators known to have failed, all or in part."""
+        return {*self.locked_at, *self.free, *self.spring_lost, *self.effectiveness}
+
+    def of(self, actuators: int) -> "Goal":
+        """The goal itself, checked to name no other than these actuators."""
+        check.integer("actuators", actuators)
+        for name in ("free", "spring_lost", "locked_at", "effectiveness"):
+            check.indices(name, list(getattr(self, name)), actuators)
+        return self
+
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
@@ -85,8 +143,6 @@ class PrioritizedMapping(Generic[Pose]):
     Actuators that the goal says have failed are reconfigured as in section 2.3.
 
     Attributes:
-        goal: Weights, and the failures that are known.
-        form: How eq. (41) becomes a displacement.
         nominal: The pose that displacements are measured from.
         actuators: Their number n, failed ones included.
         unused: Which of them are commanded nothing, because they have failed, shape (n,).
@@ -134,7 +190,8 @@ class PrioritizedMapping(Generic[Pose]):
         check.choice("when_limited", when_limited, get_args(WhenLimited))
         self._task = task if task is None else check.function("task", task)
         self._allocate = allocate if allocate is None else check.function("allocate", allocate)
-        check.instance("goal", goal, Goal).of(len(geometry.system.active))
+        self.actuators = n = len(geometry.system.active)
+        check.instance("goal", goal, Goal).of(n)
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
         if form == "incremental" and any(goal.locked_at.values()):
@@ -146,16 +203,12 @@ class PrioritizedMapping(Generic[Pose]):
             raise ValueError(
                 'form must be "absolute" or "gauss_newton" with limits, got incremental'
             )
-        self._major, self._secondary = (
-            check.indices(name, value, len(geometry.system.J_T))
-            for name, value in (("major", major), ("secondary", secondary))
-        )
-        self.goal, self.form = goal, form
-        self._model, self.nominal = geometry, geometry.nominal
-        self.actuators = n = len(geometry.system.active)
-        released = without_springs(geometry.system, goal.spring_lost).with_failures(
-            free=[*goal.free, *goal.spring_lost]
-        )
+        self.goal, self.form, self.nominal, self._model = goal, form, geometry.nominal, geometry
+        rows = len(geometry.system.J_T)
+        self._major = check.indices("major", major, rows)
+        self._secondary = check.indices("secondary", secondary, rows)
+        loose = without_springs(geometry.system, goal.spring_lost)
+        released = loose.with_failures(free=[*goal.free, *goal.spring_lost])
         self._failed = without_idle_springs(released.with_failures(locked=list(goal.locked_at)))
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
@@ -168,8 +221,7 @@ class PrioritizedMapping(Generic[Pose]):
         self._locked_at = np.zeros(n)
         self._locked_at[list(goal.locked_at)] = list(goal.locked_at.values())
         self._follow = free_actuators_follow(released)
-        free = np.isin(np.arange(n), list(goal.free))
-        self._free_follow = free[:, None] * self._follow
+        self._free_follow = np.isin(np.arange(n), goal.free)[:, None] * self._follow
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         others = yielded(released, self._locked_at, self._surviving)
         self._yielded = others[self._surviving]
@@ -183,7 +235,6 @@ class PrioritizedMapping(Generic[Pose]):
             self.limits = lower, upper = check.limits("limits", limits, n)
             box = lower - others, upper - others
             self._limited = prepared(rate_limits=box, when_limited=when_limited)
-        self._weighs_secondary = goal.secondary_weight is not None
         self._at_nominal = self._local(kinematics)
         self._still = check.read_only(np.zeros(n))
         self._still_secondary = np.zeros(len(self._secondary))
@@ -312,8 +363,9 @@ class PrioritizedMapping(Generic[Pose]):
         """
         if tick is None:
             return None
-        parts = (step.major, step.joint, step.secondary)[: 3 if self._weighs_secondary else 2]
-        along = step.along if self._weighs_secondary else None
+        parts, along = [step.major, step.joint], None
+        if self.goal.secondary_weight is not None:
+            parts, along = [*parts, step.secondary], step.along
         jacobians = self._model.jacobians(pose)
         return tick.at_jacobians(jacobians, np.concatenate(parts), limits, along)
 

@@ -90,7 +90,7 @@ def weighed(**given: Any) -> Any:
 
 def tracked(**given: Any) -> Any:
     found = tracking(**({**TRACKED, "crossover_hz": 5.0} | given))
-    return found.peak, found.loops, found.nominal.noise, flown(found.controller(GOAL))
+    return found.loops, found.nominal.noise, flown(found.controller(GOAL))
 
 
 def tracked_plant(**given: Any) -> Any:
