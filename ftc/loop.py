@@ -74,14 +74,9 @@ def run_loop(
     else happens, failures above all, and keeps what only it knows. What it measures may be of
     any kind, if the controller can do with it.
 
-    Args:
-        machine: Simulated or real.
-        controller: That of :class:`Controller`.
-        reference: Of the major task, tick by tick, shape (N, m1).
-        feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
-            takes `feedforward`, as those of `ftc`; None is none.
-        keeps: What to keep of each state, such as its estimate of the pose: states themselves are
-            some kilobytes each. None is nothing.
+    The reference of the major task is (N, m1). So are demands that are known beforehand, the
+    `feedforward`, for a controller whose `step` takes that, as those of `ftc`. `keeps` is what to
+    keep of each state, such as its estimate of the pose: states themselves are some kilobytes each.
     """
     check.attributes("machine", machine, "measure", "apply")
     check.attributes("controller", controller, "start", "step")
@@ -111,13 +106,10 @@ def run_loop(
 def one_tick(
     machine: Machine, step: Callable[..., State], state: State, reference: Array, **known: Array
 ) -> tuple[State, Array | float]:
-    """One tick of :func:`run_loop`, for who cannot know the references beforehand.
+    """The state after one tick of :func:`run_loop`, and what was measured of the major task.
 
-    `known` is what else the `step` of the controller takes beside a reference (m1,), such as
-    `feedforward`.
-
-    Returns:
-        The state after it, and what was measured of the major task, as of :class:`LoopRun`.
+    For who cannot know the references beforehand. `known` is what else the `step` of the controller
+    takes beside a reference (m1,), such as `feedforward`.
     """
     measurement = machine.measure()
     state = step(state, reference, measurement, **known)
@@ -172,7 +164,7 @@ def steps(
     Args:
         stages: The plant, and what it becomes, in the order of time.
         C: Outputs per state, shape (m, s).
-        compensators: One for each output.
+        compensators: As many as outputs.
         reference: For the outputs, shape (N, m) or (S, N, m); what a sensor adds to them is to be
             taken off it.
         secondary: Added to the commands, shape (N, n).

@@ -86,7 +86,7 @@ class Tracking:
             diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
-        unused: What an actuator without force counts as, as in :func:`ftc.control.mapping_after`.
+        unused: What an actuator without force counts as, as in :func:`ftc.goal_after`.
     """
 
     model: MechanismModel[Any]

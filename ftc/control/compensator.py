@@ -68,10 +68,8 @@ class LoopShape:
 class Compensator:
     """One channel's compensator as plain arrays: python-control's systems cannot be pickled.
 
-    Attributes:
-        numerator: Of G(s), highest power first; `denominator` alike.
-        A: State matrix of the Tustin discretization; `B`, `C`, `D` alike.
-        period_s: Sampling period.
+    Numerator and denominator of G(s), highest power first, and its Tustin discretization at the
+    sampling period.
     """
 
     numerator: Array
@@ -226,16 +224,11 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
 
 def _reached(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
     """Orthonormal basis of what B drives through A, shape (s, r)."""
-    found = new = _basis(B, np.zeros((len(A), 0)), least_input)
+    found, new, least = np.zeros((len(A), 0)), B, least_input
     while new.shape[1]:
-        new = _basis(A @ new, found, least_motion)
-        found = np.hstack([found, new])
+        for _ in range(2):  # once leaves round-off of what is taken off
+            new = new - found @ (found.T @ new)
+        U, s, _ = np.linalg.svd(new, full_matrices=False)
+        found = np.hstack([found, U[:, s > least]])
+        new, least = A @ U[:, s > least], least_motion
     return found
-
-
-def _basis(motions: Array, known: Array, least: float) -> Array:
-    """Orthonormal basis of what these motions add to those that are known."""
-    for _ in range(2):  # once leaves round-off of what is taken off
-        motions = motions - known @ (known.T @ motions)
-    U, s, _ = np.linalg.svd(motions, full_matrices=False)
-    return U[:, s > least]

@@ -14,16 +14,16 @@ Pose = TypeVar("Pose")
 
 
 class Geometry(Protocol[Pose]):
-    """Mechanism without failures, as the mapping needs it; a pose is the client's own type."""
+    """Mechanism without failures, as the mapping needs it; a pose is the client's own type.
+
+    Its `system` is the mechanism at the nominal pose, with springs where there are any.
+    """
+
+    system: ConstrainedSystem
 
     @property
     def nominal(self) -> Pose:
         """The pose that displacements are measured from."""
-        ...
-
-    @property
-    def system(self) -> ConstrainedSystem:
-        """The mechanism at the nominal pose, with springs where there are any."""
         ...
 
     def jacobians(self, pose: Pose) -> Any:
