@@ -220,8 +220,9 @@ class PrioritizedController(Generic[Pose]):
             alone = alone + self.mapping.followed(required) + self._unused * unused_reference
             required = required + alone
             owed = replace(owed, age_s=owed.age_s + self.period_s)
-        inputs = self.drives.inputs(required / self._effectiveness)
-        return ControllerState(compensator, inputs, pose, asked, owed)
+        if self.mapping.goal.effectiveness:
+            required = required / self._effectiveness
+        return ControllerState(compensator, self.drives.inputs(required), pose, asked, owed)
 
     def transfer(
         self,
@@ -268,7 +269,8 @@ class PrioritizedController(Generic[Pose]):
 
     def _commanded(self, state: ControllerState[Pose]) -> Array:
         """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
-        return self._effectiveness * self.drives.displacements(state.inputs)
+        exerted = self.drives.displacements(state.inputs)
+        return self._effectiveness * exerted if self.mapping.goal.effectiveness else exerted
 
     def _of_actuators(self, name: str, value: Array | None) -> Array:
         """A finite vector (n,); zero for None."""

@@ -218,6 +218,7 @@ class PrioritizedMapping(Generic[Pose]):
         self._locked_at = np.zeros(n)
         self._locked_at[list(goal.locked_at)] = list(goal.locked_at.values())
         self._follow = free_actuators_follow(released)
+        self._some_follow = bool((self._follow != np.eye(n)).any())
         self._free_follow = np.isin(np.arange(n), goal.free)[:, None] * self._follow
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         others = yielded(released, self._locked_at, self._surviving)
@@ -415,7 +416,9 @@ class PrioritizedMapping(Generic[Pose]):
         """
         if self.goal.locked_at:  # a former mapping may still have commanded it
             displacements = np.where(self._locked, self._locked_at, displacements)
-        return self._model.moved(pose, self._follow.dot(displacements))
+        if self._some_follow:
+            displacements = self._follow.dot(displacements)
+        return self._model.moved(pose, displacements)
 
     def at(self, pose: Pose, /) -> LocalMapping:
         """The mapping at a pose."""
