@@ -2,8 +2,7 @@
 
 import signal
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, shown
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.control.mapping import Goal
 from ftc.controller import Converter, Measurement, checked_drives
 from ftc.fdi.fault_model import NominalModel
@@ -81,30 +80,6 @@ class ControlTask:
 
 class _TimeExceeded(BaseException):
     """The code took too long; not an `Exception`, so that the code's own handlers let it pass."""
-
-
-@contextmanager
-def time_limit(seconds: float) -> Iterator[None]:
-    """Raise what no handler of exceptions catches once so much time has passed in this context.
-
-    It is raised as soon as Python runs again: compiled code that does not return is not stopped.
-
-    Raises:
-        ValueError: Not in the main thread, the only one in which Python handles signals.
-    """
-    check.number("seconds", seconds, _LEAST_S, check.DAY_S)
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise _TimeExceeded
-
-    former = signal.signal(signal.SIGALRM, stop)
-    # Again and again: code that catches everything may have caught the first.
-    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, former)
 
 
 @dataclass(frozen=True)
@@ -203,10 +178,24 @@ class _Failed(Exception):
 
 
 def _call(limit_s: float, function: Callable[[], _T]) -> _T:
-    """What the function returns, or `_Failed`."""
+    """What the function returns within a time, or `_Failed`.
+
+    Code that takes longer is stopped as soon as Python runs again, not within compiled code; and in
+    the main thread alone, the only one in which Python handles signals.
+    """
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _TimeExceeded
+
     try:
-        with time_limit(limit_s):
+        former = signal.signal(signal.SIGALRM, stop)
+        # Again and again: code that catches everything may have caught the first.
+        signal.setitimer(signal.ITIMER_REAL, limit_s, limit_s)
+        try:
             return function()
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, former)
     except _Failed:
         raise
     except _TimeExceeded:

@@ -15,7 +15,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.controller import Measurement
 
 _STUCK_S, _FEWEST = 35e-3, 5

@@ -9,7 +9,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.control.mapping import Goal
 from ftc.controller import ControllerState, Measurement, NestedState, PrioritizedController
 from ftc.fdi.bank import Cause

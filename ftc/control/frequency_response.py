@@ -152,15 +152,12 @@ def margins(L: SampledSystem) -> Margins:
             if of(at(ends[0])) * of(at(ends[1])) <= 0.0:
                 yield brentq(lambda w: of(at(w)), *ends)
 
-    gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
-    phases = [
-        (float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)
-    ]
-    gain, at_phase, phase, at_gain = np.inf, np.nan, np.inf, np.nan
-    if gains:
-        gain, at_phase = gains[least([abs(np.log(gain)) for gain, _ in gains])]
-    if phases:
-        phase, at_gain = phases[least([abs(phase) for phase, _ in phases])]
+    turned, crossed = crossings(np.imag), crossings(lambda z: abs(z) - 1)
+    gains = [(1 / abs(at(w)), w) for w in turned if at(w).real < 0] or [(np.inf, np.nan)]
+    phases = [(float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossed]
+    phases = phases or [(np.inf, np.nan)]
+    gain, at_phase = gains[least([abs(np.log(gain)) for gain, _ in gains])]
+    phase, at_gain = phases[least([abs(phase) for phase, _ in phases])]
     hz = 1 / (2 * np.pi)
     return Margins(at_gain * hz, 20 * np.log10(gain), float(phase), at_phase * hz)
 

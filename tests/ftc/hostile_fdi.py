@@ -11,7 +11,6 @@ from ftc.control.anti_windup import tracking_gain
 from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor, static_share
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import resting_displacements, static_gain
-from ftc.guarded_controller import time_limit
 from tests.ftc.hostile_loop import FAULTY, SWING
 from tests.ftc.hostile_machine import (
     LOOP,
@@ -51,11 +50,6 @@ def sampled(**given: Any) -> Any:
     return state.observer.residual, state.last_commanded
 
 
-def limited(seconds: float) -> int:
-    with time_limit(seconds):
-        return 0
-
-
 def checked(**given: Any) -> Any:
     """What sensors say after a reading."""
     check = SensorCheck(**given)
@@ -93,5 +87,4 @@ TARGETS = {
         checked,
         {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True},
     ),
-    "time_limit": Target(limited, {"seconds": 1.0}),
 }
