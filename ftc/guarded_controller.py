@@ -86,12 +86,9 @@ class _TimeExceeded(BaseException):
 class GuardedState:
     """State of a guarded controller.
 
-    Attributes:
-        controller: As its factory made it; None if that failed.
-        own: Its state; after a failure the last one before it.
-        inputs: Last sent to the drives, shape (n,); zeros before the first step.
-        sensors: What they read so far, and whether it was usable.
-        failure: What it did wrong, a sentence; None: nothing.
+    The other controller, None if its factory failed, and its `own` state, after a failure the last
+    one before it; inputs (n,) last sent to the drives, zeros before the first step; what sensors
+    read so far; and in a sentence what the other did wrong, None: nothing.
     """
 
     controller: Controller[Any] | None

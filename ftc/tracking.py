@@ -40,13 +40,15 @@ from ftc.fdi.fault_model import (
 from ftc.fdi.monitor import monitor
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
-from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
+from prioritized import ConstrainedSystem, Kinematics, Manipulability
 
 _DECAYS = 1e-9
 """Part of its frequency below which the decay of a motion is round-off."""
 _SINGULAR, _NEARLY_SINGULAR = 1e-6, 1e-3
 """Parts of the largest singular value of the major rows: demands would lose their digits, and a
 hint where no loop can be closed."""
+_HANDOVER_S = 0.5
+"""In which the secondary motion of a former mapping fades."""
 _GROWS = 1e-3
 """How much more than in continuous time a motion may grow in a control period of physics steps."""
 
@@ -79,12 +81,10 @@ class Tracking:
         margins: Of each loop, the others open.
         goal: While all actuators work.
         limits: Lower and upper displacements of the actuators, (n,) each; None is none.
-        when_limited: What becomes of a major task beyond them.
         springs: Whether springs hold what the loops of the mechanism leave free.
         sense: What the diagnosis looks at.
         encoder_noise: Standard deviations (n,) of one sample of the displacements, where the
             diagnosis looks at these; else None.
-        handover_s: In which the secondary motion of a former mapping fades.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
         unused: What an actuator without force counts as, as in :func:`ftc.goal_after`.
     """
@@ -96,11 +96,9 @@ class Tracking:
     margins: tuple[Margins, ...]
     goal: Goal
     limits: tuple[Array, Array] | None = None
-    when_limited: WhenLimited = "least_squares"
     springs: bool = False
     sense: Sense = "task"
     encoder_noise: Array | None = None
-    handover_s: float = 0.5
     unused: Unused = "free"
     feedforward: bool = True
 
@@ -110,10 +108,8 @@ class Tracking:
             kept["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
         if self.encoder_noise is not None:
             kept["encoder_noise"] = check.frozen(self.encoder_noise)
-        for name, known in (("when_limited", WhenLimited), ("unused", Unused)):
-            check.choice(name, getattr(self, name), get_args(known))
+        check.choice("unused", self.unused, get_args(Unused))
         check.flag("feedforward", self.feedforward)
-        check.number("handover_s", self.handover_s, 0.0, check.DAY_S)
         vars(self).update(kept)
 
     @cached_property
@@ -138,9 +134,7 @@ class Tracking:
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """The mapping for a goal, failures that it knows included."""
-        return mapping_for(
-            self.model, goal, self.major, self.limits, self.when_limited, springs=self.springs
-        )
+        return mapping_for(self.model, goal, self.major, self.limits, springs=self.springs)
 
     def controller(self, goal: Goal) -> PrioritizedController[Any]:
         """The controller for a goal, failures that it knows included."""
@@ -148,7 +142,7 @@ class Tracking:
             self.loops,
             self.mapping(goal),
             DirectDrive(),
-            self.handover_s,
+            _HANDOVER_S,
             anti_windup=self.limits is not None,
             reference_feedforward=self.feedforward,
         )
@@ -270,9 +264,8 @@ def tracking(
         crossover_hz: Gain crossover of all rows, below half the control frequency; None: the
             highest that leaves them well damped.
         sense: What the diagnosis looks at.
-        options: `limits`, `when_limited`, `springs`, `handover_s`, `unused` and `feedforward` of
-            :class:`Tracking`, and `implicit_damping` and `names` of
-            :class:`ftc.fdi.fault_model.NominalModel`.
+        options: `limits`, `springs`, `unused` and `feedforward` of :class:`Tracking`, and
+            `implicit_damping` and `names` of :class:`ftc.fdi.fault_model.NominalModel`.
 
     Raises:
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
@@ -377,7 +370,6 @@ def mapping_for(
     goal: Goal,
     major: Sequence[int],
     limits: tuple[Array, Array] | None = None,
-    when_limited: WhenLimited = "least_squares",
     *,
     springs: bool = False,
 ) -> PrioritizedMapping[Any]:
@@ -385,10 +377,8 @@ def mapping_for(
     free = (*check.instance("goal", goal, Goal).free, *goal.spring_lost)
     geometry = MechanismGeometry(model, free, springs=springs)
     secondary = [row for row in range(len(geometry.system.J_T)) if row not in major]
-    limited = {"limits": limits, "when_limited": when_limited}
-    return PrioritizedMapping(
-        geometry, goal, major, secondary, "gauss_newton", model.task, **limited
-    )
+    form = "gauss_newton"
+    return PrioritizedMapping(geometry, goal, major, secondary, form, model.task, limits=limits)
 
 
 def is_possible(report: Manipulability) -> bool:
