@@ -255,13 +255,11 @@ class SeekerState(NestedState):
         secondary_reference: Desired strut rates integrated so far, (6,).
         temperature_c: Estimated coil temperatures, (6,).
         steering: The controller with the present weights.
-        ticks: So far.
     """
 
     secondary_reference: Array
     temperature_c: Array
     steering: PrioritizedController[Pose]
-    ticks: int
 
 
 @dataclass(frozen=True)
@@ -284,7 +282,7 @@ class Seeker:
     def start(self) -> SeekerState:
         """At rest at the nominal pose, coils cold."""
         steering = self.controller_for(self.goal)
-        return SeekerState(steering.start(), np.zeros(6), COILS.cold(), steering, ticks=0)
+        return SeekerState(steering.start(), 0, np.zeros(6), COILS.cold(), steering)
 
     def step(self, state: SeekerState, reference: Array, measurement: Measurement) -> SeekerState:
         """One control tick."""
@@ -296,7 +294,7 @@ class Seeker:
         reference_m = state.secondary_reference + moved_m
         seen = unrolled(measurement, state.pose)
         controller = steering.step(state.controller, reference, seen, reference_m)
-        return SeekerState(controller, reference_m, temperature_c, steering, state.ticks + 1)
+        return SeekerState(controller, state.ticks + 1, reference_m, temperature_c, steering)
 
 
 def off_axis_path(target_urad: tuple[float, float], duration_s: float) -> Array:
@@ -344,9 +342,9 @@ def fly_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Flown:
     testbed = Testbed(model, BENCH, loops)
     find = partial(controller_for, testbed, strategy.major_weight)
     controller = find(OBSTRUCTED)
-    now = controller.mapping.at(controller.mapping.nominal)
+    kinematics = controller.mapping.at(controller.mapping.nominal).kinematics
     # Strut rates that give the payload v_sd if pointing is left aside: J_s of them is v_sd.
-    struts = now.expand @ np.linalg.pinv(now.J[SECONDARY])
+    struts = kinematics.expand(np.linalg.pinv(kinematics.J[SECONDARY]).T).T
     seeker = Seeker(find, OBSTRUCTED)
     if strategy.pursues:
         seeker = replace(seeker, rates=lambda _, pose: struts @ retreat(clearance, pose))

@@ -1,8 +1,11 @@
-"""The controller of Fig. 3: one compensator for each major channel, then the mapping."""
+"""The controller of Fig. 3: one compensator for each major channel, then the mapping.
 
-from collections.abc import Sequence
+And a controller to which a failure is known beforehand.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import cos, inf, pi
 from typing import Any, Generic, Protocol
 
 import numpy as np
@@ -85,27 +88,18 @@ class BumplessTransfer:
     carried: Array
     age_s: float = 0.0
 
-    def faded(self, displacements: Array, fade_s: float) -> Array:
-        """Displacements (n,) still to be faded out: half a cosine over `fade_s`."""
-        if self.age_s >= fade_s:
-            return np.zeros(len(displacements))
-        return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements
-
-    def demanded(self, fade_s: float) -> Array:
-        """The part of the major task (m1,) that the others are to do beside the compensators'."""
-        return self.demand - self.faded(self.carried, fade_s)
+    def part(self, fade_s: float) -> float:
+        """Of what fades, the part that is left: half a cosine over `fade_s`."""
+        return 0.5 * (1 + cos(pi * self.age_s / fade_s)) if self.age_s < fade_s else 0.0
 
 
 @dataclass(frozen=True)
 class ControllerState(Generic[Pose]):
     """State of the controller between ticks.
 
-    Attributes:
-        compensator: States of all compensators, one after the other.
-        inputs: Last sent to the drives, shape (n,).
-        pose: Estimated from these.
-        asked: Last demanded of the mapping, and its answer.
-        bumpless_transfer: From the mapping before; None where there was none.
+    States of all compensators, one after the other; the inputs (n,) last sent to the drives, and
+    the pose that is estimated from these; what was last `asked` of the mapping, and its answer; and
+    the transfer from the mapping before, None where there was none.
     """
 
     compensator: Array
@@ -136,8 +130,8 @@ class PrioritizedController(Generic[Pose]):
         """Take the compensators, one for each major row, all of one period, and what follows them.
 
         Args:
-            loops: The compensators.
-            mapping: From their demands to displacements.
+            loops: From errors of the major rows to demands.
+            mapping: From these to displacements.
             drives: From displacements to inputs of as many actuators.
             handover_s: Time in which the secondary motion of a former mapping fades out.
             demand_limit: Largest output of each compensator.
@@ -185,16 +179,11 @@ class PrioritizedController(Generic[Pose]):
     ) -> ControllerState[Pose]:
         """One control tick; the new state holds the inputs to send.
 
-        Args:
-            state: From the tick before.
-            reference: Reference of the major task, shape (m1,).
-            measurement: Only the major task is used, which must be measured.
-            secondary_reference: Reference of the secondary goal, displacements of the actuators,
-                shape (n,); None is zero.
-            feedforward: Added to what the compensators demand, shape (m1,); None is the reference
-                with `reference_feedforward`, else zero.
-            unused_reference: Displacements that actuators out of use are commanded after a
-                transfer, shape (n,), beside what they keep; None is zero.
+        Of a measurement only the major task (m1,) is used, which must be measured. References are
+        of the major task (m1,), of the secondary goal, displacements of the actuators (n,), and
+        what actuators out of use are commanded after a transfer (n,), beside what they keep; None
+        is zero. `feedforward` (m1,) is added to what the compensators demand; None is the reference
+        with `reference_feedforward`, else zero.
         """
         check.instance("state", state, ControllerState)
         reference = check.array("reference", reference, self._m1)
@@ -216,11 +205,10 @@ class PrioritizedController(Generic[Pose]):
             compensator, demand = self._compensators.limited(state.compensator, error, *held)
         if feedforward is not None:
             demand = feedforward + demand
-        owed = state.bumpless_transfer
-        if owed is not None:
-            demand = demand + owed.demanded(self.handover_s)
-            faded = owed.faded(owed.secondary_reference, self.handover_s)
-            secondary_reference = faded + secondary_reference
+        if (owed := state.bumpless_transfer) is not None:
+            part = owed.part(self.handover_s)
+            demand = owed.demand - part * owed.carried + demand
+            secondary_reference = part * owed.secondary_reference + secondary_reference
         required, residual = self.mapping.tick(
             demand, pose, commanded, state.asked, secondary_reference
         )
@@ -228,12 +216,13 @@ class PrioritizedController(Generic[Pose]):
             compensator = compensator - self._tracking.dot(residual)
         asked = PreviousCommand(demand, required, secondary_reference)
         if owed is not None:
-            beside = self.mapping.followed(required), self._unused * unused_reference
-            alone = owed.kept + owed.faded(owed.left, self.handover_s)
-            required = sum(beside, required + alone)
+            alone = owed.kept + owed.part(self.handover_s) * owed.left
+            alone = alone + self.mapping.followed(required) + self._unused * unused_reference
+            required = required + alone
             owed = replace(owed, age_s=owed.age_s + self.period_s)
-        inputs = self.drives.inputs(required / self._effectiveness)
-        return ControllerState(compensator, inputs, pose, asked, owed)
+        if self.mapping.goal.effectiveness:
+            required = required / self._effectiveness
+        return ControllerState(compensator, self.drives.inputs(required), pose, asked, owed)
 
     def transfer(
         self,
@@ -272,16 +261,97 @@ class PrioritizedController(Generic[Pose]):
         demand = demand + carried + mapping.major_motion(lost, pose)
         if (owed := state.bumpless_transfer) is not None:
             # What it keeps and leaves is in the commands, hence in these parts of them.
-            demand = owed.demanded(self.handover_s) + demand
-            faded = owed.faded(owed.secondary_reference, self.handover_s)
-            secondary_reference = faded + secondary_reference
+            part = owed.part(self.handover_s)
+            demand = owed.demand - part * owed.carried + demand
+            secondary_reference = part * owed.secondary_reference + secondary_reference
         parts = demand, secondary_reference, keeps * alone, left + internal, carried
         return replace(state, bumpless_transfer=BumplessTransfer(*parts))
 
     def _commanded(self, state: ControllerState[Pose]) -> Array:
         """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
-        return self._effectiveness * self.drives.displacements(state.inputs)
+        exerted = self.drives.displacements(state.inputs)
+        return self._effectiveness * exerted if self.mapping.goal.effectiveness else exerted
 
     def _of_actuators(self, name: str, value: Array | None) -> Array:
         """A finite vector (n,); zero for None."""
         return self._still if value is None else check.array(name, value, len(self._still))
+
+
+@dataclass(frozen=True)
+class NestedState:
+    """State of a controller inside another controller's state, and the number of ticks so far."""
+
+    controller: ControllerState[Any]
+    ticks: int
+
+    @property
+    def inputs(self) -> Array:
+        """Inputs to send to the drives, shape (n,)."""
+        return self.controller.inputs
+
+    @property
+    def pose(self) -> Any:
+        """Estimated pose."""
+        return self.controller.pose
+
+
+@dataclass(frozen=True)
+class OracleController:
+    """Controller that switches from one controller to another at a given tick.
+
+    Attributes:
+        before: Controls first.
+        after: Takes over at `tick`, counted from the first; None is never.
+        lost_displacements: What each actuator loses then of its displacement, (n,); None: the
+            displacement commanded of those that the goal of `after` says are free.
+        secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
+        acting: As of :meth:`ftc.PrioritizedController.transfer`.
+    """
+
+    before: PrioritizedController[Any]
+    after: PrioritizedController[Any]
+    tick: int | None
+    lost_displacements: Array | None = None
+    secondary: Callable[[float], Array] | None = None
+    acting: Array | None = None
+
+    def __post_init__(self) -> None:
+        before, after = (
+            check.instance(name, getattr(self, name), PrioritizedController).mapping.actuators
+            for name in ("before", "after")
+        )
+        if before != after:
+            raise ValueError(f"after must have the {before} actuators of before, got {after}")
+        if self.tick is not None:
+            check.integer("tick", self.tick)
+        if self.secondary is not None:
+            check.function("secondary", self.secondary)
+        for name in ("lost_displacements", "acting"):
+            if (given := getattr(self, name)) is not None:
+                vars(self)[name] = check.frozen(check.array(name, given, before))
+
+    def start(self) -> NestedState:
+        """At rest at the nominal pose."""
+        return NestedState(self.before.start(), 0)
+
+    def step(
+        self,
+        state: NestedState,
+        reference: Array,
+        measurement: Measurement,
+        *,
+        feedforward: Array | None = None,
+    ) -> NestedState:
+        """One control tick."""
+        last = check.instance("state", state, NestedState).controller
+        if state.ticks == self.tick:
+            if (lost := self.lost_displacements) is None:
+                # An actuator that keeps its damper falls too slowly to be made up for at once.
+                held = self.before.drives.displacements(last.inputs)
+                lost = np.where(np.isin(range(len(held)), self.after.mapping.goal.free), held, 0.0)
+            last = self.after.transfer(last, lost, self.acting)
+        is_over = self.tick is not None and state.ticks >= self.tick
+        acting = self.after if is_over else self.before
+        secondary = self.secondary and self.secondary(state.ticks * acting.period_s)
+        controller = acting.step(last, reference, measurement, secondary, feedforward=feedforward)
+        return NestedState(controller, state.ticks + 1)

@@ -4,7 +4,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.fdi.fault_model import FaultModel, NominalModel, fault_model
+from ftc.fdi.fault_model import NominalModel, fault_model
 from kernels import lib, pointer
 
 WEIGHT = 1e-2
@@ -27,13 +27,8 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
     they are for, as plants with delays or zeros outside the unit circle need it (Devasia, Chen and
     Paden, IEEE Trans. Automatic Control 41, 1996).
 
-    Args:
-        nominal: The plant; its outputs are the m1 rows of the path, in [rad] or [m].
-        gain: Displacements per demand, shape (n, m1).
-        path: Desired outputs, tick by tick.
-
-    Raises:
-        ValueError: The demands are beyond moderate numbers.
+    The m1 outputs of the `nominal` plant are the rows of the path, in [rad] or [m]; `gain` (n, m1)
+    is displacements per demand. Demands beyond moderate numbers raise ValueError.
     """
     model = fault_model(nominal)
     m1 = len(nominal.noise)
@@ -42,26 +37,20 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
     if not len(path):
         return path
     with np.errstate(all="ignore"):
-        demands = _inverse(model, nominal.noise, gain, path)
+        A, C, B = model.A, model.C, model.B @ gain * nominal.noise
+        scaled, P = path / nominal.noise, _cost_to_go(A, B, C)
+        towards = np.linalg.solve(WEIGHT * np.eye(m1) + B.T @ P @ B, B.T)
+        K, ahead = towards @ P @ A, towards @ P @ B
+        closed = A - B @ K
+        # The cost of a state x is x' P x - 2 g' x: g, tick by tick, back from the standstill.
+        sources = scaled @ (C - B.T @ P @ closed)
+        g = _recursion(closed.T, _summed(closed.T, sources[-1]), sources[:0:-1])[::-1]
+        driven = scaled + g @ towards.T - scaled @ ahead.T
+        x = _recursion(closed, np.zeros(len(A)), driven[:-1] @ B.T)
+        demands = (driven - x @ K.T) * nominal.noise
     if not check.is_moderate(demands):
         raise ValueError("path must have moderate demands by this gain, got larger ones")
     return demands
-
-
-def _inverse(model: FaultModel, noise: Array, gain: Array, path: Array) -> Array:
-    """Demands (N, m1) for a path of one tick or more, without checks."""
-    A, C, B = model.A, model.C, model.B @ gain * noise
-    scaled = path / noise
-    P = _cost_to_go(A, B, C)
-    towards = np.linalg.solve(WEIGHT * np.eye(B.shape[1]) + B.T @ P @ B, B.T)
-    K, ahead = towards @ P @ A, towards @ P @ B
-    closed = A - B @ K
-    # The cost of a state x is x' P x - 2 g' x: g, tick by tick, back from the standstill.
-    sources = scaled @ (C - B.T @ P @ closed)
-    g = _recursion(closed.T, _summed(closed.T, sources[-1]), sources[:0:-1])[::-1]
-    driven = scaled + g @ towards.T - scaled @ ahead.T
-    x = _recursion(closed, np.zeros(len(A)), driven[:-1] @ B.T)
-    return (driven - x @ K.T) * noise
 
 
 def _recursion(A: Array, start: Array, sources: Array) -> Array:

@@ -2,9 +2,8 @@
 
 import signal
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import FrameType
@@ -14,12 +13,12 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, shown
-from ftc._records import changed
+from argument_checks.records import changed
+from ftc.control.mapping import Goal
 from ftc.controller import Converter, Measurement, checked_drives
 from ftc.fdi.fault_model import NominalModel
-from ftc.goal import Goal
 from ftc.loop import Controller
-from ftc.sensors import SensorCheck, SensorChecks, Sensors
+from ftc.sensors import SensorCheck, Sensors
 
 _START_LIMIT_S = 60.0
 """Of what is designed and compiled before the first step."""
@@ -83,41 +82,13 @@ class _TimeExceeded(BaseException):
     """The code took too long; not an `Exception`, so that the code's own handlers let it pass."""
 
 
-@contextmanager
-def time_limit(seconds: float) -> Iterator[None]:
-    """Raise what no handler of exceptions catches once so much time has passed in this context.
-
-    It is raised as soon as Python runs again: compiled code that does not return is not stopped.
-
-    Raises:
-        ValueError: Not in the main thread, the only one in which Python handles signals.
-    """
-    check.number("seconds", seconds, _LEAST_S, check.DAY_S)
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise _TimeExceeded
-
-    former = signal.signal(signal.SIGALRM, stop)
-    # Again and again: code that catches everything may have caught the first.
-    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, former)
-
-
 @dataclass(frozen=True)
 class GuardedState:
     """State of a guarded controller.
 
-    Attributes:
-        controller: As its factory made it; None if that failed.
-        own: Its state; after a failure the last one before it.
-        inputs: Last sent to the drives, shape (n,); zeros before the first step.
-        sensors: What they read so far, and whether it was usable.
-        ticks: So far.
-        failure: What it did wrong, a sentence; None: nothing.
+    The other controller, None if its factory failed, and its `own` state, after a failure the last
+    one before it; inputs (n,) last sent to the drives, zeros before the first step; what sensors
+    read so far; and in a sentence what the other did wrong, None: nothing.
     """
 
     controller: Controller[Any] | None
@@ -140,12 +111,9 @@ class GuardedController:
     :class:`.SensorCheck`: its inputs and its state stay, and ticks go by that it does not see.
     Of encoders without numbers it gets the latest; whether it uses them is not known.
 
-    Attributes:
-        name: Of the other, in sentences.
-        factory: Makes it for a task.
-        task: That task.
-        step_limit_s: How long a step may take, a millisecond or more, by the clock on the wall;
-            making and starting the other may take a minute.
+    The `factory` makes the other for a `task`; `name` is that of the other in sentences. A step may
+    take `step_limit_s`, a millisecond or more, by the clock on the wall; making and starting the
+    other a minute.
     """
 
     name: str
@@ -161,33 +129,34 @@ class GuardedController:
 
     def start(self) -> GuardedState:
         """The other controller made and started; inputs are zero."""
-        n = self.task.nominal.actuators
-        still, sensors = np.zeros(n), self._checks.start(len(self.task.major), n)
+        (of_task, of_encoders), n = self._checks, self.task.nominal.actuators
+        sensors = Sensors(of_task.start(len(self.task.major)), of_encoders.start(n))
         try:
             controller = _call(_START_LIMIT_S, lambda: self.factory(self.task))
             own = _call(_START_LIMIT_S, lambda: controller.start())
         except _Failed as failed:
             sentence = f"{self.name} {failed}, at its start"
-            return GuardedState(None, None, still, sensors, failure=sentence)
-        return GuardedState(controller, own, still, sensors)
+            return GuardedState(None, None, np.zeros(n), sensors, failure=sentence)
+        return GuardedState(controller, own, np.zeros(n), sensors)
 
     @cached_property
-    def _checks(self) -> SensorChecks:
-        check = SensorCheck(self.task.period_s)
-        return SensorChecks(check, replace(check, noisy=False))
+    def _checks(self) -> tuple[SensorCheck, SensorCheck]:
+        """Of the task, and of the encoders."""
+        period_s = self.task.period_s
+        return SensorCheck(period_s), SensorCheck(period_s, noisy=False)
 
     def step(self, state: GuardedState, reference: Array, measurement: Measurement) -> GuardedState:
         """One control tick; after a failure, or without a usable reading, the inputs stay."""
         reference = check.array("reference", reference, len(self.task.major))
         controller = check.instance("state", state, GuardedState).controller
+        state = changed(state, ticks=state.ticks + 1)
         if state.failure is not None or controller is None:
-            return changed(state, ticks=state.ticks + 1)
-        sensors = self._checks.step(state.sensors, measurement, state.inputs)
-        state = changed(state, sensors=sensors, ticks=state.ticks + 1)
+            return state
+        sensors = state.sensors.after(measurement, state.inputs, *self._checks)
+        state = changed(state, sensors=sensors)
         if not sensors.task.usable:
             return state
-        read = sensors.task.last, sensors.encoders.last
-        given = Measurement(*(np.array(each, dtype=float) for each in read))
+        given = Measurement(np.array(sensors.task.last), np.array(sensors.encoders.last))
 
         def stepped() -> tuple[Any, Array]:
             own = controller.step(state.own, reference.copy(), given)
@@ -206,10 +175,24 @@ class _Failed(Exception):
 
 
 def _call(limit_s: float, function: Callable[[], _T]) -> _T:
-    """What the function returns, or `_Failed`."""
+    """What the function returns within a time, or `_Failed`.
+
+    Code that takes longer is stopped as soon as Python runs again, not within compiled code; and in
+    the main thread alone, the only one in which Python handles signals.
+    """
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _TimeExceeded
+
     try:
-        with time_limit(limit_s):
+        former = signal.signal(signal.SIGALRM, stop)
+        # Again and again: code that catches everything may have caught the first.
+        signal.setitimer(signal.ITIMER_REAL, limit_s, limit_s)
+        try:
             return function()
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, former)
     except _Failed:
         raise
     except _TimeExceeded:

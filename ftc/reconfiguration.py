@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from ftc.control.mapping import Goal
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import (
@@ -18,7 +19,6 @@ from ftc.fdi.fault_model import (
     resting_displacements,
     static_share,
 )
-from ftc.goal import Goal
 
 WEAKEST = 0.5
 """An actuator whose commands move it less than this part of what they did is not used. Commanded
@@ -108,8 +108,7 @@ def with_margin(goal: Goal, told: Goal) -> Goal:
     return replace(goal, effectiveness=driven)
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """What is true with some probability: faults of the machine, and its state x (s,) with them."""
 
     probability: float
@@ -126,14 +125,10 @@ class Outlook:
     The cost is the RMS error of the major task that the linear model predicts from where machine
     and controllers stand now.
 
-    Attributes:
-        nominal: Linear model of the sound machine; its first outputs are the major task.
-        output: The major task as last measured, shape (m1,): what the model is off now stays.
-        references: Of the major task, tick by tick, shape (N, m1).
-        secondary: Of the secondary goal, shape (N, n).
-        unused: What actuators out of use are commanded, shape (N, n).
-        feedforward: What is demanded beside the compensators, shape (N, m1); None: as the
-            controllers do without.
+    `nominal` is the linear model of the sound machine, whose first outputs are the major task, and
+    `output` (m1,) that task as last measured: what the model is off now stays. References are of
+    the major task (N, m1), of the secondary goal (N, n) and of actuators out of use (N, n);
+    `feedforward` (N, m1) is demanded beside the compensators, None: as these do without.
     """
 
     nominal: NominalModel

@@ -15,7 +15,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.controller import Measurement
 
 _STUCK_S, _FEWEST = 35e-3, 5
@@ -32,13 +32,12 @@ in a loop of 8 Hz: about as much as loops can bear (34 degrees: `LARGEST_PEAK`).
 class SensorState:
     """What is known of a sensor after a tick.
 
-    Counts are of ticks so far.
+    Counts are of ticks so far, `ticks` all of them.
 
     Attributes:
         last: Latest reading of numbers, one a row; NaN before the first.
         sent: Inputs of the drives before that reading, shape (n,); None before the first.
         repeats: Of each row, ticks since it last changed while the commands did.
-        ticks: All.
         gap_ticks: Without a usable reading, up to now; 0: this one is usable.
         lost: Whether the gap is longer than a short one, or a row is stuck.
         since: The tick at which the present gap, or the last one, began.
@@ -127,23 +126,23 @@ class SensorCheck:
     def step(self, state: SensorState, reading: Any, sent: Array) -> SensorState:
         """The state after a reading; whatever that is, nothing is raised.
 
-        Args:
-            state: Before it.
-            reading: What should be a vector of as many finite numbers as there are rows.
-            sent: Inputs that the drives have had since the reading before, shape (n,). Only
-                while these change does a reading have to.
+        It should be a vector of as many finite numbers as there are rows. `sent` (n,) are the
+        inputs of the drives since the reading before: only while these change does it have to.
         """
-        last, repeats, repeated = state.last, state.repeats, state.repeated
+        last, repeats, repeated = state.last, (0,) * len(state.last), state.repeated
         seen = _numbers(reading, len(last))
-        if seen is None or self._is_beyond(seen):
+        if seen is None or (self.limits is not None and any(map(gt, map(abs, seen), self.limits))):
             cause = "gives no numbers" if seen is None else "reads beyond its range"
             after = changed(state, ticks=state.ticks + 1, missing=state.missing + 1)
             return self._without(state, after, cause)
         if self.noisy and any(map(eq, seen, last)):
-            repeats = _repeats(state, seen, sent)
+            # A row begins to while the commands change. After a loss they do not, and one that
+            # repeats is no usable one.
+            before = state.sent
+            moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
+            rows = zip(state.repeats, map(eq, seen, last), strict=True)
+            repeats = tuple(count + 1 if same and (count or moved) else 0 for count, same in rows)
             repeated += all(repeats)
-        elif any(repeats):
-            repeats = (0,) * len(last)
         read = {"last": seen, "sent": sent, "repeats": repeats, "repeated": repeated}
         after = changed(state, **read, ticks=state.ticks + 1, gap_ticks=0, lost=False)
         if any(repeats) and (state.lost or self._is_stuck(repeats)):
@@ -167,9 +166,6 @@ class SensorCheck:
     def _is_stuck(self, repeats: tuple[int, ...]) -> bool:
         return max(repeats) >= max(self._ticks(_STUCK_S), _FEWEST)
 
-    def _is_beyond(self, seen: tuple[float, ...]) -> bool:
-        return self.limits is not None and any(map(gt, map(abs, seen), self.limits))
-
     def _ticks(self, time_s: float) -> int:
         return max(1, round(time_s / self.period_s))
 
@@ -178,15 +174,35 @@ class SensorCheck:
 class Sensors:
     """What is known of the sensors after a tick.
 
-    Attributes:
-        task: Of the major task.
-        encoders: Of the actuators; without rows where they are not used.
-        estimates: Whether the major task is estimated from the encoders.
+    Those of the major task, and the encoders of the actuators, without rows where they are not
+    used; `estimates` says whether the task is estimated from these.
     """
 
     task: SensorState
     encoders: SensorState
     estimates: bool = False
+
+    def after(
+        self,
+        measurement: Any,
+        sent: Array,
+        of_task: SensorCheck,
+        of_encoders: SensorCheck,
+        *,
+        estimable: bool = False,
+    ) -> "Sensors":
+        """What is known after a measurement; whatever that is, nothing is raised.
+
+        It should have the attributes of a :class:`ftc.Measurement`. `sent` (n,) are the inputs of
+        the drives since the one before; `of_task` and `of_encoders` say what is usable; where it is
+        `estimable`, the encoders can stand in for a task's sensor that is lost.
+        """
+        task = of_task.step(self.task, getattr(measurement, "output", None), sent)
+        encoders = self.encoders
+        if encoders.last:
+            read = getattr(measurement, "displacement", None)
+            encoders = of_encoders.step(encoders, read, sent)
+        return Sensors(task, encoders, estimable and task.lost and not encoders.gap_ticks)
 
     @property
     def failed(self) -> bool:
@@ -206,59 +222,16 @@ class Sensors:
         return f"{said}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
 
 
-@dataclass(frozen=True)
-class SensorChecks:
-    """When the readings of a loop are usable.
-
-    Attributes:
-        task: Of the major task.
-        encoders: Of the actuators; None: they are not used, and not checked.
-    """
-
-    task: SensorCheck
-    encoders: SensorCheck | None = None
-
-    def __post_init__(self) -> None:
-        check.instance("task", self.task, SensorCheck)
-        if self.encoders is not None:
-            check.instance("encoders", self.encoders, SensorCheck)
-
-    def start(self, rows: int, actuators: int) -> Sensors:
-        """Before the first reading."""
-        check, used = self.encoders or self.task, self.encoders is not None
-        return Sensors(self.task.start(rows), check.start(actuators if used else 0))
-
-    def step(
-        self, state: Sensors, measurement: Any, sent: Array, *, estimable: bool = False
-    ) -> Sensors:
-        """The state after a measurement; whatever that is, nothing is raised.
-
-        Args:
-            state: Before it.
-            measurement: What should have the attributes of a :class:`ftc.Measurement`.
-            sent: Inputs of the drives since the measurement before, shape (n,).
-            estimable: Whether encoders can stand in for a task's sensor that is lost.
-        """
-        task = self.task.step(state.task, getattr(measurement, "output", None), sent)
-        encoders = state.encoders
-        if self.encoders is not None:
-            displacement = getattr(measurement, "displacement", None)
-            encoders = self.encoders.step(encoders, displacement, sent)
-        estimates = estimable and task.lost and not encoders.gap_ticks
-        return Sensors(task, encoders, estimates)
-
-
 def in_numbers(measurement: Any, rows: int, actuators: int) -> Measurement:
     """Vectors of what should be a measurement: NaN where a reading is none, or a masked one."""
-    sizes = {"output": rows, "displacement": actuators}
-    return Measurement(*(_vector(getattr(measurement, name, None), n) for name, n in sizes.items()))
-
-
-def _vector(reading: Any, size: int) -> Array:
-    if check.is_plain(reading) and reading.shape == (size,):
-        return reading
-    seen = _numbers(reading, size)
-    return np.full(size, np.nan) if seen is None else np.array(seen, dtype=float)
+    vectors = []
+    for name, size in (("output", rows), ("displacement", actuators)):
+        reading = getattr(measurement, name, None)
+        if not check.is_plain(reading) or reading.shape != (size,):
+            seen = _numbers(reading, size)
+            reading = np.full(size, nan) if seen is None else np.array(seen, dtype=float)
+        vectors.append(reading)
+    return Measurement(*vectors)
 
 
 def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
@@ -268,16 +241,3 @@ def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
         return seen if len(seen) == rows and hypot(*seen) < check.LARGEST else None
     except (AttributeError, TypeError, ValueError, OverflowError):
         return None
-
-
-def _repeats(state: SensorState, seen: tuple[float, ...], sent: Array) -> tuple[int, ...]:
-    """Of each row, the ticks that it has repeated; it begins to while the commands change.
-
-    After a loss they do not, and a row that repeats is no usable one.
-    """
-    before = state.sent
-    moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
-    return tuple(
-        count + 1 if now == then and (count or moved) else 0
-        for count, now, then in zip(state.repeats, seen, state.last, strict=True)
-    )

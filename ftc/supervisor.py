@@ -9,15 +9,16 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
-from ftc._records import changed
-from ftc.controller import ControllerState, Measurement, PrioritizedController
+from argument_checks.records import changed
+from ftc.control.mapping import Goal
+from ftc.controller import ControllerState, Measurement, NestedState, PrioritizedController
+from ftc.fdi.bank import Cause
 from ftc.fdi.decision import EFFECTIVENESS_STEP
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.observer import LEARNING_S
-from ftc.goal import Goal
 from ftc.reconfiguration import (
     WEAKEST,
     Case,
@@ -27,8 +28,7 @@ from ftc.reconfiguration import (
     lost_displacement,
     with_margin,
 )
-from ftc.sensors import SensorCheck, SensorChecks, Sensors, in_numbers
-from ftc.supervisor_state import SupervisorState
+from ftc.sensors import SensorCheck, Sensors, in_numbers
 
 TEST_PART = 0.25
 """An actuator out of use is given this part of the dither: if it works, the task feels it, because
@@ -42,6 +42,110 @@ _AHEAD_S = 1.0
 
 _Pilot = tuple[PrioritizedController[Any], ControllerState[Any]]
 """A controller and its state."""
+
+
+@dataclass(frozen=True)
+class SupervisorState(NestedState):
+    """State of the supervisor.
+
+    Attributes:
+        current: The controller in use; `controller` is its state.
+        monitor: The monitor, and `watch` its state.
+        sensors: What they read so far, and whether it was usable.
+        diagnoses: All that were made, revised and withdrawn ones included, in order.
+        task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
+            task; the controller then goes on as it was, with what it still reaches.
+        withdrawn: Diagnoses that were taken back, and when.
+        acted: Diagnoses from which the controller in use changed.
+        references: Of the major task of late, one for each sample of the diagnosis, newest first.
+        feedforward: Demands beside the compensators, likewise; empty: none were given.
+        refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
+    """
+
+    current: PrioritizedController[Any]
+    watch: MonitorState
+    monitor: Monitor
+    sensors: Sensors
+    confirmed: tuple[Diagnosis, ...] = ()
+    diagnoses: tuple[Diagnosis, ...] = ()
+    task_lost: bool = False
+    withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
+    acted: tuple[Diagnosis, ...] = ()
+    references: tuple[Array, ...] = ()
+    feedforward: tuple[Array, ...] = ()
+    refused: Diagnosis | None = None
+
+    @property
+    def status(self) -> str:
+        """What is believed, not understood and done, in one sentence.
+
+        Actuators are called by the names that the monitor's model has, or by their numbers.
+        """
+        watch, names = self.watch, self.monitor.nominal.names
+        parts = [", ".join(map(self._named, self.standing)) or "all actuators are believed sound"]
+        if watch.diagnosis is not None and watch.diagnosis.fault.is_sound:
+            parts.append(f"{_name(watch.diagnosis.fault.actuator, names)} seems to work again")
+        if watch.relearns > 0:
+            parts.append("what no failure explains is learned as part of the machine")
+        elif watch.evidence is not None and watch.diagnosis is None:
+            parts.append("an alarm is looked into")
+        elif watch.causes and not self.standing:
+            why = explanation(watch.causes[-1], names)
+            parts.append(f"the last alarm is explained by {why}, which is no failure")
+        known = self.current.mapping.goal.failed
+        if self.task_lost:
+            parts.append(
+                "the major task is lost, and the controller goes on with what it still reaches"
+            )
+        elif self.refused is not None and self.refused.fault.actuator not in known:
+            parts.append("the controller goes on as it was, which is expected to cost less")
+        elif self.standing:
+            parts.append("the other actuators do the task")
+        said = "; ".join(parts)
+        if names is None or not self.standing:  # a name stays as it is
+            said = said[0].upper() + said[1:]
+        return f"{said}."
+
+    def _named(self, found: Diagnosis) -> str:
+        name = _name(found.fault.actuator, self.monitor.nominal.names)
+        doubt = "" if found.confirmed else ", not yet confirmed"
+        return f"{name} is {' or '.join(found.kinds)}{doubt}"
+
+    def __repr__(self) -> str:
+        """One line, for interactive use."""
+        return f"<SupervisorState after {self.ticks} ticks. {self.status}>"
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether what the sensors read is still taken for the machine without a failure."""
+        learned_s = self.watch.observer.spectrum.samples * self.monitor.observer.period_s
+        return learned_s <= LEARNING_S
+
+    @property
+    def standing(self) -> list[Diagnosis]:
+        """The last diagnosis confirmed of each actuator, and the one being confirmed.
+
+        Without those that work again, once that is confirmed: one that comes and goes stays out.
+        """
+        latest, found = self.confirmed, self.watch.diagnosis
+        if found is not None and found.is_acted_on:
+            latest = (*latest, found)
+        last = {each.fault.actuator: each for each in latest}
+        return [each for each in last.values() if not each.fault.is_sound]
+
+
+def explanation(cause: Cause | None, names: Sequence[str] | None = None) -> str:
+    """What an alarm is explained by that is no failure."""
+    if cause is None:
+        return "something slow"
+    if cause.kind == "offset":
+        return f"an offset of {_name(cause.actuator, names)}"
+    whole = {"supply": "what all commands do", "scale": "the sensors' scale"}
+    return f"a change of {whole[cause.kind]}"
+
+
+def _name(actuator: int, names: Sequence[str] | None) -> str:
+    return f"actuator {actuator}" if names is None else names[actuator]
 
 
 @dataclass(frozen=True)
@@ -62,8 +166,8 @@ class Supervisor:
             model has outputs.
         estimate: The major task (m1,) by the encoders alone, near an estimated pose, for a time
             when its own sensor is lost; None: the commands are held.
-        sensor_checks: When readings are usable; None is :class:`.SensorCheck` as it is, of the task
-            and of the encoders where they are used.
+        sensor_check: When readings of the task are usable; None is :class:`.SensorCheck` as it is,
+            which is that of the encoders, where they are used.
     """
 
     goal: Goal
@@ -75,7 +179,7 @@ class Supervisor:
     dither: Dither | None = None
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
-    sensor_checks: SensorChecks | None = None
+    sensor_check: SensorCheck | None = None
 
     def __repr__(self) -> str:
         """One line, for interactive use."""
@@ -91,7 +195,7 @@ class Supervisor:
         n = check.instance("monitor", self.monitor, Monitor).nominal.actuators
         check.instance("goal", self.goal, Goal).of(n)
         check.choice("unused", self.unused, get_args(Unused))
-        check.instance("sensor_checks", self._checks, SensorChecks)
+        check.instance("sensor_check", self._checks[0], SensorCheck)
         check.instance("task", self._task, NominalModel)
         if self.dither is not None:
             moved = len(check.instance("dither", self.dither, Dither).direction)
@@ -133,36 +237,29 @@ class Supervisor:
         return self.monitor.nominal if self.task is None else self.task
 
     @cached_property
-    def _checks(self) -> SensorChecks:
-        if self.sensor_checks is not None:
-            return self.sensor_checks
-        check = SensorCheck(self.first.period_s)
-        used = self.watched or self.estimate or self._outputs > self._rows
-        return SensorChecks(check, check if used else None)
+    def _checks(self) -> tuple[SensorCheck, SensorCheck]:
+        """Of the task, and of the encoders."""
+        usual = SensorCheck(self.first.period_s)
+        return usual if self.sensor_check is None else self.sensor_check, usual
 
     @cached_property
     def _rows(self) -> int:
         """Number of rows of the major task."""
         return len(self.first.mapping.nothing().demand)
 
-    @property
-    def _outputs(self) -> int:
-        """Number of outputs that the diagnosis looks at."""
-        return len(self.monitor.nominal.noise)
-
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
-        sensors = self._checks.start(self._rows, self.first.mapping.actuators)
-        watch = self.monitor.start()
-        return SupervisorState(self.first.start(), self.first, watch, self.monitor, sensors)
+        of_task, of_encoders = self._checks
+        used = self.watched or self.estimate or len(self.monitor.nominal.noise) > self._rows
+        encoders = of_encoders.start(self.first.mapping.actuators if used else 0)
+        sensors, watch = Sensors(of_task.start(self._rows), encoders), self.monitor.start()
+        return SupervisorState(self.first.start(), 0, self.first, watch, self.monitor, sensors)
 
     def calibrated(self, state: SupervisorState) -> "Supervisor":
         """The supervisor that begins with what another run has learned of the same machine.
 
-        It need not take its first samples for those of a sound machine.
-
-        Raises:
-            ValueError: That run had a failure, or ended before anything was learned.
+        It need not take its first samples for those of a sound machine. A run with a failure, or
+        that ended before anything was learned, raises ValueError.
         """
         observer = check.instance("state", state, SupervisorState).watch.observer
         if state.diagnoses or state.watch.relearns or state.is_learning:
@@ -205,13 +302,15 @@ class Supervisor:
         ticks, is_sample = state.ticks + 1, state.ticks % state.monitor.ticks == 0
         commanded = self.first.drives.displacements(state.inputs)
         estimable = self.estimate is not None
-        sensors = self._checks.step(state.sensors, measurement, state.inputs, estimable=estimable)
+        read = measurement, state.inputs, *self._checks
+        sensors = state.sensors.after(*read, estimable=estimable)
         measured = self._seen(state, measurement, sensors)
         watch = state.monitor.step(state.watch, measured, commanded)
         if is_sample:
-            state = changed(state, references=(reference, *state.references[: self._ahead]))
-        if is_sample and feedforward is not None:
-            state = changed(state, feedforward=(feedforward, *state.feedforward[: self._ahead]))
+            ahead = round(_AHEAD_S / (state.monitor.ticks * self.first.period_s))
+            state = changed(state, references=(reference, *state.references[:ahead]))
+            if feedforward is not None:
+                state = changed(state, feedforward=(feedforward, *state.feedforward[:ahead]))
         if watch.diagnosis is not state.watch.diagnosis:
             state = self._reconfigured(state, watch, commanded, measurement)
             watch = state.watch
@@ -242,7 +341,7 @@ class Supervisor:
             return None
         if self.watched is None:
             every = np.concatenate([measurement.output, measurement.displacement])
-            return every[: self._outputs]
+            return every[: len(self.monitor.nominal.noise)]
         faults = tuple(each.fault for each in state.standing)
         if new:
             return self.watched(measurement, state.pose, faults)
@@ -266,13 +365,15 @@ class Supervisor:
             if known.is_acted_on:
                 sure = [each for each in state.standing if each.confirmed]
                 stays = self._transferred(state, sure)
-                state = replace(state, task_lost=state.task_lost and not self._can(sure))
+                lost = state.task_lost and not self.is_possible([each.fault for each in sure])
+                state = replace(state, task_lost=lost)
         goes, refused = stays, None
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
         if found is not None and found.is_acted_on:
             believed = state.standing
-            faults, can = [each.fault for each in believed], self._can(believed)
+            faults = [each.fault for each in believed]
+            can = self.is_possible(faults)
             # The present controller goes on then: to stand still is worse, and names may be wrong.
             state = replace(state, task_lost=found.confirmed and not can)
             if can:
@@ -315,9 +416,6 @@ class Supervisor:
             controller = state.controller
         return replace(state, current=current, controller=controller)
 
-    def _can(self, believed: Sequence[Diagnosis]) -> bool:
-        return self.is_possible([each.fault for each in believed])
-
     def _transferred(
         self,
         state: SupervisorState,
@@ -350,30 +448,20 @@ class Supervisor:
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True
-
-        times_s = (
-            state.ticks + np.arange(len(state.references) * monitor.ticks)
-        ) * self.first.period_s
+        ticks = state.ticks + np.arange(len(state.references) * monitor.ticks)
+        times_s = (ticks * self.first.period_s).tolist()
         outlook = Outlook(
             self._task,
             measurement.output,
             np.repeat(state.references, monitor.ticks, axis=0),
-            np.array([self.secondary(time_s) for time_s in times_s.tolist()]),
-            np.array([self._test_motion(time_s) for time_s in times_s.tolist()]),
+            np.array(list(map(self.secondary, times_s))),
+            np.array(list(map(self._test_motion, times_s))),
             np.repeat(state.feedforward, monitor.ticks, axis=0) if state.feedforward else None,
         )
-        named = [each.fault for each in state.standing]
-        certain = found.actuator_confidence
-        cases = [
-            Case(certain, named, verdict.x),
-            Case(1 - certain, monitor.faults, state.watch.observer.X[0]),
-        ]
-        return outlook.goes_over(stays, goes, cases)
-
-    @property
-    def _ahead(self) -> int:
-        """Samples of the diagnosis by which the costs of a decision are compared."""
-        return round(_AHEAD_S / (self.monitor.ticks * self.first.period_s))
+        named, certain = [each.fault for each in state.standing], found.actuator_confidence
+        right = Case(certain, named, verdict.x)
+        wrong = Case(1 - certain, monitor.faults, state.watch.observer.X[0])
+        return outlook.goes_over(stays, goes, [right, wrong])
 
 
 def _in_use(found: Diagnosis) -> Diagnosis:

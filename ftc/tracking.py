@@ -6,7 +6,7 @@ the estimated posture at every tick.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -25,7 +25,7 @@ from ftc.control.compensator import (
 )
 from ftc.control.frequency_response import Margins, channels, margins
 from ftc.control.geometry import MechanismGeometry, MechanismModel
-from ftc.control.mapping import PrioritizedMapping
+from ftc.control.mapping import Goal, PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
@@ -38,16 +38,17 @@ from ftc.fdi.fault_model import (
     static_gain,
 )
 from ftc.fdi.monitor import monitor
-from ftc.goal import Goal
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
-from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
+from prioritized import ConstrainedSystem, Kinematics, Manipulability
 
 _DECAYS = 1e-9
 """Part of its frequency below which the decay of a motion is round-off."""
 _SINGULAR, _NEARLY_SINGULAR = 1e-6, 1e-3
 """Parts of the largest singular value of the major rows: demands would lose their digits, and a
 hint where no loop can be closed."""
+_HANDOVER_S = 0.5
+"""In which the secondary motion of a former mapping fades."""
 _GROWS = 1e-3
 """How much more than in continuous time a motion may grow in a control period of physics steps."""
 
@@ -76,18 +77,14 @@ class Tracking:
     Attributes:
         model: The controller's own, of the mechanism.
         nominal: Linear model of the plant to the major rows, with the noise of their measurement.
-        major: Rows of the task.
-        loops: Compensators, one a row.
+        major: Rows of the task, each with a compensator, of `loops`.
         margins: Of each loop, the others open.
-        peak: Of the sensitivity of all loops together.
         goal: While all actuators work.
         limits: Lower and upper displacements of the actuators, (n,) each; None is none.
-        when_limited: What becomes of a major task beyond them.
         springs: Whether springs hold what the loops of the mechanism leave free.
         sense: What the diagnosis looks at.
-        encoder_noise: Standard deviations (n,) of one sample of each actuator's displacement, where
-            the diagnosis looks at these; else None.
-        handover_s: In which the secondary motion of a former mapping fades.
+        encoder_noise: Standard deviations (n,) of one sample of the displacements, where the
+            diagnosis looks at these; else None.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
         unused: What an actuator without force counts as, as in :func:`ftc.goal_after`.
     """
@@ -97,14 +94,11 @@ class Tracking:
     major: tuple[int, ...]
     loops: tuple[Compensator, ...]
     margins: tuple[Margins, ...]
-    peak: float
     goal: Goal
     limits: tuple[Array, Array] | None = None
-    when_limited: WhenLimited = "least_squares"
     springs: bool = False
     sense: Sense = "task"
     encoder_noise: Array | None = None
-    handover_s: float = 0.5
     unused: Unused = "free"
     feedforward: bool = True
 
@@ -114,16 +108,18 @@ class Tracking:
             kept["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
         if self.encoder_noise is not None:
             kept["encoder_noise"] = check.frozen(self.encoder_noise)
-        for name, known in (("when_limited", WhenLimited), ("unused", Unused)):
-            check.choice(name, getattr(self, name), get_args(known))
+        check.choice("unused", self.unused, get_args(Unused))
         check.flag("feedforward", self.feedforward)
-        check.number("handover_s", self.handover_s, 0.0, check.DAY_S)
         vars(self).update(kept)
 
     @cached_property
     def system(self) -> ConstrainedSystem:
         """The mechanism in the nominal posture, without failures."""
         return MechanismGeometry(self.model, springs=self.springs).system
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        return self.system.kinematics()
 
     @cached_property
     def watched(self) -> NominalModel:
@@ -138,9 +134,7 @@ class Tracking:
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """The mapping for a goal, failures that it knows included."""
-        return mapping_for(
-            self.model, goal, self.major, self.limits, self.when_limited, springs=self.springs
-        )
+        return mapping_for(self.model, goal, self.major, self.limits, springs=self.springs)
 
     def controller(self, goal: Goal) -> PrioritizedController[Any]:
         """The controller for a goal, failures that it knows included."""
@@ -148,7 +142,7 @@ class Tracking:
             self.loops,
             self.mapping(goal),
             DirectDrive(),
-            self.handover_s,
+            _HANDOVER_S,
             anti_windup=self.limits is not None,
             reference_feedforward=self.feedforward,
         )
@@ -156,11 +150,7 @@ class Tracking:
     def supervisor(
         self, config: FdiConfig = DEFAULT_CONFIG, dither: Dither | None = None
     ) -> Supervisor:
-        """A controller that diagnoses failures and reconfigures itself.
-
-        `config` has rates and confidences of the diagnosis; by the `dither` failures are told
-        apart, None is none.
-        """
+        """A controller that diagnoses failures and reconfigures itself; None is no dither."""
         check.instance("config", config, FdiConfig)
         if dither is not None:
             hz = check.instance("dither", dither, Dither).frequency_hz
@@ -190,10 +180,6 @@ class Tracking:
         """The posture near another at which the encoders read these displacements (n,)."""
         return self.model.moved(near, displacement, np.arange(len(displacement)))
 
-    @cached_property
-    def _kinematics(self) -> Kinematics:
-        return self.system.kinematics()
-
     def _seen(self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]) -> Array:
         """Readings of the sensors as if task and closed loops were linear in the displacements.
 
@@ -206,11 +192,10 @@ class Tracking:
             return displacement
         posture = self._at(displacement, commanded)
         curved = model.displacements(posture)
-        # Faults change a few times in a run, and this is called at every tick.
-        if (linear := self._linear.get(faults)) is None:
+        if faults not in self._linear:
             allowed = self._allowed(faults)
-            linear = self._linear[faults] = self._kinematics.J[list(rows)] @ allowed, allowed
-        J_m, allowed = linear
+            self._linear[faults] = self._kinematics.J[list(rows)] @ allowed, allowed
+        J_m, allowed = self._linear[faults]
         seen = []
         if self.sense != "joints":
             seen.append(measurement.output - (model.task(posture).take(rows) - J_m.dot(curved)))
@@ -220,7 +205,10 @@ class Tracking:
 
     @cached_property
     def _linear(self) -> dict[tuple[Fault, ...], tuple[Array, Array]]:
-        """Of faults the major rows per displacement, as the loops allow it, and what they allow."""
+        """Of faults the major rows per displacement, as the loops allow it, and what they allow.
+
+        They change a few times in a run, and are asked for at every tick.
+        """
         return {}
 
     def _allowed(self, faults: tuple[Fault, ...]) -> Array:
@@ -276,15 +264,19 @@ def tracking(
         crossover_hz: Gain crossover of all rows, below half the control frequency; None: the
             highest that leaves them well damped.
         sense: What the diagnosis looks at.
-        options: `limits`, `when_limited`, `springs`, `handover_s`, `unused` and `feedforward` of
-            :class:`Tracking`, and `implicit_damping` and `names` of
-            :class:`ftc.fdi.fault_model.NominalModel`.
+        options: `limits`, `springs`, `unused` and `feedforward` of :class:`Tracking`, and
+            `implicit_damping` and `names` of :class:`ftc.fdi.fault_model.NominalModel`.
 
     Raises:
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
             no crossover leaves the loops stable.
     """
-    n, m = _checked_plant(linear)
+    check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
+    s = len(check.array("linear.A", linear.A, None, None))
+    check.array("linear.A", linear.A, None, s)
+    n = check.array("linear.B", linear.B, s, None).shape[1]
+    check.array("linear.C_active", linear.C_active, n, s)
+    m = len(check.array("linear.C_twist", linear.C_twist, None, s))
     rows = tuple(check.indices("major", major, m).tolist())
     if not rows:
         raise ValueError("major must name at least one row, got none")
@@ -305,12 +297,16 @@ def tracking(
         raise TaskLost(singular)
     C = linear.C_twist[list(rows)]
     sigma, encoders = _deviations(noise, sense, len(rows), n)
-    if sense == "joints":
-        sigma = _by_encoders(kinematics, rows, encoders)
+    if sense == "joints":  # by forward kinematics: loops average the noise out
+        tied = kinematics.active_constraint
+        sigma = np.linalg.norm((J_m - J_m @ np.linalg.pinv(tied) @ tied) * encoders, axis=1)
     gain = mapping_for(model, goal, rows, springs=springs).major_gain()
     plant = minimal(control.ss(linear.A, linear.B @ gain, C, 0))
-    hinders = partial(_hindrance, linear, J_m, rows)
-    loops, peak, each = _loops(plant, rows, period_s, crossover_hz, hinders)
+
+    def hindrance() -> str:
+        return _singular(J_m, rows, _NEARLY_SINGULAR) or _slowest_mode(linear)
+
+    loops, each = _loops(plant, rows, period_s, crossover_hz, hindrance)
     loads = ("feedback", "holding", "spring", "preload", "friction")
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
@@ -325,7 +321,7 @@ def tracking(
     if overshoots := _overshooting(nominal, linear):
         raise TaskLost(overshoots)
     known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
-    return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
+    return Tracking(model, nominal, rows, loops, each, **(known | options))
 
 
 def _loops(
@@ -333,14 +329,17 @@ def _loops(
     rows: Sequence[int],
     period_s: float,
     crossover_hz: float | None,
-    hinders: Callable[[], str],
-) -> tuple[tuple[Compensator, ...], float, tuple[Margins, ...]]:
-    """Compensators of all rows, the sensitivity peak that they leave, and margins of each row."""
+    hindrance: Callable[[], str],
+) -> tuple[tuple[Compensator, ...], tuple[Margins, ...]]:
+    """Compensators of all rows, and margins of each row.
+
+    `hindrance` says why the rows have no stable loops: a singular posture, or the slowest mode.
+    """
     try:
-        loops, peak = compensators(plant, period_s, crossover_hz)
+        loops = compensators(plant, period_s, crossover_hz)
     except (UnstableLoop, NoResponse) as error:
         if crossover_hz is None:
-            raise TaskLost(f"{error}: {hinders()}") from None
+            raise TaskLost(f"{error}: {hindrance()}") from None
         raise TaskLost(
             f"the loops would be unstable: {error}; without a crossover of yours the highest that "
             "is stable is taken"
@@ -349,18 +348,8 @@ def _loops(
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
     for row, its in zip(rows, each, strict=True):
         if not np.isfinite(its.crossover_hz):
-            raise TaskLost(f"the loop of row {row} has no crossover: {hinders()}")
-    return loops, peak, each
-
-
-def _checked_plant(linear: Any) -> tuple[int, int]:
-    """Actuators n and task rows m of a plant that has its matrices, finite and of one size."""
-    check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
-    s = len(check.array("linear.A", linear.A, None, None))
-    check.array("linear.A", linear.A, None, s)
-    n = check.array("linear.B", linear.B, s, None).shape[1]
-    check.array("linear.C_active", linear.C_active, n, s)
-    return n, len(check.array("linear.C_twist", linear.C_twist, None, s))
+            raise TaskLost(f"the loop of row {row} has no crossover: {hindrance()}")
+    return loops, each
 
 
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:
@@ -376,19 +365,11 @@ def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tu
     return sigma[:of_task], sigma[of_task:]
 
 
-def _by_encoders(kinematics: Kinematics, rows: tuple[int, ...], noise: Array) -> Array:
-    """Standard deviation of the major rows (m1,) by forward kinematics: loops average it out."""
-    C = kinematics.active_constraint
-    J_m = kinematics.J[list(rows)]
-    return np.linalg.norm((J_m - J_m @ np.linalg.pinv(C) @ C) * noise, axis=1)
-
-
 def mapping_for(
     model: MechanismModel[Any],
     goal: Goal,
     major: Sequence[int],
     limits: tuple[Array, Array] | None = None,
-    when_limited: WhenLimited = "least_squares",
     *,
     springs: bool = False,
 ) -> PrioritizedMapping[Any]:
@@ -396,20 +377,13 @@ def mapping_for(
     free = (*check.instance("goal", goal, Goal).free, *goal.spring_lost)
     geometry = MechanismGeometry(model, free, springs=springs)
     secondary = [row for row in range(len(geometry.system.J_T)) if row not in major]
-    limited = {"limits": limits, "when_limited": when_limited}
-    return PrioritizedMapping(
-        geometry, goal, major, secondary, "gauss_newton", model.task, **limited
-    )
+    form = "gauss_newton"
+    return PrioritizedMapping(geometry, goal, major, secondary, form, model.task, limits=limits)
 
 
 def is_possible(report: Manipulability) -> bool:
     """Whether the major task is fully reachable, and no self-motion disturbs it."""
     return not report.unmanipulable and not report.unstable_major
-
-
-def _hindrance(linear: Any, J_m: Array, rows: tuple[int, ...]) -> str:
-    """Why the major rows (m1, n) have no stable loops: a singular posture, or the slowest mode."""
-    return _singular(J_m, rows, _NEARLY_SINGULAR) or _slowest_mode(linear)
 
 
 def _singular(J_m: Array, rows: tuple[int, ...], least: float) -> str:
@@ -451,10 +425,10 @@ def _overshooting(nominal: NominalModel, linear: Any) -> str:
     )
 
 
-def _mode(linear: Any, key: Callable[[Array], Array]) -> tuple[complex, str]:
-    """The pole of a plant with the greatest `key`, and its motion in words."""
+def _mode(linear: Any, size: Callable[[Array], Array]) -> tuple[complex, str]:
+    """The pole of a plant with the greatest size, and its motion in words."""
     poles, modes = np.linalg.eig(linear.A)
-    worst = greatest(key(poles))
+    worst = greatest(size(poles))
     named = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
     return complex(poles[worst]), "a motion" + (f" of {', '.join(named)}" if named else "")
 

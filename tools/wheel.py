@@ -41,7 +41,7 @@ print(mapping.status.value)
 
 TYPED = """
 import fjh
-from fjh.ftc.goal import Goal
+from fjh.ftc.control.mapping import Goal
 from fjh.study.result import Result
 from fjh.sim import Failure
 

@@ -12,9 +12,9 @@ from experiments.recover.plan import BEFORE_S, BENCH, Case, exact_rig
 from experiments.study import Row
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.fault_tolerance import DITHER, STILL, fault_text
-from fjh.rig.prediction import linear_loop
+from fjh.rig.prediction import linear_run
 from fjh.rig.rig import Rig
-from ftc import WEAKEST, Goal, LinearLoop, simulate
+from ftc import WEAKEST, Goal
 from ftc.control import sensitivity_peak
 from ftc.fdi import (
     ACCURACY,
@@ -55,20 +55,19 @@ def separations(case: Case) -> tuple[float, float]:
     Of the failure of a case, by the detector and the dither.
     """
     rig, fault = exact_rig(), Fault.of(case.failures[0])
-    loop = linear_loop(rig, case.path(rig), case.dither or STILL)
-    onset = round(BEFORE_S / rig.period_s)
-    apart, from_none = _distances(loop, fault, onset, EVIDENCE_S)
+    path, onset = case.path(rig), round(BEFORE_S / rig.period_s)
+    apart, from_none = _distances(rig, path, case.dither or STILL, fault, onset, EVIDENCE_S)
     others = min(float(np.delete(apart, fault.actuator, axis=0).min()), from_none)
     return others, float(np.delete(apart[fault.actuator], KINDS.index(fault.kind)).min())
 
 
 def _distances(
-    loop: LinearLoop, fault: Fault, onset: int, evidence_s: float
+    rig: Rig, path: Array, dither: Dither, fault: Fault, onset: int, evidence_s: float
 ) -> tuple[Array, float]:
     """Distances by strut and kind (6, 3), and from no failure, of a failure at a tick."""
-    states, commanded = simulate(loop, [fault], onset)
-    until = onset + round(evidence_s / loop.nominal.period_s)
-    return isolability(loop.nominal, fault, onset, states[:until], commanded[:until])
+    states, commanded = linear_run(rig, path, dither, [fault], onset)
+    until = onset + round(evidence_s / rig.period_s)
+    return isolability(rig.nominal, fault, onset, states[:until], commanded[:until])
 
 
 def lookalikes(setting: str, struts: Sequence[int]) -> list[Row]:
@@ -79,14 +78,15 @@ def lookalikes(setting: str, struts: Sequence[int]) -> list[Row]:
     """
     rig, half_turn_s, dither = exact_rig(), BENCH.spiral_period_s / 2, SETTINGS[setting]
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + rig.period_s
-    loop = linear_loop(rig, BENCH.spiral_rad(duration_s, _BEGIN_S), dither)
+    path = BENCH.spiral_rad(duration_s, _BEGIN_S)
     first, half_turn = round(_EARLIEST_S / rig.period_s), round(half_turn_s / rig.period_s)
-    moved_m = np.abs(loop.reference @ loop.gain.T)[first : first + half_turn]
+    gain = rig.mapping(rig.goal).major_gain()
+    moved_m = np.abs(path @ gain.T)[first : first + half_turn]
     places, rows = {"centre": least, "off centre": greatest}, []
     for strut, kind, where in product(struts, KINDS, places):
         onset = first + places[where](moved_m[:, strut])
         fault, own = Fault(strut, kind, _HALF * (kind == "weak")), KINDS.index(kind)
-        apart, from_none = _distances(loop, fault, onset, EVIDENCE_S)
+        apart, from_none = _distances(rig, path, dither, fault, onset, EVIDENCE_S)
         others, kinds = np.delete(apart, strut, axis=0).min(axis=1), np.delete(apart[strut], own)
         row = {"setting": setting, "actuator": rig.actuators[strut], "kind": kind, "where": where}
         row |= {"from_healthy": from_none, "from_other_actuators": float(others.min())}
@@ -112,10 +112,10 @@ def dither_design(struts: Sequence[int] = (0, 1, 2)) -> list[Row]:
     for name, hz, size in sizes:
         column = per_twist[:, DIRECTIONS[name]]
         direction = tuple((column / np.abs(column).max()).tolist())
-        loop, apart = linear_loop(rig, path, Dither(size, hz, direction)), list[float]()
+        shaken, apart = Dither(size, hz, direction), list[float]()
         for strut, kind in faults:
             fault = Fault(strut, kind)
-            own, _ = _distances(loop, fault, onset, DITHER_EVIDENCE_S)
+            own, _ = _distances(rig, path, shaken, fault, onset, DITHER_EVIDENCE_S)
             apart.append(float(np.delete(own, strut, axis=0).min()))
         dither = {"direction": name, "frequency_hz": hz, "amplitude_m": size}
         rows.append(dither | {"separation": min(apart)})

@@ -16,7 +16,7 @@ from fjh.rig.other_controller import fly_with
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, tick_of
 from fjh.study.errors import WrongInput
-from ftc import NEVER, Measurement, OracleController, OracleState, goal_after, is_possible
+from ftc import Measurement, NestedState, OracleController, goal_after, is_possible
 from ftc.fdi import Cause, Diagnosis, Fault, static_share
 from sim import Array, Failure, SimulationDiverged
 
@@ -191,12 +191,12 @@ class Holding(OracleController):
 
     def step(
         self,
-        state: OracleState,
+        state: NestedState,
         reference: Array,
         measurement: Measurement,
         *,
         feedforward: Array | None = None,
-    ) -> OracleState:
+    ) -> NestedState:
         """One control tick."""
         if not np.isfinite(measurement.output).all():
             return replace(state, ticks=state.ticks + 1)
@@ -211,7 +211,7 @@ def supervised(rig: Rig, case: Case) -> Run:
 def unaware(rig: Rig, case: Case) -> Run:
     """The run with a controller that goes on as if nothing had happened."""
     controller, secondary = rig.controller(), None if case.dither is None else case.dither.at
-    return _run(rig, case, Holding(controller, controller, NEVER, secondary=secondary))
+    return _run(rig, case, Holding(controller, controller, None, secondary=secondary))
 
 
 def informed(rig: Rig, case: Case, fault: Fault, displacement: float, late_s: float = 0.0) -> Run:

@@ -10,7 +10,7 @@ import scipy.linalg
 import argument_checks as check
 from argument_checks.ties import greatest
 from fjh.rig.run import tick_of
-from ftc import Goal, LinearLoop, PrioritizedController, Stage, goal_after, steps
+from ftc import Goal, PrioritizedController, Stage, goal_after, steps
 from ftc.control import sensitivity_peak
 from ftc.fdi import Diagnosis, Dither, Fault, at_rest, fault_model
 from sim import Array, Failure
@@ -234,14 +234,18 @@ def loop_peak(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> float:
     return sensitivity_peak(open_loop(rig, goal, faults))
 
 
-def linear_loop(rig: "Rig", path: Array, dither: Dither) -> LinearLoop:
-    """The loop of a rig on a path (N, m1), with the mapping of its goal in the nominal posture."""
-    mapping = rig.mapping(rig.goal)
+def linear_run(
+    rig: "Rig", path: Array, dither: Dither, faults: Sequence[Fault] = (), onset: int = 0
+) -> tuple[Array, Array]:
+    """States (N, s) and displacements commanded (N, n) of the linear loop on a path, without noise.
+
+    The path is (N, m1). The faults strike all at once at the tick `onset`, unknown to the mapping,
+    which is that of the rig's goal in the nominal posture.
+    """
+    mapping, sound = rig.mapping(rig.goal), fault_model(rig.nominal)
+    failed = fault_model(rig.nominal, faults)
+    stages = [Stage(sound, gain=mapping.major_gain()), Stage(failed, onset)]
     dithered = _dithered(dither, len(path), rig.nominal.actuators, rig.period_s)
-    return LinearLoop(
-        nominal=rig.nominal,
-        gain=mapping.major_gain(),
-        secondary=dithered @ mapping.secondary_gain().T,
-        reference=path,
-        compensators=rig.loops,
-    )
+    secondary = dithered @ mapping.secondary_gain().T
+    ticks = list(steps(stages, rig.nominal.plant.C, rig.loops, path, secondary=secondary))
+    return np.array([tick.x for tick in ticks]), np.array([tick.commanded for tick in ticks])

@@ -110,9 +110,9 @@ def circle_margin(
     own, M = Compensators(compensators), 0.0
     w = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
     if check.flag("anti_windup", anti_windup):  # what L takes off the demands per u - u_a
-        M = frequency_response(control.ss(own.A, tracking_gains(compensators), own.C, 0, own.dt), w)
+        M = frequency_response(control.ss(own.A, tracking_gains(compensators), own.C, 0, own.dt))(w)
     one = np.eye(len(compensators))
-    H = frequency_response(own, w) @ frequency_response(plant, w)
+    H = frequency_response(own)(w) @ frequency_response(plant)(w)
     around = np.linalg.solve(one + M, one + H)
     hermitian = (around + around.conj().swapaxes(1, 2)) / 2
     return float(np.linalg.eigvalsh(hermitian).min())

@@ -68,10 +68,8 @@ class LoopShape:
 class Compensator:
     """One channel's compensator as plain arrays: python-control's systems cannot be pickled.
 
-    Attributes:
-        numerator: Of G(s), highest power first; `denominator` alike.
-        A: State matrix of the Tustin discretization; `B`, `C`, `D` alike.
-        period_s: Sampling period.
+    Numerator and denominator of G(s), highest power first, and its Tustin discretization at the
+    sampling period.
     """
 
     numerator: Array
@@ -137,13 +135,9 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     return Compensator(G.num[0][0], G.den[0][0], G_d.A, G_d.B, G_d.C, G_d.D, period_s)
 
 
-Designed = tuple[tuple[Compensator, ...], float]
-"""Compensators of all channels, and the sensitivity peak that they leave."""
-
-
 def compensators(
     plant: "control.StateSpace", period_s: float, crossover_hz: float | None = None
-) -> Designed:
+) -> tuple[Compensator, ...]:
     """The compensators of all channels of a continuous plant at one crossover.
 
     Unless it is given, the crossover is the highest at which the sensitivity peak, coupling of the
@@ -154,7 +148,7 @@ def compensators(
         NoResponse: A channel has no moderate gain at the crossover that is given.
     """
     if crossover_hz is not None:
-        return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))
+        return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))[0]
     if found := _within_peak(plant, period_s, _FASTEST / period_s):
         return found
     for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
@@ -172,17 +166,21 @@ def compensators(
     )
 
 
-def _within_peak(plant: "control.StateSpace", period_s: float, hz: float) -> Designed | None:
+def _within_peak(
+    plant: "control.StateSpace", period_s: float, hz: float
+) -> tuple[Compensator, ...] | None:
     """The design at this crossover; None where the peak is larger than allowed."""
     try:
         loops, peak = _at(plant, period_s, hz)
     except (UnstableLoop, NoResponse):
         return None
-    return (loops, peak) if peak <= LARGEST_PEAK else None
+    return loops if peak <= LARGEST_PEAK else None
 
 
-def _at(plant: "control.StateSpace", period_s: float, hz: float) -> Designed:
-    """The design at this crossover, whatever its peak."""
+def _at(
+    plant: "control.StateSpace", period_s: float, hz: float
+) -> tuple[tuple[Compensator, ...], float]:
+    """The design at this crossover, and the sensitivity peak that it leaves."""
     import control  # late, as above
 
     shape = LoopShape(hz, _ROLL_OFF * hz, _ROLL_OFF_DAMPING)
@@ -226,16 +224,11 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
 
 def _reached(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
     """Orthonormal basis of what B drives through A, shape (s, r)."""
-    found = new = _basis(B, np.zeros((len(A), 0)), least_input)
+    found, new, least = np.zeros((len(A), 0)), B, least_input
     while new.shape[1]:
-        new = _basis(A @ new, found, least_motion)
-        found = np.hstack([found, new])
+        for _ in range(2):  # once leaves round-off of what is taken off
+            new = new - found @ (found.T @ new)
+        U, s, _ = np.linalg.svd(new, full_matrices=False)
+        found = np.hstack([found, U[:, s > least]])
+        new, least = A @ U[:, s > least], least_motion
     return found
-
-
-def _basis(motions: Array, known: Array, least: float) -> Array:
-    """Orthonormal basis of what these motions add to those that are known."""
-    for _ in range(2):  # once leaves round-off of what is taken off
-        motions = motions - known @ (known.T @ motions)
-    U, s, _ = np.linalg.svd(motions, full_matrices=False)
-    return U[:, s > least]

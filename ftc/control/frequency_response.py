@@ -74,18 +74,11 @@ def balanced(A: Array) -> tuple[Array, Array]:
     return A, units
 
 
-def frequency_response(system: SampledSystem, frequency_rad_s: Array) -> Array:
-    """C (z I - A)^-1 B + D at z = exp(i w dt), complex, shape (F, p, m).
+def frequency_response(system: SampledSystem) -> Callable[[Array], Array]:
+    """The function of frequencies w (F,) [rad/s] that is C (z I - A)^-1 B + D at z = exp(i w dt).
 
-    None of the frequencies w, shape (F,), may be that of an undamped mode.
-    """
-    return _response(system)(frequency_rad_s)
-
-
-def _response(system: SampledSystem) -> Callable[[Array], Array]:
-    """The frequency response as a function of frequencies (F,).
-
-    By back-substitution after Laub, IEEE Trans. Automatic Control 26 (1981), in the Schur form:
+    Complex, shape (F, p, m). None of the frequencies may be that of an undamped mode. By
+    back-substitution after Laub, IEEE Trans. Automatic Control 26 (1981), in the Schur form:
     eigenvectors would not do, since masses that no spring holds have double poles.
     """
     # A loop in series has states of very different sizes, which an orthogonal U alone would mix.
@@ -114,11 +107,8 @@ def _frequencies(period_s: float, fastest: float, count: int) -> Array:
 class Margins:
     """Stability margins of one sampled loop.
 
-    Attributes:
-        crossover_hz: Gain crossover.
-        gain_margin_db: At `phase_crossover_hz`.
-        phase_margin_deg: At `crossover_hz`.
-        phase_crossover_hz: Where the phase passes -180 degrees.
+    The phase margin is at the gain crossover, `crossover_hz`, and the gain margin at the phase
+    crossover, where the phase passes -180 degrees.
     """
 
     crossover_hz: float
@@ -145,7 +135,7 @@ def margins(L: SampledSystem) -> Margins:
 
     # python-control's margins lose their digits on a dozen states, by polynomials, or six of them,
     # by splines.
-    response = _response(sampled("L", L, 1, 1))
+    response = frequency_response(sampled("L", L, 1, 1))
     frequencies = _frequencies(L.dt, _FASTEST, 8000)
     curve = response(frequencies)[:, 0, 0]
 
@@ -162,15 +152,12 @@ def margins(L: SampledSystem) -> Margins:
             if of(at(ends[0])) * of(at(ends[1])) <= 0.0:
                 yield brentq(lambda w: of(at(w)), *ends)
 
-    gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
-    phases = [
-        (float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)
-    ]
-    gain, at_phase, phase, at_gain = np.inf, np.nan, np.inf, np.nan
-    if gains:
-        gain, at_phase = gains[least([abs(np.log(gain)) for gain, _ in gains])]
-    if phases:
-        phase, at_gain = phases[least([abs(phase) for phase, _ in phases])]
+    turned, crossed = crossings(np.imag), crossings(lambda z: abs(z) - 1)
+    gains = [(1 / abs(at(w)), w) for w in turned if at(w).real < 0] or [(np.inf, np.nan)]
+    phases = [(float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossed]
+    phases = phases or [(np.inf, np.nan)]
+    gain, at_phase = gains[least([abs(np.log(gain)) for gain, _ in gains])]
+    phase, at_gain = phases[least([abs(phase) for phase, _ in phases])]
     hz = 1 / (2 * np.pi)
     return Margins(at_gain * hz, 20 * np.log10(gain), float(phase), at_phase * hz)
 
@@ -187,7 +174,7 @@ def sensitivity_peak(L: SampledSystem) -> float:
     """
     channels = len(np.atleast_1d(getattr(L, "D", 0.0)))
     sampled("L", L, channels, channels)
-    response = frequency_response(L, _frequencies(L.dt, 0.45, 3000))
+    response = frequency_response(L)(_frequencies(L.dt, 0.45, 3000))
     S = np.linalg.inv(np.eye(channels) + response)
     largest = np.linalg.norm(S, 2, axis=(1, 2))
     perron = np.abs(np.linalg.eigvals(np.abs(S))).max(axis=1)

@@ -14,29 +14,26 @@ Pose = TypeVar("Pose")
 
 
 class Geometry(Protocol[Pose]):
-    """Mechanism without failures, as the mapping needs it; a pose is the client's own type."""
+    """Mechanism without failures, as the mapping needs it; a pose is the client's own type.
+
+    Its `system` is the mechanism at the nominal pose, with springs where there are any.
+    """
+
+    system: ConstrainedSystem
 
     @property
     def nominal(self) -> Pose:
         """The pose that displacements are measured from."""
         ...
 
-    @property
-    def system(self) -> ConstrainedSystem:
-        """The mechanism at the nominal pose, with springs where there are any."""
-        ...
+    def jacobians(self, pose: Pose) -> Any:
+        """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a pose.
 
-    def posture(self, pose: Pose) -> Pose:
-        """The pose at which the mapping is evaluated; the nominal one for a constant Jacobian."""
-        ...
-
-    def jacobians(self, posture: Pose) -> Any:
-        """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a posture.
-
-        And with their `accuracy`, where that is known.
+        And with their `accuracy`, where that is known. Where the Jacobian is constant,
+        :attr:`system` itself.
         """
 
-    def twist(self, posture: Pose, displacements: Array) -> Array:
+    def twist(self, pose: Pose, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
         ...
 
@@ -54,15 +51,11 @@ class LocalGeometry:
         self.nominal = np.zeros(len(system.J_T))
         self._J = system.kinematics().J
 
-    def posture(self, pose: Array) -> Array:
-        """The nominal pose, for every present pose."""
-        return self.nominal
-
-    def jacobians(self, posture: Array) -> ConstrainedSystem:
+    def jacobians(self, pose: Array) -> ConstrainedSystem:
         """The mechanism itself."""
         return self.system
 
-    def twist(self, posture: Array, displacements: Array) -> Array:
+    def twist(self, pose: Array, displacements: Array) -> Array:
         """Task displacement (m,) of displacements (n,)."""
         return self._J @ displacements
 
@@ -120,18 +113,13 @@ class MechanismGeometry:
         every = np.arange(len(self.system.active))
         self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
 
-    def posture(self, pose: Any) -> Any:
-        """The posture itself."""
-        return pose
-
-    def jacobians(self, posture: Any) -> Any:
+    def jacobians(self, pose: Any) -> Any:
         """The Jacobians of the model there."""
-        return self.model.jacobians(posture)
+        return self.model.jacobians(pose)
 
-    def twist(self, posture: Any, displacements: Array) -> Array:
+    def twist(self, pose: Any, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,)."""
-        there = self.system.at_pose(self.model.jacobians(posture)).kinematics()
-        return there.J @ displacements
+        return self.system.at_pose(self.model.jacobians(pose)).kinematics().J @ displacements
 
     def moved(self, pose: Any, displacements: Array) -> Any:
         """The posture to which displacements (n,) lead, from the one a tick before."""

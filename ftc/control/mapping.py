@@ -5,7 +5,7 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Generic, Literal, NamedTuple, get_args
 
@@ -23,8 +23,65 @@ from ftc.control.geometry import (
     without_springs,
     yielded,
 )
-from ftc.goal import Goal
 from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
+
+MOST_ACTUATORS = 10_000
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Weights of the secondary goal, and the failures known to the controller.
+
+    Actuators are numbered 0..n-1; displacements are in their own units, [m] or [rad].
+
+    Attributes:
+        joint_weight: W1, diagonal over the n actuators; None is zero.
+        secondary_weight: W2, diagonal over the secondary rows; None is zero.
+        locked_at: Actuators known to be locked, and the displacement at which each stands.
+        free: Actuators known to exert no force, their springs intact.
+        spring_lost: Actuators known to have lost force and spring.
+        effectiveness: Actuators known to be weakened, and the part of the force that each has left,
+            above zero and up to one.
+    """
+
+    joint_weight: tuple[float, ...] | None = None
+    secondary_weight: tuple[float, ...] | None = None
+    locked_at: dict[int, float] = field(default_factory=dict)
+    free: tuple[int, ...] = ()
+    spring_lost: tuple[int, ...] = ()
+    effectiveness: dict[int, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("joint_weight", "secondary_weight"):
+            if (weight := getattr(self, name)) is not None:
+                diagonal = check.array(name, check.array(name, weight, None), least=0.0)
+                vars(self)[name] = tuple(diagonal.tolist())
+        for name in ("free", "spring_lost"):
+            vars(self)[name] = tuple(
+                check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
+            )
+        for name in ("locked_at", "effectiveness"):
+            known = check.instance(name, getattr(self, name), dict)
+            actuators = check.indices(name, list(known), MOST_ACTUATORS).tolist()
+            vars(self)[name] = {
+                k: check.number(name, value)
+                for k, value in zip(actuators, known.values(), strict=True)
+            }
+        for left in self.effectiveness.values():
+            check.number("effectiveness", left, check.SMALLEST, 1.0)
+
+    @property
+    def failed(self) -> set[int]:
+        """Actuators known to have failed, all or in part."""
+        return {*self.locked_at, *self.free, *self.spring_lost, *self.effectiveness}
+
+    def of(self, actuators: int) -> "Goal":
+        """The goal itself, checked to name no other than these actuators."""
+        check.integer("actuators", actuators)
+        for name in ("free", "spring_lost", "locked_at", "effectiveness"):
+            check.indices(name, list(getattr(self, name)), actuators)
+        return self
+
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
@@ -47,23 +104,18 @@ class PreviousCommand(NamedTuple):
     secondary_reference: Array
 
 
-@dataclass(frozen=True)
-class LocalMapping:
+class LocalMapping(NamedTuple):
     """The mapping at one pose, section 2.3.
 
     Attributes:
         mapping: Rates of the n' surviving actuators, eqs. (28) and (30): a
             :class:`prioritized.VelocityMapping`, or what `allocate` gives in its place.
-        expand: Puts them on all actuators, shape (n, n').
-        J: Task velocity per surviving rate, eq. (14), shape (m, n').
-        constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
+        kinematics: Of the failed mechanism there, with n' actuators.
         limited: The mapping with limits, whose `solve` gives `rates`; None without.
     """
 
     mapping: Any
-    expand: Array
-    J: Array
-    constraint: Array
+    kinematics: Kinematics
     limited: Any = None
 
 
@@ -90,13 +142,8 @@ class PrioritizedMapping(Generic[Pose]):
 
     Actuators that the goal says have failed are reconfigured as in section 2.3.
 
-    Attributes:
-        goal: Weights, and the failures that are known.
-        form: How eq. (41) becomes a displacement.
-        nominal: The pose that displacements are measured from.
-        actuators: Their number n, failed ones included.
-        unused: Which of them are commanded nothing, because they have failed, shape (n,).
-        limits: Lower and upper displacements, shape (n,) each; None without.
+    Displacements are measured from the `nominal` pose. Of the n `actuators` those that failed are
+    `unused`, a mask (n,): they are commanded nothing. `limits` are (n,) each, or None.
     """
 
     def __init__(
@@ -115,10 +162,10 @@ class PrioritizedMapping(Generic[Pose]):
         """Prepare the mapping at the nominal pose.
 
         Args:
-            geometry: The mechanism.
+            geometry: Of the mechanism without failures.
             goal: Weights, and the failures that are known.
             major: Task rows of the major task.
-            secondary: Task rows of the secondary task, in the order of its weights.
+            secondary: Those of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
             task: Task coordinates (m,) of a pose; the Gauss-Newton form needs them.
             limits: Lower and upper displacements of the actuators from the nominal pose, shape
@@ -135,12 +182,13 @@ class PrioritizedMapping(Generic[Pose]):
             ValueError: An actuator locked off centre in incremental form: its displacement is in no
                 increment.
         """
-        check.attributes("geometry", geometry, "posture", "jacobians", "twist", "moved")
+        check.attributes("geometry", geometry, "jacobians", "twist", "moved")
         check.choice("form", form, get_args(DisplacementForm))
         check.choice("when_limited", when_limited, get_args(WhenLimited))
         self._task = task if task is None else check.function("task", task)
         self._allocate = allocate if allocate is None else check.function("allocate", allocate)
-        check.instance("goal", goal, Goal).of(len(geometry.system.active))
+        self.actuators = n = len(geometry.system.active)
+        check.instance("goal", goal, Goal).of(n)
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
         if form == "incremental" and any(goal.locked_at.values()):
@@ -152,20 +200,17 @@ class PrioritizedMapping(Generic[Pose]):
             raise ValueError(
                 'form must be "absolute" or "gauss_newton" with limits, got incremental'
             )
-        self._major, self._secondary = (
-            check.indices(name, value, len(geometry.system.J_T))
-            for name, value in (("major", major), ("secondary", secondary))
-        )
-        self.goal, self.form = goal, form
-        self._model, self.nominal = geometry, geometry.nominal
-        self.actuators = n = len(geometry.system.active)
-        released = without_springs(geometry.system, goal.spring_lost).with_failures(
-            free=[*goal.free, *goal.spring_lost]
-        )
+        self.goal, self.form, self.nominal, self._model = goal, form, geometry.nominal, geometry
+        rows = len(geometry.system.J_T)
+        self._major = check.indices("major", major, rows)
+        self._secondary = check.indices("secondary", secondary, rows)
+        loose = without_springs(geometry.system, goal.spring_lost)
+        released = loose.with_failures(free=[*goal.free, *goal.spring_lost])
         self._failed = without_idle_springs(released.with_failures(locked=list(goal.locked_at)))
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
         self.unused: Mask = ~np.isin(np.arange(n), self._surviving)
+        self._has_failed = bool(self.unused.any())
         self._velocities = self._failed.active[self._surviving]
         self._expand = np.eye(n)[:, self._surviving]
 
@@ -173,8 +218,8 @@ class PrioritizedMapping(Generic[Pose]):
         self._locked_at = np.zeros(n)
         self._locked_at[list(goal.locked_at)] = list(goal.locked_at.values())
         self._follow = free_actuators_follow(released)
-        free = np.isin(np.arange(n), list(goal.free))
-        self._free_follow = free[:, None] * self._follow
+        self._some_follow = bool((self._follow != np.eye(n)).any())
+        self._free_follow = np.isin(np.arange(n), goal.free)[:, None] * self._follow
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         others = yielded(released, self._locked_at, self._surviving)
         self._yielded = others[self._surviving]
@@ -188,7 +233,6 @@ class PrioritizedMapping(Generic[Pose]):
             self.limits = lower, upper = check.limits("limits", limits, n)
             box = lower - others, upper - others
             self._limited = prepared(rate_limits=box, when_limited=when_limited)
-        self._weighs_secondary = goal.secondary_weight is not None
         self._at_nominal = self._local(kinematics)
         self._still = check.read_only(np.zeros(n))
         self._still_secondary = np.zeros(len(self._secondary))
@@ -199,17 +243,17 @@ class PrioritizedMapping(Generic[Pose]):
 
     def major_gain(self) -> Array:
         """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
-        return self._at_nominal.expand @ self._at_nominal.mapping.major
+        return self._expand @ self._at_nominal.mapping.major
 
     def secondary_gain(self) -> Array:
         """Displacements per secondary reference, at the nominal pose, shape (n, n).
 
         Its columns span the motions that a reference can ask for without a part in the major task.
         """
-        now = self._at_nominal
-        still, secondary = np.zeros(len(self._major)), now.J[self._secondary]
-        rates = [now.mapping(still, unit, secondary @ unit) for unit in now.expand]
-        return now.expand @ np.array(rates).T
+        now, still = self._at_nominal, np.zeros(len(self._major))
+        secondary = now.kinematics.J[self._secondary]
+        rates = [now.mapping(still, unit, secondary @ unit) for unit in self._expand]
+        return self._expand @ np.array(rates).T
 
     def displacements(
         self,
@@ -232,12 +276,12 @@ class PrioritizedMapping(Generic[Pose]):
                 pose.
         """
         step = self._step(demand, pose, commanded, last, secondary_reference)
-        posture = self._model.posture(pose)
-        velocities = self._moved(self._tick, posture, step, None)
+        velocities = self._moved(self._ticks[0], pose, step, None)
         if velocities is not None:
-            return self._expand.dot(step.here + velocities[self._velocities])
-        now = self.at(posture)
-        return self._expand.dot(step.here + now.mapping(*step.targets(now.J[self._secondary])))
+            return self._on_all(step.here + velocities[self._velocities])
+        now = self.at(pose)
+        targets = step.targets(now.kinematics.J[self._secondary])
+        return self._on_all(step.here + now.mapping(*targets))
 
     def tick(
         self,
@@ -256,18 +300,23 @@ class PrioritizedMapping(Generic[Pose]):
             return self.displacements(demand, pose, commanded, last, secondary_reference), None
         step = self._step(demand, pose, commanded, last, secondary_reference)
         lower, upper = (limit[self._surviving] - step.here for limit in self.limits)
-        posture, left = self._model.posture(pose), (lower, upper)
-        velocities = self._moved(self._limited_tick, posture, step, left)
+        left = lower, upper
+        velocities = self._moved(self._ticks[1], pose, step, left)
         if velocities is not None:
-            moved = self._model.jacobians(posture).J_T.dot(velocities).take(self._major)
+            moved = self._model.jacobians(pose).J_T.dot(velocities).take(self._major)
             residual = step.major - moved
             if _norm(residual) <= _MET * (_norm(step.major) + _norm(moved)):
-                return self._expand.dot(step.here + velocities[self._velocities]), residual
+                return self._on_all(step.here + velocities[self._velocities]), residual
         # What limits leave of a task may hang on singular values that a tick takes for zero.
-        now = self.at(posture)
-        limited = now.limited.within(left) if self.form == "gauss_newton" else now.limited
-        rates = limited.solve(*step.targets(now.J[self._secondary])).rates
-        return self._expand.dot(step.here + rates), step.major - now.J[self._major].dot(rates)
+        now = self.at(pose)
+        J, limited = now.kinematics.J, now.limited
+        limited = limited.within(left) if self.form == "gauss_newton" else limited
+        rates = limited.solve(*step.targets(J[self._secondary])).rates
+        return self._on_all(step.here + rates), step.major - J[self._major].dot(rates)
+
+    def _on_all(self, displacements: Array) -> Array:
+        """Displacements (n',) of the survivors on all actuators, (n,)."""
+        return self._expand.dot(displacements) if self._has_failed else displacements
 
     def _step(
         self,
@@ -292,7 +341,7 @@ class PrioritizedMapping(Generic[Pose]):
         if self.form == "absolute":
             here, task = self._yielded, None
             if self._is_off_centre:  # one has already moved the task by J[:, k] l_k
-                task = self._model.twist(self._model.posture(pose), self._standing)
+                task = self._model.twist(pose, self._standing)
         elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
         else:
@@ -304,7 +353,7 @@ class PrioritizedMapping(Generic[Pose]):
         return _Step(here, demand - task[self._major], wanted - here, wanted, beside)
 
     def _moved(
-        self, tick: Tick | None, posture: Pose, step: _Step, limits: tuple[Array, Array] | None
+        self, tick: Tick | None, pose: Pose, step: _Step, limits: tuple[Array, Array] | None
     ) -> Array | None:
         """What a step displaces all velocities by, (N,), in one compiled call; None: it cannot.
 
@@ -312,22 +361,20 @@ class PrioritizedMapping(Generic[Pose]):
         """
         if tick is None:
             return None
-        parts = (step.major, step.joint, step.secondary)[: 3 if self._weighs_secondary else 2]
-        along = step.along if self._weighs_secondary else None
-        jacobians = self._model.jacobians(posture)
+        parts, along = [step.major, step.joint], None
+        if self.goal.secondary_weight is not None:
+            parts, along = [*parts, step.secondary], step.along
+        jacobians = self._model.jacobians(pose)
         return tick.at_jacobians(jacobians, np.concatenate(parts), limits, along)
 
     @cached_property
-    def _tick(self) -> Tick | None:
-        """The mapping at one pose after another; None where another optimum is sought."""
-        of = self._at_nominal.mapping
-        return of.tick() if isinstance(of, VelocityMapping) else None
+    def _ticks(self) -> list[Tick | None]:
+        """The mapping at one pose after another, without and within limits.
 
-    @cached_property
-    def _limited_tick(self) -> Tick | None:
-        """The mapping within limits at one pose after another; None as above."""
-        of = self._at_nominal.limited
-        return of.tick() if isinstance(of, VelocityMapping) else None
+        None where another optimum is sought.
+        """
+        both = self._at_nominal.mapping, self._at_nominal.limited
+        return [of.tick() if isinstance(of, VelocityMapping) else None for of in both]
 
     def followed(self, displacements: Array) -> Array:
         """Where displacements (n,) of the others take actuators known to be free, shape (n,).
@@ -338,7 +385,7 @@ class PrioritizedMapping(Generic[Pose]):
 
     def major_motion(self, displacements: Array, pose: Pose) -> Array:
         """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
-        return self._model.twist(self._model.posture(pose), displacements)[self._major]
+        return self._model.twist(pose, displacements)[self._major]
 
     def reached(self, pose: Pose) -> Array:
         """Major task (m1,) at a pose, by the task coordinates, which the mapping must have."""
@@ -349,17 +396,16 @@ class PrioritizedMapping(Generic[Pose]):
     def split(self, displacements: Array, pose: Pose) -> tuple[Array, Array, Array]:
         """Displacements (n,) of the surviving actuators in three parts.
 
-        Returns:
-            Their effect on the major task, shape (m1,), which the mapping's own displacements would
-            have too; less these, what is secondary motion alone, shape (n,); and what no motion
-            follows, because closed loops tie the actuators together, shape (n,).
+        Their effect on the major task (m1,), which the mapping's own displacements would have too;
+        less these, what is secondary motion alone (n,); and what no motion follows, because closed
+        loops tie the actuators together (n,).
         """
-        now = self.at(self._model.posture(pose))
-        surviving = displacements[self._surviving]
-        internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
+        mapping, kinematics, _ = self.at(pose)
+        surviving, C = displacements[self._surviving], kinematics.active_constraint
+        internal = np.linalg.pinv(C) @ (C @ surviving)
         surviving = surviving - internal
-        demand = now.J[self._major] @ surviving
-        secondary_reference = self._expand.dot(surviving - now.mapping(demand))
+        demand = kinematics.J[self._major] @ surviving
+        secondary_reference = self._expand.dot(surviving - mapping(demand))
         return demand, secondary_reference, self._expand.dot(internal)
 
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
@@ -370,13 +416,16 @@ class PrioritizedMapping(Generic[Pose]):
         """
         if self.goal.locked_at:  # a former mapping may still have commanded it
             displacements = np.where(self._locked, self._locked_at, displacements)
-        return self._model.moved(pose, self._follow.dot(displacements))
+        if self._some_follow:
+            displacements = self._follow.dot(displacements)
+        return self._model.moved(pose, displacements)
 
-    def at(self, posture: Pose, /) -> LocalMapping:
-        """The mapping at a posture of the geometry."""
-        if posture is self.nominal:
+    def at(self, pose: Pose, /) -> LocalMapping:
+        """The mapping at a pose."""
+        jacobians = self._model.jacobians(pose)
+        if pose is self.nominal or jacobians is self._model.system:
             return self._at_nominal
-        return self._local(self._failed.at_pose(self._model.jacobians(posture)).kinematics())
+        return self._local(self._failed.at_pose(jacobians).kinematics())
 
     def _local(self, kinematics: Kinematics) -> LocalMapping:
         mapping, limited = self._prepared.at(kinematics), None
@@ -384,8 +433,7 @@ class PrioritizedMapping(Generic[Pose]):
             limited = (self._allocate or self._limited.at)(kinematics)
         elif self._allocate is not None:
             mapping = self._allocate(kinematics)
-        constraint = kinematics.active_constraint
-        return LocalMapping(mapping, self._expand, kinematics.J, constraint, limited)
+        return LocalMapping(mapping, kinematics, limited)
 
 
 def _vector(name: str, value: Array, size: int) -> Array:

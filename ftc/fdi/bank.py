@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from argument_checks import Array, Indices, Mask
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.fdi.fault_model import Fault, NominalModel, at_rest, fault_model, of_actuators
 from ftc.fdi.observer import ObserverState, Parameters, Sample
 from ftc.fdi.uncertainty import (

@@ -13,8 +13,8 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from argument_checks.records import changed
 from argument_checks.ties import ascending
-from ftc._records import changed
 from ftc.fdi.bank import Cause, Evidence, HypothesisBank, believed_model, hypothesis_bank
 from ftc.fdi.decision import (
     CONFIDENCE,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from argument_checks import Array
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.uncertainty import UncertainModel, Uncertainty

@@ -5,13 +5,12 @@ from typing import Any
 import control
 import numpy as np
 
-from ftc import LinearLoop, SensorCheck, SensorChecks, simulate
+from ftc import SensorCheck
 from ftc.control import circle_margin, sensitivity_peak
 from ftc.control.anti_windup import tracking_gain
 from ftc.fdi import DEFAULT_CONFIG, Diagnosis, Dither, Fault, monitor, static_share
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import resting_displacements, static_gain
-from ftc.guarded_controller import time_limit
 from tests.ftc.hostile_loop import FAULTY, SWING
 from tests.ftc.hostile_machine import (
     LOOP,
@@ -32,12 +31,6 @@ LOOPED = SAMPLED * control.append(LOOP.discrete, LOOP.discrete)
 DISCRETE = control.c2d(PLANT, PERIOD_S)
 ENOUGH = 3 * WATCH.ticks
 CONFIG = {name: value for name, value in vars(DEFAULT_CONFIG).items() if name != "uncertainty"}
-CLOSED: dict[str, Any] = {"nominal": NOMINAL, "gain": PILOT.mapping.major_gain()}
-CLOSED |= {
-    "secondary": np.zeros((4, N)),
-    "reference": np.ones((4, M1)),
-    "compensators": [LOOP] * M1,
-}
 
 
 def watched(config: FdiConfig) -> Any:
@@ -57,15 +50,10 @@ def sampled(**given: Any) -> Any:
     return state.observer.residual, state.last_commanded
 
 
-def limited(seconds: float) -> int:
-    with time_limit(seconds):
-        return 0
-
-
 def checked(**given: Any) -> Any:
     """What sensors say after a reading."""
-    check = SensorChecks(SensorCheck(**given))
-    return check.step(check.start(2, N), None, STILL).task.held_ticks
+    check = SensorCheck(**given)
+    return check.step(check.start(2), None, STILL).held_ticks
 
 
 TARGETS = {
@@ -74,11 +62,6 @@ TARGETS = {
     "circle_margin": Target(
         circle_margin, {"plant": SAMPLED, "compensators": [LOOP] * M1, "anti_windup": True}
     ),
-    "simulate": Target(
-        lambda **a: simulate(**a),
-        {"loop": LinearLoop(**CLOSED), "faults": FAULTY, "onset": 1},
-    ),
-    "LinearLoop": Target(lambda **a: simulate(LinearLoop(**a), FAULTY, 1), CLOSED),
     "static_gain": Target(static_gain, {"nominal": NOMINAL, "faults": FAULTY}),
     "static_share": Target(static_share, {"nominal": NOMINAL, "fault": FAULTY[0]}),
     "resting_displacements": Target(
@@ -104,9 +87,4 @@ TARGETS = {
         checked,
         {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True},
     ),
-    "SensorChecks": Target(
-        lambda **a: SensorChecks(**a).start(2, N).failed,
-        {"task": SensorCheck(PERIOD_S), "encoders": SensorCheck(PERIOD_S)},
-    ),
-    "time_limit": Target(limited, {"seconds": 1.0}),
 }

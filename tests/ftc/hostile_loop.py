@@ -12,7 +12,6 @@ from ftc import (
     PrioritizedController,
     PrioritizedMapping,
     SensorCheck,
-    SensorChecks,
     Supervisor,
     run_loop,
 )
@@ -129,7 +128,7 @@ TARGETS = {
         told(Supervisor),
         SUPERVISOR
         | {"task": NOMINAL, "watched": lambda read, *_: read.output, "estimate": lambda *_: DESIRED}
-        | {"sensor_checks": SensorChecks(SensorCheck(PERIOD_S)), "unused": "locked"}
+        | {"sensor_check": SensorCheck(PERIOD_S), "unused": "locked"}
         | {"dither": SWING},
     ),
     "Supervisor.reconfigured": Target(

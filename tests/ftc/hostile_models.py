@@ -55,7 +55,7 @@ LOADED = {"feedback": np.eye(N, 2 * N), "holding": np.ones(N), "spring": np.eye(
 LOADED |= {"preload": np.ones(N), "implicit_damping": False, "floor": np.ones((N, 3))}
 RUBS = np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N)
 ENCODED = {"limits": LIMITS, "springs": False, "sense": "joints", "noise": np.ones(N)}
-ENCODED |= {"handover_s": 0.1, "when_limited": "scaled", "unused": "free", "feedforward": True}
+ENCODED |= {"unused": "free", "feedforward": True}
 
 
 def model(**given: Any) -> Any:
@@ -90,7 +90,7 @@ def weighed(**given: Any) -> Any:
 
 def tracked(**given: Any) -> Any:
     found = tracking(**({**TRACKED, "crossover_hz": 5.0} | given))
-    return found.peak, found.loops, found.nominal.noise, flown(found.controller(GOAL))
+    return found.loops, found.nominal.noise, flown(found.controller(GOAL))
 
 
 def tracked_plant(**given: Any) -> Any:

@@ -27,7 +27,7 @@ def mechanism(name: str) -> Mechanism:
 def by_objects(mapping: PrioritizedMapping[Any]) -> PrioritizedMapping[Any]:
     """The same mapping without compiled ticks."""
     other = copy(mapping)
-    vars(other).update(_tick=None, _limited_tick=None)
+    vars(other).update(_ticks=[None, None])
     return other
 
 
@@ -94,7 +94,7 @@ def compared(name: str, mappings: int, ticks: int) -> None:
             assert (lacking is None) == (known is None)
             if lacking is not None and known is not None:
                 np.testing.assert_allclose(lacking, known, atol=1e-9 * np.abs(demand).max())
-        compiled += (mapping._tick if mapping.limits is None else mapping._limited_tick) is not None
+        compiled += mapping._ticks[mapping.limits is not None] is not None
     assert compiled == mappings
 
 
@@ -137,4 +137,4 @@ def test_next_to_a_singularity_the_objects_decide():
     mapping = StrutMapping(machine, Goal((1.0,) * 6), "analytic")
     pose = parallel.posture(NOMINAL)
     step = mapping._step(np.zeros(2), pose, None, None, None)
-    assert mapping._moved(mapping._tick, pose, step, None) is None
+    assert mapping._moved(mapping._ticks[0], pose, step, None) is None

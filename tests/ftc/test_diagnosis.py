@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from fjh.rig.hexapod.fault_tolerance import HEAVE
-from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.rig import hexapod_rig, pursuing
 from fjh.rig.hexapod.testbed import TestbedConfig
-from fjh.rig.prediction import linear_loop
-from ftc import simulate
+from fjh.rig.prediction import linear_run
 from ftc.fdi import DEFAULT_CONFIG, KINDS, Diagnosis, Dither, Fault, NominalModel, monitor
 from ftc.fdi.decision import CONFIDENCE
 from ftc.fdi.monitor import Monitor, MonitorState
@@ -35,9 +34,9 @@ def drawn(nominal: NominalModel, seed: int) -> NominalModel:
 
 def flown(seed: int, fault: Fault | None, duration_s: float = 1.9, late: int = 1):
     """Commands that came before each tick, and outputs, of a drawn plant with late commands."""
-    loop = linear_loop(RIG, BENCH.spiral_rad(duration_s, begin_s=6.0), DITHER)
-    loop = replace(loop, nominal=drawn(ANGLES, seed))
-    states, sent = simulate(loop, [] if fault is None else [fault], ONSET)
+    rig, faults = pursuing(RIG, RIG.goal, nominal=drawn(ANGLES, seed)), [fault] if fault else []
+    path = BENCH.spiral_rad(duration_s, begin_s=6.0)
+    states, sent = linear_run(rig, path, DITHER, faults, ONSET)
     rng = np.random.default_rng(seed)
     y = states @ ANGLES.plant.C.T + ANGLES.noise * rng.standard_normal((len(states), 2))
     before = np.vstack([np.zeros((1, 6)), sent[:-1]])

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ftc._records import changed
+from argument_checks.records import changed
 from ftc.fdi import Uncertainty
 from ftc.fdi.bank import EXTRA, Evidence, hypothesis_bank
 from ftc.fdi.observer import Parameters

@@ -35,7 +35,7 @@ def test_a_response_is_the_solution_of_its_linear_system_at_each_frequency(seed)
     solved = np.array(
         [L.C @ np.linalg.solve(each * np.eye(L.nstates) - L.A, L.B) + L.D for each in z]
     )
-    found = frequency_response(L, FREQUENCY_RAD_S)
+    found = frequency_response(L)(FREQUENCY_RAD_S)
     size = 1 + np.linalg.norm(solved, axis=(1, 2))  # I + L is what margins and peaks are read off
     assert (np.linalg.norm(found - solved, axis=(1, 2)) < 1e-11 * size).all()
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from ftc import (
-    NEVER,
     DirectDrive,
     Goal,
     LocalGeometry,
@@ -79,7 +78,7 @@ class Run:
         return np.sqrt(((REFERENCE - self.position_m)[ticks] ** 2).mean(axis=0))
 
 
-def run(pilot: OracleController, ticks: int = TICKS, lock_tick: int = NEVER) -> Run:
+def run(pilot: OracleController, ticks: int = TICKS, lock_tick: int | None = None) -> Run:
     """The closed loop in physics; the joint locks at a tick."""
     plant, state, kept = Plant(MODEL), pilot.start(), []
     for tick in range(ticks):
@@ -93,7 +92,7 @@ def run(pilot: OracleController, ticks: int = TICKS, lock_tick: int = NEVER) -> 
 
 
 def unaware(own: PrioritizedMapping) -> OracleController:
-    return OracleController(controller(own), controller(own), NEVER)
+    return OracleController(controller(own), controller(own), None)
 
 
 def predicted_m() -> np.ndarray:

@@ -11,8 +11,8 @@ TARGETS = hostile_models.TARGETS | hostile_loop.TARGETS | hostile_fdi.TARGETS
 RESULTS = (
     "LoopRun",
     "NestedState",
-    "OracleState",
     "Sensors",
+    "Sensors.after",
     "Sensors.sentence",
     "SupervisorState",
 )
@@ -21,17 +21,13 @@ RESULTS = (
 PARTS = (
     *("Stage", "steps", "one_tick", "mapping_for", "Tracking"),
     *("explanation", "deciding_sentence", "is_possible"),
-    *(
-        f"{name}.{method}"
-        for name in ("SensorCheck", "SensorChecks")
-        for method in ("start", "step")
-    ),
+    *("SensorCheck.start", "SensorCheck.step"),
 )
 """`fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked."""
 
 AT_EVERY_TICK = (
-    *(f"LocalGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
-    *(f"MechanismGeometry.{name}" for name in ("posture", "jacobians", "twist", "moved")),
+    *(f"LocalGeometry.{name}" for name in ("jacobians", "twist", "moved")),
+    *(f"MechanismGeometry.{name}" for name in ("jacobians", "twist", "moved")),
     *(
         f"PrioritizedMapping.{name}"
         for name in (

@@ -1,5 +1,6 @@
 """Which failures of the hexapod look alike, without simulated noise."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,7 @@ import pytest
 from fjh.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import TestbedConfig
-from fjh.rig.prediction import linear_loop
-from ftc import LinearLoop, simulate
+from fjh.rig.prediction import linear_run
 from ftc.fdi import (
     CERTAIN,
     KINDS,
@@ -33,9 +33,11 @@ ONSET = 1500
 STRUT_1 = np.eye(6)[0]
 
 
-def dithered(duration_s: float, dither: Dither = DITHER) -> LinearLoop:
-    """The loop on a part of the spiral from 6 s on."""
-    return linear_loop(RIG, BENCH.spiral_rad(duration_s, begin_s=6.0), dither)
+def dithered(
+    duration_s: float, dither: Dither = DITHER, *, faults: Sequence[Fault] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """The loop on a part of the spiral from 6 s on, with faults at 1.5 s."""
+    return linear_run(RIG, BENCH.spiral_rad(duration_s, begin_s=6.0), dither, faults, ONSET)
 
 
 def distances(
@@ -47,8 +49,8 @@ def distances(
 ) -> tuple[np.ndarray, float]:
     """Of a failure at 1.5 s of a spiral, after so many ticks."""
     until = ONSET + ticks
-    loop = dithered((until + 1) * BENCH.control_period_s, dither)
-    states, commanded = simulate(loop, [fault], ONSET)
+    duration_s = (until + 1) * BENCH.control_period_s
+    states, commanded = dithered(duration_s, dither, faults=[fault])
     return isolability(seen, fault, ONSET, states[:until], commanded[:until], uncertainty)
 
 
@@ -82,7 +84,7 @@ def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
 def test_the_distance_from_no_failure_is_that_of_the_outputs():
     """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
     fault = Fault(0, "free")
-    states, commanded = simulate(dithered(1.7), [fault], ONSET)
+    states, commanded = dithered(1.7, faults=[fault])
     sound = fault_model(ANGLES)
     apart = (states - sound.states(commanded)[:-1]) @ sound.C.T
     _, found = isolability(ANGLES, fault, ONSET, states, commanded)
@@ -147,7 +149,7 @@ def test_what_is_no_failure_is_far_from_every_failure(cause, commands, scale):
     """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
     until = ONSET + 200
     since_s = ((np.arange(until) - ONSET) * ANGLES.period_s)[:, None]
-    commanded = simulate(dithered(1.71), [], ONSET)[1][:until]
+    commanded = dithered(1.71)[1][:until]
     sound, bank = fault_model(ANGLES), hypothesis_bank(ANGLES, (), TYPICAL, 4)
     moved = sound.states(commands(since_s, commanded))[:-1] @ sound.C.T
     outputs = moved * np.where(since_s < 0, 1.0, scale)

@@ -267,8 +267,8 @@ def test_events_have_rows_a_table_a_figure_and_checks(made_once, faults_of_figur
     ("words", "said"),
     [
         (("--events", "--hours", "3"), "--hours does not go with --events"),
-        (("--events", "--controller", "ftc.oracle:OracleController"), "--controller does not go"),
-        (("--scheduler", "x", "--controller", "ftc.oracle:OracleController"), "module is here"),
+        (("--events", "--controller", "ftc.loop:Stage"), "--controller does not go"),
+        (("--scheduler", "x", "--controller", "ftc.loop:Stage"), "module is here"),
         (("--hours", "0"), "hours must be a number from 0.001"),
         (("--hours", "nan"), "hours must be a number from 0.001"),
     ],

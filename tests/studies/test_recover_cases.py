@@ -30,7 +30,7 @@ from fjh.rig.hexapod.mismatch import ALL, ALONE, DRAWN, OTHER, differing
 from fjh.rig.mismatch import Mismatch
 from fjh.rig.run import Diagnosed
 from fjh.study.errors import Interrupted, WrongInput
-from ftc import NEVER, Measurement
+from ftc import Measurement
 from ftc.fdi import Cause, Diagnosis, Fault
 from sim import Failure, SimulationDiverged
 from sim.plant import FailureKind
@@ -251,7 +251,7 @@ def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch, 
 
 def test_a_controller_that_does_nothing_holds_its_commands_where_a_reading_is_no_number():
     controller = exact_rig().controller()
-    holding = Holding(controller, controller, NEVER)
+    holding = Holding(controller, controller, None)
     state = holding.step(holding.start(), np.full(2, 1e-6), Measurement(np.zeros(2), np.zeros(6)))
     held = holding.step(state, np.full(2, 1e-6), Measurement(np.array([np.nan, 0]), np.zeros(6)))
     assert held.ticks == 2 and held.controller is state.controller

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import mujoco
 import numpy as np
 
-from fjh.rig.hexapod.closed_form import Hexapod, Posture, hexapod
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from fjh.rig.hexapod.detector import pointing_angles, secondary_motion
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
@@ -128,23 +128,18 @@ class HexapodGeometry:
             stiffness=stiffness,
         )
 
-    def posture(self, pose: Pose) -> Posture:
-        """The pose with its struts, or the nominal one."""
-        if self.constant:
-            return self.nominal
-        return pose if isinstance(pose, Posture) else self.hexapod.posture(pose)
-
-    def jacobians(self, posture: Pose) -> "StrutJacobians | ConstrainedSystem":
+    def jacobians(self, pose: Pose) -> "StrutJacobians | ConstrainedSystem":
         """Where l_dot = A x_dot."""
-        if posture is self.nominal:
+        if self.constant or pose is self.nominal:
             return self.system
         J_C = self.system.J_C.copy()
-        np.negative(self.hexapod.inverse_jacobian(posture), out=J_C[:, 6:])
+        np.negative(self.hexapod.inverse_jacobian(pose), out=J_C[:, 6:])
         return StrutJacobians(self.system.J_T, J_C)
 
-    def twist(self, posture: Pose, displacements: Array) -> Array:
+    def twist(self, pose: Pose, displacements: Array) -> Array:
         """Payload twist (6,) of small strut displacements (6,)."""
-        return self.hexapod.posture(posture).twist(displacements)
+        here = self.nominal if self.constant else self.hexapod.posture(pose)
+        return here.twist(displacements)
 
     def moved(self, pose: Pose, displacements: Array) -> Pose:
         """The pose to which strut displacements (6,) lead, from the pose one tick before.

@@ -32,7 +32,6 @@ from ftc import (
     Goal,
     PrioritizedController,
     SensorCheck,
-    SensorChecks,
     Supervisor,
     Unused,
     is_possible,
@@ -115,7 +114,7 @@ class HexapodControl:
             self.nominal,
             self.unused,
             dither,
-            sensor_checks=SensorChecks(check),
+            sensor_check=check,
         )
 
     def _can(self, faults: Sequence[Fault]) -> bool:

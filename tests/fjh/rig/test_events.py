@@ -19,7 +19,6 @@ from fjh.rig.events import EVENTS, Event, effects
 from fjh.rig.events.hooks import events_of
 from fjh.rig.run import tick_of
 from fjh.study.errors import WrongInput
-from ftc import NEVER
 from sim import HEXAPOD_MJCF, Failure
 from sim.mjcf import drives
 from sim.plant import Reading
@@ -527,7 +526,7 @@ def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, par
     one = rig(name).drawn("all", 4)
     pilot, path = one.supervisor(), one.path("circle", duration_s=3.2, turn_s=1.5)
     inner = one.controller()
-    nothing = Holding(inner, inner, NEVER, secondary=pilot.secondary)
+    nothing = Holding(inner, inner, None, secondary=pilot.secondary)
     ours, theirs = (
         one.fly(each, path, events=Strength(one, 1, parts)) for each in (pilot, nothing)
     )

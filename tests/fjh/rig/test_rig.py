@@ -13,7 +13,7 @@ from fjh.rig import Rig
 from fjh.rig.dither import rig_dither
 from fjh.rig.mismatch import Known, Mismatch
 from fjh.study.errors import WrongInput
-from ftc import NEVER, OracleController
+from ftc import OracleController
 from ftc.fdi import LEARNING_S, Diagnosis, Fault
 from sim import HEXAPOD_MJCF, Body, Failure, JacobianReader, Mechanism, Plant, load_model
 from tests.robots import FINGER
@@ -167,7 +167,7 @@ def test_every_pilot_demands_the_path_through_the_inverse():
     """Until something fails one that diagnoses, or is told later, flies as one that does not."""
     one, path = rig("arm"), path_of("arm", 0.1)
     pilot = one.controller()
-    pilots = pilot, one.supervisor("none"), OracleController(pilot, pilot, NEVER)
+    pilots = pilot, one.supervisor("none"), OracleController(pilot, pilot, None)
     plain, *others = (one.fly(each, path).inputs for each in pilots)
     for each in others:
         np.testing.assert_array_equal(each, plain)

@@ -10,7 +10,7 @@ import pytest
 from experiments.recover.row import Holding
 from fjh.rig import Rig
 from fjh.rig.run import Run
-from ftc import NEVER, GuardedController
+from ftc import GuardedController
 from sim import HEXAPOD_MJCF
 
 STRUCK, TICKS = 900, 1200
@@ -71,7 +71,7 @@ def flown(name: str, what: str, sense: Any = "both", pilot: str = "supervisor") 
     flies = one.supervisor("none" if name != "hexapod" else "default")
     if pilot == "nothing":
         inner = one.controller()
-        flies = Holding(inner, inner, NEVER, secondary=flies.secondary)
+        flies = Holding(inner, inner, None, secondary=flies.secondary)
     if pilot == "guarded":
         inner = one.controller()
         flies = GuardedController("my:own", lambda task: inner, one.task)
