@@ -263,24 +263,15 @@ class HypothesisBank:
     ) -> tuple[Array, Array]:
         """States after a sample and outputs during it, of the hypotheses that `steps` (H, K)."""
         X, now = state.X.copy() if keeps else state.X, state.onsets == sample
-        onset, friction = self.models.onset, self.models.friction
+        onset = self.models.onset
         later = np.zeros((len(X), X.shape[-1]))
         if now.any():  # until then each hypothesis is the first one
             healthy = X[0, 0, : 1 - EXTRA].copy()
             later = onset @ self.believed.step(healthy, v)[1][0]
             X[1:-1, now] = (X[0, 0] @ onset[1:-1].swapaxes(-1, -2))[:, None]
             X[1:-1, now, -2] = self.scaled[1:-1, None, None] * healthy[0]
-        H, K, rows, s = X.shape
-        p = state.memory.shape[-1]
-        outputs, room = np.empty((H, K, rows, p)), np.empty(2 * rows * (p + s))
-        outputs[:, :, 0] = 0.0
-        before = None if friction is None else X.copy()
         age = np.maximum(sample - state.onsets, 0).astype(float)
-        given = pointer(steps), *self.models.stacked, pointer(v), pointer(age)
-        changing = pointer(room), pointer(X), pointer(outputs)
-        lib.advance_models(H, K, rows, s, p, len(v), *given, *changing)
-        if friction is not None and before is not None:
-            friction.apply(steps, before, X, outputs, v)
+        outputs = self.models.advance(X, v, steps, age)
         if now.any():
             X[1:-1, now, -3] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
             X[1:-1, now, -2] += shaken * self.placed[1:-1, None]

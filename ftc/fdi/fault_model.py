@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.fdi.friction import Rubbing
+from kernels import ffi, lib, pointer
 
 if TYPE_CHECKING:
     import control
@@ -201,6 +201,45 @@ def _checked_friction(friction: Sequence[Array], positions: int) -> tuple[Array,
         check.frozen(check.array(f"friction.{name}", part, *shape, least=low))
         for name, part, shape, low in zip(names, given, shapes, least, strict=True)
     )
+
+
+class Rubbing(NamedTuple):
+    """One physics step with dry friction: x' = A x + B [u; 1] + G f, each force within its limit.
+
+    f (r,) minimizes f'K f / 2 + f'(E x + D [u; 1]), of states x (s,) and commands u (n,). Outputs
+    in units of their noise are C x (p,); a control tick has `steps_a_tick` such steps. Of H models
+    side by side each array has a further first axis.
+
+    Coulomb's law as a convex problem, with the softness of the simulator or of the contact itself:
+    E. Todorov, "Convex and analytically-invertible dynamics with contacts and constraints", ICRA
+    2014; in the rigid limit the linear complementarity problem of D. Stewart and J. Trinkle, Int.
+    J. Numerical Methods in Engineering 39, 1996.
+    """
+
+    A: Array
+    B: Array
+    G: Array
+    E: Array
+    D: Array
+    K: Array
+    limit: Array
+    C: Array
+    steps_a_tick: int
+
+    def given(self) -> Any:
+        """Struct of the kernels."""
+        sizes = self.A.shape[-1], self.K.shape[-1], self.B.shape[-1] - 1, self.C.shape[-2]
+        parts = (pointer(part) for part in self[:8])
+        return ffi.new("rubbing *", [*sizes, self.steps_a_tick, *parts])
+
+    def moved(self, x: Array, commanded: Array) -> Array:
+        """States (..., s) a control tick later, with displacements (..., n) commanded."""
+        X = np.array(x, dtype=float).reshape(-1, len(self.A))
+        U = np.ones((len(X), self.B.shape[1]))
+        U[:, :-1] = commanded.reshape(len(X), -1)
+        room = np.empty(2 * len(self.A) + 3 * len(self.K))
+        lib.slide(self.given(), len(X), pointer(U), pointer(room), pointer(X))
+        return X.reshape(x.shape)
 
 
 @dataclass(frozen=True)

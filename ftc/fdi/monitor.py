@@ -281,12 +281,18 @@ class Monitor:
         after = monitor(self.nominal, known, self.config)
         past = [each for each in state.history if each.number * self.ticks >= found.onset_tick]
         first = (past or state.history[-1:])[0].before
+        # The residuals of a failed plant have more variance.
+        inflation = 1.0 if state.verdict is None else state.verdict.inflation
+        known, spectrum = state.observer, state.observer.spectrum
         begun = replace(
-            state.observer.quieter(1.0 if state.verdict is None else state.verdict.inflation),
+            known,
             sample=first.sample,
             X=first.X @ after.observer.model.onset.T,
             memory=first.memory,
             parameters=first.parameters,
+            spectrum=spectrum._replace(covariance=inflation * spectrum.covariance),
+            whitening=known.whitening / np.sqrt(inflation),
+            decoupled=known.decoupled / np.sqrt(inflation),
         )
         observer, history, residuals = after.observer.replayed(begun, past)
         recent = self.test.start()
