@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import chdtri
 
 import argument_checks as check
 from argument_checks import Array
@@ -18,11 +19,13 @@ from ftc._records import changed
 from ftc.fdi.bank import Cause, Evidence, HypothesisBank, believed_model, hypothesis_bank
 from ftc.fdi.decision import (
     CONFIDENCE,
+    CONFIRMATION_S,
+    LARGEST_INFLATION,
+    LARGEST_UNEXPLAINED,
     LOOK_BACK_S,
+    MOST_LEFT,
     RESTART_S,
     Verdict,
-    action,
-    contradicts,
     verdict,
 )
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
@@ -219,41 +222,79 @@ class Monitor:
 
     def _judged(self, state: MonitorState, evidence: Evidence) -> MonitorState:
         """Name an actuator, revise that, confirm it, or dismiss the alarm, by this evidence."""
-        found, before, number = state.diagnosis, state.verdict, state.history[-1].number
+        found, before = state.diagnosis, state.verdict
         # Once a failure is named, what shakes the failed machine is slow disturbance enough.
-        now = verdict(self.bank, evidence, number, disturbed=found is None)
-        since = state.alarm_ticks[-1] if found is None else state.named_tick
-        waited_s, seen_s = (
-            (state.ticks - tick) * self.nominal.period_s for tick in (since, state.begun_tick)
-        )
-        every = max(self.observer.samples(REVISED_S), 1)
-        between = every * len(self.nominal.noise), every * self.observer.period_s
-        contradicted = before is not None and contradicts(self.config, before, now, *between)
-        does = action(self.config, found, now, waited_s, seen_s, contradicted=contradicted)
+        now = verdict(self.bank, evidence, state.history[-1].number, disturbed=found is None)
         state = replace(state, evidence=evidence, verdict=now)
-        if does == "dismiss":
-            observer, causes = self.observer.following(state.observer), (*state.causes, now.cause)
-            return replace(state.reset(), observer=observer, cleared=number, causes=causes)
-        if does == "name":  # without onsets that hardly matter any more
-            evidence = evidence.only(now.best >= now.best.max() - _NEGLIGIBLE)
-            named = state.ticks - 1 if found is None else state.named_tick
-            named = {"named_tick": named, "diagnosis": self._diagnosis(state, now)}
-            return replace(state, evidence=evidence, **named)
-        if does == "begin":
-            evidence = self._looked_back(state, RESTART_S / 2)
-            return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
-        if does == "give_up":  # nothing explains the residuals: learn what they are like
-            observer = self.observer.relearning(state.observer)
-            given_up = replace(state.reset(), unexplained=True, cleared=number)
-            learning = self.observer.samples(LEARNING_S)
-            return replace(given_up, relearns=learning, observer=observer)
-        if does == "confirm":
-            return replace(state, diagnosis=replace(self._diagnosis(state, now), confirmed=True))
-        if does == "keep" and found is not None and before is not None:
+        # What a name is withdrawn for must explain better than it does.
+        better = found is None or now.inflation <= LARGEST_INFLATION
+        if now.fault_free_confidence >= CONFIDENCE and better:
+            return self._dismissed(state, now)
+        if found is None:
+            return self._looked_into(state, now)
+        if before is not None and self._contradict(before, now):
+            # One that comes and goes has not been healthy for the time that a confirmation takes.
+            if found.fault.is_sound:
+                return self._dismissed(state, now)
             # What has happened since is not noise of the machine that has been confirmed.
-            kept = replace(found, confirmed=True, tick=state.ticks - 1)
-            return replace(state, verdict=replace(now, inflation=before.inflation), diagnosis=kept)
-        return state
+            found = replace(found, confirmed=True, tick=state.ticks - 1)
+            return replace(state, verdict=replace(now, inflation=before.inflation), diagnosis=found)
+        waited_s = (state.ticks - state.named_tick) * self.nominal.period_s
+        if not now.fits or now.unexplained > MOST_LEFT:
+            return self._given_up(state)
+        if now.actuator_confidence < CONFIDENCE:
+            return self._given_up(state) if waited_s >= 2 * CONFIRMATION_S else state
+        if waited_s >= CONFIRMATION_S:
+            return replace(state, diagnosis=replace(self._diagnosis(state, now), confirmed=True))
+        return self._named(state, evidence, now) if now.revises(found.fault) else state
+
+    def _looked_into(self, state: MonitorState, now: Verdict) -> MonitorState:
+        """Name an actuator for the first time, begin anew, or give up."""
+        waited_s, seen_s = (
+            (state.ticks - tick) * self.nominal.period_s
+            for tick in (state.alarm_ticks[-1], state.begun_tick)
+        )
+        explained = now.fits and now.unexplained <= LARGEST_UNEXPLAINED
+        certain = now.actuator_confidence >= CONFIDENCE and seen_s >= self.config.evidence_s
+        if explained and certain and state.evidence is not None:
+            return self._named(replace(state, named_tick=state.ticks - 1), state.evidence, now)
+        if waited_s >= LOOK_BACK_S:
+            return self._given_up(state)
+        if now.fits or seen_s < RESTART_S:
+            return state
+        evidence = self._looked_back(state, RESTART_S / 2)
+        return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
+
+    def _named(self, state: MonitorState, evidence: Evidence, now: Verdict) -> MonitorState:
+        """Name what the verdict says, without onsets that hardly matter any more."""
+        evidence = evidence.only(now.best >= now.best.max() - _NEGLIGIBLE)
+        return replace(state, evidence=evidence, diagnosis=self._diagnosis(state, now))
+
+    def _dismissed(self, state: MonitorState, now: Verdict) -> MonitorState:
+        observer, causes = self.observer.following(state.observer), (*state.causes, now.cause)
+        cleared = state.history[-1].number
+        return replace(state.reset(), observer=observer, cleared=cleared, causes=causes)
+
+    def _given_up(self, state: MonitorState) -> MonitorState:
+        """Nothing explains the residuals: learn what they are like."""
+        return replace(
+            state.reset(),
+            unexplained=True,
+            cleared=state.history[-1].number,
+            relearns=self.observer.samples(LEARNING_S),
+            observer=self.observer.relearning(state.observer),
+        )
+
+    def _contradict(self, before: Verdict, now: Verdict) -> bool:
+        """Whether something else has happened between two verdicts, at the rate of false alarms.
+
+        It has if what was measured meanwhile has more energy than noise as before has.
+        """
+        samples = max(self.observer.samples(REVISED_S), 1)
+        hours = samples * self.observer.period_s / 3600
+        freedom = samples * len(self.nominal.noise)
+        limit = chdtri(freedom, self.config.false_alarms_per_hour * hours) * before.inflation
+        return bool(now.energy - before.energy > limit)
 
     def _diagnosis(self, state: MonitorState, now: Verdict) -> Diagnosis:
         """The diagnosis by a verdict, not confirmed."""
