@@ -1,11 +1,6 @@
-"""Successors of frozen states, and what they keep for the kernels."""
+"""Successors of frozen states."""
 
-from collections.abc import Iterator
-from typing import Any, TypeVar
-
-import numpy as np
-
-from kernels import pointer
+from typing import TypeVar
 
 State = TypeVar("State")
 
@@ -19,16 +14,3 @@ def changed(state: State, **fields: object) -> State:
     after = object.__new__(type(state))
     vars(after).update(vars(state), **fields)
     return after
-
-
-class Pointers:
-    """Pointers to arrays that stay as they are; a copy has its own."""
-
-    def __init__(self, *arrays: np.ndarray[Any, Any]) -> None:
-        self._arrays, self._pointers = arrays, [pointer(array) for array in arrays]
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self._pointers)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Pointers, self._arrays

@@ -8,6 +8,7 @@ model becomes the nominal one.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from scipy.special import chdtri
@@ -179,7 +180,7 @@ class Monitor:
         left = max(state.relearns - sample.is_whole, 0)
         state = changed(state, history=history, observer=observer, relearns=left)
         if state.evidence is not None:
-            evidence = self.bank.weighed(state.evidence, sample, observer)
+            evidence = self.bank.step(state.evidence, sample, *observer.filters)
             state = changed(state, evidence=evidence)
             every = self.observer.samples(JUDGED_S if state.diagnosis is None else REVISED_S)
             judges = sample.is_whole and evidence.samples % max(every, 1) == 0
@@ -190,7 +191,8 @@ class Monitor:
             return replace(state, observer=self.observer.learned(observer, history))
         if not relearns and samples < learning:
             return state
-        state = changed(state, recent=self.test.push(state.recent, observer.residual))
+        recent = np.concatenate([state.recent[1:], observer.residual[None]])
+        state = changed(state, recent=recent)
         return self._alarmed(state) if self.test.alarm(state.recent) else state
 
     def _alarmed(self, state: MonitorState) -> MonitorState:
@@ -216,8 +218,9 @@ class Monitor:
         memory = first.memory.copy()
         memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
         evidence = self.bank.start(onsets, prior, first.X, memory)
+        filters = state.observer.filters
         for each in past:  # of arrays that nobody else has
-            evidence = self.bank.weighed(evidence, each, state.observer, keeps=False)
+            evidence = self.bank.step(evidence, each, *filters, keeps=False)
         return evidence
 
     def _judged(self, state: MonitorState, evidence: Evidence) -> MonitorState:
@@ -336,10 +339,9 @@ class Monitor:
             decoupled=known.decoupled / np.sqrt(inflation),
         )
         observer, history, residuals = after.observer.replayed(begun, past)
+        later = [each.is_whole and each.number * self.ticks > state.named_tick for each in history]
         recent = self.test.start()
-        for sample, residual in zip(history, residuals, strict=True):
-            if sample.is_whole and sample.number * self.ticks > state.named_tick:
-                recent = self.test.push(recent, residual)
+        recent = np.vstack([recent, *compress(residuals, later)])[-len(recent) :]
         return after, replace(
             state.reset(), observer=observer, history=tuple(history), recent=recent
         )

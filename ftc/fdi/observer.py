@@ -164,10 +164,6 @@ class ResidualTest:
         """Residuals before the first sample, zero, shape (max M, p)."""
         return np.zeros((self.windows[-1], self.outputs))
 
-    def push(self, recent: Array, residual: Array) -> Array:
-        """Add one residual (p,) to the latest ones (max M, p), and drop the oldest."""
-        return np.concatenate([recent[1:], residual[None]])
-
     def alarm(self, recent: Array) -> int:
         """The smallest M for which the latest residuals (max M, p) are more than noise, or 0."""
         swing = ffi.NULL if self.swing is None else pointer(self.swing)
@@ -229,29 +225,26 @@ class ObserverState:
     measured: int
 
     @property
-    def shaken(self) -> float:
-        """Root mean square of the residuals before whitening, in standard deviations of noise."""
-        return float(np.sqrt(self.spectrum.covariance[0].sum()))
+    def filters(self) -> tuple[float, Array, Array]:
+        """Root mean square of residuals before whitening, and both filters, for a bank."""
+        return float(np.sqrt(self.spectrum.covariance[0].sum())), self.whitening, self.decoupled
 
 
 class Sample(NamedTuple):
     """One sample, and the state before it.
 
     Attributes:
+        number: How many samples were before it.
         v: Inputs, shape (r,).
         y: Mean outputs, in units of their noise, shape (p,); None: nothing was measured.
         is_whole: Whether it was measured, and all before it that its whitening needs.
     """
 
-    before: ObserverState
+    number: int
     v: Array
     y: Array | None
     is_whole: bool
-
-    @property
-    def number(self) -> int:
-        """How many samples were before it."""
-        return self.before.sample
+    before: ObserverState
 
 
 @dataclass(frozen=True)
@@ -316,7 +309,7 @@ class Observer:
         System Identification, 1999, section 11.2).
         """
         measured = 0 if y is None else state.measured + 1
-        sample = Sample(state, v, y, measured >= len(state.memory))
+        sample = Sample(state.sample, v, y, measured >= len(state.memory), state)
         predicted, X = self.model.step(state.X, v)
         spectrum, known = state.spectrum, state.parameters
         now: dict[str, Any] = {"sample": state.sample + 1, "X": X, "measured": measured}

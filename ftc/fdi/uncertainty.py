@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 import argument_checks as check
-from argument_checks import Array, Mask
-from ftc._records import Pointers
+from argument_checks import Array, Indices, Mask
 from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, Rubbing
 from kernels import lib, pointer
 
@@ -60,11 +59,6 @@ class Uncertainty:
         relative = ("gain", "stiffness", "damping", "inertia", "friction", "supply", "scale")
         for name, value in vars(self).items():
             check.number(name, value, 0.0, 1.0 if name in relative else check.LARGEST)
-
-    @property
-    def of_model(self) -> "Uncertainty":
-        """These errors of the model alone: nothing happens but failures."""
-        return replace(self, command=0.0, supply=0.0, scale=0.0)
 
 
 CERTAIN = Uncertainty()
@@ -136,7 +130,7 @@ class UncertainModel:
         (H, K, rows, s), p = X.shape, self.C.shape[-2]
         outputs, room = np.zeros((H, K, rows, p)), np.empty(2 * rows * (p + s))
         before = None if self.rubbing is None else X.copy()
-        given = pointer(steps), *self.stacked, pointer(v), pointer(age)
+        given = pointer(steps), *map(pointer, self._stacked), pointer(v), pointer(age)
         changing = pointer(X), pointer(outputs)
         lib.advance_models(H, K, rows, s, p, len(v), *given, pointer(room), *changing)
         if self.rubbing is not None and before is not None:
@@ -148,7 +142,7 @@ class UncertainModel:
         return outputs
 
     @cached_property
-    def stacked(self) -> Pointers:
+    def _stacked(self) -> tuple[Array, Array, Indices]:
         """Outputs before states and columns before rows, for `advance_models`.
 
         That is [C; A]' (H, s, p + s), of each row of a state, and [N; M]' (H, s + r, rows (p + s)),
@@ -161,7 +155,7 @@ class UncertainModel:
         ends = (acts * np.arange(1, n + 1)).max(axis=-1)
         starts = n - (acts * np.arange(n, 0, -1)).max(axis=-1)
         spans = np.stack([starts, ends], axis=-1).astype(np.int64)
-        return Pointers(np.ascontiguousarray(alone), flat, spans)
+        return np.ascontiguousarray(alone), flat, spans
 
 
 _ONE, _AT_ONCE = np.ones((1, 1), dtype=bool), np.ones(1)

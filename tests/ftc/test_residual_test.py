@@ -17,7 +17,7 @@ def alarms(watch, residuals: np.ndarray) -> np.ndarray:
     """Windows (N,) in which each sample raised an alarm, 0 for none."""
     recent, found = watch.start(), []
     for residual in residuals:
-        recent = watch.push(recent, residual)
+        recent = np.vstack([recent[1:], residual])
         found.append(watch.alarm(recent))
     return np.array(found)
 
