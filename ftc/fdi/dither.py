@@ -4,9 +4,10 @@ While all actuators work, the task does not see it; an actuator that does not fo
 column of the task Jacobian uncancelled.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -70,8 +71,13 @@ class Dither:
 
     def at(self, time_s: float) -> Array:
         """Desired actuator displacements at a time, shape (n,)."""
-        swing = np.sin(2 * np.pi * self.frequency_hz * check.number("time_s", time_s))
-        return np.array(self.offset) + self.amplitude * swing * np.array(self.direction)
+        angle = 2 * math.pi * self.frequency_hz * check.number("time_s", time_s)
+        offset, swing = self._arrays
+        return offset + math.sin(angle) * swing
+
+    @cached_property
+    def _arrays(self) -> tuple[Array, Array]:
+        return np.array(self.offset), self.amplitude * np.array(self.direction)
 
 
 def separations(
@@ -204,8 +210,8 @@ class DitherDesign:
     Attributes:
         dither: Of amplitude zero where the task leaves no freedom.
         separable: Pairs of actuators that some direction and frequency of the search separated, and
-            on the diagonal actuators that one separated from no failure, shape (n, n); the least of
-            these was maximized. All, where none was.
+            on the diagonal actuators that one separated from no failure, shape (n, n); the least
+            separation of these was maximized. All, where none was.
         task_motion: Amplitude of each row of the task while nothing has failed, shape (m,).
         displacement: Amplitude of each actuator's motion, shape (n,).
     """
@@ -218,11 +224,6 @@ class DitherDesign:
 
     def __post_init__(self) -> None:
         check.lock(self)
-
-    @property
-    def least(self) -> float:
-        """Least separation among the separable."""
-        return float(self.separations.between_actuators[self.separable].min())
 
 
 def designed_dither(

@@ -243,11 +243,9 @@ class Rubbing(NamedTuple):
 
 @dataclass(frozen=True)
 class FaultModel:
-    """Plant x' = A x + B u + drift from tick to tick, with commands u and outputs y = C x.
+    """Plant x' = A x + B u + drift from tick to tick: states (s,), commands (n,), outputs C x (p,).
 
     Attributes:
-        A: Shape (s, s).
-        B: Shape (s, n).
         C: Outputs in units of their noise ("whitened"), shape (p, s).
         onset: The state just after the onset of the faults, per state just before, shape (s, s):
             an actuator that locks stops, and the impact goes through the whole mechanism.

@@ -38,7 +38,6 @@ from ftc.fdi.observer import (
     ObserverState,
     ResidualTest,
     Sample,
-    residual_test,
 )
 
 JUDGED_S, REVISED_S = 16e-3, 48e-3
@@ -63,7 +62,6 @@ class MonitorState:
     """State of a monitor: what it has seen, what it suspects, and what it has named.
 
     Attributes:
-        ticks: So far.
         commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
         outputs: Of these ticks, in units of their noise, (p,) each; None: nothing was measured.
         last_commanded: Mean of the sample before, shape (n,).
@@ -258,7 +256,10 @@ class Monitor:
             for tick in (state.alarm_ticks[-1], state.begun_tick)
         )
         explained = now.fits and now.unexplained <= LARGEST_UNEXPLAINED
-        certain = now.actuator_confidence >= CONFIDENCE and seen_s >= self.config.evidence_s
+        # In less than a period of the dither an actuator that locks can look like another one that
+        # weakens, on a plant whose errors the nominal model does not have.
+        least_s = 1 / self.config.dither_hz if self.config.dither_hz else 0.0
+        certain = now.actuator_confidence >= CONFIDENCE and seen_s >= least_s
         if explained and certain and state.evidence is not None:
             return self._named(replace(state, named_tick=state.ticks - 1), state.evidence, now)
         if waited_s >= LOOK_BACK_S:
@@ -381,7 +382,7 @@ def monitor(
             f"config must have samples of at most {MOST_STEPS} ticks, got {config.sample_s:g} s"
         )
     believed = believed_model(nominal, faults, config.uncertainty, ticks)
-    test = residual_test(
+    test = ResidualTest(
         len(nominal.noise), config.false_alarms_per_hour, period_s, config.dither_hz
     )
     weak = [each for each in faults if each.kind == "weak" and 0 < each.effectiveness < 1]

@@ -5,7 +5,7 @@ adds a mean, and under a dither a sinusoid of its frequency.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -141,12 +141,14 @@ class ResidualTest:
     """Alarm when a mean of the latest residuals, plain or demodulated, exceeds a threshold.
 
     Finite moving averages (Basseville and Nikiforov, Detection of Abrupt Changes, 1993, section
-    2.1) over several numbers M of samples, as they are and demodulated by the dither (lock-in).
+    2.1) over several numbers M of samples, as they are and demodulated by the dither (lock-in):
+    of one sample, for a jump, to half a second, for a creeping change. Union bound: the rate of
+    false alarms is at most that of all means together, each exact for Gaussian noise.
 
     Attributes:
-        outputs: Number p.
         windows: All M, ascending powers of two.
-        demodulated: The least M of a demodulated mean.
+        demodulated: The least M of a demodulated mean, half a period of the dither or more: in less
+            its cosine and sine would be one and the same, and large twice as often as independent.
         swing: Cosine and sine of the dither at each of the latest samples, shape (max M, 2); its
             phase does not matter. None without a dither.
         threshold: Of chi-square variables with p degrees of freedom.
@@ -154,11 +156,30 @@ class ResidualTest:
     """
 
     outputs: int
-    windows: tuple[int, ...]
-    demodulated: int
-    swing: Array | None
-    threshold: float
-    demodulated_threshold: float
+    false_alarms_per_hour: float
+    period_s: float
+    dither_hz: float | None = None
+    windows: tuple[int, ...] = field(init=False)
+    demodulated: int = field(init=False)
+    swing: Array | None = field(init=False)
+    threshold: float = field(init=False)
+    demodulated_threshold: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        p, period_s, hz = self.outputs, self.period_s, self.dither_hz or 0.0
+        most = round(np.log2(max(LONGEST_S / period_s, 1.0)))
+        windows = tuple(2**k for k in range(1 + most))
+        demodulated = [M for M in windows if M * period_s * hz >= 0.5]
+        angle = 2 * np.pi * hz * period_s * np.arange(windows[-1])
+        means = len(windows) + len(demodulated)
+        probability = self.false_alarms_per_hour * period_s / 3600 / means
+        vars(self).update(
+            windows=windows,
+            demodulated=demodulated[0] if demodulated else windows[-1],
+            swing=np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None,
+            threshold=float(chdtri(p, probability)),
+            demodulated_threshold=float(chdtri(2 * p, probability)),
+        )
 
     def start(self) -> Array:
         """Residuals before the first sample, zero, shape (max M, p)."""
@@ -170,33 +191,6 @@ class ResidualTest:
         thresholds = self.threshold, self.demodulated_threshold
         own = swing, self.demodulated, *thresholds, pointer(np.empty(3 * self.outputs))
         return lib.alarming(*recent.shape, pointer(recent), *own)
-
-
-def residual_test(
-    outputs: int, false_alarms_per_hour: float, period_s: float, dither_hz: float | None = None
-) -> ResidualTest:
-    """Make a test that raises no more false alarms than that, on average.
-
-    Means of one sample, for a jump, to half a second, for a creeping change. Union bound: the rate
-    is at most that of all means together, each exact for Gaussian noise. A mean of less than half
-    a period of the dither is not demodulated: cosine and sine would be one and the same there, and
-    large twice as often as independent ones.
-    """
-    most = round(np.log2(max(LONGEST_S / period_s, 1.0)))
-    windows, swing, demodulated = tuple(2**k for k in range(1 + most)), None, []
-    if dither_hz:
-        demodulated = [M for M in windows if M * period_s * dither_hz >= 0.5]
-        angle = 2 * np.pi * dither_hz * period_s * np.arange(windows[-1])
-        swing = np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None
-    probability = false_alarms_per_hour * period_s / 3600 / (len(windows) + len(demodulated))
-    return ResidualTest(
-        outputs,
-        windows,
-        demodulated[0] if demodulated else windows[-1],
-        swing,
-        float(chdtri(outputs, probability)),
-        float(chdtri(2 * outputs, probability)),
-    )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from ftc.fdi.bank import HypothesisBank, bank_of
 from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Verdict
 from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import FaultModel
-from ftc.fdi.observer import Parameters, residual_test
+from ftc.fdi.observer import Parameters, ResidualTest
 from ftc.fdi.separation import distances
 from ftc.fdi.uncertainty import uncertain_model
 from tests.aircraft import (
@@ -197,7 +197,7 @@ def test_with_the_loss_of_one_known_that_of_the_other_is_found(k):
 
 def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
     """Whether the residual test raises one in a sound flight of 10 s."""
-    test = residual_test(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
+    test = ResidualTest(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
     recent, left = test.start(), sound_residuals(seed, gusts)
     white = sum(
         weights * np.vstack([np.zeros((lag, 2)), left[: len(left) - lag]])
