@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -151,15 +152,17 @@ class Monitor:
         mean_y = _mean(state.outputs, state.history[-2:])
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         now = {"ticks": ticks, "commanded": (), "outputs": (y,), "last_commanded": mean_u}
-        return self._sample(changed(state, **now), v, mean_y)
+        return self._sample(state, now, v, mean_y)
 
     @cached_property
     def bank(self) -> HypothesisBank:
         """The hypotheses, made when first needed: after a confirmed failure by the next alarm."""
         return hypothesis_bank(self.nominal, self.faults, self.config.uncertainty, self.ticks)
 
-    def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
-        """Take one sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
+    def _sample(
+        self, state: MonitorState, now: dict[str, Any], v: Array, y: Array | None
+    ) -> MonitorState:
+        """Take one sample: inputs v and mean outputs y (p,), or None; `now` is new of the state."""
         if y is None and state.diagnosis is None:  # what raised the alarm may be the sensor
             state = state.reset()
         relearns, learning = state.relearns > 0, self.observer.samples(LEARNING_S)
@@ -175,23 +178,22 @@ class Monitor:
         is_due = observer.sample % SPECTRUM_SAMPLES == 0
         if learns and (relearns or samples > learning) and is_due:
             observer = self.observer.with_spectrum(observer)
-        left = max(state.relearns - sample.is_whole, 0)
-        state = changed(state, history=history, observer=observer, relearns=left)
+        now |= {"history": history, "observer": observer}
+        now["relearns"] = max(state.relearns - sample.is_whole, 0)
         if state.evidence is not None:
             evidence = self.bank.step(state.evidence, sample, *observer.filters)
-            state = changed(state, evidence=evidence)
+            state = changed(state, evidence=evidence, **now)
             every = self.observer.samples(JUDGED_S if state.diagnosis is None else REVISED_S)
             judges = sample.is_whole and evidence.samples % max(every, 1) == 0
             return self._judged(state, evidence) if judges else state
-        if not sample.is_whole:
-            return state
-        if not relearns and samples == learning:
-            return replace(state, observer=self.observer.learned(observer, history))
-        if not relearns and samples < learning:
-            return state
+        if not sample.is_whole or (samples < learning and not relearns):
+            return changed(state, **now)
+        if samples == learning and not relearns:
+            now["observer"] = self.observer.learned(observer, history)
+            return changed(state, **now)
         recent = np.concatenate([state.recent[1:], observer.residual[None]])
-        state = changed(state, recent=recent)
-        return self._alarmed(state) if self.test.alarm(state.recent) else state
+        state = changed(state, recent=recent, **now)
+        return self._alarmed(state) if self.test.alarm(recent) else state
 
     def _alarmed(self, state: MonitorState) -> MonitorState:
         """Raise an alarm, and look back for what it comes from."""
@@ -357,8 +359,10 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Sample]) -> Array | 
     if not measured:
         return None
     mean, ticks = sum(measured[1:], measured[0]) / len(measured), len(outputs)
+    if len(measured) == ticks:
+        return mean
     earlier = [each.y for each in before if each.y is not None]
-    if len(measured) == ticks or len(earlier) < 2:
+    if len(earlier) < 2:
         return mean
     known = [tick for tick, each in enumerate(outputs) if each is not None]
     return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))
