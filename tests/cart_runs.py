@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import accumulate
 
 import control
 import numpy as np
@@ -29,18 +28,9 @@ def carts(seed: int, n: int = 2, noise: float = 1e-3) -> NominalModel:
     return NominalModel(plant, shown, np.full(n, noise), period_s=5e-3, step_s=1e-3)
 
 
-def states_of(model: FaultModel, commanded: np.ndarray, start: np.ndarray | None = None):
-    """States before, between and after N commands (N, n) of a tick each, from rest, (N + 1, s).
-
-    Of c sequences (N, n, c) at once they are (N + 1, s, c).
-    """
-    x = np.zeros((len(model.A), *commanded.shape[2:])) if start is None else start
-    return np.array(list(accumulate(commanded, model.step, initial=x)))
-
-
 def outputs_of(model: FaultModel, commanded: np.ndarray) -> np.ndarray:
     """Whitened outputs (N, p) at the ticks from which on commands (N, n) hold, from rest."""
-    return np.array([model.C @ x for x in states_of(model, commanded)[:-1]])
+    return np.array([model.C @ x for x in model.states(commanded)[:-1]])
 
 
 def sample_of(number: int, v: np.ndarray, y: np.ndarray, *, is_whole: bool = True) -> Sample:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -268,6 +269,14 @@ class FaultModel:
             return self.rubbing.moved(x.T, commanded.T).T
         moved = self.A.dot(x) + self.B.dot(commanded)
         return (moved.T + self.drift).T  # of several sequences at once, too
+
+    def states(self, commanded: Array, start: Array | None = None) -> Array:
+        """The states before, between and after N commands (N, n) of a tick each, (N + 1, s).
+
+        The first is `start`, or rest. Of c sequences (N, n, c) at once they are (N + 1, s, c).
+        """
+        x = np.zeros((len(self.A), *commanded.shape[2:])) if start is None else start
+        return np.array(list(accumulate(commanded, self.step, initial=x)))
 
 
 @np.errstate(all="ignore")  # the end says what overflows

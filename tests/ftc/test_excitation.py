@@ -33,7 +33,7 @@ from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.separation import ALIKE, distances
 from sim import NOMINAL, load_model
-from tests.cart_runs import outputs_of, states_of
+from tests.cart_runs import outputs_of
 from tests.hostile import Target, complaints
 
 LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
@@ -110,7 +110,7 @@ def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -
     before = 20
     times = np.arange(round(time_s / nominal.period_s)) * nominal.period_s
     commanded = np.vstack([np.zeros((before, 3)), [dither.at(time) for time in times]])
-    return before, states_of(fault_model(nominal, [fault]), commanded)[:-1], commanded
+    return before, fault_model(nominal, [fault]).states(commanded)[:-1], commanded
 
 
 @pytest.mark.parametrize("row", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (4, 8))])

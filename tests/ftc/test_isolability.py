@@ -24,7 +24,6 @@ from ftc.fdi import (
 from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.separation import distances as from_causes
 from ftc.fdi.uncertainty import TYPICAL
-from tests.cart_runs import states_of
 from tests.ftc.test_excitation import LOOSE, mechanism
 
 BENCH, RIG = TestbedConfig(), hexapod_rig()
@@ -85,7 +84,7 @@ def test_the_distance_from_no_failure_is_that_of_the_outputs():
     fault = Fault(0, "free")
     states, commanded = simulate(dithered(1.7), [fault], ONSET)
     sound = fault_model(ANGLES)
-    apart = (states - states_of(sound, commanded)[:-1]) @ sound.C.T
+    apart = (states - sound.states(commanded)[:-1]) @ sound.C.T
     _, found = isolability(ANGLES, fault, ONSET, states, commanded)
     assert 0.9 < found / np.linalg.norm(apart) < 1.0
 
@@ -111,9 +110,9 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
         fault, times = Fault(1, kind, 0.5 * (kind == "weak")), np.arange(0.0, 0.6, period_s)
         commanded = 1e-3 * np.sin(np.outer(times, [10.0, 25.0, 40.0]))
         onset = round(0.3 / period_s)
-        before = states_of(fault_model(seen), commanded[:onset])
+        before = fault_model(seen).states(commanded[:onset])
         after = fault_model(seen, [fault])
-        struck = states_of(after, commanded[onset:], after.onset @ before[-1])
+        struck = after.states(commanded[onset:], after.onset @ before[-1])
         states = np.vstack([before[:-1], struck[:-1]])
         apart, from_none = isolability(seen, fault, onset, states, commanded, LOOSE)
         found.append([*np.delete(apart, 1, axis=0).ravel(), from_none])
@@ -150,7 +149,7 @@ def test_what_is_no_failure_is_far_from_every_failure(cause, commands, scale):
     since_s = ((np.arange(until) - ONSET) * ANGLES.period_s)[:, None]
     commanded = simulate(dithered(1.71), [], ONSET)[1][:until]
     sound, bank = fault_model(ANGLES), hypothesis_bank(ANGLES, (), TYPICAL, 4)
-    moved = states_of(sound, commands(since_s, commanded))[:-1] @ sound.C.T
+    moved = sound.states(commands(since_s, commanded))[:-1] @ sound.C.T
     outputs = moved * np.where(since_s < 0, 1.0, scale)
     found, from_none = from_causes(
         bank, cause, ONSET, outputs, commanded, (ANGLES.period_s, 4), TYPICAL

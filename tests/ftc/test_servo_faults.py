@@ -12,7 +12,7 @@ from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import resting_displacements
 from ftc.fdi.observer import Parameters
 from sim import Failure
-from tests.cart_runs import sample_of, states_of
+from tests.cart_runs import sample_of
 from tests.sim.test_released import lifted, servos
 
 failures = pytest.mark.parametrize("kind", KINDS)
@@ -95,8 +95,8 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
     nominal, sent = carts.nominal(), commands(n, 400, rng)
     fault = Fault(1, kind, 0.4 * (kind == "weak"))
     before, after = fault_model(nominal), fault_model(nominal, [fault])
-    states = states_of(before, sent[:100])
-    states = np.vstack([states[:-1], states_of(after, sent[100:], after.onset @ states[-1])])[:-1]
+    states = before.states(sent[:100])
+    states = np.vstack([states[:-1], after.states(sent[100:], after.onset @ states[-1])])[:-1]
     np.testing.assert_allclose(states[:, :n], carts.run(fault, 100, sent), atol=1e-12)
 
 

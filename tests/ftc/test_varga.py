@@ -35,7 +35,7 @@ from tests.aircraft import (
     output_distance,
     sampled,
 )
-from tests.cart_runs import outputs_of, sample_of, states_of
+from tests.cart_runs import outputs_of, sample_of
 from tests.spectra import spectrum_of
 
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
@@ -224,14 +224,14 @@ def test_a_stuck_surface_stays_where_the_last_command_put_it():
     sound = input_fault_model(PLANT, SIGMA)
     stuck = input_fault_model(PLANT, SIGMA, [Fault(0, "locked")])
     u = commands()[300:340]
-    x = states_of(sound, u[:5])[-1]
+    x = sound.states(u[:5])[-1]
     held = u[5:].copy()
     held[:, 0] = u[4, 0]
     assert outputs(stuck, u[5:], x) == pytest.approx(outputs(sound, held, x), rel=1e-12)
 
 
 def outputs(plant: FaultModel, u: np.ndarray, start: np.ndarray) -> np.ndarray:
-    return states_of(plant, u, start) @ plant.C.T
+    return plant.states(u, start) @ plant.C.T
 
 
 def test_a_free_surface_does_nothing_and_hypotheses_add_to_what_is_known():

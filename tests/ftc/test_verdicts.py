@@ -10,7 +10,7 @@ from ftc.fdi import CERTAIN, Fault, Uncertainty, fault_model
 from ftc.fdi.bank import LOST, hypothesis_bank
 from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.observer import Parameters
-from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs, states_of
+from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
 WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
@@ -92,8 +92,8 @@ def test_the_state_of_a_verdict_is_that_of_the_failed_plant(kind):
     assert (verdict.fault, verdict.onset) == (Fault(0, kind), 20)
     sent, cut = np.repeat(record.u, ticks, axis=0), 20 * ticks
     before, after = fault_model(nominal), fault_model(nominal, [Fault(0, kind)])
-    struck = after.onset @ states_of(before, sent[:cut])[-1]
-    expected = states_of(after, sent[cut:], struck)[-1]
+    struck = after.onset @ before.states(sent[:cut])[-1]
+    expected = after.states(sent[cut:], struck)[-1]
     np.testing.assert_allclose(after.C @ verdict.x, after.C @ expected, atol=0.5)
     np.testing.assert_allclose(verdict.x, expected, atol=0.02 * np.abs(expected).max())
 
@@ -155,7 +155,7 @@ def test_a_lock_that_is_off_its_place_is_found_where_it_is(seed):
     verdict = verdict_of(bank, evidence, 59)
     sent, cut = np.repeat(record.u, 2, axis=0), onset * 2
     before, after = fault_model(nominal), fault_model(nominal, [fault])
-    struck = after.onset @ states_of(before, sent[:cut])[-1]
+    struck = after.onset @ before.states(sent[:cut])[-1]
     stands = nominal.displacement[0] @ (struck + nudge)
     assert verdict.fault == fault
     found = nominal.displacement[0] @ verdict.x
