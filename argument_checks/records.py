@@ -24,7 +24,7 @@ def computed(kind: type[_Kind], **fields: Any) -> _Kind:
 
 
 def made(kind: type[_Kind], **fields: Any) -> _Kind:
-    """The same of arrays that are locked already."""
+    """A frozen record of arrays that are locked already, made without its own checks."""
     record = object.__new__(kind)
     record.__dict__.update(fields)
     return record

@@ -8,7 +8,9 @@ import numpy as np
 
 from ftc.fdi import Fault, NominalModel, fault_model
 from ftc.fdi.bank import Evidence, HypothesisBank
+from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.monitor import Monitor, MonitorState
+from ftc.fdi.observer import Sample
 
 SAMPLES, ONSETS = 14, np.array([3, 6, 9])
 
@@ -24,6 +26,16 @@ def carts(seed: int, n: int = 2, noise: float = 1e-3) -> NominalModel:
     C = (np.eye(n) + 0.3 * rng.normal(size=(n, n))) @ shown
     plant = control.ss(np.vstack([np.eye(n, 2 * n, n), lower]), B, C, 0)
     return NominalModel(plant, shown, np.full(n, noise), period_s=5e-3, step_s=1e-3)
+
+
+def outputs_of(model: FaultModel, commanded: np.ndarray) -> np.ndarray:
+    """Whitened outputs (N, p) at the ticks from which on commands (N, n) hold, from rest."""
+    return np.array([model.C @ x for x in model.states(commanded)[:-1]])
+
+
+def sample_of(number: int, v: np.ndarray, y: np.ndarray, *, is_whole: bool = True) -> Sample:
+    """A sample of which nothing else is known."""
+    return Sample(number, v, y, is_whole, before=None)  # type: ignore[arg-type]
 
 
 Signal = Callable[[int], np.ndarray]
@@ -121,6 +133,6 @@ def gathered(
     before = np.zeros(record.u.shape[1])
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, sample, v, y, whitening, 1.5, decoupled=decoupled)
+        evidence = bank.step(evidence, sample_of(sample, v, y), 1.5, whitening, decoupled)
         before = u
     return evidence

@@ -14,7 +14,6 @@ from fjh.study.errors import WrongInput
 from fjh.study.spelling import nearest
 from ftc.fdi import (
     DEFAULT_CONFIG,
-    Conditions,
     Cost,
     Dither,
     DitherDesign,
@@ -32,8 +31,8 @@ FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
 """To choose from, above the crossovers of the loops: these would suppress what a failure leaves. No
 actuator is named before a period has passed; by default it is a tenth of a second at most."""
 
-CONDITIONS = Conditions(0.5, DEFAULT_CONFIG.uncertainty)
-"""Under which it is designed: failures are to be told apart in half a second."""
+MEASURED_S = 0.5
+"""So long failures are measured: they are to be told apart in half a second."""
 
 _WORDS = ("none", "default", "designed")
 
@@ -76,7 +75,9 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
         return None
     displacement = DITHER_SIZE * rig.size * np.abs(mapping.major_gain()).max()
     cost = Cost(displacement, rig.nominal.plant.C, task_motion)
-    return designed_dither(rig.watched, freedom, frequencies, CONDITIONS, cost)
+    return designed_dither(
+        rig.watched, freedom, frequencies, cost, MEASURED_S, DEFAULT_CONFIG.uncertainty
+    )
 
 
 def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
@@ -95,7 +96,7 @@ def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> 
 
 def _frequencies(rig: "Rig", asked: str) -> list[float]:
     """Those asked for that the diagnosis sees; of the designed ones those that no loop follows."""
-    slowest = 1 / CONDITIONS.time_s
+    slowest = 1 / MEASURED_S
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
     tried = FREQUENCIES_HZ.get(asked, ())
     if tried:
@@ -156,7 +157,7 @@ def _path_separations(rig: "Rig", path: Array) -> Separations:
     phasors = np.fft.rfft(path, axis=0)[1:] * 2 / len(path)
     strongest = greatest((np.abs(phasors) ** 2).sum(axis=1))
     frequency_hz = np.array([(1 + strongest) / (len(path) * rig.period_s)])
-    measured_s = max(CONDITIONS.time_s, 1 / float(frequency_hz[0]))
-    conditions = Conditions(measured_s, CONDITIONS.uncertainty)
+    measured_s = max(MEASURED_S, 1 / float(frequency_hz[0]))
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
-    return separations_at(fault_responses(rig.watched, frequency_hz, conditions), 0, commanded)
+    known = measured_s, DEFAULT_CONFIG.uncertainty
+    return separations_at(fault_responses(rig.watched, frequency_hz, *known), 0, commanded)

@@ -14,14 +14,14 @@ import pandas as pd
 from scipy.sparse.csgraph import connected_components
 
 from argument_checks.ties import least
-from fjh.rig.dither import CONDITIONS, rig_dither
+from fjh.rig.dither import MEASURED_S, rig_dither
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import Sensing, Switch
 from fjh.rig.rig import Rig
 from fjh.rig.units import ROWS, by_unit
 from fjh.study.errors import WrongInput
 from fjh.survey.subject import Subject
-from ftc.fdi import CERTAIN, DitherDesign, Fault, ranked_sensors, separations
+from ftc.fdi import CERTAIN, DEFAULT_CONFIG, DitherDesign, Fault, ranked_sensors, separations
 from sim import Array
 
 SENSES: tuple[Sensing, ...] = ("task", "joints", "both")
@@ -56,7 +56,7 @@ def isolation_of(
     rows = [subject.row_units[row] for row in subject.major]
     return pd.DataFrame(sensed), {
         "isolation_refused": None,
-        "measuring_time_s": CONDITIONS.time_s,
+        "measuring_time_s": MEASURED_S,
         **by_unit("path_size", rig.size, rows),
         **by_unit("sensor_noise", rig.noise, rows),
         **by_unit("encoder_noise", rig.encoder_noise, subject.units),
@@ -121,11 +121,11 @@ def told_apart(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
     if design is None:
         raise ValueError("the major task leaves no motion by which failures could be told apart")
     apart, dither = design.separations, design.dither
-    exact = separations(watched, dither, replace(CONDITIONS, uncertainty=CERTAIN))
+    exact = separations(watched, dither, MEASURED_S, CERTAIN)
     isolable, added = apart.isolable(), dict[str, int]()
     left, most = further_sensors(rig, sense), len(isolable)
     while left and len(added) < MOST_ADDED and most < len(apart.faults):
-        best = ranked_sensors(watched, left, dither, CONDITIONS)[0]
+        best = ranked_sensors(watched, left, dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)[0]
         if (with_it := len(best.separations.isolable())) <= most:
             break
         added[best.name] = most = with_it

@@ -24,7 +24,6 @@ from ftc.fdi.fault_model import static_share as static_share
 from ftc.fdi.monitor import monitor as monitor
 from ftc.fdi.observer import LEARNING_S as LEARNING_S
 from ftc.fdi.separation import ACCURACY as ACCURACY
-from ftc.fdi.separation import Conditions as Conditions
 from ftc.fdi.separation import Separations as Separations
 from ftc.fdi.separation import fault_responses as fault_responses
 from ftc.fdi.separation import isolability as isolability

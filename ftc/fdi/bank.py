@@ -14,7 +14,7 @@ import numpy as np
 from argument_checks import Array, Indices, Mask
 from argument_checks.records import changed
 from ftc.fdi.fault_model import Fault, NominalModel, at_rest, fault_model, of_actuators
-from ftc.fdi.observer import ObserverState, Parameters, Sample
+from ftc.fdi.observer import Parameters, Sample
 from ftc.fdi.uncertainty import (
     CERTAIN,
     UncertainModel,
@@ -208,39 +208,33 @@ class HypothesisBank:
     def step(
         self,
         state: Evidence,
-        sample: int,
-        v: Array,
-        y: Array | None,
-        whitening: Array,
+        sample: Sample,
         shaken: float,
-        *,
+        whitening: Array,
         decoupled: Array | None = None,
-        weighs: bool = True,
+        *,
         keeps: bool = True,
     ) -> Evidence:
-        """Add one sample of evidence.
+        """Add one sample of evidence; what was not measured goes on as each hypothesis predicts.
 
         Args:
             state: Before it.
-            sample: Its number.
-            v: Inputs, shape (r,).
-            y: Mean outputs in units of their noise, shape (p,); None: nothing was measured, and
-                each hypothesis goes on as it predicts.
-            whitening: Weights (q + 1, p) of the newest to the oldest residual.
+            sample: To be added; it is evidence if it is whole.
             shaken: By how much an actuator may lock off its place, as an output sees it, in
                 standard deviations of noise.
+            whitening: Weights (q + 1, p) of the newest to the oldest residual.
             decoupled: Weights of the last hypothesis; None: the same.
-            weighs: Whether the sample is evidence: all that its whitening needs was measured.
             keeps: Whether the arrays of `state` stay as they are; else they are overwritten.
         """
+        y, weighs = sample.y, sample.is_whole
         last = whitening if decoupled is None else decoupled
         steps = np.zeros(state.energy.shape, dtype=bool)
-        steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample, True
-        X, outputs = self._advanced(state, sample, v, shaken, steps, keeps)
+        steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample.number, True
+        X, outputs = self._advanced(state, sample, shaken, steps, keeps)
         sums = [getattr(state, name) for name in _SUMS]
         after = [np.empty_like(each) for each in sums] if keeps else sums
         H, K, rows, p = outputs.shape
-        J, now = rows - EXTRA, state.onsets == sample
+        J, now = rows - EXTRA, state.onsets == sample.number
         lib.weigh_sample(
             *(H, K, J, p, len(whitening), pointer(steps), pointer(now), weighs),
             ffi.new("evidence *", [pointer(each) for each in sums]),
@@ -259,28 +253,19 @@ class HypothesisBank:
         return changed(state, samples=state.samples + 1, X=X, gain=gain, **sums)
 
     def _advanced(
-        self, state: Evidence, sample: int, v: Array, shaken: float, steps: Mask, keeps: bool
+        self, state: Evidence, sample: Sample, shaken: float, steps: Mask, keeps: bool
     ) -> tuple[Array, Array]:
         """States after a sample and outputs during it, of the hypotheses that `steps` (H, K)."""
-        X, now = state.X.copy() if keeps else state.X, state.onsets == sample
-        onset, friction = self.models.onset, self.models.friction
+        X, now = state.X.copy() if keeps else state.X, state.onsets == sample.number
+        onset = self.models.onset
         later = np.zeros((len(X), X.shape[-1]))
         if now.any():  # until then each hypothesis is the first one
             healthy = X[0, 0, : 1 - EXTRA].copy()
-            later = onset @ self.believed.step(healthy, v)[1][0]
+            later = onset @ self.believed.step(healthy, sample.v)[1][0]
             X[1:-1, now] = (X[0, 0] @ onset[1:-1].swapaxes(-1, -2))[:, None]
             X[1:-1, now, -2] = self.scaled[1:-1, None, None] * healthy[0]
-        H, K, rows, s = X.shape
-        p = state.memory.shape[-1]
-        outputs, room = np.empty((H, K, rows, p)), np.empty(2 * rows * (p + s))
-        outputs[:, :, 0] = 0.0
-        before = None if friction is None else X.copy()
-        age = np.maximum(sample - state.onsets, 0).astype(float)
-        given = pointer(steps), *self.models.stacked, pointer(v), pointer(age)
-        changing = pointer(room), pointer(X), pointer(outputs)
-        lib.advance_models(H, K, rows, s, p, len(v), *given, *changing)
-        if friction is not None and before is not None:
-            friction.apply(steps, before, X, outputs, v)
+        age = np.maximum(sample.number - state.onsets, 0).astype(float)
+        outputs = self.models.advance(X, sample.v, steps, age)
         if now.any():
             X[1:-1, now, -3] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
             X[1:-1, now, -2] += shaken * self.placed[1:-1, None]
@@ -297,17 +282,6 @@ class HypothesisBank:
         by_part = (edges[:, 2:] - edges[:, :-2]) / (2 * LOST[0]) * PART_SPREAD
         slopes[working].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
         return slopes
-
-    def weighed(
-        self, evidence: Evidence, sample: Sample, state: ObserverState, *, keeps: bool = True
-    ) -> Evidence:
-        """The evidence with one more sample, by the filters of the observer now."""
-        return self.step(
-            *(evidence, sample.number, sample.v, sample.y, state.whitening, state.shaken),
-            decoupled=state.decoupled,
-            weighs=sample.is_whole,
-            keeps=keeps,
-        )
 
 
 def hypothesis_bank(

@@ -1,16 +1,13 @@
-"""Decision: what the evidence says (verdict), and what is made of that (action)."""
+"""Verdict: what the evidence says, and from when on that is certain enough."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-from scipy.special import chdtri
 
 from argument_checks import Array
 from argument_checks.ties import greatest
 from ftc.fdi.bank import EXTRA, LEAST_LOST, PART_SPREAD, Cause, Evidence, HypothesisBank
-from ftc.fdi.diagnosis import Diagnosis, FdiConfig
 from ftc.fdi.fault_model import KINDS, Fault
 
 LARGEST_INFLATION = 30.0
@@ -104,6 +101,14 @@ class Verdict:
         small = self.inflation <= LARGEST_INFLATION or self.unexplained <= MODEL_ERROR
         return small and self.strain <= LARGEST_STRAIN
 
+    def revises(self, before: Fault) -> bool:
+        """Whether another actuator or kind is certain by now, or another effectiveness."""
+        if self.fault.actuator != before.actuator:
+            return True
+        if self.fault.kind != before.kind:
+            return max(self.kind_confidences) >= CONFIDENCE
+        return abs(self.fault.effectiveness - before.effectiveness) > EFFECTIVENESS_STEP
+
 
 def verdict(
     bank: HypothesisBank, evidence: Evidence, sample: int, *, disturbed: bool = True
@@ -187,66 +192,3 @@ def _state(evidence: Evidence, h: int, k: int, parameters: Array) -> Array:
     J = len(X) - 1 - own
     errors = evidence.prior.mean[:J] + parameters[:J]
     return X[0] + errors @ X[1:-own] + parameters[-EXTRA:-1] @ X[-own:]
-
-
-Action = Literal["wait", "dismiss", "name", "keep", "confirm", "begin", "give_up"]
-"""Go on; nothing has failed; the verdict's failure is named, or instead of another; what was named
-is confirmed as it is; as it is now; evidence begins anew; nothing explains what is seen."""
-
-
-def action(
-    config: FdiConfig,
-    found: Diagnosis | None,
-    now: Verdict,
-    waited_s: float,
-    seen_s: float,
-    *,
-    contradicted: bool = False,
-) -> Action:
-    """Decide what to do, with what was found so far and the verdict now.
-
-    It is `waited_s` since the alarm, or since an actuator was first named, and `seen_s` since the
-    evidence began; `contradicted`: something else has happened since, by :func:`contradicts`.
-    """
-    certain = now.actuator_confidence >= CONFIDENCE
-    healthy = now.fault_free_confidence >= CONFIDENCE
-    # What a name is withdrawn for must explain better than it does.
-    if healthy and (found is None or now.inflation <= LARGEST_INFLATION):
-        return "dismiss"
-    if found is None:
-        explained = now.fits and now.unexplained <= LARGEST_UNEXPLAINED
-        if certain and explained and seen_s >= config.evidence_s:
-            return "name"
-        if waited_s >= LOOK_BACK_S:
-            return "give_up"
-        return "begin" if not now.fits and seen_s >= RESTART_S else "wait"
-    if contradicted:
-        # One that comes and goes has not been healthy for the time that a confirmation takes.
-        return "dismiss" if found.fault.is_sound else "keep"
-    if not now.fits or now.unexplained > MOST_LEFT:
-        return "give_up"
-    if certain and waited_s >= CONFIRMATION_S:
-        return "confirm"
-    if certain and _revises(found.fault, now):
-        return "name"
-    return "give_up" if not certain and waited_s >= 2 * CONFIRMATION_S else "wait"
-
-
-def contradicts(
-    config: FdiConfig, before: Verdict, now: Verdict, freedom: int, time_s: float
-) -> bool:
-    """Whether something else has happened between two verdicts, at the rate of false alarms.
-
-    It has if `freedom` numbers, measured in `time_s`, have more energy than noise as before has.
-    """
-    limit = chdtri(freedom, config.false_alarms_per_hour * time_s / 3600) * before.inflation
-    return bool(now.energy - before.energy > limit)
-
-
-def _revises(before: Fault, now: Verdict) -> bool:
-    """Whether another actuator or kind is certain by now, or another effectiveness."""
-    if now.fault.actuator != before.actuator:
-        return True
-    if now.fault.kind != before.kind:
-        return max(now.kind_confidences) >= CONFIDENCE
-    return abs(now.fault.effectiveness - before.effectiveness) > EFFECTIVENESS_STEP

@@ -36,15 +36,6 @@ class FdiConfig:
             check.number("dither_hz", hz or 1.0, 1 / _LONGEST_S)
         check.number("false_alarms_per_hour", self.false_alarms_per_hour, check.SMALLEST)
 
-    @property
-    def evidence_s(self) -> float:
-        """Time from an alarm to a name, at least: a period of the dither, if there is one.
-
-        In less of it an actuator that locks can look like another one that weakens, on a plant
-        whose errors the nominal model does not have.
-        """
-        return 1 / self.dither_hz if self.dither_hz else 0.0
-
 
 DEFAULT_CONFIG = FdiConfig()
 

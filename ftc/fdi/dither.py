@@ -4,9 +4,10 @@ While all actuators work, the task does not see it; an actuator that does not fo
 column of the task Jacobian uncancelled.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -21,7 +22,6 @@ from ftc.fdi.separation import (
     ACCURACY,
     ALIKE,
     Complex,
-    Conditions,
     FaultResponses,
     Separations,
     checked_frequencies,
@@ -29,6 +29,7 @@ from ftc.fdi.separation import (
     separations_at,
     steady_states,
 )
+from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from prioritized import canonical_basis
 
 _DEPENDENT, _ROUND_OFF = 1e-10, 1e-10
@@ -70,12 +71,19 @@ class Dither:
 
     def at(self, time_s: float) -> Array:
         """Desired actuator displacements at a time, shape (n,)."""
-        swing = np.sin(2 * np.pi * self.frequency_hz * check.number("time_s", time_s))
-        return np.array(self.offset) + self.amplitude * swing * np.array(self.direction)
+        angle = 2 * math.pi * self.frequency_hz * check.number("time_s", time_s)
+        offset, swing = self._arrays
+        return offset + math.sin(angle) * swing
+
+    @cached_property
+    def _arrays(self) -> tuple[Array, Array]:
+        return np.array(self.offset), self.amplitude * np.array(self.direction)
 
 
-def separations(nominal: NominalModel, dither: Dither, conditions: Conditions) -> Separations:
-    """Distances of all failures of one actuator in the steady state of a dither.
+def separations(
+    nominal: NominalModel, dither: Dither, time_s: float, uncertainty: Uncertainty = CERTAIN
+) -> Separations:
+    """Distances of all failures of one actuator in so much time of a dither's steady state.
 
     Its frequency is below half the control frequency. Below the bandwidth of a loop the commands
     that are sent differ from the dither after a failure.
@@ -84,7 +92,7 @@ def separations(nominal: NominalModel, dither: Dither, conditions: Conditions) -
         ValueError: Besides, the frequency is that of an undamped mode.
     """
     commanded, at_hz = _driven(nominal, dither)
-    return separations_at(fault_responses(nominal, at_hz, conditions), 0, commanded)
+    return separations_at(fault_responses(nominal, at_hz, time_s, uncertainty), 0, commanded)
 
 
 def _driven(nominal: NominalModel, dither: Dither) -> tuple[Array, Array]:
@@ -114,7 +122,8 @@ def ranked_sensors(
     nominal: NominalModel,
     candidates: Mapping[str, tuple[ArrayLike, float]],
     dither: Dither,
-    conditions: Conditions,
+    time_s: float,
+    uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[AddedSensor, ...]:
     """Rank further sensors by what each leaves alike, then by the least separation; best first.
 
@@ -125,7 +134,8 @@ def ranked_sensors(
     commanded, at_hz = _driven(nominal, dither)
     check.instance("candidates", candidates, Mapping)
     # What a sensor shows depends on no other: of all of them at once.
-    responses = fault_responses(_with_sensors(nominal, candidates), at_hz, conditions)
+    every = _with_sensors(nominal, candidates)
+    responses = fault_responses(every, at_hz, time_s, uncertainty)
     own, found = len(nominal.noise), []
     for k, name in enumerate(candidates):
         seen = [*range(own), own + k]
@@ -200,8 +210,8 @@ class DitherDesign:
     Attributes:
         dither: Of amplitude zero where the task leaves no freedom.
         separable: Pairs of actuators that some direction and frequency of the search separated, and
-            on the diagonal actuators that one separated from no failure, shape (n, n); the least of
-            these was maximized. All, where none was.
+            on the diagonal actuators that one separated from no failure, shape (n, n); the least
+            separation of these was maximized. All, where none was.
         task_motion: Amplitude of each row of the task while nothing has failed, shape (m,).
         displacement: Amplitude of each actuator's motion, shape (n,).
     """
@@ -215,18 +225,14 @@ class DitherDesign:
     def __post_init__(self) -> None:
         check.lock(self)
 
-    @property
-    def least(self) -> float:
-        """Least separation among the separable."""
-        return float(self.separations.between_actuators[self.separable].min())
-
 
 def designed_dither(
     nominal: NominalModel,
     freedom: ArrayLike,
     frequencies_hz: ArrayLike,
-    conditions: Conditions,
     cost: Cost,
+    time_s: float,
+    uncertainty: Uncertainty = CERTAIN,
 ) -> DitherDesign:
     """Design the dither of the largest least separation between actuators.
 
@@ -241,13 +247,14 @@ def designed_dither(
         freedom: Directions that the major task leaves, and closed loops allow, the columns of a
             matrix (n, r); they may depend on each other, as those of a mapping's gain `joint` do.
         frequencies_hz: To choose from, above zero and below half the control frequency, shape (F,).
-        conditions: Measuring time and uncertainty.
         cost: What the dither may cost.
+        time_s: In which failures are to be told apart, a period of the dither or more.
+        uncertainty: Of the model.
 
     Raises:
         ValueError: Besides, a frequency is that of an undamped mode.
     """
-    responses = fault_responses(nominal, frequencies_hz, conditions)
+    responses = fault_responses(nominal, frequencies_hz, time_s, uncertainty)
     hz, n = responses.frequencies_hz, nominal.actuators
     limits = check.instance("cost", cost, Cost).limits(nominal, hz)
     k, u, separable = _Search(_basis(freedom, n), limits, responses).best()

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.fdi.friction import Rubbing
+from kernels import ffi, lib, pointer
 
 if TYPE_CHECKING:
     import control
@@ -203,13 +203,50 @@ def _checked_friction(friction: Sequence[Array], positions: int) -> tuple[Array,
     )
 
 
+class Rubbing(NamedTuple):
+    """One physics step with dry friction: x' = A x + B [u; 1] + G f, each force within its limit.
+
+    f (r,) minimizes f'K f / 2 + f'(E x + D [u; 1]), of states x (s,) and commands u (n,). Outputs
+    in units of their noise are C x (p,); a control tick has `steps_a_tick` such steps. Of H models
+    side by side each array has a further first axis.
+
+    Coulomb's law as a convex problem, with the softness of the simulator or of the contact itself:
+    E. Todorov, "Convex and analytically-invertible dynamics with contacts and constraints", ICRA
+    2014; in the rigid limit the linear complementarity problem of D. Stewart and J. Trinkle, Int.
+    J. Numerical Methods in Engineering 39, 1996.
+    """
+
+    A: Array
+    B: Array
+    G: Array
+    E: Array
+    D: Array
+    K: Array
+    limit: Array
+    C: Array
+    steps_a_tick: int
+
+    def given(self) -> Any:
+        """Struct of the kernels."""
+        sizes = self.A.shape[-1], self.K.shape[-1], self.B.shape[-1] - 1, self.C.shape[-2]
+        parts = (pointer(part) for part in self[:8])
+        return ffi.new("rubbing *", [*sizes, self.steps_a_tick, *parts])
+
+    def moved(self, x: Array, commanded: Array) -> Array:
+        """States (..., s) a control tick later, with displacements (..., n) commanded."""
+        X = np.array(x, dtype=float).reshape(-1, len(self.A))
+        U = np.ones((len(X), self.B.shape[1]))
+        U[:, :-1] = commanded.reshape(len(X), -1)
+        room = np.empty(2 * len(self.A) + 3 * len(self.K))
+        lib.slide(self.given(), len(X), pointer(U), pointer(room), pointer(X))
+        return X.reshape(x.shape)
+
+
 @dataclass(frozen=True)
 class FaultModel:
-    """Plant x' = A x + B u + drift from tick to tick, with commands u and outputs y = C x.
+    """Plant x' = A x + B u + drift from tick to tick: states (s,), commands (n,), outputs C x (p,).
 
     Attributes:
-        A: Shape (s, s).
-        B: Shape (s, n).
         C: Outputs in units of their noise ("whitened"), shape (p, s).
         onset: The state just after the onset of the faults, per state just before, shape (s, s):
             an actuator that locks stops, and the impact goes through the whole mechanism.
@@ -240,10 +277,6 @@ class FaultModel:
         """
         x = np.zeros((len(self.A), *commanded.shape[2:])) if start is None else start
         return np.array(list(accumulate(commanded, self.step, initial=x)))
-
-    def outputs(self, commanded: Array) -> Array:
-        """Whitened outputs (N, p) at the ticks from which on commands (N, n) hold, from rest."""
-        return np.array([self.C @ x for x in self.states(commanded)[:-1]])
 
 
 @np.errstate(all="ignore")  # the end says what overflows

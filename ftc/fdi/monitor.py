@@ -8,8 +8,11 @@ model becomes the nominal one.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
+from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 import argument_checks as check
 from argument_checks import Array
@@ -18,11 +21,13 @@ from argument_checks.ties import ascending
 from ftc.fdi.bank import Cause, Evidence, HypothesisBank, believed_model, hypothesis_bank
 from ftc.fdi.decision import (
     CONFIDENCE,
+    CONFIRMATION_S,
+    LARGEST_INFLATION,
+    LARGEST_UNEXPLAINED,
     LOOK_BACK_S,
+    MOST_LEFT,
     RESTART_S,
     Verdict,
-    action,
-    contradicts,
     verdict,
 )
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
@@ -34,7 +39,6 @@ from ftc.fdi.observer import (
     ObserverState,
     ResidualTest,
     Sample,
-    residual_test,
 )
 
 JUDGED_S, REVISED_S = 16e-3, 48e-3
@@ -59,7 +63,6 @@ class MonitorState:
     """State of a monitor: what it has seen, what it suspects, and what it has named.
 
     Attributes:
-        ticks: So far.
         commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
         outputs: Of these ticks, in units of their noise, (p,) each; None: nothing was measured.
         last_commanded: Mean of the sample before, shape (n,).
@@ -149,15 +152,17 @@ class Monitor:
         mean_y = _mean(state.outputs, state.history[-2:])
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         now = {"ticks": ticks, "commanded": (), "outputs": (y,), "last_commanded": mean_u}
-        return self._sample(changed(state, **now), v, mean_y)
+        return self._sample(state, now, v, mean_y)
 
     @cached_property
     def bank(self) -> HypothesisBank:
         """The hypotheses, made when first needed: after a confirmed failure by the next alarm."""
         return hypothesis_bank(self.nominal, self.faults, self.config.uncertainty, self.ticks)
 
-    def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
-        """Take one sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
+    def _sample(
+        self, state: MonitorState, now: dict[str, Any], v: Array, y: Array | None
+    ) -> MonitorState:
+        """Take one sample: inputs v and mean outputs y (p,), or None; `now` is new of the state."""
         if y is None and state.diagnosis is None:  # what raised the alarm may be the sensor
             state = state.reset()
         relearns, learning = state.relearns > 0, self.observer.samples(LEARNING_S)
@@ -173,22 +178,22 @@ class Monitor:
         is_due = observer.sample % SPECTRUM_SAMPLES == 0
         if learns and (relearns or samples > learning) and is_due:
             observer = self.observer.with_spectrum(observer)
-        left = max(state.relearns - sample.is_whole, 0)
-        state = changed(state, history=history, observer=observer, relearns=left)
+        now |= {"history": history, "observer": observer}
+        now["relearns"] = max(state.relearns - sample.is_whole, 0)
         if state.evidence is not None:
-            evidence = self.bank.weighed(state.evidence, sample, observer)
-            state = changed(state, evidence=evidence)
+            evidence = self.bank.step(state.evidence, sample, *observer.filters)
+            state = changed(state, evidence=evidence, **now)
             every = self.observer.samples(JUDGED_S if state.diagnosis is None else REVISED_S)
             judges = sample.is_whole and evidence.samples % max(every, 1) == 0
             return self._judged(state, evidence) if judges else state
-        if not sample.is_whole:
-            return state
-        if not relearns and samples == learning:
-            return replace(state, observer=self.observer.learned(observer, history))
-        if not relearns and samples < learning:
-            return state
-        state = changed(state, recent=self.test.push(state.recent, observer.residual))
-        return self._alarmed(state) if self.test.alarm(state.recent) else state
+        if not sample.is_whole or (samples < learning and not relearns):
+            return changed(state, **now)
+        if samples == learning and not relearns:
+            now["observer"] = self.observer.learned(observer, history)
+            return changed(state, **now)
+        recent = np.concatenate([state.recent[1:], observer.residual[None]])
+        state = changed(state, recent=recent, **now)
+        return self._alarmed(state) if self.test.alarm(recent) else state
 
     def _alarmed(self, state: MonitorState) -> MonitorState:
         """Raise an alarm, and look back for what it comes from."""
@@ -213,47 +218,89 @@ class Monitor:
         memory = first.memory.copy()
         memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
         evidence = self.bank.start(onsets, prior, first.X, memory)
+        filters = state.observer.filters
         for each in past:  # of arrays that nobody else has
-            evidence = self.bank.weighed(evidence, each, state.observer, keeps=False)
+            evidence = self.bank.step(evidence, each, *filters, keeps=False)
         return evidence
 
     def _judged(self, state: MonitorState, evidence: Evidence) -> MonitorState:
         """Name an actuator, revise that, confirm it, or dismiss the alarm, by this evidence."""
-        found, before, number = state.diagnosis, state.verdict, state.history[-1].number
+        found, before = state.diagnosis, state.verdict
         # Once a failure is named, what shakes the failed machine is slow disturbance enough.
-        now = verdict(self.bank, evidence, number, disturbed=found is None)
-        since = state.alarm_ticks[-1] if found is None else state.named_tick
-        waited_s, seen_s = (
-            (state.ticks - tick) * self.nominal.period_s for tick in (since, state.begun_tick)
-        )
-        every = max(self.observer.samples(REVISED_S), 1)
-        between = every * len(self.nominal.noise), every * self.observer.period_s
-        contradicted = before is not None and contradicts(self.config, before, now, *between)
-        does = action(self.config, found, now, waited_s, seen_s, contradicted=contradicted)
+        now = verdict(self.bank, evidence, state.history[-1].number, disturbed=found is None)
         state = replace(state, evidence=evidence, verdict=now)
-        if does == "dismiss":
-            observer, causes = self.observer.following(state.observer), (*state.causes, now.cause)
-            return replace(state.reset(), observer=observer, cleared=number, causes=causes)
-        if does == "name":  # without onsets that hardly matter any more
-            evidence = evidence.only(now.best >= now.best.max() - _NEGLIGIBLE)
-            named = state.ticks - 1 if found is None else state.named_tick
-            named = {"named_tick": named, "diagnosis": self._diagnosis(state, now)}
-            return replace(state, evidence=evidence, **named)
-        if does == "begin":
-            evidence = self._looked_back(state, RESTART_S / 2)
-            return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
-        if does == "give_up":  # nothing explains the residuals: learn what they are like
-            observer = self.observer.relearning(state.observer)
-            given_up = replace(state.reset(), unexplained=True, cleared=number)
-            learning = self.observer.samples(LEARNING_S)
-            return replace(given_up, relearns=learning, observer=observer)
-        if does == "confirm":
-            return replace(state, diagnosis=replace(self._diagnosis(state, now), confirmed=True))
-        if does == "keep" and found is not None and before is not None:
+        # What a name is withdrawn for must explain better than it does.
+        better = found is None or now.inflation <= LARGEST_INFLATION
+        if now.fault_free_confidence >= CONFIDENCE and better:
+            return self._dismissed(state, now)
+        if found is None:
+            return self._looked_into(state, now)
+        if before is not None and self._contradict(before, now):
+            # One that comes and goes has not been healthy for the time that a confirmation takes.
+            if found.fault.is_sound:
+                return self._dismissed(state, now)
             # What has happened since is not noise of the machine that has been confirmed.
-            kept = replace(found, confirmed=True, tick=state.ticks - 1)
-            return replace(state, verdict=replace(now, inflation=before.inflation), diagnosis=kept)
-        return state
+            found = replace(found, confirmed=True, tick=state.ticks - 1)
+            return replace(state, verdict=replace(now, inflation=before.inflation), diagnosis=found)
+        waited_s = (state.ticks - state.named_tick) * self.nominal.period_s
+        if not now.fits or now.unexplained > MOST_LEFT:
+            return self._given_up(state)
+        if now.actuator_confidence < CONFIDENCE:
+            return self._given_up(state) if waited_s >= 2 * CONFIRMATION_S else state
+        if waited_s >= CONFIRMATION_S:
+            return replace(state, diagnosis=replace(self._diagnosis(state, now), confirmed=True))
+        return self._named(state, evidence, now) if now.revises(found.fault) else state
+
+    def _looked_into(self, state: MonitorState, now: Verdict) -> MonitorState:
+        """Name an actuator for the first time, begin anew, or give up."""
+        waited_s, seen_s = (
+            (state.ticks - tick) * self.nominal.period_s
+            for tick in (state.alarm_ticks[-1], state.begun_tick)
+        )
+        explained = now.fits and now.unexplained <= LARGEST_UNEXPLAINED
+        # In less than a period of the dither an actuator that locks can look like another one that
+        # weakens, on a plant whose errors the nominal model does not have.
+        least_s = 1 / self.config.dither_hz if self.config.dither_hz else 0.0
+        certain = now.actuator_confidence >= CONFIDENCE and seen_s >= least_s
+        if explained and certain and state.evidence is not None:
+            return self._named(replace(state, named_tick=state.ticks - 1), state.evidence, now)
+        if waited_s >= LOOK_BACK_S:
+            return self._given_up(state)
+        if now.fits or seen_s < RESTART_S:
+            return state
+        evidence = self._looked_back(state, RESTART_S / 2)
+        return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
+
+    def _named(self, state: MonitorState, evidence: Evidence, now: Verdict) -> MonitorState:
+        """Name what the verdict says, without onsets that hardly matter any more."""
+        evidence = evidence.only(now.best >= now.best.max() - _NEGLIGIBLE)
+        return replace(state, evidence=evidence, diagnosis=self._diagnosis(state, now))
+
+    def _dismissed(self, state: MonitorState, now: Verdict) -> MonitorState:
+        observer, causes = self.observer.following(state.observer), (*state.causes, now.cause)
+        cleared = state.history[-1].number
+        return replace(state.reset(), observer=observer, cleared=cleared, causes=causes)
+
+    def _given_up(self, state: MonitorState) -> MonitorState:
+        """Nothing explains the residuals: learn what they are like."""
+        return replace(
+            state.reset(),
+            unexplained=True,
+            cleared=state.history[-1].number,
+            relearns=self.observer.samples(LEARNING_S),
+            observer=self.observer.relearning(state.observer),
+        )
+
+    def _contradict(self, before: Verdict, now: Verdict) -> bool:
+        """Whether something else has happened between two verdicts, at the rate of false alarms.
+
+        It has if what was measured meanwhile has more energy than noise as before has.
+        """
+        samples = max(self.observer.samples(REVISED_S), 1)
+        hours = samples * self.observer.period_s / 3600
+        freedom = samples * len(self.nominal.noise)
+        limit = chdtri(freedom, self.config.false_alarms_per_hour * hours) * before.inflation
+        return bool(now.energy - before.energy > limit)
 
     def _diagnosis(self, state: MonitorState, now: Verdict) -> Diagnosis:
         """The diagnosis by a verdict, not confirmed."""
@@ -281,18 +328,23 @@ class Monitor:
         after = monitor(self.nominal, known, self.config)
         past = [each for each in state.history if each.number * self.ticks >= found.onset_tick]
         first = (past or state.history[-1:])[0].before
+        # The residuals of a failed plant have more variance.
+        inflation = 1.0 if state.verdict is None else state.verdict.inflation
+        known, spectrum = state.observer, state.observer.spectrum
         begun = replace(
-            state.observer.quieter(1.0 if state.verdict is None else state.verdict.inflation),
+            known,
             sample=first.sample,
             X=first.X @ after.observer.model.onset.T,
             memory=first.memory,
             parameters=first.parameters,
+            spectrum=spectrum._replace(covariance=inflation * spectrum.covariance),
+            whitening=known.whitening / np.sqrt(inflation),
+            decoupled=known.decoupled / np.sqrt(inflation),
         )
         observer, history, residuals = after.observer.replayed(begun, past)
+        later = [each.is_whole and each.number * self.ticks > state.named_tick for each in history]
         recent = self.test.start()
-        for sample, residual in zip(history, residuals, strict=True):
-            if sample.is_whole and sample.number * self.ticks > state.named_tick:
-                recent = self.test.push(recent, residual)
+        recent = np.vstack([recent, *compress(residuals, later)])[-len(recent) :]
         return after, replace(
             state.reset(), observer=observer, history=tuple(history), recent=recent
         )
@@ -307,8 +359,10 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Sample]) -> Array | 
     if not measured:
         return None
     mean, ticks = sum(measured[1:], measured[0]) / len(measured), len(outputs)
+    if len(measured) == ticks:
+        return mean
     earlier = [each.y for each in before if each.y is not None]
-    if len(measured) == ticks or len(earlier) < 2:
+    if len(earlier) < 2:
         return mean
     known = [tick for tick, each in enumerate(outputs) if each is not None]
     return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))
@@ -332,7 +386,7 @@ def monitor(
             f"config must have samples of at most {MOST_STEPS} ticks, got {config.sample_s:g} s"
         )
     believed = believed_model(nominal, faults, config.uncertainty, ticks)
-    test = residual_test(
+    test = ResidualTest(
         len(nominal.noise), config.false_alarms_per_hour, period_s, config.dither_hz
     )
     weak = [each for each in faults if each.kind == "weak" and 0 < each.effectiveness < 1]

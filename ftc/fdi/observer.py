@@ -5,8 +5,9 @@ adds a mean, and under a dither a sinusoid of its frequency.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -58,8 +59,7 @@ _LEAST_OFFSET = 1e-6
 """Of a sensor, in standard deviations of its noise: a root of the covariance has no zeros."""
 
 
-@dataclass(frozen=True)
-class Parameters:
+class Parameters(NamedTuple):
     """J errors of the model, in standard deviations, then p offsets, in those of the noise.
 
     The last errors are those of limits of dry friction, where there are any. The covariance is kept
@@ -91,17 +91,7 @@ class Parameters:
         return Parameters(self.mean, after)
 
 
-def drift(
-    parameters: int, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
-) -> Array:
-    """Standard deviations of the steps of all J + p parameters in so long, shape (J + p,)."""
-    rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
-    rate = np.repeat(rates, [parameters - limits - outputs, limits, outputs])
-    return rate * np.sqrt(time_s)
-
-
-@dataclass(frozen=True)
-class Spectrum:
+class Spectrum(NamedTuple):
     """Autocovariances of residuals over q lags, with forgetting.
 
     Attributes:
@@ -151,12 +141,14 @@ class ResidualTest:
     """Alarm when a mean of the latest residuals, plain or demodulated, exceeds a threshold.
 
     Finite moving averages (Basseville and Nikiforov, Detection of Abrupt Changes, 1993, section
-    2.1) over several numbers M of samples, as they are and demodulated by the dither (lock-in).
+    2.1) over several numbers M of samples, as they are and demodulated by the dither (lock-in):
+    of one sample, for a jump, to half a second, for a creeping change. Union bound: the rate of
+    false alarms is at most that of all means together, each exact for Gaussian noise.
 
     Attributes:
-        outputs: Number p.
         windows: All M, ascending powers of two.
-        demodulated: The least M of a demodulated mean.
+        demodulated: The least M of a demodulated mean, half a period of the dither or more: in less
+            its cosine and sine would be one and the same, and large twice as often as independent.
         swing: Cosine and sine of the dither at each of the latest samples, shape (max M, 2); its
             phase does not matter. None without a dither.
         threshold: Of chi-square variables with p degrees of freedom.
@@ -164,19 +156,34 @@ class ResidualTest:
     """
 
     outputs: int
-    windows: tuple[int, ...]
-    demodulated: int
-    swing: Array | None
-    threshold: float
-    demodulated_threshold: float
+    false_alarms_per_hour: float
+    period_s: float
+    dither_hz: float | None = None
+    windows: tuple[int, ...] = field(init=False)
+    demodulated: int = field(init=False)
+    swing: Array | None = field(init=False)
+    threshold: float = field(init=False)
+    demodulated_threshold: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        p, period_s, hz = self.outputs, self.period_s, self.dither_hz or 0.0
+        most = round(np.log2(max(LONGEST_S / period_s, 1.0)))
+        windows = tuple(2**k for k in range(1 + most))
+        demodulated = [M for M in windows if M * period_s * hz >= 0.5]
+        angle = 2 * np.pi * hz * period_s * np.arange(windows[-1])
+        means = len(windows) + len(demodulated)
+        probability = self.false_alarms_per_hour * period_s / 3600 / means
+        vars(self).update(
+            windows=windows,
+            demodulated=demodulated[0] if demodulated else windows[-1],
+            swing=np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None,
+            threshold=float(chdtri(p, probability)),
+            demodulated_threshold=float(chdtri(2 * p, probability)),
+        )
 
     def start(self) -> Array:
         """Residuals before the first sample, zero, shape (max M, p)."""
         return np.zeros((self.windows[-1], self.outputs))
-
-    def push(self, recent: Array, residual: Array) -> Array:
-        """Add one residual (p,) to the latest ones (max M, p), and drop the oldest."""
-        return np.concatenate([recent[1:], residual[None]])
 
     def alarm(self, recent: Array) -> int:
         """The smallest M for which the latest residuals (max M, p) are more than noise, or 0."""
@@ -184,33 +191,6 @@ class ResidualTest:
         thresholds = self.threshold, self.demodulated_threshold
         own = swing, self.demodulated, *thresholds, pointer(np.empty(3 * self.outputs))
         return lib.alarming(*recent.shape, pointer(recent), *own)
-
-
-def residual_test(
-    outputs: int, false_alarms_per_hour: float, period_s: float, dither_hz: float | None = None
-) -> ResidualTest:
-    """Make a test that raises no more false alarms than that, on average.
-
-    Means of one sample, for a jump, to half a second, for a creeping change. Union bound: the rate
-    is at most that of all means together, each exact for Gaussian noise. A mean of less than half
-    a period of the dither is not demodulated: cosine and sine would be one and the same there, and
-    large twice as often as independent ones.
-    """
-    most = round(np.log2(max(LONGEST_S / period_s, 1.0)))
-    windows, swing, demodulated = tuple(2**k for k in range(1 + most)), None, []
-    if dither_hz:
-        demodulated = [M for M in windows if M * period_s * dither_hz >= 0.5]
-        angle = 2 * np.pi * dither_hz * period_s * np.arange(windows[-1])
-        swing = np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None
-    probability = false_alarms_per_hour * period_s / 3600 / (len(windows) + len(demodulated))
-    return ResidualTest(
-        outputs,
-        windows,
-        demodulated[0] if demodulated else windows[-1],
-        swing,
-        float(chdtri(outputs, probability)),
-        float(chdtri(2 * outputs, probability)),
-    )
 
 
 @dataclass(frozen=True)
@@ -239,76 +219,26 @@ class ObserverState:
     measured: int
 
     @property
-    def shaken(self) -> float:
-        """Root mean square of the residuals before whitening, in standard deviations of noise."""
-        return float(np.sqrt(self.spectrum.covariance[0].sum()))
-
-    def quieter(self, inflation: float) -> "ObserverState":
-        """Raise the spectrum to that of a failed plant, whose residuals have more variance."""
-        return replace(
-            self,
-            spectrum=replace(self.spectrum, covariance=inflation * self.spectrum.covariance),
-            whitening=self.whitening / np.sqrt(inflation),
-            decoupled=self.decoupled / np.sqrt(inflation),
-        )
-
-    def corrected(
-        self, predicted: Array, y: Array, drift: Array, rate: float, largest: float, learns: bool
-    ) -> "ObserverState":
-        """Compare a sample with its prediction, and learn from it: a step of a Kalman filter.
-
-        The parameters are random walks: recursive least squares that forgets what may have drifted
-        (Ljung, System Identification, 1999, section 11.2).
-
-        Args:
-            predicted: Outputs of the model, and what each error adds to them, shape (1 + J, p).
-            y: Mean outputs, shape (p,).
-            drift: Standard deviations of the steps of the parameters, shape (J + p,).
-            rate: Weight of this sample in the spectrum's covariance.
-            largest: Sum of squares of an innovation that is still learned from.
-            learns: Whether anything is.
-        """
-        spectrum, known = self.spectrum, self.parameters
-        before = self.memory, known.mean, known.root, spectrum.recent, spectrum.covariance
-        after = [np.empty_like(each) for each in before]
-        p, k = len(y), len(drift)
-        residual, room = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
-        is_learned = lib.correct(
-            *(len(self.memory), k - p, p, ffi.new("watched *", [pointer(each) for each in before])),
-            *(pointer(each) for each in (predicted, y, self.whitening, drift)),
-            *(rate, largest, learns, pointer(room)),
-            *(ffi.new("watched *", [pointer(each) for each in after]), pointer(residual)),
-        )
-        if not is_learned:
-            return changed(self, memory=after[0], residual=residual)
-        return changed(
-            self,
-            memory=after[0],
-            residual=residual,
-            parameters=Parameters(after[1], after[2]),
-            spectrum=Spectrum(after[3], after[4], spectrum.samples + 1),
-        )
+    def filters(self) -> tuple[float, Array, Array]:
+        """Root mean square of residuals before whitening, and both filters, for a bank."""
+        return float(np.sqrt(self.spectrum.covariance[0].sum())), self.whitening, self.decoupled
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """One sample, and the state before it.
 
     Attributes:
+        number: How many samples were before it.
         v: Inputs, shape (r,).
         y: Mean outputs, in units of their noise, shape (p,); None: nothing was measured.
         is_whole: Whether it was measured, and all before it that its whitening needs.
     """
 
-    before: ObserverState
+    number: int
     v: Array
     y: Array | None
     is_whole: bool
-
-    @property
-    def number(self) -> int:
-        """How many samples were before it."""
-        return self.before.sample
+    before: ObserverState
 
 
 @dataclass(frozen=True)
@@ -353,7 +283,7 @@ class Observer:
             return state
         zeros = np.repeat([0.0, self.config.uncertainty.offset], [rows - 1, p])
         parameters = calibration.parameters.spread(zeros)
-        spectrum = replace(calibration.spectrum, recent=state.spectrum.recent)
+        spectrum = calibration.spectrum._replace(recent=state.spectrum.recent)
         return self.with_spectrum(replace(state, parameters=parameters, spectrum=spectrum))
 
     def step(
@@ -365,28 +295,41 @@ class Observer:
         learns: bool = True,
         gated: bool = True,
     ) -> tuple[ObserverState, Sample]:
-        """Take one sample: predict it, compare, and with `learns` update what is tracked.
+        """Take one sample: predict it, and with `learns` learn from it by a Kalman filter.
 
-        With `gated` not by an innovation that is too large for noise. A sample that was not
-        measured is as the model predicts it, whatever its parameters are, which drift meanwhile.
+        With `gated` not from an innovation that is too large for noise. A sample that was not
+        measured is as the model predicts it, whatever its parameters are, which drift meanwhile:
+        they are random walks (recursive least squares that forgets what may have drifted; Ljung,
+        System Identification, 1999, section 11.2).
         """
         measured = 0 if y is None else state.measured + 1
-        whole = measured >= len(state.memory)
-        sample = Sample(state, v, y, whole)
+        sample = Sample(state.sample, v, y, measured >= len(state.memory), state)
         predicted, X = self.model.step(state.X, v)
-        state = changed(state, sample=state.sample + 1, X=X, measured=measured)
+        spectrum, known = state.spectrum, state.parameters
+        now: dict[str, Any] = {"sample": state.sample + 1, "X": X, "measured": measured}
         if y is None:
-            return changed(
-                state,
-                memory=np.concatenate([state.memory[1:], np.zeros_like(predicted)[None]]),
-                parameters=state.parameters.spread(self._drift),
-                residual=np.zeros(predicted.shape[1]),
-            ), sample
-        samples = state.spectrum.samples
-        rate = 1 / min(samples + 1, MEMORY_S / self.period_s)
-        known = gated and samples * self.period_s >= LEARNING_S
-        given = predicted, y, self._drift, rate, self.largest if known else np.inf
-        return state.corrected(*given, learns and whole), sample
+            now["memory"] = np.concatenate([state.memory[1:], np.zeros_like(predicted)[None]])
+            now["residual"] = np.zeros(predicted.shape[1])
+            return changed(state, parameters=known.spread(self._drift), **now), sample
+        tests = gated and spectrum.samples * self.period_s >= LEARNING_S
+        share = 1 / min(spectrum.samples + 1, MEMORY_S / self.period_s)
+        before = state.memory, known.mean, known.root, spectrum.recent, spectrum.covariance
+        after = [np.empty_like(each) for each in before]
+        p, k = len(y), len(self._drift)
+        residual, room = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
+        is_learned = lib.correct(
+            *(len(state.memory), k - p, p),
+            ffi.new("watched *", [pointer(each) for each in before]),
+            *(pointer(each) for each in (predicted, y, state.whitening, self._drift)),
+            *(share, self.largest if tests else np.inf, learns and sample.is_whole, pointer(room)),
+            ffi.new("watched *", [pointer(each) for each in after]),
+            pointer(residual),
+        )
+        now |= {"memory": after[0], "residual": residual}
+        if is_learned:
+            now["parameters"] = Parameters(after[1], after[2])
+            now["spectrum"] = Spectrum(after[3], after[4], spectrum.samples + 1)
+        return changed(state, **now), sample
 
     def replayed(
         self, state: ObserverState, past: Sequence[Sample]
@@ -412,8 +355,10 @@ class Observer:
 
     def drift(self, time_s: float) -> Array:
         """Standard deviations of the steps of all parameters in so long, shape (J + p,)."""
-        p, errors = len(self.model.C), len(self.model.M) - 1
-        return drift(errors + p, time_s, p, self.config.uncertainty, self.model.limits)
+        rows, errors, known = len(self.model.M), self.model.first_limit - 1, self.config.uncertainty
+        rates = known.drift_rate, known.friction_rate, known.offset_rate
+        counts = errors, rows - 1 - errors, len(self.model.C)
+        return np.repeat(rates, counts) * np.sqrt(time_s)
 
     def following(self, state: ObserverState) -> ObserverState:
         """The state whose offsets of the sensors may be as large as the residuals are."""
@@ -427,7 +372,7 @@ class Observer:
         The spectrum is soon that of the residuals to come; until then the one known before is
         tested by: what is known counts as a quarter of the time of learning.
         """
-        spectrum = replace(state.spectrum, samples=self.samples(LEARNING_S) // 4)
+        spectrum = state.spectrum._replace(samples=self.samples(LEARNING_S) // 4)
         return replace(self.following(state), spectrum=spectrum)
 
     def doubting(self, state: ObserverState) -> ObserverState:

@@ -4,7 +4,7 @@ Two answers: :func:`separations_at` in the steady state of a dither, and :func:`
 motion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components
 import argument_checks as check
 from argument_checks import Array
 from ftc.fdi.bank import Cause, HypothesisBank, hypothesis_bank
-from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_model
-from ftc.fdi.observer import Parameters
+from ftc.fdi.observer import Observer, Sample
 from ftc.fdi.uncertainty import CERTAIN, STEP, Uncertainty, perturbed
 from kernels import lib, pointer
 
@@ -48,22 +48,6 @@ ones, of explanations that begin long before, change by a third."""
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """Conditions under which a dither is to tell failures apart: time, and errors of the model.
-
-    `time_s` is the length of the lock-in, one period of the dither or more, after what the failure
-    excites has decayed.
-    """
-
-    time_s: float
-    uncertainty: Uncertainty = CERTAIN
-
-    def __post_init__(self) -> None:
-        check.number("time_s", self.time_s, check.SMALLEST)
-        check.instance("uncertainty", self.uncertainty, Uncertainty)
-
-
-@dataclass(frozen=True)
 class FaultResponses:
     """Frequency responses of F frequencies by which each of n failing actuators differs.
 
@@ -87,7 +71,10 @@ class FaultResponses:
 
 
 def fault_responses(
-    nominal: NominalModel, frequencies_hz: ArrayLike, conditions: Conditions
+    nominal: NominalModel,
+    frequencies_hz: ArrayLike,
+    time_s: float,
+    uncertainty: Uncertainty = CERTAIN,
 ) -> FaultResponses:
     """Compute the responses to all failures of one actuator, and their errors to first order.
 
@@ -96,18 +83,18 @@ def fault_responses(
     which a residual is formed with: the reaction of a closed loop is part of these. Constant parts,
     of loads that fall and of actuators locked off centre, are at frequency zero and not seen here.
 
-    The F frequencies lie above zero and below half the control frequency; the time is at least a
-    period of each.
+    The F frequencies lie above zero and below half the control frequency. The length of the lock-in
+    `time_s`, after what the failure excites has decayed, is at least a period of each.
 
     Raises:
         ValueError: Besides, a frequency is that of an undamped mode.
     """
     hz = checked_frequencies(nominal, "frequencies_hz", frequencies_hz)
-    check.instance("conditions", conditions, Conditions)
-    time_s, uncertainty = conditions.time_s, conditions.uncertainty
+    check.instance("uncertainty", uncertainty, Uncertainty)
+    time_s = check.number("time_s", time_s, check.SMALLEST)
     if time_s < (1 - 1e-9) / hz.min():
         raise ValueError(
-            "conditions.time_s must be at least a period of each frequency_hz, "
+            "time_s must be at least a period of each frequency_hz, "
             f"{1 / hz.min():g} s, got {time_s}"
         )
     servo = any(each is not None and each.any() for each in (nominal.feedback, nominal.holding))
@@ -321,7 +308,8 @@ def isolability(
         the distance from no failure.
     """
     ticks = max(1, round(DEFAULT_CONFIG.sample_s / nominal.period_s))
-    bank = hypothesis_bank(nominal, (), uncertainty.of_model, ticks)
+    alone = replace(uncertainty, command=0.0, supply=0.0, scale=0.0)
+    bank = hypothesis_bank(nominal, (), alone, ticks)
     outputs = states @ fault_model(nominal).C.T
     sampling = nominal.period_s, ticks
     return distances(bank, fault, onset, outputs, commanded, sampling, uncertainty)
@@ -342,7 +330,6 @@ def distances(
     tick [s], and ticks of a sample) and uncertainty. Outputs (N, p) are in units of their noise,
     but without noise.
     """
-    rows, p, s = bank.believed.N.shape[0], *bank.believed.C.shape
     (period_s, ticks), count = sampling, len(outputs) // sampling[1]
     near, back, step = (round(each / (period_s * ticks)) for each in (_NEAR_S, _BACK_S, _STEP_S))
     first = onset // ticks
@@ -350,17 +337,17 @@ def distances(
         np.arange(max(0, first - near), min(count, first + near)),
         np.arange(max(0, first - back), count, max(1, step)),
     ).astype(int)
-    prior = Parameters.prior(rows - 1, p, uncertainty)
-    evidence = bank.start(onsets, prior, np.zeros((rows, s)), np.zeros((1, rows, p)))
+    rest = Observer(bank.believed, FdiConfig(uncertainty), period_s * ticks).start()
+    evidence = bank.start(onsets, rest.parameters, rest.X, rest.memory[-1:])
     y, u = (
         part[: count * ticks].reshape(count, ticks, -1).mean(axis=1)
         for part in (outputs, commanded)
     )
     before = np.vstack([np.zeros_like(u[:1]), u[:-1]])
-    white = np.full((1, p), np.sqrt(ticks))
+    white = np.full((1, y.shape[1]), np.sqrt(ticks))
     for sample in range(count):
         v = np.concatenate([u[sample], before[sample], [1.0]])
-        evidence = bank.step(evidence, sample, v, y[sample], white, shaken=0.0)
+        evidence = bank.step(evidence, Sample(sample, v, y[sample], True, rest), 0.0, white)
     energy = evidence.marginal()[0]
     least = energy[1:-1].min(axis=1)
     others = np.full((len(bank.effectiveness), len(KINDS)), np.inf)

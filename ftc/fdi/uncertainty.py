@@ -3,14 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 import argument_checks as check
-from argument_checks import Array
-from ftc._records import Pointers
-from ftc.fdi.fault_model import Fault, FaultModel, NominalModel
-from ftc.fdi.friction import SampledFriction, together
+from argument_checks import Array, Indices, Mask
+from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, Rubbing
 from kernels import lib, pointer
 
 
@@ -61,11 +60,6 @@ class Uncertainty:
         for name, value in vars(self).items():
             check.number(name, value, 0.0, 1.0 if name in relative else check.LARGEST)
 
-    @property
-    def of_model(self) -> "Uncertainty":
-        """These errors of the model alone: nothing happens but failures."""
-        return replace(self, command=0.0, supply=0.0, scale=0.0)
-
 
 CERTAIN = Uncertainty()
 """The model is the plant."""
@@ -105,7 +99,10 @@ class UncertainModel:
         A: With M (1 + J, s, s + r): X' = X A^T + M [x; v], shape (s, s).
         C: With N (1 + J, p, s + r): Y = X C^T + N [x; v], shape (p, s).
         onset: State after the onset of the faults per state before it, shape (s, s).
-        friction: What dry friction changes of that; None: nothing rubs.
+        ticks: Of a sample.
+        rubbing: Dry friction, which A to N leave out; None: nothing rubs.
+        friction: Standard deviation of its limits, relative; zero: they are certain.
+        first_limit: Row of the first error that is a limit so much smaller.
 
     Of H models :func:`side_by_side` each array has a further first axis.
     """
@@ -115,26 +112,37 @@ class UncertainModel:
     C: Array
     N: Array
     onset: Array
-    friction: SampledFriction | None = None
-
-    @property
-    def limits(self) -> int:
-        """Number of limits of dry friction among the errors: the last ones."""
-        return 0 if self.friction is None else self.friction.limits
+    ticks: int
+    rubbing: Rubbing | None
+    friction: float
+    first_limit: int
 
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
         """Outputs (1 + J, p) of a sample with inputs v that begins with X; and X after it."""
-        after, Y = X.copy(), np.empty((len(X), len(self.C)))
-        room = np.empty(2 * (after.size + Y.size))
-        sizes = 1, 1, *after.shape, Y.shape[1], len(v)
-        changing = pointer(room), pointer(after), pointer(Y)
-        lib.advance_models(*sizes, _STEPS, *self.stacked, pointer(v), _AT_ONCE, *changing)
-        if self.friction is not None:
-            self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
-        return Y, after
+        after = X.copy()
+        return self.advance(after[None, None], v, _ONE, _AT_ONCE)[0, 0], after
+
+    def advance(self, X: Array, v: Array, steps: Mask, age: Array) -> Array:
+        """Outputs (H, K, rows, p) of a sample with inputs v; states X (H, K, rows, s) go on.
+
+        Of the models and onsets that `steps` (H, K); the last row's drive is times `age` (K,).
+        """
+        (H, K, rows, s), p = X.shape, self.C.shape[-2]
+        outputs, room = np.zeros((H, K, rows, p)), np.empty(2 * rows * (p + s))
+        before = None if self.rubbing is None else X.copy()
+        given = pointer(steps), *map(pointer, self._stacked), pointer(v), pointer(age)
+        changing = pointer(X), pointer(outputs)
+        lib.advance_models(H, K, rows, s, p, len(v), *given, pointer(room), *changing)
+        if self.rubbing is not None and before is not None:
+            every = self.rubbing.given()
+            room = np.empty(lib.sliding_room(every, self.ticks))
+            given = pointer(steps), pointer(before), pointer(v), pointer(self.A), self.ticks
+            limits = self.first_limit, self.friction, pointer(np.empty(every.r, dtype=bool))
+            lib.slide_samples(every, H, K, rows, *given, *limits, pointer(room), *changing)
+        return outputs
 
     @cached_property
-    def stacked(self) -> Pointers:
+    def _stacked(self) -> tuple[Array, Array, Indices]:
         """Outputs before states and columns before rows, for `advance_models`.
 
         That is [C; A]' (H, s, p + s), of each row of a state, and [N; M]' (H, s + r, rows (p + s)),
@@ -147,19 +155,23 @@ class UncertainModel:
         ends = (acts * np.arange(1, n + 1)).max(axis=-1)
         starts = n - (acts * np.arange(n, 0, -1)).max(axis=-1)
         spans = np.stack([starts, ends], axis=-1).astype(np.int64)
-        return Pointers(np.ascontiguousarray(alone), flat, spans)
+        return np.ascontiguousarray(alone), flat, spans
 
 
-_ONE = np.ones((1, 1), dtype=bool)
-_STEPS, _AT_ONCE = pointer(_ONE), pointer(np.ones(1))
+_ONE, _AT_ONCE = np.ones((1, 1), dtype=bool), np.ones(1)
 
 
 def side_by_side(models: Sequence[UncertainModel]) -> UncertainModel:
     """H models of one size as one."""
-    every = ("A", "M", "C", "N", "onset")
-    A, M, C, N, onset = (np.array([getattr(model, name) for model in models]) for name in every)
-    rubbed = [model.friction for model in models if model.friction is not None]
-    return UncertainModel(A, M, C, N, onset, together(rubbed) if rubbed else None)
+    parts: dict[str, Any] = _stacked(models, ("A", "M", "C", "N", "onset"))
+    rubbed = [model.rubbing for model in models if model.rubbing is not None]
+    if rubbed:
+        parts["rubbing"] = rubbed[0]._replace(**_stacked(rubbed, Rubbing._fields[:-1]))
+    return replace(models[0], **parts)
+
+
+def _stacked(every: Sequence[object], names: Sequence[str]) -> dict[str, Array]:
+    return {name: np.array([getattr(each, name) for each in every]) for name in names}
 
 
 STEP = 1e-3
@@ -196,12 +208,12 @@ def uncertain_model(
     if delay_ticks > 0:  # a part of the sample still has the command before
         late = delay_ticks / ticks * U
         drives.append(np.hstack([same, -late, late, np.zeros_like(drift)]))
-    rubbed = None
-    if model.rubbing is not None:
-        rubbed = SampledFriction(model.rubbing, F[:s], ticks, len(drives), friction)
-        drives += [np.zeros_like(drives[0])] * rubbed.limits
-    every = np.array(drives)
-    return UncertainModel(F[:s], every[:, :s], F[s:], every[:, s:], model.onset, rubbed)
+    first_limit = len(drives)
+    if model.rubbing is not None and friction > 0:
+        drives += [np.zeros_like(drives[0])] * len(model.rubbing.limit)
+    M, N = np.split(np.array(drives), [s], axis=1)
+    rubs = ticks, model.rubbing, friction, first_limit
+    return UncertainModel(F[:s], M, F[s:], N, model.onset, *rubs)
 
 
 def _lifted(model: FaultModel, ticks: int) -> tuple[Array, Array]:

@@ -11,9 +11,13 @@ from ftc.fdi.monitor import MonitorState
 from tests.ftc.test_outside_hypotheses import BEGIN, CONFIG, HZ, NOMINAL, SOUND, TICK_S, TICKS
 
 WIDE = replace(CONFIG.uncertainty, command=1e3, supply=0.3, scale=0.3)
+ALONE = replace(WIDE, command=0.0, supply=0.0, scale=0.0)
 MONITORS = {
     of: monitor(NOMINAL, config=replace(CONFIG, uncertainty=each))
-    for of, each in (("all", WIDE), ("failures alone", WIDE.of_model))
+    for of, each in (
+        ("all", WIDE),
+        ("failures alone", replace(WIDE, command=0.0, supply=0.0, scale=0.0)),
+    )
 }
 
 

@@ -11,7 +11,7 @@ from ftc.fdi import Uncertainty
 from ftc.fdi.bank import EXTRA, Evidence, hypothesis_bank
 from ftc.fdi.observer import Parameters
 from kernels import lib, pointer
-from tests.cart_runs import ONSETS, Record, carts
+from tests.cart_runs import ONSETS, Record, carts, sample_of
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3, command=30.0, supply=0.2, scale=0.4)
 ARRAYS = ("X", "memory", "information", "score", "energy")
@@ -37,8 +37,8 @@ def stepped(seed: int, *, keeps: bool, weighs: bool = True) -> list[tuple[Eviden
     found, before = [], np.zeros(record.u.shape[1])
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
-        given = sample, v, y, plain, 1.5
-        state = bank.step(state, *given, decoupled=decoupled, weighs=weighs, keeps=keeps)
+        given = sample_of(sample, v, y, is_whole=weighs), 1.5, plain, decoupled
+        state = bank.step(state, *given, keeps=keeps)
         found.append((state, [getattr(state, name).copy() for name in ARRAYS]))
         before = u
     return found

@@ -11,6 +11,7 @@ from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc.fdi import KINDS, Fault, NominalModel, fault_model
 from sim import Failure, LinearPlant, Plant, linearize, load_model
 from sim.plant import failed_plant
+from tests.cart_runs import outputs_of
 
 MODEL, BENCH = load_model(), TestbedConfig()
 ANGLES = nominal_model(MODEL, BENCH)
@@ -112,9 +113,11 @@ def bench_of_springs(n: int = 3) -> NominalModel:
 def test_several_sequences_of_commands_at_once_give_what_each_gives():
     commanded = np.random.default_rng(0).standard_normal((20, 6, 2))
     model = fault_model(GAUGES, [Fault(2, "locked")])
-    together = model.outputs(commanded)
+    together = outputs_of(model, commanded)
     for c in range(2):
-        np.testing.assert_allclose(together[..., c], model.outputs(commanded[..., c]), atol=1e-6)
+        np.testing.assert_allclose(
+            together[..., c], outputs_of(model, commanded[..., c]), atol=1e-6
+        )
 
 
 @pytest.mark.parametrize(

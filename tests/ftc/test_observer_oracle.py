@@ -8,7 +8,7 @@ import pytest
 from ftc.fdi import CERTAIN, observer
 from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.observer import ORDER, Observer, ObserverState, Parameters, residual_test
+from ftc.fdi.observer import ORDER, Observer, ObserverState, Parameters, ResidualTest
 from tests.cart_runs import Record, carts
 from tests.spectra import spectrum_of
 
@@ -116,7 +116,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
 def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz):
     """Sums of the latest M residuals, plain and turned by the dither, over the deviation of M."""
     rng = np.random.default_rng(seed)
-    test = residual_test(2, 0.2 * 3600 / PERIOD_S, PERIOD_S, dither_hz)
+    test = ResidualTest(2, 0.2 * 3600 / PERIOD_S, PERIOD_S, dither_hz)
     found = []
     for _ in range(40):
         recent = rng.standard_normal((test.windows[-1], 2)) + rng.normal(size=2) * rng.uniform(

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from ftc.fdi import CERTAIN, Uncertainty
-from ftc.fdi.observer import ObserverState, Parameters, Spectrum, drift
+from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.observer import Observer, ObserverState, Parameters, Spectrum
+from ftc.fdi.uncertainty import UncertainModel
 
 J, P = 4, 2
 seeds = pytest.mark.parametrize("seed", range(5))
@@ -25,21 +28,29 @@ def measurements(seed: int, samples: int, true: np.ndarray | None = None):
     return regressors, white, true
 
 
-def updated(parameters: Parameters, white, moving, walk) -> tuple[Parameters, np.ndarray]:
+def watching(errors: int, outputs: int, rates: Uncertainty) -> Observer:
+    """An observer of a model without states, of which the test says what it predicts."""
+    M, N = np.zeros((errors + 1, 0, 1)), np.zeros((errors + 1, outputs, 1))
+    none = np.zeros((0, 0)), M, np.zeros((outputs, 0)), N, np.zeros((0, 0))
+    model = UncertainModel(*none, 1, None, 0.0, errors + 1)
+    return Observer(model, FdiConfig(uncertainty=rates), 0.01)
+
+
+def updated(watch: Observer, parameters: Parameters, white, moving):
     """As the watch does it at a sample, without a spectrum; regressors of offsets are one."""
     errors, p = moving.shape
     predicted, memory = np.vstack([np.zeros(p), moving]), np.zeros((1, errors + 1, p))
     plain, spectrum = np.ones((1, p)), Spectrum(white[None], white[None], 0)
     before = ObserverState(0, moving, memory, parameters, spectrum, plain, plain, white, 1)
-    after = before.corrected(predicted, white, walk, 1.0, np.inf, learns=True)
+    with patch.object(UncertainModel, "step", lambda *_: (predicted, moving)):
+        after, _ = watch.step(before, np.zeros(1), white)
     return after.parameters, after.residual
 
 
 def tracked(regressors, white, rates: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:
-    parameters, innovations = Parameters.prior(J, P, STEADY), []
+    watch, parameters, innovations = watching(J, P, rates), Parameters.prior(J, P, STEADY), []
     for H, e in zip(regressors, white, strict=True):
-        walk = drift(J + P, 0.01, P, rates)
-        parameters, innovation = updated(parameters, e, H[:J], walk)
+        parameters, innovation = updated(watch, parameters, e, H[:J])
         innovations.append(innovation)
     return parameters, np.array(innovations)
 
@@ -158,9 +169,9 @@ def test_what_the_motion_does_not_show_keeps_its_prior(seed):
 
 def test_an_innovation_is_measured_in_the_deviation_that_the_uncertainty_gives_it():
     """The threshold grows with the motion: S = 1 + h^2 for one parameter of variance one."""
-    one = Parameters.prior(1, 1, CERTAIN)
+    one, watch = Parameters.prior(1, 1, CERTAIN), watching(1, 1, CERTAIN)
     for h in (0.0, 1.0, 10.0):
-        _, found = updated(one, np.array([5.0]), np.array([[h]]), np.zeros(2))
+        _, found = updated(watch, one, np.array([5.0]), np.array([[h]]))
         assert found == pytest.approx(5.0 / np.sqrt(1 + h**2))
 
 
@@ -168,7 +179,7 @@ def test_offsets_walk_at_their_rate_and_errors_at_theirs():
     """Variance grows with time."""
     rates = replace(STEADY, drift_rate=0.2, offset_rate=0.7)
     prior = Parameters.prior(J, P, STEADY)
-    later = prior.spread(drift(J + P, 4.0, P, rates))
+    later = prior.spread(watching(J, P, rates).drift(4.0))
     grown = np.diag(later.covariance - prior.covariance)
     np.testing.assert_allclose(grown, [0.2**2 * 4] * J + [0.7**2 * 4] * P)
     np.testing.assert_array_equal(later.mean, prior.mean)

@@ -12,6 +12,7 @@ from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import resting_displacements
 from ftc.fdi.observer import Parameters
 from sim import Failure
+from tests.cart_runs import sample_of
 from tests.sim.test_released import lifted, servos
 
 failures = pytest.mark.parametrize("kind", KINDS)
@@ -128,7 +129,7 @@ def test_failures_of_servos_are_weighed_as_newton_has_them():
     before = np.zeros(n)
     for tick, u in enumerate(sent):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, tick, v, y[tick], np.ones((1, n)), shaken=1.0)
+        evidence = bank.step(evidence, sample_of(tick, v, y[tick]), 1.0, np.ones((1, n)))
         before = u
     for h, fault in enumerate(bank.faults, 1):
         left = y - carts.run(fault, onset, sent) / 2e-5

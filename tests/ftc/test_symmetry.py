@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftc.fdi import Conditions, Cost, Dither, designed_dither, ranked_sensors
+from ftc.fdi import Cost, Dither, designed_dither, ranked_sensors
 from prioritized import (
     ConstrainedSystem,
     Kinematics,
@@ -149,7 +149,7 @@ def test_a_dither_is_the_same_however_its_freedom_is_given():
     P = np.eye(4) - np.linalg.pinv(J) @ J
     cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
     found = [
-        designed_dither(nominal, P @ mix, [4.0, 16.0], Conditions(0.5, LOOSE), cost).dither
+        designed_dither(nominal, P @ mix, [4.0, 16.0], cost, 0.5, LOOSE).dither
         for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
     ]
     for each in found[1:]:
@@ -165,5 +165,5 @@ def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
         rows = [bits(rng, sign * np.eye(6)[k] + np.eye(6)[2]) for k in (0, 1) for sign in (1, -1)]
         for order in (range(4), [3, 1, 0, 2]):
             sensors = {str(k): (rows[k], 1e-5) for k in order}
-            ranked = ranked_sensors(nominal, sensors, step, Conditions(1.0))
+            ranked = ranked_sensors(nominal, sensors, step, 1.0)
             assert [int(each.name) for each in ranked] == list(order)

@@ -11,7 +11,7 @@ from ftc.fdi.bank import HypothesisBank, bank_of
 from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Verdict
 from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import FaultModel
-from ftc.fdi.observer import Parameters, residual_test
+from ftc.fdi.observer import Parameters, ResidualTest
 from ftc.fdi.separation import distances
 from ftc.fdi.uncertainty import uncertain_model
 from tests.aircraft import (
@@ -35,6 +35,7 @@ from tests.aircraft import (
     output_distance,
     sampled,
 )
+from tests.cart_runs import outputs_of, sample_of
 from tests.spectra import spectrum_of
 
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
@@ -84,11 +85,11 @@ def test_the_distance_bounds_the_isolability_of_a_flight():
     bank = input_fault_bank(PLANT, SIGMA)
     u = commands()[:600]
     half = input_fault_model(PLANT, SIGMA, [Fault(0, "weak", 0.5)])
-    by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, half.outputs(u), u, (PERIOD_S, 1))
+    by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, outputs_of(half, u), u, (PERIOD_S, 1))
     averaging = bank_of(
         partial(uncertain_model, partial(input_fault_model, PLANT, SIGMA), ticks=4), 2
     )
-    _, less = distances(averaging, Fault(0, "weak", 0.5), 0, half.outputs(u), u, (PERIOD_S, 4))
+    _, less = distances(averaging, Fault(0, "weak", 0.5), 0, outputs_of(half, u), u, (PERIOD_S, 4))
     assert 0.99 * d < less < d  # means of four ticks tell a little less
     per_energy = output_distance(
         model(LEFT[0], 2, DEGREES), model(LEFT[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
@@ -121,7 +122,7 @@ def whitening(gusts: bool) -> np.ndarray:
 
 def sound_residuals(seed: int, gusts: bool) -> np.ndarray:
     y = measured(LEFT[0], np.random.default_rng(seed), gusts)
-    return y / SIGMA - input_fault_model(PLANT, SIGMA).outputs(commands())
+    return y / SIGMA - outputs_of(input_fault_model(PLANT, SIGMA), commands())
 
 
 def judged(bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE) -> Verdict:
@@ -136,7 +137,7 @@ def judged(bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray 
     )
     for k in range(tick + 1):
         v = np.concatenate([u[k], before[k], [1.0]])
-        evidence = bank.step(evidence, k, v, y[k] / SIGMA, filtered, shaken=1.0)
+        evidence = bank.step(evidence, sample_of(k, v, y[k] / SIGMA), 1.0, filtered)
     return verdict_of(bank, evidence, tick)
 
 
@@ -196,14 +197,14 @@ def test_with_the_loss_of_one_known_that_of_the_other_is_found(k):
 
 def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
     """Whether the residual test raises one in a sound flight of 10 s."""
-    test = residual_test(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
+    test = ResidualTest(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
     recent, left = test.start(), sound_residuals(seed, gusts)
     white = sum(
         weights * np.vstack([np.zeros((lag, 2)), left[: len(left) - lag]])
         for lag, weights in enumerate(filtered)
     )
     for residual in np.asarray(white):
-        recent = test.push(recent, residual)
+        recent = np.vstack([recent[1:], residual])
         if test.alarm(recent):
             return True
     return False
@@ -237,7 +238,7 @@ def test_a_free_surface_does_nothing_and_hypotheses_add_to_what_is_known():
     """The commands of a free actuator do not matter; a known loss is part of each hypothesis."""
     free = input_fault_model(PLANT, SIGMA, [Fault(1, "free")])
     other = commands() * [1, -3]
-    assert np.array_equal(free.outputs(commands()), free.outputs(other))
+    assert np.array_equal(outputs_of(free, commands()), outputs_of(free, other))
     known = Fault(0, "weak", 0.5)
     bank = input_fault_bank(PLANT, SIGMA, [known])
     left = [each.effectiveness for each in bank.faults if each.kind == "weak"]

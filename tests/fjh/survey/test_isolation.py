@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fjh.rig.dither import CONDITIONS, rig_dither
+from fjh.rig.dither import MEASURED_S, rig_dither
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
 from fjh.survey.isolation import (
@@ -23,9 +23,11 @@ from fjh.survey.isolation import (
 from fjh.survey.subject import matrix_subject, robot_subject
 from ftc import tracking
 from ftc.control.compensator import minimal
-from ftc.fdi import separations
+from ftc.fdi import DEFAULT_CONFIG, separations
 from sim import HEXAPOD_MJCF, Mechanism, Plant, load_model
 from tests.random_systems import SEEDS
+
+KNOWN = MEASURED_S, DEFAULT_CONFIG.uncertainty
 
 TOLERANCE = 1e-9
 HAND = HEXAPOD_MJCF.with_name("hand.xml")
@@ -94,7 +96,7 @@ def test_what_is_told_apart_is_what_the_library_says_of_each_rig():
         np.testing.assert_allclose(
             ours.separations.distance, design.separations.distance, rtol=1e-6, atol=1e-6
         )
-        apart = separations(rig.watched, ours.dither, CONDITIONS)
+        apart = separations(rig.watched, ours.dither, *KNOWN)
         assert ours.separations.isolable() == apart.isolable()
         assert row["isolable"] == len(apart.isolable()) == 12 - len(row["not_isolable"])
 
@@ -111,10 +113,10 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
             each: watched.measured(np.vstack([watched.plant.C, C]), [*watched.noise, noise])
             for each, (C, noise) in further_sensors(hand, "joints").items()
         }
-        isolable = separations(more[name], design.dither, CONDITIONS).isolable()
+        isolable = separations(more[name], design.dither, *KNOWN).isolable()
         assert len(isolable) == with_it > before
         for other in more.values():
-            assert len(separations(other, design.dither, CONDITIONS).isolable()) <= with_it
+            assert len(separations(other, design.dither, *KNOWN).isolable()) <= with_it
         watched, before = more[name], with_it
 
 
