@@ -44,7 +44,7 @@ def array(
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and least is None and not copy:
         size = dnrm2(value.ravel()) if value.size else 0.0
         is_sized = size < LARGEST and (size == 0.0 or size >= SMALLEST or len(shape) < 2)
-        if is_sized and (value.shape == shape or _has_shape(value, shape)):
+        if is_sized and (not shape or value.shape == shape or _has_shape(value, shape)):
             return value  # the common case
     A = value if is_plain(value) else _as_float64(name, value)
     if finite and not is_moderate(A):
@@ -52,7 +52,7 @@ def array(
             raise ValueError(f"{name} must be finite, got NaN or infinity")
         if (largest := np.abs(A).max()) >= LARGEST:
             raise ValueError(f"{name} must be smaller than {LARGEST:g}, got {largest:.3g}")
-    if not _has_shape(A, shape):
+    if shape and not _has_shape(A, shape):
         raise ValueError(f"{name} must have shape {_written(shape)}, got {A.shape}")
     if least is not None and A.size and (low := A.min()) < least:
         raise ValueError(f"{name} must {at_least(least)}, got {low:.6g}")
@@ -182,17 +182,14 @@ def _as_float64(name: str, value: ArrayLike | None) -> Array:
 
 def _has_shape(A: Array, shape: tuple[int | EllipsisType | None, ...]) -> bool:
     found = A.shape
-    if not shape:
-        return True
     if shape[0] is ...:
         shape = shape[1:]
         found = found[max(len(found) - len(shape), 0) :]
-    if len(found) != len(shape):
-        return False
-    for size, there in zip(shape, found, strict=True):  # a generator takes twice as long
-        if size is not None and size != there:
-            return False
-    return True
+    return found == shape or (len(found) == len(shape) and all(map(_fits, found, shape)))
+
+
+def _fits(length: int, size: int | EllipsisType | None) -> bool:
+    return size is None or length == size
 
 
 def _written(shape: tuple[int | EllipsisType | None, ...]) -> str:
