@@ -97,9 +97,12 @@ class BumplessTransfer:
 class ControllerState(Generic[Pose]):
     """State of the controller between ticks.
 
-    States of all compensators, one after the other; the inputs (n,) last sent to the drives, and
-    the pose that is estimated from these; what was last `asked` of the mapping, and its answer; and
-    the transfer from the mapping before, None where there was none.
+    Attributes:
+        compensator: States of all compensators, one after the other.
+        inputs: Last sent to the drives, shape (n,).
+        pose: Estimated from these.
+        asked: Last demanded of the mapping, and its answer.
+        bumpless_transfer: From the mapping before; None where there was none.
     """
 
     compensator: Array
@@ -179,11 +182,16 @@ class PrioritizedController(Generic[Pose]):
     ) -> ControllerState[Pose]:
         """One control tick; the new state holds the inputs to send.
 
-        Of a measurement only the major task (m1,) is used, which must be measured. References are
-        of the major task (m1,), of the secondary goal, displacements of the actuators (n,), and
-        what actuators out of use are commanded after a transfer (n,), beside what they keep; None
-        is zero. `feedforward` (m1,) is added to what the compensators demand; None is the reference
-        with `reference_feedforward`, else zero.
+        Args:
+            state: From the tick before.
+            reference: Reference of the major task, shape (m1,).
+            measurement: Only the major task is used, which must be measured.
+            secondary_reference: Reference of the secondary goal, displacements of the actuators,
+                shape (n,); None is zero.
+            feedforward: Added to what the compensators demand, shape (m1,); None is the reference
+                with `reference_feedforward`, else zero.
+            unused_reference: Displacements that actuators out of use are commanded after a
+                transfer, shape (n,), beside what they keep; None is zero.
         """
         check.instance("state", state, ControllerState)
         reference = check.array("reference", reference, self._m1)

@@ -27,8 +27,13 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
     they are for, as plants with delays or zeros outside the unit circle need it (Devasia, Chen and
     Paden, IEEE Trans. Automatic Control 41, 1996).
 
-    The m1 outputs of the `nominal` plant are the rows of the path, in [rad] or [m]; `gain` (n, m1)
-    is displacements per demand. Demands beyond moderate numbers raise ValueError.
+    Args:
+        nominal: The plant; its outputs are the m1 rows of the path, in [rad] or [m].
+        gain: Displacements per demand, shape (n, m1).
+        path: Desired outputs, tick by tick.
+
+    Raises:
+        ValueError: The demands are beyond moderate numbers.
     """
     model = fault_model(nominal)
     m1 = len(nominal.noise)

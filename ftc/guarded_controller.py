@@ -111,9 +111,12 @@ class GuardedController:
     :class:`.SensorCheck`: its inputs and its state stay, and ticks go by that it does not see.
     Of encoders without numbers it gets the latest; whether it uses them is not known.
 
-    The `factory` makes the other for a `task`; `name` is that of the other in sentences. A step may
-    take `step_limit_s`, a millisecond or more, by the clock on the wall; making and starting the
-    other a minute.
+    Attributes:
+        name: Of the other, in sentences.
+        factory: Makes it for a task.
+        task: That task.
+        step_limit_s: How long a step may take, a millisecond or more, by the clock on the wall;
+            making and starting the other may take a minute.
     """
 
     name: str

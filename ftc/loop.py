@@ -74,9 +74,14 @@ def run_loop(
     else happens, failures above all, and keeps what only it knows. What it measures may be of
     any kind, if the controller can do with it.
 
-    The reference of the major task is (N, m1). So are demands that are known beforehand, the
-    `feedforward`, for a controller whose `step` takes that, as those of `ftc`. `keeps` is what to
-    keep of each state, such as its estimate of the pose: states themselves are some kilobytes each.
+    Args:
+        machine: Simulated or real.
+        controller: That of :class:`Controller`.
+        reference: Of the major task, tick by tick, shape (N, m1).
+        feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
+            takes `feedforward`, as those of `ftc`; None is none.
+        keeps: What to keep of each state, such as its estimate of the pose: states themselves are
+            some kilobytes each. None is nothing.
     """
     check.attributes("machine", machine, "measure", "apply")
     check.attributes("controller", controller, "start", "step")
@@ -106,10 +111,13 @@ def run_loop(
 def one_tick(
     machine: Machine, step: Callable[..., State], state: State, reference: Array, **known: Array
 ) -> tuple[State, Array | float]:
-    """The state after one tick of :func:`run_loop`, and what was measured of the major task.
+    """One tick of :func:`run_loop`, for who cannot know the references beforehand.
 
-    For who cannot know the references beforehand. `known` is what else the `step` of the controller
-    takes beside a reference (m1,), such as `feedforward`.
+    `known` is what else the `step` of the controller takes beside a reference (m1,), such as
+    `feedforward`.
+
+    Returns:
+        The state after it, and what was measured of the major task, as of :class:`LoopRun`.
     """
     measurement = machine.measure()
     state = step(state, reference, measurement, **known)
@@ -164,7 +172,7 @@ def steps(
     Args:
         stages: The plant, and what it becomes, in the order of time.
         C: Outputs per state, shape (m, s).
-        compensators: As many as outputs.
+        compensators: One for each output.
         reference: For the outputs, shape (N, m) or (S, N, m); what a sensor adds to them is to be
             taken off it.
         secondary: Added to the commands, shape (N, n).

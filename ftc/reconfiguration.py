@@ -125,10 +125,14 @@ class Outlook:
     The cost is the RMS error of the major task that the linear model predicts from where machine
     and controllers stand now.
 
-    `nominal` is the linear model of the sound machine, whose first outputs are the major task, and
-    `output` (m1,) that task as last measured: what the model is off now stays. References are of
-    the major task (N, m1), of the secondary goal (N, n) and of actuators out of use (N, n);
-    `feedforward` (N, m1) is demanded beside the compensators, None: as these do without.
+    Attributes:
+        nominal: Linear model of the sound machine; its first outputs are the major task.
+        output: The major task as last measured, shape (m1,): what the model is off now stays.
+        references: Of the major task, tick by tick, shape (N, m1).
+        secondary: Of the secondary goal, shape (N, n).
+        unused: What actuators out of use are commanded, shape (N, n).
+        feedforward: What is demanded beside the compensators, shape (N, m1); None: as the
+            controllers do without.
     """
 
     nominal: NominalModel

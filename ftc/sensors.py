@@ -32,12 +32,13 @@ in a loop of 8 Hz: about as much as loops can bear (34 degrees: `LARGEST_PEAK`).
 class SensorState:
     """What is known of a sensor after a tick.
 
-    Counts are of ticks so far, `ticks` all of them.
+    Counts are of ticks so far.
 
     Attributes:
         last: Latest reading of numbers, one a row; NaN before the first.
         sent: Inputs of the drives before that reading, shape (n,); None before the first.
         repeats: Of each row, ticks since it last changed while the commands did.
+        ticks: All.
         gap_ticks: Without a usable reading, up to now; 0: this one is usable.
         lost: Whether the gap is longer than a short one, or a row is stuck.
         since: The tick at which the present gap, or the last one, began.
@@ -126,8 +127,11 @@ class SensorCheck:
     def step(self, state: SensorState, reading: Any, sent: Array) -> SensorState:
         """The state after a reading; whatever that is, nothing is raised.
 
-        It should be a vector of as many finite numbers as there are rows. `sent` (n,) are the
-        inputs of the drives since the reading before: only while these change does it have to.
+        Args:
+            state: Before it.
+            reading: What should be a vector of as many finite numbers as there are rows.
+            sent: Inputs that the drives have had since the reading before, shape (n,). Only
+                while these change does a reading have to.
         """
         last, repeats, repeated = state.last, (0,) * len(state.last), state.repeated
         seen = _numbers(reading, len(last))
@@ -174,8 +178,10 @@ class SensorCheck:
 class Sensors:
     """What is known of the sensors after a tick.
 
-    Those of the major task, and the encoders of the actuators, without rows where they are not
-    used; `estimates` says whether the task is estimated from these.
+    Attributes:
+        task: Of the major task.
+        encoders: Of the actuators; without rows where they are not used.
+        estimates: Whether the major task is estimated from the encoders.
     """
 
     task: SensorState
@@ -193,9 +199,12 @@ class Sensors:
     ) -> "Sensors":
         """What is known after a measurement; whatever that is, nothing is raised.
 
-        It should have the attributes of a :class:`ftc.Measurement`. `sent` (n,) are the inputs of
-        the drives since the one before; `of_task` and `of_encoders` say what is usable; where it is
-        `estimable`, the encoders can stand in for a task's sensor that is lost.
+        Args:
+            measurement: What should have the attributes of a :class:`ftc.Measurement`.
+            sent: Inputs of the drives since the measurement before, shape (n,).
+            of_task: When the readings of the task are usable.
+            of_encoders: And those of the encoders.
+            estimable: Whether encoders can stand in for a task's sensor that is lost.
         """
         task = of_task.step(self.task, getattr(measurement, "output", None), sent)
         encoders = self.encoders

@@ -258,8 +258,10 @@ class Supervisor:
     def calibrated(self, state: SupervisorState) -> "Supervisor":
         """The supervisor that begins with what another run has learned of the same machine.
 
-        It need not take its first samples for those of a sound machine. A run with a failure, or
-        that ended before anything was learned, raises ValueError.
+        It need not take its first samples for those of a sound machine.
+
+        Raises:
+            ValueError: That run had a failure, or ended before anything was learned.
         """
         observer = check.instance("state", state, SupervisorState).watch.observer
         if state.diagnoses or state.watch.relearns or state.is_learning:

@@ -68,8 +68,10 @@ class LoopShape:
 class Compensator:
     """One channel's compensator as plain arrays: python-control's systems cannot be pickled.
 
-    Numerator and denominator of G(s), highest power first, and its Tustin discretization at the
-    sampling period.
+    Attributes:
+        numerator: Of G(s), highest power first; `denominator` alike.
+        A: State matrix of the Tustin discretization; `B`, `C`, `D` alike.
+        period_s: Sampling period.
     """
 
     numerator: Array

@@ -107,8 +107,11 @@ def _frequencies(period_s: float, fastest: float, count: int) -> Array:
 class Margins:
     """Stability margins of one sampled loop.
 
-    The phase margin is at the gain crossover, `crossover_hz`, and the gain margin at the phase
-    crossover, where the phase passes -180 degrees.
+    Attributes:
+        crossover_hz: Gain crossover.
+        gain_margin_db: At `phase_crossover_hz`.
+        phase_margin_deg: At `crossover_hz`.
+        phase_crossover_hz: Where the phase passes -180 degrees.
     """
 
     crossover_hz: float

@@ -142,8 +142,11 @@ class PrioritizedMapping(Generic[Pose]):
 
     Actuators that the goal says have failed are reconfigured as in section 2.3.
 
-    Displacements are measured from the `nominal` pose. Of the n `actuators` those that failed are
-    `unused`, a mask (n,): they are commanded nothing. `limits` are (n,) each, or None.
+    Attributes:
+        nominal: The pose that displacements are measured from.
+        actuators: Their number n, failed ones included.
+        unused: Which of them are commanded nothing, because they have failed, shape (n,).
+        limits: Lower and upper displacements, shape (n,) each; None without.
     """
 
     def __init__(
@@ -162,10 +165,10 @@ class PrioritizedMapping(Generic[Pose]):
         """Prepare the mapping at the nominal pose.
 
         Args:
-            geometry: Of the mechanism without failures.
+            geometry: The mechanism.
             goal: Weights, and the failures that are known.
             major: Task rows of the major task.
-            secondary: Those of the secondary task, in the order of its weights.
+            secondary: Task rows of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
             task: Task coordinates (m,) of a pose; the Gauss-Newton form needs them.
             limits: Lower and upper displacements of the actuators from the nominal pose, shape
@@ -396,9 +399,10 @@ class PrioritizedMapping(Generic[Pose]):
     def split(self, displacements: Array, pose: Pose) -> tuple[Array, Array, Array]:
         """Displacements (n,) of the surviving actuators in three parts.
 
-        Their effect on the major task (m1,), which the mapping's own displacements would have too;
-        less these, what is secondary motion alone (n,); and what no motion follows, because closed
-        loops tie the actuators together (n,).
+        Returns:
+            Their effect on the major task, shape (m1,), which the mapping's own displacements would
+            have too; less these, what is secondary motion alone, shape (n,); and what no motion
+            follows, because closed loops tie the actuators together, shape (n,).
         """
         mapping, kinematics, _ = self.at(pose)
         surviving, C = displacements[self._surviving], kinematics.active_constraint
