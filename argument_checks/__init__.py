@@ -18,6 +18,7 @@ from argument_checks.arrays import is_moderate as is_moderate
 from argument_checks.arrays import is_plain as is_plain
 from argument_checks.arrays import limits as limits
 from argument_checks.arrays import read_only as read_only
+from argument_checks.arrays import shown as shown
 from argument_checks.arrays import weight as weight
 from argument_checks.records import computed as computed
 from argument_checks.records import keep as keep
@@ -34,7 +35,6 @@ from argument_checks.values import instance as instance
 from argument_checks.values import integer as integer
 from argument_checks.values import members as members
 from argument_checks.values import number as number
-from argument_checks.values import shown as shown
 
 __version__ = "0.2.0"
 """The distribution's version, written here alone: this package is below all others."""

@@ -1,4 +1,4 @@
-"""Arrays of finite numbers of moderate size, limits, and weights."""
+"""Arrays of finite numbers of moderate size, limits, and weights; what came, in few words."""
 
 from collections.abc import Sequence
 from types import EllipsisType
@@ -7,8 +7,6 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import dnrm2
-
-from argument_checks.shown import shown
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -20,6 +18,15 @@ LARGEST = 1e120
 """No number may be as large: squares, and products of two, must not overflow."""
 SMALLEST = 1e-120
 """A matrix that is not zero must be as large, for the same reason: they must not vanish."""
+
+
+def shown(value: Any) -> str:
+    """What came, on one short line of the sentence that refuses it."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # Python does not write out integers of thousands of digits
+        text = f"a huge {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def array(

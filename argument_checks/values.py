@@ -7,8 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from argument_checks.arrays import LARGEST, SMALLEST, Indices, array, at_least, is_masked
-from argument_checks.shown import shown
+from argument_checks.arrays import LARGEST, SMALLEST, Indices, array, at_least, is_masked, shown
 
 _Kind = TypeVar("_Kind")
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from argument_checks.shown import shown
+from argument_checks import shown
 from fjh.rig.conditions import LETTERS, failures_of
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
