@@ -46,8 +46,8 @@ class DirectDrive:
     """Drives that take displacements as they are, such as position servos."""
 
     def inputs(self, displacements: Array) -> Array:
-        """The displacements themselves."""
-        return displacements
+        """The displacements themselves, as another array: who sends inputs may change them."""
+        return displacements.copy()
 
     def displacements(self, inputs: Array) -> Array:
         """The inputs themselves."""

@@ -159,7 +159,8 @@ class GuardedController:
         state = changed(state, sensors=sensors)
         if not sensors.task.usable:
             return state
-        given = Measurement(np.array(sensors.task.last), np.array(sensors.encoders.last))
+        readings = sensors.task.last, sensors.encoders.last
+        given = Measurement(*(np.array(each, dtype=float) for each in readings))
 
         def stepped() -> tuple[Any, Array]:
             own = controller.step(state.own, reference.copy(), given)

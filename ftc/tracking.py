@@ -271,12 +271,7 @@ def tracking(
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
             no crossover leaves the loops stable.
     """
-    check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
-    s = len(check.array("linear.A", linear.A, None, None))
-    check.array("linear.A", linear.A, None, s)
-    n = check.array("linear.B", linear.B, s, None).shape[1]
-    check.array("linear.C_active", linear.C_active, n, s)
-    m = len(check.array("linear.C_twist", linear.C_twist, None, s))
+    n, m = _checked_plant(linear)
     rows = tuple(check.indices("major", major, m).tolist())
     if not rows:
         raise ValueError("major must name at least one row, got none")
@@ -350,6 +345,16 @@ def _loops(
         if not np.isfinite(its.crossover_hz):
             raise TaskLost(f"the loop of row {row} has no crossover: {hindrance()}")
     return loops, each
+
+
+def _checked_plant(linear: Any) -> tuple[int, int]:
+    """Actuators n and task rows m of a plant that has its matrices, finite and of one size."""
+    check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
+    s = len(check.array("linear.A", linear.A, None, None))
+    check.array("linear.A", linear.A, None, s)
+    n = check.array("linear.B", linear.B, s, None).shape[1]
+    check.array("linear.C_active", linear.C_active, n, s)
+    return n, len(check.array("linear.C_twist", linear.C_twist, None, s))
 
 
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ void recur(int n, int64_t steps, const double *A, const double *sources, double 
 /* friction.c */
 
 /* Physics steps of models with dry friction, whose arrays stand one after another: of s states,
- * r places that rub, n inputs, p outputs. See ftc.fdi.friction.Rubbing for what they are. */
+ * r places that rub, n inputs, p outputs. See ftc.fdi.fault_model.Rubbing for what they are. */
 typedef struct {
     int s, r, n, p, steps_a_tick;
     const double *A, *B, *G, *E, *D, *K, *limit, *C;
@@ -73,7 +73,7 @@ typedef struct {
     double *memory, *mean, *root, *recent, *covariance;
 } watched;
 
-/* What a sample y (p) makes of it, with its innovation: ObserverState.corrected.
+/* What a sample y (p) makes of it, with its innovation: Observer.step.
  *
  * `predicted` (1 + J, p) are the model's outputs, and what each error adds to them, `drift` (k)
  * standard deviations of steps of the parameters, `rate` the weight of this sample in the
@@ -96,7 +96,7 @@ int alarming(int M, int p, const double *recent, const double *swing, int shorte
 
 /* Change states X (H, K, rows, s) to those after a sample of inputs v (r), with outputs (H, K,
  * rows, p) during it. What drives the last row grows with the age (K) of the onset, in samples.
- * `alone`, `driven` and `spans` as of UncertainModel.stacked. Room for 2 rows (p + s). */
+ * `alone`, `driven` and `spans` as of UncertainModel._stacked. Room for 2 rows (p + s). */
 void advance_models(int H, int K, int rows, int s, int p, int r, const bool *steps,
                     const double *alone, const double *driven, const int64_t *spans,
                     const double *v, const double *age, double *room, double *X, double *outputs);

@@ -54,8 +54,8 @@ class SimulationDiverged(RuntimeError):
 def has_diverged(data: mujoco.MjData) -> bool:
     """Whether a state left the finite numbers since it was made or reset."""
     counts: Any = data.warning  # MuJoCo's stubs do not have the vector of all
-    # Velocities that are not finite make such positions within the same step.
-    return any(counts.number.tolist()[_NOT_FINITE]) or not isfinite(dnrm2(data.qpos))
+    counted = any(counts.number.tolist()[_NOT_FINITE])
+    return counted or not isfinite(dnrm2(data.qpos) + dnrm2(data.qvel))
 
 
 def log_warnings() -> None:

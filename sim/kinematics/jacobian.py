@@ -19,7 +19,7 @@ from sim.errors import ClosureError, ModelError
 from sim.kinematics.structure import Kept, Structure, active_velocities, rows_at, variables_of
 from sim.kinematics.task import Task, located_axes, located_tasks
 from sim.mjcf.accuracy import moved, written_accuracy
-from sim.mjcf.drive import Drive, drives, is_disabled
+from sim.mjcf.drive import Drive, is_disabled
 from sim.mjcf.frame import Body
 from sim.mjcf.joints import is_slack, joint_stiffness, turning
 from sim.mjcf.limits import at_limits, stuck_names, tendon_row, touching
@@ -92,10 +92,10 @@ class Jacobians:
         """How far each entry may be off, and natural units: what these Jacobians themselves say."""
         return self
 
-    @cached_property
+    @property
     def drives(self) -> tuple[Drive, ...]:
         """What each active velocity is and what drives it, in actuator order."""
-        return drives(self._model)
+        return self.structure.drives
 
     @cached_property
     def names(self) -> Names:
@@ -381,20 +381,20 @@ class JacobianReader:
         ends = np.cumsum([0, *(len(located.angular) for located in self._tasks.values())]).tolist()
         self._rows = dict(zip(self._tasks, map(slice, ends, ends[1:]), strict=True))
         self._known = dict[tuple[object, ...], Structure]()
-        self._kept = Kept()
+        self._viewed, self._kept = Kept(), Kept()
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is found again: matrices and their views would be copied apart."""
-        return vars(self) | {"_known": {}, "_kept": {}}
+        return vars(self) | {"_known": {}, "_viewed": {}, "_kept": {}}
 
     def read(self, data: mujoco.MjData) -> JacobianViews:
         """Views of the Jacobians, for the tick of a loop; the next reading overwrites them.
 
-        So does :meth:`at`. One reader serves one thread so, and any number by :meth:`at` alone.
-        Arguments and errors are those of :meth:`at`.
+        One reader serves one thread so, and any number by :meth:`at`. Arguments and errors are
+        those of :meth:`at`.
         """
         now, residual = self._known_at(data)
-        J_T, J_C = rows_at(now, data, self._kept, copied=False)
+        J_T, J_C = rows_at(now, data, self._viewed, copied=False)
         return JacobianViews(J_T, J_C, now.active, residual, now.error_bound(residual))
 
     def at(self, data: mujoco.MjData) -> Jacobians:

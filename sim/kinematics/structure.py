@@ -47,7 +47,7 @@ class Structure:
         active: Velocity index of each active velocity, shape (n,): of those with actuators, then of
             those that are variables without one.
         gear: Of the first actuator of each, 1 where there is none, shape (n,).
-        extra: Those drives that are no joint.
+        drives: What each active velocity with an actuator is and what drives it, in their order.
         variables: How many active velocities have no actuator.
     """
 
@@ -59,8 +59,13 @@ class Structure:
     left_out: tuple[str, ...]
     active: NDArray[np.intp]
     gear: Array
-    extra: tuple[Drive, ...]
+    drives: tuple[Drive, ...]
     variables: int
+
+    @cached_property
+    def extra(self) -> tuple[Drive, ...]:
+        """Those drives that are no joint."""
+        return extra_drives(self.drives)
 
     @cached_property
     def length(self) -> float:
@@ -170,7 +175,7 @@ def active_velocities(
             velocity; a variable that has an actuator.
     """
     of_model = drives(model) if variables is None or len(variables) else required_drives(model)
-    extra, after = extra_drives(of_model), count(model.nv)
+    after = count(model.nv)
     numbers = [next(after) if d.joint is None else model.jnt_dofadr[d.joint] for d in of_model]
     active = np.array(numbers, dtype=np.intp)
     if variables is None:
@@ -179,7 +184,7 @@ def active_velocities(
         joint = name_of(model.joint(int(model.dof_jntid[both[0]])))
         raise ModelError(f'active must name joints without an actuator, got "{joint}"')
     gear = check.frozen(np.append([drive.gear[0] for drive in of_model], np.ones(len(variables))))
-    return check.read_only(np.append(active, variables)), gear, extra, len(variables)
+    return check.read_only(np.append(active, variables)), gear, of_model, len(variables)
 
 
 def variables_of(

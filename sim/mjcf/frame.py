@@ -15,7 +15,6 @@ from sim.array import Array
 from sim.errors import ModelError
 from sim.mjcf.model import element_id, listed, names_of_kind
 
-_SITE, _BODY = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY
 _HALF_TURN = np.pi * (1 - ACCURACY)
 
 
@@ -84,7 +83,7 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     if not isinstance(frame, Body):
         check.instance("model", model, mujoco.MjModel)
         check.instance(argument, frame, str)
-        if _is(model, _SITE, frame) or not _is(model, _BODY, frame):
+        if _is(model, "site", frame) or not _is(model, "body", frame):
             site = element_id(model, "site", frame)
             return Located(site, int(model.site_bodyid[site]), is_site=True)
         frame = Body(frame)
@@ -100,9 +99,9 @@ def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str 
     Raises:
         ModelError: There is none; the message has the argument and the nearest names.
     """
-    if isinstance(frame, Body) or _is(model, _SITE, frame):
+    if isinstance(frame, Body) or _is(model, "site", check.instance(argument, frame, str)):
         return frame
-    if _is(model, _BODY, frame):
+    if _is(model, "body", frame):
         return Body(frame)
     if frame.isdecimal() and len(frame) < 10:
         return Body(int(frame))
@@ -112,9 +111,9 @@ def frame_named(model: mujoco.MjModel, argument: str, frame: str | Body) -> str 
     raise ModelError(f'{argument}: the model has no site or body "{frame:.80}"; {hint}')
 
 
-def _is(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> bool:
+def _is(model: mujoco.MjModel, kind: str, name: str) -> bool:
     """Whether a name is that of an element of a kind."""
-    return mujoco.mj_name2id(model, kind, name) >= 0
+    return name in names_of_kind(model, kind)  # MuJoCo's own look-up cuts a name at a null byte
 
 
 def rotation_vector(rotation: Array) -> Array:

@@ -335,4 +335,4 @@ def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> tup
 def sent_by(hook: Callable[[int, Array], Array], tick: int, inputs: Array) -> Array:
     """Let a hook change inputs, and refuse anything but as many finite numbers."""
     name = f"what events.sent returns at tick {tick}"
-    return check.array(name, hook(tick, inputs), *inputs.shape)
+    return check.array(name, hook(tick, inputs.copy()), *inputs.shape)

@@ -173,13 +173,14 @@ class Plant:
 
     def lock(self, actuator: int) -> None:
         """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
-        self.check_lock(k := self._index(actuator))
+        self.check_lock(actuator)
+        k = self._index(actuator)
         actuators.activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def check_lock(self, actuator: int) -> None:
         """Raise a ModelError if actuator 0..n-1 cannot lock."""
-        if self._locks[actuator] < 0:
-            raise actuators.no_lock(self.model, self.drives[actuator])
+        if self._locks[k := self._index(actuator)] < 0:
+            raise actuators.no_lock(self.model, self.drives[k])
 
     @property
     def soft_locks(self) -> dict[int, str]:
@@ -234,6 +235,7 @@ class Plant:
             rows = drive_rows(self.model, self.data, self.drives)
             self.data.qfrc_applied[:] = rows.T.dot(force)
         else:
+            self.data.qfrc_applied[:] = 0.0
             self.data.qfrc_applied[self._velocities] = force
 
     def shake(self, acceleration: Array) -> None:

@@ -154,6 +154,20 @@ def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, 
     assert re.fullmatch(f"my:own {sentence}", done.state.failure or "")
 
 
+def test_a_controller_gets_floats_whatever_a_sensor_counts_in():
+    class Counting(Still):
+        def measure(self) -> Measurement:
+            return Measurement(np.array([1, 2]), np.array([True, False, True]))
+
+    class Own(Proportional):
+        def step(self, state, reference, measurement):
+            assert measurement.output.dtype == measurement.displacement.dtype == float
+            return super().step(state, reference, measurement)
+
+    done = run_loop(Counting(), GuardedController("my:own", Own, TASK, 1.0), REFERENCE)
+    assert done.state.failure is None and done.inputs.any()
+
+
 def test_a_controller_alters_neither_the_record_nor_what_it_was_sent():
     """It gets copies, and copies are taken of what it returns."""
 

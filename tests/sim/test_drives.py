@@ -122,6 +122,15 @@ def test_actuators_that_are_switched_off_are_not_active_and_the_warnings_say_so(
     assert second.warnings == ("opt.disableactuator switches off, so not active: m1",)
 
 
+def test_jacobians_say_what_drives_them_after_the_model_has_changed():
+    """Actuators are switched off between the reading and the question."""
+    model = mujoco.MjModel.from_xml_string(ARM.format(actuators=PAIR, joint="", tendon=""))
+    both = jacobians(model, mujoco.MjData(model), "tool")
+    model.opt.disableactuator = 1 << 2
+    assert both.names.actuators == (("m1",), ("m2",))
+    assert len(both.force_range) == len(both.one_sided) == len(both.active) == 2
+
+
 MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
 
 

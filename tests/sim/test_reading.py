@@ -117,6 +117,9 @@ def test_the_next_reading_overwrites_views_and_nothing_else(name):
     make, poses = MADE[name]()
     reader = make()
     views = [reader.read(data) for data in poses]
+    last = views[-1].J_T.copy()
+    reader.at(poses[0])
+    np.testing.assert_array_equal(views[-1].J_T, last)
     own = [reader.at(data) for data in poses]
     kept = [(jac.J_T.copy(), jac.J_C.copy()) for jac in own]
     again = [reader.read(data) for data in poses]

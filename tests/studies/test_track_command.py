@@ -89,6 +89,8 @@ ASKED = {
     "--size inf": "size must be a number from 1e-12 to 1000, got inf",
     "--period nan": "period must be a number from 1e-07 to 1, got nan",
     "--site tip": 'site: the model has no site or body "tip"',
+    "--site payload\0x": 'site: the model has no site or body "payload',
+    "--site \udcff": "site: the model has no site or body",
     "--dither often": "dither must be none, default",
     "--dither 0.1": "a frequency from 2 to 62.5 Hz, got 0.1",
     "--dither 10 --diagnosis off": "which is off",

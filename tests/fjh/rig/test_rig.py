@@ -208,6 +208,23 @@ def test_events_do_to_the_machine_what_they_are_asked_to(name):
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_inputs_that_are_changed_in_place_are_like_others_and_no_memory_of_the_pilot(name):
+    class InPlace:
+        def sent(self, tick: int, inputs: np.ndarray) -> np.ndarray:
+            inputs *= 1.01
+            return inputs
+
+    class Anew:
+        def sent(self, tick: int, inputs: np.ndarray) -> np.ndarray:
+            return 1.01 * inputs
+
+    one, path = rig(name), path_of(name, 0.1)
+    runs = [one.fly(one.controller(), path, events=events()) for events in (InPlace, Anew)]
+    np.testing.assert_array_equal(runs[0].true, runs[1].true)
+    np.testing.assert_array_equal(runs[0].inputs, runs[1].inputs)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
 def test_a_mismatch_is_of_the_plant_alone_and_a_seed_repeats_it(name):
     one, path = rig(name), path_of(name, 0.3)
     drawn = [one.drawn("all", seed) for seed in (3, 3, 4)]
