@@ -399,21 +399,24 @@ class JacobianReader:
 
     def at(self, data: mujoco.MjData) -> Jacobians:
         """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them."""
+        return check.made(Jacobians, **self.fields_at(data))
+
+    def fields_at(self, data: mujoco.MjData) -> dict[str, Any]:
+        """Fields of :meth:`at`, for a record that has more."""
         now, residual = self._known_at(data)
         J_T, J_C = rows_at(now, data, self._kept)
         place = np.empty(mujoco.mj_stateSize(self._model, _PLACE))
         mujoco.mj_getState(self._model, data, place, _PLACE)
-        return check.made(
-            Jacobians,
-            J_T=J_T,
-            J_C=J_C,
-            active=now.active,
-            gear=now.gear,
-            rows=self._rows.copy(),
-            closure_residual=residual,
-            structure=now,
-            place=check.read_only(place),
-        )
+        return {
+            "J_T": J_T,
+            "J_C": J_C,
+            "active": now.active,
+            "gear": now.gear,
+            "rows": self._rows.copy(),
+            "closure_residual": residual,
+            "structure": now,
+            "place": check.read_only(place),
+        }
 
     def _known_at(self, data: mujoco.MjData) -> tuple[Structure, float]:
         """Bring a state up to date: what is known of its equalities, and their largest gap."""

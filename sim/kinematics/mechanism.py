@@ -132,13 +132,13 @@ class Mechanism:
         observer = self._observer()
         data = observer.data
         data.qpos[:] = qpos
-        jac = self._reader.at(data)
+        fields = self._reader.fields_at(data)
         self._observed.refresh(self._model, data)
         pose, displacements = observer.read()
         gaps = check.read_only(data.efc_pos[: data.ne].copy())
         self._observers.append(observer)
         own = {"qpos": check.read_only(qpos), "gaps": gaps, "displacements": displacements}
-        return check.made(JointPosture, **vars(jac), **own, pose=pose)
+        return check.made(JointPosture, **fields, **own, pose=pose)
 
     def _observer(self) -> Observer:
         """One with a state to compute in, which is to be given back."""

@@ -4,6 +4,7 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import mujoco
@@ -78,6 +79,12 @@ class Commands:
     force_slope: Array
     stiffness: Array
     feedback: Array
+
+    @cached_property
+    def are_displacements(self) -> bool:
+        """Whether each control is its drive's displacement, as of position servos."""
+        slope = np.eye(len(self.at_rest))
+        return not self.at_rest.any() and np.array_equal(self.per_displacement, slope)
 
     def beside(self, controls: Array) -> "Commands":
         """Let all other controls keep these values (nu,)."""

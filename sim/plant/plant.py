@@ -151,9 +151,10 @@ class Plant:
         """Hold checked displacements for a number of physics steps; Ctrl-C ends it soon."""
         model, data = self.model, self.data
         mujoco.mj_getState(model, data, self._last, _STATE)
-        commands = self._commands
-        data.ctrl[:] = commands.at_rest + commands.per_displacement.dot(command_m)
-        self._command[:] = command_m
+        self._command[:] = controls = command_m
+        if not (commands := self._commands).are_displacements:
+            controls = commands.at_rest + commands.per_displacement.dot(command_m)
+        data.ctrl[:] = controls
         for done in range(0, steps, _UNINTERRUPTED):
             mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
             if has_diverged(data):
