@@ -117,6 +117,9 @@ TARGETS = {
     "JacobianReader.at": Target(
         lambda **a: numbers(JacobianReader(ARM, "payload").at(**a)), {"data": AT_REST}
     ),
+    "JacobianReader.fields_at": Target(
+        lambda **a: JacobianReader(ARM, "payload").fields_at(**a)["J_T"], {"data": AT_REST}
+    ),
     "JacobianReader.read": Target(
         lambda **a: numbers(JacobianReader(ARM, "payload").read(**a)), {"data": AT_REST}
     ),
