@@ -324,8 +324,8 @@ class Monitor:
         if found is None or not found.confirmed:
             raise ValueError(f"state must hold a confirmed diagnosis, got {found}")
         others = [each for each in self.faults if each.actuator != found.fault.actuator]
-        known = (*others,) if found.fault.is_sound else (*others, found.fault)
-        after = monitor(self.nominal, known, self.config)
+        faults = others if found.fault.is_sound else [*others, found.fault]
+        after = monitor(self.nominal, faults, self.config)
         past = [each for each in state.history if each.number * self.ticks >= found.onset_tick]
         first = (past or state.history[-1:])[0].before
         # The residuals of a failed plant have more variance.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from argument_checks.ties import greatest
 from kernels import lib, pointer
 from sim.array import Array
-from sim.errors import ModelError
+from sim.errors import ClosureError, ModelError
 from sim.mjcf.drive import is_turn
 from sim.mjcf.frame import Located
 from sim.mjcf.model import name_of, with_sleepers
@@ -186,6 +186,18 @@ class Closures(NamedTuple):
         if not isfinite(largest):
             raise ModelError("an equality of the model is not finite")
         return largest
+
+    def check_closed(self, model: mujoco.MjModel, data: mujoco.MjData, tolerance: float) -> float:
+        """The largest gap, [m] or [rad], where it is at most the tolerance.
+
+        Raises:
+            ClosureError: It is larger.
+            ModelError: An equality is not finite.
+        """
+        if (gap := self.largest_gap(data)) > tolerance:
+            name = equality_name(model, self.worst(data))
+            raise ClosureError(name, gap, "call sim.assemble(model, data)")
+        return gap
 
     def worst(self, data: mujoco.MjData) -> int:
         """The equality with the largest gap; -1 without closures."""

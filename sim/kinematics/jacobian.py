@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from sim.array import Array
-from sim.closing.equalities import Closures, active_closures, equality_name, left_out
+from sim.closing.equalities import Closures, active_closures, left_out
 from sim.closing.hold import Pin, pins_of
-from sim.errors import ClosureError, ModelError
+from sim.errors import ModelError
 from sim.kinematics.structure import Kept, Structure, active_velocities, rows_at, variables_of
 from sim.kinematics.task import Task, located_axes, located_tasks
 from sim.mjcf.accuracy import moved, written_accuracy
@@ -429,10 +429,7 @@ class JacobianReader:
         key = closures, opt.disableactuator, opt.disableflags
         known = self._known.get(key)
         closed = active_closures(model, data) if known is None else known.closures
-        residual = closed.largest_gap(data)
-        if residual > self._tolerance:
-            name = equality_name(model, closed.worst(data))
-            raise ClosureError(name, residual, "call sim.assemble(model, data)")
+        residual = closed.check_closed(model, data, self._tolerance)
         if known is None:
             known = self._known[key] = self._found(data, closed)
         return known, residual

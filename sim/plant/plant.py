@@ -13,8 +13,8 @@ import numpy as np
 import argument_checks as check
 from kernels import lib, pointer
 from sim.array import Array
-from sim.closing.equalities import active_closures, check_closures, equality_name
-from sim.errors import BAD_CONTROL, ClosureError, ModelError, SimulationDiverged, has_diverged
+from sim.closing.equalities import active_closures, check_closures
+from sim.errors import BAD_CONTROL, ModelError, SimulationDiverged, has_diverged
 from sim.kinematics.jacobian import CLOSURE_TOLERANCE
 from sim.kinematics.observation import Observed, Observer
 from sim.kinematics.pose import Pose
@@ -174,14 +174,14 @@ class Plant:
 
     def lock(self, actuator: int) -> None:
         """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
-        self.check_lock(actuator)
-        k = self._index(actuator)
+        k = self.check_lock(actuator)
         actuators.activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
-    def check_lock(self, actuator: int) -> None:
-        """Raise a ModelError if actuator 0..n-1 cannot lock."""
+    def check_lock(self, actuator: int) -> int:
+        """The actuator 0..n-1 itself; a ModelError if it cannot lock."""
         if self._locks[k := self._index(actuator)] < 0:
             raise actuators.no_lock(self.model, self.drives[k])
+        return k
 
     @property
     def soft_locks(self) -> dict[int, str]:
@@ -390,10 +390,7 @@ def _place(
         return
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
-    closures = active_closures(model, data)
-    if (gap := closures.largest_gap(data)) > CLOSURE_TOLERANCE:
-        name = equality_name(model, closures.worst(data))
-        raise ClosureError(name, gap, "call sim.assemble(model, data)")
+    active_closures(model, data).check_closed(model, data, CLOSURE_TOLERANCE)
 
 
 @dataclass(frozen=True)
