@@ -41,7 +41,7 @@ def greatest(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -
     x = np.asarray(values, dtype=float)
     most = float(x.max())
     room = max(accuracy * abs(most), zero) if isfinite(most) else 0.0
-    return int(((x >= most - room) | (x != x)).argmax())
+    return int(np.argmax((x >= most - room) | (x != x)))
 
 
 def least(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:

@@ -201,7 +201,7 @@ def figure_atlas(every: Sequence[Verdict]) -> Figure:
 
 def _map(axes: Axes, found: Sequence[Verdict]) -> None:
     """Struts 1 to 3 down the rows, 4 to 6 along the columns: the order of the atlas itself."""
-    number = np.argmax([verdict.holds for verdict in found], axis=0)
+    number = np.argmax([verdict.holds for verdict in found], axis=0)  # noqa: TID251 - truth values
     axes.pcolormesh(
         number.reshape(27, 27),
         cmap=ListedColormap([verdict.color for verdict in found]),

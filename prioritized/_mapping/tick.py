@@ -190,7 +190,8 @@ def _widest_last(system: Partition) -> tuple[Indices, Indices]:
     moving, idle = moving[~is_idle], moving[is_idle]
     rows = [np.flatnonzero(column) for column in system.J_C[:, moving].T]
     widths = [int(np.ptp(each)) if len(each) else 0 for each in rows]
-    return moving[np.argsort(widths, kind="stable")], idle
+    order = np.argsort(widths, kind="stable")  # noqa: TID251 - whole numbers
+    return moving[order], idle
 
 
 def _errors(geometry: Geometry) -> tuple[float, float, float]:

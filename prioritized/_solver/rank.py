@@ -189,7 +189,7 @@ def _kept_first(svd: RankedSvd) -> RankedSvd:
     U, sigma, Vt, threshold, kept, round_off = vars(svd).values()
     if not (kept[..., 1:] & ~kept[..., :-1]).any():
         return svd
-    order = np.argsort(~kept, axis=-1, kind="stable")
+    order = np.argsort(~kept, axis=-1, kind="stable")  # noqa: TID251 - truth values
     k = sigma.shape[-1]
     U, Vt = np.array(U), np.array(Vt)
     U[..., :k] = np.take_along_axis(U[..., :k], order[..., None, :], axis=-1)

@@ -120,7 +120,7 @@ def _halves_of_units(unit: Array) -> Array:
     written = (tried / 10.0**most)[..., None] * (unit / largest)[:, None]
     written[np.broadcast_to(tiny[:, None], written.shape)] = 1.0
     whole = _shows(written, most[:, None]).all(axis=-1)
-    first = whole.argmax(axis=1)
+    first = np.argmax(whole, axis=1)  # noqa: TID251 - truth values
     written, most = written[np.arange(len(unit)), first], most[first][:, None]
     halves = _half_units(written, most, _last_places(written).min(axis=1, keepdims=True))
     halves[~whole.any(axis=-1) | (most[:, 0] < _FEWEST_OF_UNITS)] = 0.0
@@ -147,7 +147,8 @@ def _last_places(x: Array, digits: Array | int | None = None) -> Array:
 def _significant_digits(x: Array) -> Array:
     """Digits of positive numbers as they were written; _MOST_DIGITS + 1 of those in full."""
     shown = [_shows(x, n) for n in range(1, _MOST_DIGITS + 1)]
-    return 1 + np.argmax([*shown, np.full(x.shape, True)], axis=0)
+    shown.append(np.full(x.shape, True))
+    return 1 + np.argmax(shown, axis=0)  # noqa: TID251 - truth values
 
 
 def _shows(x: Array, digits: Array | int) -> Array:

@@ -135,5 +135,6 @@ def one_half_turn(vector: Array) -> Array:
     if angle.max(initial=0.0) < _HALF_TURN:
         return vector
     clear = np.abs(vector) > np.pi * ACCURACY
-    first = np.take_along_axis(vector, clear.argmax(axis=-1)[..., None], axis=-1)
+    index = np.argmax(clear, axis=-1)[..., None]  # noqa: TID251 - truth values
+    first = np.take_along_axis(vector, index, axis=-1)
     return np.where((angle >= _HALF_TURN) & (first < 0.0), -vector, vector)

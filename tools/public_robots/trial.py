@@ -21,6 +21,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from argument_checks.ties import ascending
 from fjh.rig import Rig, Run
 from fjh.rig.dither import dither_of
 from fjh.rig.reach import learnt_s, uncompared
@@ -171,7 +172,7 @@ class Trial:
         """
         system, major = self.rig.control.system, list(self.rig.major)
         moves = np.linalg.norm(system.kinematics().J[major], axis=0)
-        order = np.argsort(-np.round(moves, 9), kind="stable").tolist()
+        order = ascending(-moves).tolist()
 
         def spared(k: int) -> bool:
             left = system.with_failures(locked=[k]).kinematics()
