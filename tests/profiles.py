@@ -1,7 +1,7 @@
-"""On how many examples a property is tried, and on which: one profile of hypothesis is in force.
+"""On how many examples a property is tried: the environment variable `PROPERTIES` says it.
 
-The environment variable `PROPERTIES` names it. Unless it is set, it is `ci` where `CI` is set (as
-GitHub and `.ci/run` do) and `local` elsewhere.
+`local` tries the same 20 in every run; `ci`, in force where `CI` is set, 50 others in each, `night`
+1,000. An example that fails is printed with the line that repeats it, and is kept in `.hypothesis`.
 """
 
 import os
@@ -9,42 +9,30 @@ import os
 from hypothesis import HealthCheck, settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 
-EXAMPLES = {"local": 20, "ci": 100, "night": 1000}
+EXAMPLES = {"local": 20, "ci": 50, "night": 1000}
 """Examples of a property that states no number of its own."""
 
 
 def register() -> None:
-    """Make the three profiles known to hypothesis and put one in force."""
-    # Timings are noise on a busy machine, and a run must be one that can be repeated: both profiles
-    # try the same examples in every run, `local` the first few of them.
-    for name in ("local", "ci"):
-        examples = EXAMPLES[name]
-        settings.register_profile(name, deadline=None, derandomize=True, max_examples=examples)
-    # Other examples every night; those that failed are kept and tried first in the next.
+    """Put the profile of the environment in force."""
+    name = os.environ.get("PROPERTIES") or ("ci" if os.environ.get("CI") else "local")
     settings.register_profile(
-        "night",
-        deadline=None,
-        derandomize=False,
-        max_examples=EXAMPLES["night"],
-        database=DirectoryBasedExampleDatabase(".hypothesis/examples"),
+        name,
+        deadline=None,  # timings are noise on a busy machine
+        derandomize=name == "local",
+        max_examples=EXAMPLES[name],
+        database=None if name == "local" else DirectoryBasedExampleDatabase(".hypothesis/examples"),
         print_blob=True,
         suppress_health_check=[HealthCheck.too_slow],
     )
-    settings.load_profile(chosen())
+    settings.load_profile(name)
 
 
-def chosen() -> str:
-    """The profile in force unless `--hypothesis-profile` names another."""
-    return os.environ.get("PROPERTIES") or ("ci" if os.environ.get("CI") else "local")
+def scaled(usual: int) -> int:
+    """A number of examples where others have 100, in proportion to the profile in force."""
+    return max(1, usual * settings().max_examples // 100)
 
 
-def scaled(in_ci: int) -> int:
-    """A number of examples, in proportion to those of the profile in force; at least one."""
-    default = settings.default
-    assert default is not None
-    return max(1, in_ci * default.max_examples // EXAMPLES["ci"])
-
-
-def examples(in_ci: int) -> settings:
-    """The decorator of a property that has its own number of examples in CI."""
-    return settings(max_examples=scaled(in_ci))
+def examples(usual: int) -> settings:
+    """The decorator of a property that has a number of its own where others have 100."""
+    return settings(max_examples=scaled(usual))

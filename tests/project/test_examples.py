@@ -19,15 +19,9 @@ from tests.published.faces import LARGEST, WEIGHT, distances, effectiveness
 from tests.rrd import scalars
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-PICTURES = ROOT / "docs" / "pictures"
+pytestmark = pytest.mark.long
 FIRST = {"Matplotlib is building the font cache; this may take a moment."}
 """Said by the first process on a computer that looks for fonts for over 5 s."""
-
-
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
-def test_an_example_has_40_lines_at_most(example):
-    assert len(example.read_text().splitlines()) <= 40
 
 
 def test_the_notebook_is_what_sphinx_gallery_makes_of_its_script(tmp_path):
@@ -77,7 +71,6 @@ def arm_jacobians() -> tuple[np.ndarray, np.ndarray]:
     return (R.T @ camera).reshape(6, -1), (R.T @ elbow).reshape(6, -1)
 
 
-@pytest.mark.long
 def test_without_strut_1_a_third_of_the_pointing_is_missing(tmp_path):
     """Six struts that symmetry makes equal share two motions: a projector's diagonal is 2 / 6."""
     lines = printed("hexapod_lock", tmp_path)
@@ -85,13 +78,11 @@ def test_without_strut_1_a_third_of_the_pointing_is_missing(tmp_path):
     assert numbers(lines, r"off by ([\d.]+) mrad") == [0.333, 0.0]
 
 
-@pytest.mark.long
 def test_legs_a_quarter_turn_apart_hold_twice_one_leg_and_without_one_of_them_once(tmp_path):
     """No moment: their forces add to zero, so that opposite legs share each direction."""
     assert numbers(printed("force", tmp_path), r": (\d+) N in") == [200, 100]
 
 
-@pytest.mark.long
 def test_the_arm_turns_its_camera_as_fast_as_a_linear_program_says(tmp_path):
     J, d = arm_jacobians()[0][:2], np.array([0.6, 0.8])
     fastest = linprog(
@@ -105,7 +96,6 @@ def test_the_arm_turns_its_camera_as_fast_as_a_linear_program_says(tmp_path):
     np.testing.assert_allclose(found, [at_limit, at_limit, fastest], atol=0.011)
 
 
-@pytest.mark.long
 def test_a_goal_is_exact_as_long_as_its_rows_and_those_above_have_a_solution(tmp_path):
     camera, elbow = arm_jacobians()
     rows = np.vstack([camera[[0, 1, 3, 4, 5]], elbow[3:4]])
@@ -120,7 +110,6 @@ def test_a_goal_is_exact_as_long_as_its_rows_and_those_above_have_a_solution(tmp
     assert numbers(printed("hierarchy", tmp_path), r"up to (\d) joints") == expected
 
 
-@pytest.mark.long
 def test_a_hexarotor_is_controllable_where_hover_lies_inside_every_face(tmp_path):
     lines = printed("multirotor", tmp_path)
     for line in lines:
@@ -131,7 +120,6 @@ def test_a_hexarotor_is_controllable_where_hover_lies_inside_every_face(tmp_path
         assert ("cannot" in line) == (room < 1e-9), line
 
 
-@pytest.mark.long
 def test_the_lock_of_the_arm_is_found_and_costs_a_tenth_of_what_it_costs_unnoticed(tmp_path):
     lines = printed("own_arm", tmp_path)
     assert 0.8 < numbers(lines, r"motor4 was named locked at ([\d.]+) s")[0] < 1.3
@@ -139,14 +127,12 @@ def test_the_lock_of_the_arm_is_found_and_costs_a_tenth_of_what_it_costs_unnotic
     assert supervised < 0.1 * unaware
 
 
-@pytest.mark.long
 def test_both_controllers_fly_and_the_supervisor_names_the_strut(tmp_path):
     lines = printed("other_controller", tmp_path)
     mine, supervisor = numbers(lines, r"([\d.]+) µrad RMS")
     assert supervisor < mine < 100 and "strut1 was named locked at 1.0" in lines[1]
 
 
-@pytest.mark.long
 def test_the_recording_holds_the_errors_of_the_arrays_and_only_the_locked_motor_stands(tmp_path):
     printed("recording", tmp_path)
     with np.load(tmp_path / "recording.npz") as run:
@@ -158,14 +144,6 @@ def test_the_recording_holds_the_errors_of_the_arrays_and_only_the_locked_motor_
     assert stands.tolist() == [False, True, *[False] * 5]
 
 
-def test_the_readmes_pictures_of_examples_are_small():
-    pictures = list(PICTURES.glob("example_*.png"))
-    assert len(pictures) == 6
-    assert all(picture.stat().st_size < 60e3 for picture in pictures)
-    names = {picture.stem.removeprefix("example_") for picture in pictures}
-    assert names < {example.stem for example in EXAMPLES}
-
-
 IK = {
     "ik_arm": ("joint3", r"within ([\d.]+) mm"),
     "ik_mobile": ("drive_y", r"within ([\d.]+) mm"),
@@ -174,7 +152,6 @@ IK = {
 }
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", IK)
 def test_who_is_told_of_a_lock_misses_no_more_than_without_one_and_who_is_not_a_hundred_times(
     name, tmp_path
@@ -185,7 +162,6 @@ def test_who_is_told_of_a_lock_misses_no_more_than_without_one_and_who_is_not_a_
     assert f'"{joint}"' in (ROOT / "examples" / f"{name}.py").read_text()
 
 
-@pytest.mark.long
 def test_of_five_motions_left_in_a_loop_the_place_is_exact_and_the_load_tilts(tmp_path):
     lines = printed("ik_two_arms", tmp_path)
     off = numbers(lines, r"lock: ([\d.]+) mm off")
@@ -193,7 +169,6 @@ def test_of_five_motions_left_in_a_loop_the_place_is_exact_and_the_load_tilts(tm
     assert max(off) < 0.01 and tilted[0] == 0.0 and min(tilted[1:]) > 1.0
 
 
-@pytest.mark.long
 def test_the_speed_left_after_a_lock_is_the_distance_of_the_nearest_face(tmp_path):
     """The reachable velocities are a polytope about zero; a locked joint takes its column away."""
     J = arm_jacobians()[0][3:]

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -23,8 +22,6 @@ from experiments.app.start import PACKAGES, run
 from hatch_build import FOLDERS, stage
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PROJECT, TOOL = SETTINGS["project"], SETTINGS["tool"]
 
 
 def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -154,25 +151,6 @@ def test_sim_without_mujoco_says_what_to_install(tmp_path):
     )
 
 
-def names(requirements: list[str]) -> set[str]:
-    """Distributions, without their versions."""
-    return {re.split(r"[<>]", requirement)[0] for requirement in requirements}
-
-
-def test_the_packages_that_the_sentences_speak_of_are_those_of_the_extras():
-    extras = PROJECT["optional-dependencies"]
-    assert names(PROJECT["dependencies"]) == {"cffi", "control", "numpy", "scipy"}
-    assert set(extras) == {"sim", "all"} and names(extras["sim"]) == {"mujoco"}
-    distributions = {name.replace("_", "-") for name in PACKAGES} - {
-        "mujoco",
-        "rerun",
-        "markdown-it",
-    }
-    assert names(extras["all"]) == distributions | {
-        *("fault-tolerant-hexapod[sim]", "markdown-it-py", "rerun-sdk")
-    }
-
-
 def test_there_is_one_version(capsys):
     version = argument_checks.__version__
     assert {prioritized.__version__, ftc.__version__, sim.__version__} == {version}
@@ -181,7 +159,24 @@ def test_there_is_one_version(capsys):
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
 
 
-def test_every_package_says_that_it_is_typed():
-    packages = {name for name in TOOL["pyright"]["include"] if (ROOT / name).is_dir()}
-    for package in packages - {"benchmarks", "tests", "docs", "examples", "tools"}:
-        assert (ROOT / package / "py.typed").is_file(), package
+NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distributed", "psutil")
+
+
+@pytest.mark.long
+def test_a_rig_needs_the_extra_sim_alone(tmp_path):
+    """Who flies a robot from Python needs none of what recordings, tables and commands need."""
+    code = f"""
+import sys
+
+class Refused:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {NOT_OF_SIM}:
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Refused())
+from fjh.rig import Rig
+rig = Rig.hexapod()
+print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)
+"""
+    done = python(tmp_path, "-c", code)
+    assert done.stdout == "This controller does not diagnose.\n", done.stderr
