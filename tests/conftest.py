@@ -12,8 +12,8 @@ from filelock import FileLock
 
 from experiments.studies import LINES
 from tests import profiles
-from tests.processor_time import pytest_runtest_call as pytest_runtest_call
-from tests.processor_time import pytest_terminal_summary as pytest_terminal_summary
+from tests.durations import pytest_runtest_makereport as pytest_runtest_makereport
+from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
 # Whoever runs one test waits for what it imports: the command line, Dask, MuJoCo and matplotlib are
 # imported where a fixture needs them.
