@@ -10,15 +10,7 @@ RUNS := results/report
 # Two flights of the arm around a circle of 30 mm whose shoulder locks after 3.25 s.
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
-# Tests that reach every kernel.
-SANITIZED := tests/kernels tests/prioritized/test_batches.py tests/prioritized/test_rates.py tests/prioritized/test_ticks.py \
-    tests/prioritized/test_mapping_ticks.py tests/prioritized/test_plain_arrays.py \
-    tests/prioritized/test_viable.py tests/prioritized/test_rank.py tests/sim/test_layouts.py tests/ftc/test_tick.py \
-    tests/ftc/test_evidence.py tests/ftc/test_friction.py tests/ftc/test_isolability.py \
-    tests/ftc/test_parameter_filter.py tests/ftc/test_residual_test.py tests/ftc/test_whitening.py \
-    tests/ftc/test_compiled_mapping.py tests/ftc/test_excitation.py tests/ftc/test_feedforward.py
-
-.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs bench pictures clean
+.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs tables bench pictures clean
 
 venv: $(STAMP) $(KERNELS)
 
@@ -43,16 +35,16 @@ table1: $(COMMAND) $(KERNELS)
 
 # On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take
 # half as long again.
-PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile --durations 20 --durations-min 0.4
 test test-all test-ci coverage: export OPENBLAS_NUM_THREADS = 1
 # Without bytecode every process rewrites the assertions of all test files anew, 4 s each.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Every law, the physics, the command line. A run of a study takes longer: `make table1` is one.
+# Every law, the physics, the command line: 60 s on two idle cores.
 test: venv
 	$(PYTEST) -m "not long"
 
-# The same, what takes long, and every study.
+# The same, what takes long, and every study at full length.
 test-all: venv
 	$(PYTEST)
 
@@ -70,12 +62,13 @@ coverage: venv
 	PROPERTIES=local $(PYTEST) -m "not long" --cov --cov-report=term:skip-covered --cov-report=html:build/coverage
 
 # The kernels, compiled with the sanitizers of addresses and undefined behaviour: a number read or
-# written beyond an array ends the tests.
+# written beyond an array ends the tests. Each night.
 test-sanitized: venv
 	$(BIN)/python kernels/build.py --sanitized
 	FJH_KERNELS=build/sanitized/_kernels.so ASAN_OPTIONS=detect_leaks=0 \
 	    LD_PRELOAD="$$(cc -print-file-name=libasan.so) $$(cc -print-file-name=libubsan.so)" \
-	    PROPERTIES=local $(BIN)/python -m pytest -p no:xdist -m "not long" $(SANITIZED)
+	    PROPERTIES=local $(BIN)/python -m pytest -p no:xdist -m "not long" \
+	    tests/kernels tests/prioritized tests/sim tests/ftc
 
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:
@@ -99,9 +92,14 @@ lock: venv
 	$(LOCK) pyproject.toml --extra sim --group bench --output-file benchmarks/constraints.txt
 	sed -i '1i # Exact versions of `make bench`, made by `make lock`.' benchmarks/constraints.txt
 
+# Format, lint, imports between the rooms, tables of the pages, workflows, types.
 check: venv
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/python docs/_extensions/tables.py --check
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/zizmor --offline --no-progress --quiet .github/workflows
 	$(BIN)/pyright
 
 # `make check` before every commit, by pre-commit.
@@ -109,8 +107,13 @@ hooks: venv
 	$(BIN)/pre-commit install
 
 # The site, in build/site; a broken link or reference is an error. Needs no network.
+# `make docs SPHINX="-D plot_gallery=0"` runs no example.
 docs: venv
-	$(BIN)/python -m sphinx -W --keep-going --quiet -d build/doctrees docs build/site
+	$(BIN)/python -m sphinx -W --keep-going --quiet $(SPHINX) -d build/doctrees docs build/site
+
+# The tables of the pages anew from docs/data, for who reads them on GitHub; the site does so itself.
+tables: venv
+	$(BIN)/python docs/_extensions/tables.py
 
 # Times beside those of other solvers, a minute: a table and a figure in build/bench, and an error if
 # a ratio that hardly scatters exceeds three times its bound. Nothing else should run meanwhile.

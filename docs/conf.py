@@ -21,6 +21,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "sphinx-mathjax-offline",  # equations are typeset without network, too
     "docstrings",
+    "tables",
     "theory_links",
     "tour",
 ]

@@ -31,7 +31,7 @@ def study(name: str) -> dict[str, Any]:
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table; of the widths of its columns nobody cares."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |".replace("|  |", "| |") for cells in lines)
+    return "\n".join(re.sub(r" +", " ", f"| {' | '.join(cells)} |") for cells in lines)
 
 
 def table1() -> str:
@@ -43,7 +43,7 @@ def table1() -> str:
         here = [f"{each[f'{angle}_rms_urad']:.3f}" for each in columns]
         rows += [[f"{angle}, here", *here], [f"{angle}, paper", *paper[:-1], f"**{paper[-1]}**"]]
     peaks = [
-        ", ".join(f"{each['secondary_peak'][axis]:.2g}" for axis in ("t_x_um", "t_y_um"))
+        ", ".join(f"{each['secondary_peak'][axis]:.3g}" for axis in ("t_x_um", "t_y_um"))
         for each in columns
     ]
     origin = ["fitted", *["= W_a"] * 4, "predicted"]
@@ -128,9 +128,7 @@ def mechanisms() -> str:
 def readings(*labels: str, digits: int = 5) -> list[list[str]]:
     """Rows of the sizes of the change of the Jacobian that are read out of eq. (40)."""
     tried = {each["reading"]: each for each in study("jacobian")["tried"]}
-    return [
-        [label, *(f"{tried[label][norm]:.{digits}f}" for norm in NORMS)] for label in labels
-    ]
+    return [[label, *(f"{tried[label][norm]:.{digits}f}" for norm in NORMS)] for label in labels]
 
 
 def jacobian() -> str:
@@ -158,7 +156,7 @@ def jacobian_bound() -> str:
     }
     head = [r"part of the bound, over $\lVert J_0 \rVert$", "Frobenius", "2-norm"]
     return markdown(
-        head, [[label, *(f"{each[key]:.4g}" for each in found)] for label, key in rows.items()]
+        head, [[label, *(f"{each[key]:#.4g}" for each in found)] for label, key in rows.items()]
     )
 
 
@@ -208,13 +206,13 @@ def dither() -> str:
             )
             for rate in rates
         ]
-        for name in ("gamma", "t_x", "t_y", "heave")
+        for name in ("gamma", "t_x", "t_y", "t_z")
     }
     return markdown(
         ["motion of the payload", *(f"{rate:g} Hz" for rate in rates)],
         [
             [
-                name.replace("heave", "t_z, the heave"),
+                name.replace("t_z", "t_z, the heave"),
                 *(f"{each:.0f}" if each > 10 else f"{each:.1f}" for each in row),
             ]
             for name, row in rows.items()
