@@ -10,7 +10,7 @@ RUNS := results/report
 # Two flights of the arm around a circle of 30 mm whose shoulder locks after 3.25 s.
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
-.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized wheel-test robots dist check hooks docs tables bench pictures clean
+.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized fuzz wheel-test robots dist check hooks docs tables bench pictures clean
 
 venv: $(STAMP) $(KERNELS)
 
@@ -69,6 +69,16 @@ test-sanitized: venv
 	    LD_PRELOAD="$$(cc -print-file-name=libasan.so) $$(cc -print-file-name=libubsan.so)" \
 	    PROPERTIES=local $(BIN)/python -m pytest -p no:xdist -m "not long" \
 	    tests/kernels tests/prioritized tests/sim tests/ftc
+
+# The kernels on what libFuzzer makes up, under the sanitizers, for so many seconds: needs clang. What
+# fails is kept in build/fuzz; `build/fuzz/kernels FILE` repeats it. Each night.
+SECONDS := 300
+fuzz:
+	mkdir -p build/fuzz/corpus
+	clang -g -O1 -std=c99 -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
+	    -DKERNELS_DIGEST='"fuzz"' -Ikernels tools/fuzz_kernels.c kernels/*.c -lm -o build/fuzz/kernels
+	build/fuzz/kernels -max_len=4096 -len_control=0 -max_total_time=$(SECONDS) \
+	    -print_final_stats=1 -artifact_prefix=build/fuzz/ build/fuzz/corpus
 
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:

@@ -300,8 +300,9 @@ int64_t lexicographic_room(const lexicographic_problem *p);
  * (bounds, 2, n), lower and upper; with weights wanted (count, n); x and state (count, n). Writes
  * a report (count, 4) of each problem: steps of the active set; 1 if every level came to an end
  * within them, -1 if numbers are not finite, too large, or too small for a norm; the smallest gap of
- * the rank decisions without bounds, and of those beside active ones. Writes the rank (levels) of
- * each level after a cold start, without bounds, unless it is beside the norm or NULL is given. */
+ * the rank decisions without bounds, and of those beside active ones. Writes the ranks (count,
+ * levels) after a cold start, without bounds, of all levels but one beside the norm, unless NULL is
+ * given. */
 void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
                          const double *scales, const double *limits, const double *wanted,
                          double *room, double *x, int8_t *state, double *report, int32_t *ranks);

@@ -20,7 +20,7 @@ enum { PASSES = 3, DEGENERATE = 3, SWEEPS = 40 };
 
 /* One problem, as `lexicographic_problem` says. */
 typedef struct {
-    int levels, damped; /* the first so many have a damping */
+    int levels, damped; /* the first so many are the caller's, each with a damping and a rank */
     bool beside;
     double tolerance;
     const int32_t *ends;
@@ -119,7 +119,7 @@ static int triangle(double *M, int k, int n, int first, double least, double *V,
             if (r)
                 swap_rows(r + rank, r + best, 1);
         }
-        if (!(sqrt(dot(row + c, row + c, n - c)) > least))
+        if (!(sqrt(dot(row + c, row + c, n - c)) > fmax(least, NOTHING)))
             break;
         reflection(row, n, c, V, beta);
         for (int i = rank + 1; i < k; i++) {
@@ -639,7 +639,7 @@ static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool
         double damping = beside ? 1.0 : p->damping && i < p->damped ? p->damping[i] : 0.0;
         w->least = fmax(p->tolerance * scale, NOTHING) * unit;
         take(w, p->A + first * n, p->b + first, k, unit, x, bounded);
-        w->rank = p->ranks && !bounded ? p->ranks + i : 0;
+        w->rank = p->ranks && !bounded && i < p->damped ? p->ranks + i : 0;
         ended = level(w, k, damping * unit, beside, p->lower, p->upper, x, state, bounded);
     }
     if (bounded)
