@@ -147,17 +147,15 @@ static void fuzz_lexicographic(void)
 {
     const int n = size(0, 6), rows = size(0, 7), levels = size(1, 3), problems = size(0, 3);
     const bool own = byte() & 1, has_weight = byte() & 1;
-    lexicographic_problem p = {
-        .count = problems,
-        .n = n,
-        .levels = levels,
-        .most_steps = 50,
-        .matrices = own ? problems : 1,
-        .bounds = byte() & 1 ? problems : 1,
-        .beside = has_weight && byte() & 1,
-        .tolerance = 1e-10,
-        .ends = ends(levels, rows),
-    };
+    lexicographic_problem p = {.count = problems,
+                               .n = n,
+                               .levels = levels,
+                               .most_steps = 50,
+                               .matrices = own ? problems : 1,
+                               .bounds = byte() & 1 ? problems : 1,
+                               .beside = has_weight && byte() & 1,
+                               .tolerance = 1e-10,
+                               .ends = ends(levels, rows)};
     if (byte() & 1)
         p.damping = usual((size_t)levels);
     for (int i = 0; p.damping && i < levels; i++)
@@ -189,18 +187,16 @@ static void fuzz_lexicographic(void)
 static void fuzz_problem1(void)
 {
     const int m = size(1, 6), n = size(1, 7), m1 = size(0, m), targets = size(0, 3);
-    problem1 p = {
-        .count = targets,
-        .jacobians = byte() & 1 ? targets : 1,
-        .m = m,
-        .n = n,
-        .m1 = m1,
-        .m2 = m - m1,
-        .joint = byte() & 1,
-        .secondary = byte() & 1,
-        .tolerance = 1e-10,
-        .clear = byte() & 1 ? 1e-7 : 0.0,
-    };
+    problem1 p = {.count = targets,
+                  .jacobians = byte() & 1 ? targets : 1,
+                  .m = m,
+                  .n = n,
+                  .m1 = m1,
+                  .m2 = m - m1,
+                  .joint = byte() & 1,
+                  .secondary = byte() & 1,
+                  .tolerance = 1e-10,
+                  .clear = byte() & 1 ? 1e-7 : 0.0};
     double *S = room(m * m);
     for (int i = 0; i < m; i++)
         S[i * m + i] = 1.0;
@@ -248,32 +244,30 @@ static void fuzz_tick(void)
     double *T = room((weighted ? k + n : k) * t);
     for (int i = 0; i < t; i++)
         T[i * t + i] = 1.0;
-    const tick_plan plan = {
-        .m = m,
-        .c = c,
-        .N = N,
-        .t = t,
-        .p = p,
-        .n = n,
-        .idles = idles,
-        .k = k,
-        .levels = levels,
-        .order = of,
-        .idle = of + p + n,
-        .S = usual((size_t)(k * m)),
-        .T = T,
-        .R = byte() & 1 ? usual((size_t)(k * n)) : NULL,
-        .weight = weighted ? weight : NULL,
-        .sizes = sizes,
-        .on_rates = on_rates,
-        .ends = ends(levels, k),
-        .error_C = 1.0,
-        .error_T = 1.0,
-        .doubt = 1e-7,
-        .task_units = units[0],
-        .loop_units = units[1],
-        .velocity_units = units[2],
-    };
+    const tick_plan plan = {.m = m,
+                            .c = c,
+                            .N = N,
+                            .t = t,
+                            .p = p,
+                            .n = n,
+                            .idles = idles,
+                            .k = k,
+                            .levels = levels,
+                            .order = of,
+                            .idle = of + p + n,
+                            .S = usual((size_t)(k * m)),
+                            .T = T,
+                            .R = byte() & 1 ? usual((size_t)(k * n)) : NULL,
+                            .weight = weighted ? weight : NULL,
+                            .sizes = sizes,
+                            .on_rates = on_rates,
+                            .ends = ends(levels, k),
+                            .error_C = 1.0,
+                            .error_T = 1.0,
+                            .doubt = 1e-7,
+                            .task_units = units[0],
+                            .loop_units = units[1],
+                            .velocity_units = units[2]};
     double *x = room(N);
     const double *J_T = numbers((size_t)(m * N)), *J_C = numbers((size_t)(c * N));
     const double *targets = numbers((size_t)t);
@@ -327,12 +321,8 @@ static void fuzz_evidence(void)
     const int H = size(1, 2), K = size(1, 2), J = size(0, 2), p = size(1, 2), q = size(1, 2);
     const size_t HK = (size_t)(H * K), row = (size_t)((5 + J) * p);
     const int R = J + p + 4;
-    const evidence of = {
-        usual(HK * (size_t)q * row),
-        usual(HK * (size_t)(R * (R + 1) / 2)),
-        usual(HK * (size_t)R),
-        usual(HK),
-    };
+    const evidence of = {usual(HK * (size_t)q * row), usual(HK * (size_t)(R * (R + 1) / 2)),
+                         usual(HK * (size_t)R), usual(HK)};
     weigh_sample(H, K, J, p, q, flags(HK), flags((size_t)K), byte() & 1, &of, usual(HK * row),
                  usual(HK * (size_t)p), usual((size_t)p), usual((size_t)(J + p)),
                  usual(2 * (size_t)q * row), room(p * (2 * J + p + 12)), &of);
@@ -347,13 +337,9 @@ static void fuzz_evidence(void)
 static void fuzz_detection(void)
 {
     const int q = size(1, 3), J = size(0, 2), p = size(1, 3), k = J + p, n = size(0, 4);
-    const watched of = {
-        usual((size_t)(q * (1 + J) * p)), usual((size_t)k),       usual((size_t)(k * k)),
-        usual((size_t)(q * p)),           usual((size_t)(q * p)),
-    };
-    const watched after = {
-        room(q * (1 + J) * p), room(k), room(k * k), room(q * p), room(q * p),
-    };
+    const watched of = {usual((size_t)(q * (1 + J) * p)), usual((size_t)k), usual((size_t)(k * k)),
+                        usual((size_t)(q * p)), usual((size_t)(q * p))};
+    const watched after = {room(q * (1 + J) * p), room(k), room(k * k), room(q * p), room(q * p)};
     correct(q, J, p, &of, usual((size_t)((1 + J) * p)), numbers((size_t)p),
             usual((size_t)(p * (q + 1))), usual((size_t)k), 0.01, number(), byte() & 1,
             room(k * (2 * k + p + 2) + p), &after, room(p));
@@ -378,21 +364,19 @@ static void fuzz_friction(void)
     double *K = usual((size_t)(r * r)), *limit = usual((size_t)r);
     for (int i = 0; i < r; i++)
         limit[i] = fabs(limit[i]), K[i * r + i] = 1.0 + fabs(K[i * r + i]);
-    const rubbing of = {
-        s,
-        r,
-        n,
-        p,
-        size(1, 3),
-        usual((size_t)(s * s)),
-        usual((size_t)(s * (n + 1))),
-        usual((size_t)(s * r)),
-        usual((size_t)(r * s)),
-        usual((size_t)(r * (n + 1))),
-        K,
-        limit,
-        usual((size_t)(p * s)),
-    };
+    const rubbing of = {s,
+                        r,
+                        n,
+                        p,
+                        size(1, 3),
+                        usual((size_t)(s * s)),
+                        usual((size_t)(s * (n + 1))),
+                        usual((size_t)(s * r)),
+                        usual((size_t)(r * s)),
+                        usual((size_t)(r * (n + 1))),
+                        K,
+                        limit,
+                        usual((size_t)(p * s))};
     slide(&of, states, usual((size_t)(states * (n + 1))), room(2 * s + 3 * r),
           usual((size_t)(states * s)));
 }
@@ -413,10 +397,9 @@ static void fuzz_poses(void)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t length)
 {
-    static void (*const kernels[])(void) = {
-        fuzz_lexicographic, fuzz_problem1,  fuzz_tick,     fuzz_loops, fuzz_boxes,
-        fuzz_evidence,      fuzz_detection, fuzz_friction, fuzz_poses,
-    };
+    static void (*const kernels[])(void) = {fuzz_lexicographic, fuzz_problem1, fuzz_tick,
+                                            fuzz_loops,         fuzz_boxes,    fuzz_evidence,
+                                            fuzz_detection,     fuzz_friction, fuzz_poses};
     input = data, left = length, count = 0;
     kernels[byte() % (sizeof kernels / sizeof *kernels)]();
     while (count)
