@@ -6,7 +6,7 @@ from collections.abc import Generator
 import pytest
 
 LIMIT_S = 0.4
-"""Wall time of a short test; what takes longer is listed at the end."""
+"""Wall time of a short test; `--durations` of the Makefile lists what takes longer."""
 MISTAKE_S = 10 * LIMIT_S
 """Beyond any noise of a busy machine: in CI it fails."""
 BUDGET_S = 110.0
@@ -19,16 +19,15 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Fail a test in CI that lacks the mark `long`."""
     report = yield
-    long = item.get_closest_marker("long") is not None
-    if call.when == "call" and report.passed and os.environ.get("CI") and not long:
-        if call.duration > MISTAKE_S:
-            report.outcome = "failed"
-            report.longrepr = f"{call.duration:.1f} s: make it shorter, or mark it long"
+    is_slow = call.when == "call" and report.passed and call.duration > MISTAKE_S
+    if is_slow and os.environ.get("CI") and not item.get_closest_marker("long"):
+        report.outcome = "failed"
+        report.longrepr = f"{call.duration:.1f} s: make it shorter, or mark it long"
     return report
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Show what all short tests took together, and those beyond the limit."""
+    """Show what all short tests took together."""
     reports = [
         report
         for outcome in ("passed", "failed", "")  # the last of fixtures
@@ -37,6 +36,3 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     ]
     took_s = sum(report.duration for report in reports)
     terminalreporter.write_line(f"short tests: {took_s:.0f} s of {BUDGET_S:.0f} s, processes added")
-    slow = [each for each in reports if each.when == "call" and each.duration > LIMIT_S]
-    for report in sorted(slow, key=lambda each: -each.duration)[:20]:
-        terminalreporter.write_line(f"{report.duration:.1f} s: {report.nodeid}")

@@ -23,14 +23,6 @@ def assert_prints(printed: str, page: str) -> None:
         assert abs(float(number) - float(wanted)) <= 1.001 * last, f"{number}, not {wanted}"
 
 
-def assert_says(page: str, sentence: str) -> None:
-    """The page has this sentence, its numbers as :func:`assert_prints` compares them."""
-    words = [re.escape(part) for part in _NUMBER.split(" ".join(sentence.split()))]
-    found = re.search(_NUMBER.pattern.join(words), " ".join(page.split()))
-    assert found, sentence
-    assert_prints(sentence, found[0])
-
-
 def blocks(text: str) -> list[tuple[str, str]]:
     """Language and contents of each fenced block."""
     return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)

@@ -93,11 +93,11 @@ def test_the_command_line_takes_every_command_of_a_page(page):
     for line in "".join(code(str(page), "sh")).splitlines():
         program, *words = shlex.split(line, comments=True) or [""]
         if Path(program).name == "fjh":
-            found, context = app, app.make_context("fjh", words)
+            found: Any = app
+            context = found.make_context("fjh", words)
             while hasattr(found, "resolve_command"):
-                _, found, words = found.resolve_command(
-                    context, [*context._protected_args, *context.args]
-                )
+                words = [*context._protected_args, *context.args]
+                _, found, words = found.resolve_command(context, words)
                 context = found.make_context(found.name, words, parent=context)
 
 
@@ -185,6 +185,12 @@ def test_the_circle_of_the_page_on_mink_is_followed_and_a_joint_locked(names_of)
     data, hand = names["data"], names["hand"]
     assert np.linalg.norm(hand.on(names["model"]).error(names["model"], data)) < 1e-5
     assert data.qvel[2] == 0.0 and np.abs(data.qvel).max() > 0.1
+
+
+def test_the_tick_of_the_page_takes_its_general_way_where_a_rank_is_in_doubt(capsys):
+    (script,), (printed,) = (code("docs/performance.md", kind) for kind in ("python", "text"))
+    exec(script.replace("if qvel is None", "if True"), {})
+    assert_prints(capsys.readouterr().out, printed)
 
 
 def test_the_platforms_legs_move_alike_and_turn_it_where_it_is(names_of):
