@@ -640,7 +640,8 @@ static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool
         w->least = fmax(p->tolerance * scale, NOTHING) * unit;
         take(w, p->A + first * n, p->b + first, k, unit, x, bounded);
         w->rank = p->ranks && !bounded && i < p->damped ? p->ranks + i : 0;
-        ended = level(w, k, damping * unit, beside, p->lower, p->upper, x, state, bounded);
+        damping = fmin(damping * unit, 1.0 / NOTHING); /* more leaves no other digit */
+        ended = level(w, k, damping, beside, p->lower, p->upper, x, state, bounded);
     }
     if (bounded)
         return ended && (w->fixed == n || least_norm(w, p->lower, p->upper, x, state));

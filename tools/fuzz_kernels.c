@@ -157,9 +157,9 @@ static void fuzz_lexicographic(void)
                                .tolerance = 1e-10,
                                .ends = ends(levels, rows)};
     if (byte() & 1)
-        p.damping = usual((size_t)levels);
+        p.damping = numbers((size_t)levels);
     for (int i = 0; p.damping && i < levels; i++)
-        ((double *)p.damping)[i] = fabs(p.damping[i]);
+        ((double *)p.damping)[i] = fabs(p.damping[i]) < 1e120 ? fabs(p.damping[i]) : 0.0;
     if (has_weight)
         p.weight = usual((size_t)n);
     for (int i = 0; p.weight && i < n; i++)

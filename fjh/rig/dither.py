@@ -86,7 +86,7 @@ def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> 
     Raises:
         WrongInput: As :func:`rig_dither`.
     """
-    chosen = default if asked == "default" else asked
+    chosen = default if isinstance(asked, str) and asked == "default" else asked
     if chosen is None or isinstance(chosen, Dither):
         return chosen
     check.instance("dither", chosen, str, int, float, Dither)
@@ -102,13 +102,13 @@ def _frequencies(rig: "Rig", asked: str) -> list[float]:
     if tried:
         tried = [hz for hz in tried if hz >= max(each.crossover_hz for each in rig.margins)]
     else:
-        with suppress(ValueError):
+        with suppress(ValueError, OverflowError):
             tried = (float(asked),)
     seen = [hz for hz in tried if slowest <= hz <= fastest]
     if not seen and asked != "default":
         raise WrongInput(
             "dither must be none, default, designed, or a frequency from "
-            f"{slowest:g} to {fastest:g} Hz, got {asked}{nearest(str(asked), _WORDS)}"
+            f"{slowest:g} to {fastest:g} Hz, got {asked!s:.80}{nearest(str(asked), _WORDS)}"
         )
     return seen
 

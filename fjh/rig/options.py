@@ -12,6 +12,7 @@ from fjh.rig.units import ROW_NAMES, ROWS
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
 from fjh.study.option import Option
+from fjh.study.spelling import short
 
 Sensing = Literal["task", "joints", "both"]
 """A sensor of the task frame; encoders of the actuators and forward kinematics; or both sensors."""
@@ -205,9 +206,10 @@ class RobotOptions:
                 check_bounds(name, value)
         kinds = {"sense": Sensing, "feedforward": Feedforward, "limits": Limited}
         for name, kind in kinds.items():
-            if (value := getattr(self, name)) not in get_args(kind):
+            value = getattr(self, name)
+            if not (isinstance(value, str) and value in get_args(kind)):
                 expected = ", ".join(get_args(kind))
-                raise WrongInput(f"{name} must be one of {expected}, got {value!r:.80}")
+                raise WrongInput(f"{name} must be one of {expected}, got {short(value)}")
 
 
 def check_bounds(name: str, value: Any, of: str | None = None) -> None:
@@ -237,7 +239,7 @@ def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
     if not found or len(set(found)) < len(parts):
         listed = ",".join(every[-1])
         expected = f"different rows from 0 to {len(numbers) - 1} or of {listed:.80}"
-        raise WrongInput(f"{name} must be {expected}, got {given!s:.80}")
+        raise WrongInput(f"{name} must be {expected}, got {short(given)}")
     return found
 
 
@@ -250,9 +252,11 @@ def weights_of(name: str, given: Any) -> tuple[float, ...]:
     try:
         values = tuple(float(part) for part in _parts(given))
     except ValueError:
-        raise WrongInput(f"{name} must be numbers with commas between, got {given!s:.80}") from None
+        raise WrongInput(
+            f"{name} must be numbers with commas between, got {short(given)}"
+        ) from None
     if not all(0 <= value <= LARGEST_WEIGHT for value in values):
-        raise WrongInput(f"{name} must be from 0 to {LARGEST_WEIGHT:g}, got {given!s:.80}")
+        raise WrongInput(f"{name} must be from 0 to {LARGEST_WEIGHT:g}, got {short(given)}")
     return values
 
 
@@ -264,7 +268,7 @@ def pinned_of(given: Any) -> tuple[str, ...] | None:
     """
     names = () if given is None else tuple(_parts(given))
     if not all(name.removesuffix(":point") for name in names):
-        raise WrongInput(f"pinned must be NAME or NAME:point,..., got {given!s:.80}")
+        raise WrongInput(f"pinned must be NAME or NAME:point,..., got {short(given)}")
     return names or None
 
 

@@ -119,18 +119,20 @@ def _changes(
     rig: "Rig", failures: Sequence[Failure], told: Learns
 ) -> list[tuple[int, list[tuple[Fault, bool]]]]:
     """Faults that occur, and those that become known, by control tick."""
-    times: Sequence[float | None] = [each.time_s if told else None for each in failures]
-    if not isinstance(told, bool):
-        check.instance("told", told, bool, list, tuple, np.ndarray)
-        times = told
+    check.instance("told", told, bool, list, tuple, np.ndarray)
+    times: Sequence[float | None] = told if not isinstance(told, bool) else []
+    if isinstance(told, bool):
+        times = [each.time_s if told else None for each in failures]
     if len(times) != len(failures):
-        raise ValueError(f"told must be a time for each of {len(failures)} failures, got {told}")
+        expected = f"a time for each of {len(failures)} failures"
+        raise ValueError(f"told must be {expected}, got {check.shown(told)}")
     changes = dict[int, list[tuple[Fault, bool]]]()
     for failure, known_s in zip(failures, times, strict=True):
         for at_s, is_known in ((failure.time_s, False), (known_s, True)):
             if at_s is not None:
                 if check.number("told", at_s) < failure.time_s:
-                    raise ValueError(f"told must be no times before the failures, got {told}")
+                    given = check.shown(told)
+                    raise ValueError(f"told must be no times before the failures, got {given}")
                 tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))
     return sorted(changes.items())

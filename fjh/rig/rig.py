@@ -316,6 +316,9 @@ class Rig:
 
     def reconfigured(self, before: Goal, after: Goal, time_s: float) -> OracleController:
         """A controller that goes over to another goal at a time of the run, as if it were told."""
+        check.instance("before", before, Goal)
+        check.instance("after", after, Goal)
+        check.number("time_s", time_s, 0.0, 1e9)
         first, then = self.controller(before), self.controller(after)
         return OracleController(first, then, tick_of(time_s, self.period_s))
 

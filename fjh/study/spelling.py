@@ -43,3 +43,8 @@ def check_file(path: Path) -> Path:
     except (OSError, ValueError):  # there is no such folder; or it is no path at all
         beside = []
     raise WrongInput(f"there is no file {shown}{nearest(str(path), beside)}")
+
+
+def short(value: object) -> str:
+    """A value that came, on one line of 80 characters at most, for the message that refuses it."""
+    return " ".join(repr(value).split())[:80]

@@ -43,6 +43,8 @@ class Within(NamedTuple):
 
     def _radii(self, maps: MajorMap, limits: Limits, tolerance: float) -> Array:
         """Of the survivors alone: facets are chosen among their columns."""
+        if not maps.gain.shape[-2]:  # no direction of a task is limited
+            return np.full(len(self.active), np.inf)
         radius, survivors = np.zeros(len(self.active)), self.active.sum(axis=1)
         for count in np.unique(survivors).tolist():
             rows = np.flatnonzero(survivors == count)

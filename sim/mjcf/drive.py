@@ -92,8 +92,8 @@ class Drive:
         have one gear, since MuJoCo limits their sum before the gears.
         """
         model, joint, tendon = self.model, self.joint, self.tendon
-        each = zip(self.ids, self.outputs, self.gear, strict=True)
-        span = np.sum([np.sort(g * _force_range(model, k, out)) for k, out, g in each], axis=0)
+        each = zip(self.ids, self.gear, strict=True)
+        span = np.sum([np.sort(g * _force_range(model, k)) for k, g in each], axis=0)
         if joint is not None and model.jnt_actfrclimited[joint]:
             span = np.clip(span, *model.jnt_actfrcrange[joint])
         if tendon is not None and model.tendon_actfrclimited[tendon] and len(set(self.gear)) == 1:
@@ -119,11 +119,17 @@ def is_turn(model: mujoco.MjModel, joint: int | None, tendon: int | None) -> boo
     return bool(joints) and all(_JNT(model.jnt_type[joint]) == _JNT.mjJNT_HINGE for joint in joints)
 
 
-def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:
-    """Least and most of the force that one output exerts, (2,)."""
-    least, most = -np.inf, np.inf
-    if model.actuator_forcelimited[output]:
-        least, most = model.actuator_forcerange[output]
+def force_limits(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
+    """Least and most of the force of each output of an actuator that the file allows."""
+    if not model.actuator_forcelimited[actuator]:
+        return -np.inf, np.inf
+    least, most = model.actuator_forcerange[actuator].tolist()
+    return (-most if model.actuator_outnum[actuator] > 1 else least), most  # several: of their norm
+
+
+def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
+    """Least and most of the force that each output of an actuator exerts, (2,)."""
+    least, most = force_limits(model, actuator)
     control = int(model.actuator_ctrladr[actuator])
     gain, bias = _GAIN(model.actuator_gaintype[actuator]), _BIAS(model.actuator_biastype[actuator])
     is_motor = gain == _GAIN.mjGAIN_FIXED and bias == _BIAS.mjBIAS_NONE

@@ -13,7 +13,7 @@ from sim.array import Array
 from sim.closing.equalities import check_closures, closure_rows, constraint_rows, equality_name
 from sim.errors import ModelError
 from sim.kinematics.task import Task, located_axes, located_task, located_tasks
-from sim.mjcf.drive import Drive, drive_rows, drives, stiffness_of
+from sim.mjcf.drive import Drive, drive_rows, drives, force_limits, stiffness_of
 from sim.mjcf.joints import mass_of, ranges
 from sim.mjcf.limits import at_limits, touching
 from sim.mjcf.model import check_state, joint_name, name_of
@@ -306,7 +306,11 @@ class Met:
         """Take a model of the plant, and what of it counts; None is everything."""
         self.sentences, self._part = dict[str, None](), part
         own = drives(model, among=None if part is None else part.actuators)
-        self._forces = [(out, each.name) for each in own for out in each.outputs]
+        self._forces = [
+            (k, out, each.name)
+            for each in own
+            for k, out in zip(each.ids, each.outputs, strict=True)
+        ]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Look at the end of the tick before."""
@@ -318,9 +322,9 @@ class Met:
             for limit in at_limits(model, data):
                 if self._part is None or limit.name not in self._part.left_out:
                     self._meet(f'{limit.kind} "{limit.name}" reached its limit')
-        for output, name in self._forces:
-            if model.actuator_forcelimited[output]:
-                low, high = model.actuator_forcerange[output]
+        for actuator, output, name in self._forces:
+            if model.actuator_forcelimited[actuator]:
+                low, high = force_limits(model, actuator)
                 slack = _AT * (high - low)
                 if not low + slack < data.actuator_force[output] < high - slack:
                     self._meet(f'the force of "{name}" reached its limit')

@@ -82,8 +82,8 @@ def servoed(
             squares = sum(gear * gear for gear in drive.gear)
             stiffness = inertia * omega**2 / squares
             damping = 2.0 * damping_ratio * inertia * omega / squares
-            for k, out in zip(drive.ids, drive.outputs, strict=True):
-                _close_loop(servo, k, out, stiffness, damping)
+            for k in drive.ids:
+                _close_loop(servo, k, stiffness, damping)
     if any(driven) and servo.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
         servo.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     return servo
@@ -99,16 +99,14 @@ def _lacks_position(model: mujoco.MjModel, drive: Drive) -> bool:
         return False
 
 
-def _close_loop(
-    model: mujoco.MjModel, actuator: int, output: int, stiffness: float, damping: float
-) -> None:
+def _close_loop(model: mujoco.MjModel, actuator: int, stiffness: float, damping: float) -> None:
     """Make a motor a position servo; the range of a torque motor's control becomes its force's."""
     control, law = model.actuator_ctrladr[actuator], law_of(model, actuator)
     if model.actuator_ctrllimited[control] and law == Law(law.gain):
         span = np.sort(law.gain * model.actuator_ctrlrange[control])
-        if model.actuator_forcelimited[output]:
-            span = span.clip(*model.actuator_forcerange[output])
-        model.actuator_forcerange[output], model.actuator_forcelimited[output] = span, True
+        if model.actuator_forcelimited[actuator]:
+            span = span.clip(*model.actuator_forcerange[actuator])
+        model.actuator_forcerange[actuator], model.actuator_forcelimited[actuator] = span, True
     model.actuator_ctrllimited[control] = False
     model.actuator_gainprm[actuator, 0] = stiffness
     model.actuator_biasprm[actuator, :3] = 0.0, -stiffness, -damping

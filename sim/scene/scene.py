@@ -243,8 +243,7 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
     own, ids = spec.compile(), list(part.actuators)
     own.opt.integrator = model.opt.integrator
     for names, here, there in (
-        ("gainprm biasprm biastype", slice(None), ids),
-        ("forcerange forcelimited", own.actuator_outadr, model.actuator_outadr[ids]),
+        ("gainprm biasprm biastype forcerange forcelimited", slice(None), ids),
         ("ctrlrange ctrllimited", own.actuator_ctrladr, model.actuator_ctrladr[ids]),
     ):
         for name in names.split():
