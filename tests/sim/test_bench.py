@@ -183,20 +183,6 @@ def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
     assert np.abs(by_tick - fine).max() < 0.05 * effect
 
 
-@pytest.mark.parametrize(
-    ("part", "error", "words"),
-    [
-        ({"delay_ticks": -1}, ValueError, "delay_ticks must not be negative"),
-        ({"hysteresis": chain(0)}, ValueError, "hysteresis must have one row for each of 6"),
-        ({"hysteresis": 0.01}, TypeError, "hysteresis must be a MaxwellSlip"),
-        ({"period_s": 1e6}, ValueError, r"^period_s must be at most 1e\+07 physics steps"),
-    ],
-)
-def test_a_bench_refuses_delays_hysteresis_and_periods_that_are_none(model, part, error, words):
-    with pytest.raises(error, match=words):
-        Bench(Plant(model), Blind(), **{"time_s": np.zeros(1), "period_s": PERIOD_S} | part)
-
-
 # Its arrays.
 
 TICKS = 3

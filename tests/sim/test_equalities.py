@@ -14,7 +14,7 @@ from sim import (
     linearize,
 )
 from tests.models import model
-from tests.motions import check_slope, kinematics, shifted
+from tests.motions import check_slope, shifted
 from tests.sim.machines import SPARSE, at, closed, opened
 
 STORAGE = {"dense": (), "sparse": (SPARSE,)}
@@ -43,18 +43,6 @@ def test_rows_are_slopes_of_gaps(storage):
         J_C = jacobians(of, data, "tool").J_C
         assert J_C.shape == (ROWS, of.nv)
         check_slope(J_C, opening, h=4e-3, most=1e-4)
-
-
-def test_rows_are_the_same_stored_dense_or_sparse():
-    of, sparse_of = model("all_closures"), model("all_closures", SPARSE)
-    assert mujoco.mj_isSparse(sparse_of) and not mujoco.mj_isSparse(of)
-    for seed in range(4):
-        data, sparse_data = closed(of, seed), mujoco.MjData(sparse_of)
-        sparse_data.qpos[:] = data.qpos
-        dense = jacobians(of, data, "tool", "ground")
-        sparse = jacobians(sparse_of, sparse_data, "tool", "ground")
-        np.testing.assert_allclose(sparse.J_C, dense.J_C, atol=1e-15)  # sums in another order
-        np.testing.assert_array_equal(sparse.J_T, dense.J_T)
 
 
 @stored
@@ -109,28 +97,15 @@ def test_open_loops_are_refused_beyond_the_tolerance():
         jacobians(of, data, "tool")
     residual = jacobians(of, data, "tool", closure_tolerance=np.inf).closure_residual
     assert residual == pytest.approx(np.abs(data.efc_pos).max())
+    unnamed = model("five_bar", ('connect name="pin"', "connect"))
+    with pytest.raises(ClosureError, match=r'equality 0 \(connect of "a2" and "b2"\) is open'):
+        jacobians(unnamed, opened(unnamed, 0.01), "tool")
     of.eq_data[0, :3] = np.nan
     with pytest.raises(ModelError, match="an equality of the model is not finite"):
         jacobians(of, data, "tool")
-
-
-def test_an_unnamed_equality_is_called_by_what_it_ties():
-    of = model("five_bar", ('connect name="pin"', "connect"))
-    with pytest.raises(ClosureError, match=r'equality 0 \(connect of "a2" and "b2"\) is open'):
-        jacobians(of, opened(of, 0.01), "tool")
-
-
-@pytest.mark.parametrize("left, right", [(0.1, 0.1), (0.1, 0.1 + 1e-15), (0.1 + 1e-15, 0.1)])
-def test_of_two_equal_gaps_the_first_is_named(left, right):
-    """Whichever is larger in the last bits."""
-    of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
-      <body name="a"><joint name="a" type="slide"/><geom size="0.1"/><site name="tool"/></body>
-      <body name="b"><joint name="b" type="slide"/><geom size="0.1"/></body></worldbody>
-      <equality><joint name="left" joint1="a" polycoef="{left!r} 0 0 0 0"/>
-      <joint name="right" joint1="b" polycoef="{right!r} 0 0 0 0"/></equality>
-      <actuator><position joint="a" kp="9"/></actuator></mujoco>""")
-    with pytest.raises(ClosureError, match='"left"'):
-        jacobians(of, mujoco.MjData(of), site="tool")
+    data.qpos[3] = np.inf
+    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
+        jacobians(of, data, "tool")
 
 
 def test_a_weld_is_closed_in_radians_whatever_its_torquescale():
@@ -143,19 +118,6 @@ def test_a_weld_is_closed_in_radians_whatever_its_torquescale():
     data = at(of, b=1e-4)
     assert jacobians(of, data, "tool").closure_residual == pytest.approx(1e-4, rel=1e-6)
     assert np.abs(assemble(of, data).qpos).max() < 1e-10
-
-
-@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 9e-4])
-def test_verdicts_and_rates_depend_on_a_gap_by_no_more_than_its_size(gap):
-    """A hinge that carries both ends of a pin cannot open it, however far apart they are."""
-    of = model("parallelogram")
-    jac = jacobians(of, at(of, right=gap / 0.3), "tool")
-    assert jac.closure_residual == pytest.approx(gap, rel=1e-2, abs=1e-15)
-    assert np.abs(jac.J_C[:, of.joint("base").dofadr[0]]).max() < 1e-15
-    kin, exact = kinematics(jac), kinematics(jacobians(of, mujoco.MjData(of), "tool"))
-    assert kin.active_constraint.shape == (0, 2)
-    assert kin.self_motion.shape == (6, 0)
-    assert np.abs(kin.J - exact.J).max() < 10 * gap + 1e-12
 
 
 def test_welds_and_connects_between_sites_have_one_common_point_too():

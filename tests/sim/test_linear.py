@@ -185,8 +185,6 @@ PAIR = """
   <actuator><motor name="m" joint="a" forcerange="-1 1" {actuator}/></actuator>
 </mujoco>
 """
-
-
 PLAIN = {"option": "", "joint": "", "tendon": "", "equality": "", "actuator": ""}
 
 

@@ -153,36 +153,18 @@ def test_the_way_to_where_a_frame_is_is_none():
         np.testing.assert_allclose(pose_error(model, data, "payload", target), 0.0, atol=1e-12)
 
 
-SHEARED = np.eye(4) + np.eye(4, k=1) * [0, 0.1, 0, 0]
-
-
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        (SHEARED, "target must be a rotation matrix"),
+        (np.eye(4) + np.eye(4, k=1) * [0, 0.1, 0, 0], "target must be a rotation matrix"),
         (np.diag([1.0, 1, -1, 1]), "target must be a rotation matrix"),
         (np.eye(4)[::-1], "target must have the last row 0 0 0 1"),
         (np.eye(3), r"got shape \(3, 3\): a rotation R alone is Pose\(R, position\)"),
-        (np.zeros(7), r"target must have shape \(3,\)"),
-        (
-            RigidTransform.from_matrix(np.stack([np.eye(4)] * 2)),
-            r"got shape \(2, 4, 4\)",
-        ),
+        (RigidTransform.from_matrix(np.stack([np.eye(4)] * 2)), r"got shape \(2, 4, 4\)"),
         ((np.zeros(3), np.zeros(4)), "the quaternion of target must not be zero"),
-        ((np.zeros(3), np.ones(3)), "the quaternion of target must have shape"),
-        ((np.zeros(3), np.full(4, np.nan)), "the quaternion of target must be finite"),
     ],
 )
 def test_what_is_no_target_is_refused(target, said):
     model, data = arm()
     with pytest.raises(ValueError, match=said):
         pose_error(model, data, "payload", target)
-
-
-def test_what_is_no_pose_is_refused():
-    with pytest.raises(ValueError, match="T must be a rotation matrix"):
-        Pose.from_matrix(np.stack([np.eye(4), SHEARED]))
-    with pytest.raises(ValueError, match=r"T must have shape \(\.\.\., 4, 4\)"):
-        Pose.from_matrix(np.eye(3))
-    with pytest.raises(ValueError, match="leading axes must broadcast"):
-        Pose(some(0, 2).rotation, some(0, 3).translation_m)

@@ -17,17 +17,9 @@ ARM = """
   </body></body></worldbody>
   <actuator>{actuators}</actuator>
 </mujoco>"""
-
-
 MOTORS = '<motor joint="a" gear="3"/><velocity joint="b" kv="7"/>'
-
-
 SERVOS = '<position joint="a" kp="9"/><position joint="b" kp="5"/>'
-
-
 RATIO, FREQUENCY_HZ = 0.6, 5.0
-
-
 RATIO, FREQUENCY_HZ = 0.6, 5.0
 
 

@@ -45,8 +45,6 @@ WITH_LENGTH = {
         '<motor name="m" site="tool" refsite="post" gear="3 0 -4 0 0 0"/>', [("m", ("m",), (5.0,))]
     ),
 }
-
-
 WITHOUT_LENGTH = {  # or with one whose slope is not the velocity, as the rotation vector's
     "site": Case('<motor name="m" site="tool" gear="0 3 0 4 0 0"/>', [("m", ("m",), (5.0,))]),
     "turn of a site": Case(
@@ -74,8 +72,6 @@ WITHOUT_LENGTH = {  # or with one whose slope is not the velocity, as the rotati
         [("m", ("m",), (1.0,))] * 3 + [("crank", ("b",), (7.0,))],
     ),
 }
-
-
 CASES = WITH_LENGTH | WITHOUT_LENGTH
 
 

@@ -113,15 +113,6 @@ def test_the_pose_is_where_the_physics_takes_the_payload(model):
     assert np.abs(truth.translation_m).max() > 1e-5
 
 
-def test_starting_near_the_end_saves_steps():
-    asked = np.full(6, 0.02)
-    there = forward_kinematics(machine(), asked)
-    again = forward_kinematics(machine(), asked, start=there, most_steps=0)
-    np.testing.assert_array_equal(again.translation_m, there.translation_m)
-    with pytest.raises(UnreachableLengths):
-        forward_kinematics(machine(), asked, most_steps=0)
-
-
 @pytest.mark.parametrize(
     "asked",
     [
