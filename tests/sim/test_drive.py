@@ -8,15 +8,7 @@ import pytest
 import scipy.linalg
 
 from prioritized import ConstrainedSystem
-from sim import (
-    Jacobians,
-    ModelError,
-    assemble,
-    jacobians,
-    linearize,
-    pose_error,
-    pose_of,
-)
+from sim import Jacobians, ModelError, assemble, jacobians, linearize, pose_error, pose_of
 from sim.mjcf import Drive, drives, names_of, number_of
 from tests.models import model
 from tests.motions import check_slope, motions, shifted

@@ -4,15 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import (
-    Body,
-    CenterOfMass,
-    ClosureError,
-    ModelError,
-    assemble,
-    jacobians,
-    linearize,
-)
+from sim import Body, CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
 from tests.models import model
 from tests.motions import check_slope, shifted
 from tests.sim.machines import SPARSE, at, closed, opened

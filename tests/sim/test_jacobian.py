@@ -219,10 +219,7 @@ class Short(TaskFunction):
 @pytest.mark.parametrize("way", ["read", "at"])
 def test_a_task_with_other_rows_than_it_says_is_refused(way):
     reader = JacobianReader(humanoid(), [Short()], active=["root"])
-    with pytest.raises(
-        ValueError,
-        match=r"the Jacobian of Short\(.*\) must have shape \(2, 35\)",
-    ):
+    with pytest.raises(ValueError, match=r"the Jacobian of Short\(.*\) must have shape \(2, 35\)"):
         getattr(reader, way)(mujoco.MjData(humanoid()))
 
 

@@ -133,6 +133,14 @@ def test_lengths_that_no_pose_reaches_are_refused_and_the_others_are_found(asked
     forward_kinematics(machine(), many[refusal.value.reached])
 
 
+@pytest.mark.parametrize(
+    "bad", [np.zeros(5), 0.0, np.full(6, np.nan), np.full((2, 6), np.inf), np.full(6, 1e200)]
+)
+def test_what_are_no_six_lengths_is_refused(bad):
+    with pytest.raises(ValueError, match="displacements_m must "):
+        forward_kinematics(machine(), bad)
+
+
 def test_the_start_may_be_a_batch():
     several = NOMINAL.moved(1e-3 * np.ones((3, 6)))
     pose = forward_kinematics(machine(), np.full(6, 1e-3), start=several)
