@@ -81,7 +81,7 @@ def test_a_gap_shows_by_the_size_of_the_constraints(gap):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_with_the_accuracy_that_the_model_shows_skew_axes_change_no_verdict(seed):
+def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
     """Off by 1e-8, without it, the loops seem to hold the machine."""
     for rounded in (three_rrr(six_digits), three_rrr(axes=skewed(1e-8, seed))):
         jac = taken(rounded)

@@ -55,7 +55,7 @@ def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
     assert np.abs(held).max() > 1.0
 
 
-def test_holding_forces_on_a_loop_do_no_work_along_it_and_have_the_least_norm():
+def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
     """Virtual work; forces that cancel each other along every motion have no part in them."""
     plant = started("squeezed_loop")
     balance = applied(plant) + plant.data.qfrc_passive - plant.data.qfrc_bias
@@ -256,7 +256,7 @@ def test_what_no_displacement_commands_is_refused_with_the_reason(actuator, spri
 # Limits.
 
 
-def test_at_its_limits_a_drive_rests_and_commands_beyond_take_it_no_farther():
+def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
     """Joint, tendon, control and force; each at the end that comes first."""
     plant = started("drives")
     lower, upper = plant.limits()
@@ -380,9 +380,7 @@ def flown(integrator: str, step_s: float, *locked: int) -> np.ndarray:
 @pytest.mark.parametrize("locked", [(1,), (0, 2)])
 @pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
 @pytest.mark.parametrize("step_s", [2e-3, 5e-3, 1e-2])
-def test_a_lock_holds_at_any_usual_step_and_the_others_move_as_at_a_short_one(
-    integrator, step_s, locked
-):
+def test_a_lock_holds_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
     """The oracle is MuJoCo at 0.1 ms, where the equality alone holds."""
     oracle, found = flown("DISCRETE", 1e-4, *locked), flown(integrator, step_s, *locked)
     healthy = np.ptp(flown(integrator, step_s)[31:], axis=0)
@@ -444,7 +442,7 @@ TAKEN = '<joint name="lock2" joint1="elbow" active="false"/>'
 # Weak, free and loose.
 
 
-def test_all_actuators_of_a_drive_weaken_by_the_product_and_are_released_together():
+def test_all_actuators_of_a_drive_weaken_and_are_released_together():
     """The others keep their forces, and their springs."""
     plant = started("drives")
     before, springs = plant.coil_force_n(), plant.model.jnt_stiffness.copy()

@@ -162,7 +162,7 @@ def circle(turn: float, radius_m: float = 0.02) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_ten_lines_follow_a_circle_of_20_mm_through_a_lock_within_a_micrometre():
+def test_ten_lines_follow_a_circle_through_a_lock_within_a_micrometre():
     """The place of the tool is major; the motor of its wrist locks halfway round."""
     of = model("five_bar")
     data = assemble(of)

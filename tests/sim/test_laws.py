@@ -48,7 +48,7 @@ def given() -> list[Any]:
     ]
 
 
-def test_every_record_with_arrays_is_made_or_given_and_cannot_be_written_to():
+def test_every_record_with_arrays_is_listed_and_cannot_be_written_to():
     """A new one is added above."""
     for record in given():
         assert list(writable(sim, type(record).__name__, record)) == []

@@ -90,7 +90,7 @@ def test_limits_that_the_models_flags_switch_off_hold_nothing(flag):
 
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
-def test_a_simulated_finger_moves_as_predicted_once_its_coupler_counts_as_stuck(turn_rad, margin):
+def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
     """Predicted without, the follower turns as if the coupler were free, which it is not."""
     finger = model("gripper")
     finger.jnt_margin[finger.joint("coupler").id] = margin  # where the limit begins to push back
@@ -124,7 +124,7 @@ def test_ranges_are_infinite_where_there_is_no_limit():
     np.testing.assert_array_equal(forces, [[-3, 4], [-inf, inf], [-12, 10], [-inf, inf]])
 
 
-def test_a_tendon_rests_on_its_limit_in_the_state_with_bodies_moved_from_outside():
+def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
     crane = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
       <body mocap="true" pos="0 0 1"><site name="hook"/></body>
       <body><joint axis="0 1 0"/><geom size="0.1"/><site name="tool" pos="0.3 0 0.2"/></body>

@@ -104,7 +104,7 @@ def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
 
 
 def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B and the constant acceleration (2k,) that the sound model foretells without drive k."""
+    """A, B and the constant acceleration (2k,) that the healthy model foretells without drive k."""
     assert linear.feedback is not None and linear.holding is not None
     B, column = linear.B.copy(), linear.B[:, k]
     B[:, k] = 0.0

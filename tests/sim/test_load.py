@@ -248,7 +248,7 @@ def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
         ("import experiments.app.cli, sim", None),
     ],
 )
-def test_a_program_sees_warnings_by_its_own_handler_and_a_command_shows_none(here, first, shown):
+def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, first, shown):
     """No program leaves MUJOCO_LOG.TXT in its folder."""
     done = subprocess.run(
         [sys.executable, "-c", f"{first}; sim.load_model('odd.xml')"],

@@ -130,7 +130,7 @@ def payload_displacement(model: mujoco.MjModel, wrench: np.ndarray) -> np.ndarra
 
 
 @pytest.mark.long
-def test_stiffness_at_the_payload_is_that_of_the_springs_through_the_jacobian(model):
+def test_payload_stiffness_is_that_of_the_springs_through_the_jacobian(model):
     """A small wrench moves the payload by (A^T k A)^-1 w; flexures add half a per cent."""
     oracle = closed_form(model)
     springs = oracle.A.T @ oracle.A * model.joint("strut1").stiffness[0]
@@ -163,7 +163,7 @@ def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model, mode)
     assert -pole.real / abs(pole) == pytest.approx(damping[mode], rel=0.01)
 
 
-def test_the_ring_down_check_sees_the_damping_that_a_discrete_integrator_adds():
+def test_the_ring_down_sees_the_damping_that_a_discrete_integrator_adds():
     model = edited(('integrator="Euler"', 'integrator="discrete"'))
     _, damping = closed_form(model).modes()
     pole = pole_of(ring_down(model, shapes_of_modes()[3], 0.3), model.opt.timestep)
@@ -226,7 +226,7 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
 
 
 @pytest.mark.parametrize("strut", STRUTS)
-def test_a_strut_locked_in_flight_stays_where_it_is_and_the_loops_stay_closed(strut):
+def test_a_strut_locked_in_flight_stays_and_the_loops_stay_closed(strut):
     state, most = swung_state()
     plant = resumed(state)
     plant.lock(strut)
@@ -277,7 +277,7 @@ def test_stops_hold_the_struts_within_their_stroke(model):
     assert plant.closure_residual_m() < CLOSURE_LIMIT_M
 
 
-def test_loops_that_are_soft_are_seen_and_a_machine_without_loops_has_none_that_could_open(model):
+def test_soft_loops_are_seen_and_a_machine_without_loops_has_none(model):
     plant = Plant(edited(('solref="2.5e-4 1"', 'solref="0.02 1"')))
     assert max(swing(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
     cut = copy.copy(model)

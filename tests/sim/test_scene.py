@@ -222,7 +222,7 @@ def test_a_root_that_slides_is_refused_with_what_stands_when_it_has_fallen(tmp_p
         scene_of(file)
 
 
-def test_thrusters_have_the_attainable_set_of_any_actuator_and_no_flight_of_a_servo(tmp_path):
+def test_thrusters_have_an_attainable_set_and_no_flight_of_a_servo(tmp_path):
     """Four of 0 to 4 N lift with 0 to 16 N; each alone tilts by its arm of 0.1 m."""
     corners = [(x, y) for x in (0.1, -0.1) for y in (0.1, -0.1)]
     sites = "".join(f'<site name="s{k}" pos="{x} {y} 0"/>' for k, (x, y) in enumerate(corners))

@@ -66,18 +66,6 @@ def test_only_a_motor_with_explicit_steps_gets_another_integrator(actuators, bef
         np.testing.assert_array_equal(servo.actuator_biasprm, model.actuator_biasprm)
 
 
-def test_the_range_of_a_control_becomes_one_of_the_force_and_binds_no_displacement():
-    """A motor's was one of its force, a velocity servo's one of its speed, which is gone."""
-    motors = (
-        '<motor joint="a" gear="3" ctrlrange="-2 4" forcerange="-9 3.5"/>'
-        '<velocity joint="b" kv="7" ctrlrange="-1 1"/>'
-    )
-    model = servoed(arm(motors), natural_frequency_hz=2.0)
-    assert not model.actuator_ctrllimited.any()
-    assert model.actuator_forcelimited.tolist() == [True, False]
-    np.testing.assert_array_equal(model.actuator_forcerange[0], [-2.0, 3.5])
-
-
 def pendulum(motors: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
       <worldbody><body><joint name="a" axis="0 1 0"/><geom size="0.05" mass="2" pos="0 0 -0.7"/>
