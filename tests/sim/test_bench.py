@@ -183,6 +183,11 @@ def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
     assert np.abs(by_tick - fine).max() < 0.05 * effect
 
 
+def test_hysteresis_of_another_number_of_actuators_is_refused(model):
+    with pytest.raises(ValueError, match="hysteresis must have one row for each of 6"):
+        Bench(Plant(model), Blind(), time_s=np.zeros(1), period_s=1e-3, hysteresis=chain(0))
+
+
 # Its arrays.
 
 TICKS = 3

@@ -217,7 +217,8 @@ def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
 
 @pytest.mark.parametrize("way, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
 def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(way, missing):
-    model, data = ball_arm(), somewhere(ball_arm())
+    model = ball_arm()
+    data = shifted(model, mujoco.MjData(model), np.zeros(model.nv))  # exactly
     at = data.site("end")
     located = LookAtTask("end", [1, 0, 0], target=at.xpos + way * at.xmat[::3]).on(model)
     error = np.linalg.norm(located.error(model, data))
@@ -271,6 +272,19 @@ def test_rows_of_all_tasks_stack_and_their_accuracy_is_known():
     assert jac.accuracy is not None and jac.accuracy.task_units.shape == (35,)
     np.testing.assert_array_equal(jac.accuracy.task_units[3:], 1.0)
     assert np.isfinite(jac.accuracy.J_T_error).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: FrameTask("a", rows=[]), "rows must have one at least"),
+        (lambda: LookAtTask("a", [0.0, 0.0, 0.0]), "axis must have a length"),
+        (lambda: JointCouplingTask({}), "coefficients must name a joint"),
+    ],
+)
+def test_a_task_of_nothing_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
 
 
 def test_what_a_model_does_not_have_is_refused_with_the_remedy():
