@@ -201,6 +201,7 @@ def test_with_damping_off_energy_is_kept_at_every_step(model, mode, seconds):
     assert energy[0] == pytest.approx(ENERGY_J, rel=0.01)
 
 
+@pytest.mark.night
 def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model, table1):
     columns = [c for c in COLUMNS if c.name in ("W_a", "W_e", "W_a_uncorrected")]
     half = copy.copy(model)
