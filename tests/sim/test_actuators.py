@@ -443,21 +443,32 @@ TAKEN = '<joint name="lock2" joint1="elbow" active="false"/>'
 
 
 def test_all_actuators_of_a_drive_weaken_and_are_released_together():
-    """The others keep their forces, and their springs."""
-    plant = started("drives")
-    before, springs = plant.coil_force_n(), plant.model.jnt_stiffness.copy()
-    assert abs(before[2]) > 1.0
-    for effectiveness, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
-        plant.weaken(2, effectiveness)
+    """By the product, in any state: a servo whose gain alone were less would pull elsewhere.
+
+    The others keep their forces, and their springs.
+    """
+    shift, number = 1e-3 * np.random.default_rng(0).normal(size=(3, 20)), range(8)
+    for k in number:
+        plant = started("drives")
+        data, springs = plant.data, plant.model.jnt_stiffness.copy()
+        mujoco.mj_integratePos(plant.model, data.qpos, shift[0, : plant.model.nv], 1.0)
+        data.qvel[:], data.ctrl[:] = shift[1, : plant.model.nv], data.ctrl + shift[2, :9]
         applied(plant)
-        expected = before * np.where(np.arange(len(before)) == 2, left, 1.0)
-        np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
-    plant.release(2)
-    applied(plant)
-    assert not plant.data.actuator_force[2:4].any() and plant.data.actuator_force[4:].any()
-    plant.break_loose(2)
-    springs[plant.model.joint("tube").id] = 0.0
-    np.testing.assert_array_equal(plant.model.jnt_stiffness, springs)
+        before = plant.coil_force_n()
+        assert abs(before[k]) > 1e-2
+        for effectiveness, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
+            plant.weaken(k, effectiveness)
+            applied(plant)
+            expected = before * np.where(np.arange(len(before)) == k, left, 1.0)
+            np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
+        plant.release(k)
+        applied(plant)
+        silent = np.isin(np.arange(9), plant.drives[k].ids)
+        np.testing.assert_array_equal(data.actuator_force == 0.0, silent)
+        plant.break_loose(k)
+        if plant.drives[k].joint is not None:
+            springs[plant.drives[k].joint] = 0.0
+        np.testing.assert_array_equal(plant.model.jnt_stiffness, springs)
 
 
 @pytest.mark.parametrize("groups", [(0, 0, 0), (30, 30, 30), (30, 31, 5), (-1, 40, 30)])

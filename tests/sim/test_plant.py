@@ -252,22 +252,6 @@ def test_a_coil_switched_off_in_flight_carries_no_current(strut):
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
-def test_a_position_servo_that_weakens_loses_force_and_not_its_target():
-    """At any state; with its gain alone reduced it would pull to half the angle commanded."""
-    arm = load_model(MODELS / "arm.xml")
-    rng, forces = np.random.default_rng(0), []
-    state = rng.normal(size=(3, arm.nu))
-    for weak in (False, True):
-        plant = Plant(arm)
-        if weak:
-            plant.weaken(3, 0.5)
-        plant.data.qpos[:], plant.data.qvel[:], plant.data.ctrl[:] = 1e-3 * state
-        mujoco.mj_forward(plant.model, plant.data)
-        forces.append(plant.coil_force_n())
-    expected = forces[0] * np.where(np.arange(arm.nu) == 3, 0.5, 1.0)
-    np.testing.assert_allclose(forces[1], expected, rtol=1e-12)
-
-
 def test_stops_hold_the_struts_within_their_stroke(model):
     """Twice the force that the suspension takes at full stroke moves no strut past it."""
     plant = Plant(model)
