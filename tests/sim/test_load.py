@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
 from sim.mjcf import element_id
 from sim.scene import robot_scene
-from tests.models import saved, text
+from tests.models import FOLDER, saved, text
 from tests.sim.machines import SHIPPED
 
 
@@ -270,49 +270,7 @@ def test_a_worker_leaves_no_file_of_warnings(here):
 
 # URDF: MuJoCo compiles it, and what it does not state is asked for.
 
-
-INERTIA = (
-    '<inertial><mass value="1"/>'
-    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
-)
-JOINT = (
-    '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>'
-    '<origin xyz="{3}" rpy="{4}"/><axis xyz="0 1 0"/>'
-    '<limit lower="-2" upper="2" effort="{5}" velocity="2"/>{6}</joint>'
-)
-ARM = f"""
-<robot name="arm">
-  <mujoco><compiler fusestatic="false"/></mujoco>
-  <link name="base"/><link name="upper">{INERTIA}</link><link name="lower">{INERTIA}</link>
-  <link name="finger">{INERTIA}</link><link name="tool"/>
-  {JOINT.format("shoulder", "base", "upper", "0 0 0.2", "0 0.5 0", 80, "")}
-  {JOINT.format("elbow", "upper", "lower", "0 0 0.3", "0 1.2 0.4", 60, "")}
-  {JOINT.format("follower", "upper", "finger", "0 0.1 0", "0 0 0", 9, "MIMIC")}
-  <joint name="flange" type="fixed"><parent link="lower"/><child link="tool"/>
-    <origin xyz="0.05 0 0.25"/></joint>
-</robot>
-""".replace("MIMIC", '<mimic joint="elbow" multiplier="-2" offset="0.1"/>')
-TOOL = Body("tool")
-
-
-@pytest.fixture
-def file(tmp_path) -> Path:
-    file = tmp_path / "arm.urdf"
-    file.write_text(ARM)
-    return file
-
-
-def driven(file: Path) -> Path:
-    """The same as MJCF, with a servo at shoulder and elbow."""
-    spec = mujoco.MjSpec.from_file(str(file))
-    for name in ("shoulder", "elbow"):
-        spec.joint(name).armature = 0.1
-        kind = mujoco.mjtTrn.mjTRN_JOINT
-        spec.add_actuator(name=name, target=name, trntype=kind).set_to_position(kp=500, kv=30)
-    spec.compile()
-    robot = file.with_suffix(".xml")
-    robot.write_text(spec.to_xml())
-    return robot
+ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
 
 
 def turned(axes: str, *angles: float) -> Rotation:
@@ -320,9 +278,9 @@ def turned(axes: str, *angles: float) -> Rotation:
     return Rotation.from_euler(axes.upper(), angles)
 
 
-def test_a_urdf_file_moves_as_the_specification_of_urdf_says(file):
+def test_a_urdf_file_moves_as_the_specification_of_urdf_says():
     """A fixed joint's link stays a body; roll, pitch, yaw are about fixed axes, x first."""
-    model, q = load_model(file), np.array([0.3, -0.4])
+    model, q = load_model(ARM), np.array([0.3, -0.4])
     data = mujoco.MjData(model)
     for name, angle in zip(("shoulder", "elbow"), q, strict=True):
         data.joint(name).qpos = angle
@@ -332,8 +290,14 @@ def test_a_urdf_file_moves_as_the_specification_of_urdf_says(file):
     np.testing.assert_allclose(data.body("tool").xpos, tool + np.array([0, 0, 0.2]), atol=1e-12)
 
 
-def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(file):
-    model = load_model(driven(file))
+def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_path):
+    """As MJCF, with a servo at shoulder and elbow."""
+    spec = mujoco.MjSpec.from_file(str(ARM))
+    for name in ("shoulder", "elbow"):
+        kind = mujoco.mjtTrn.mjTRN_JOINT
+        spec.add_actuator(name=name, target=name, trntype=kind).set_to_position(kp=500, kv=30)
+    spec.compile()
+    model = load_model(written(tmp_path, spec.to_xml()))
     jac = jacobians(model, assemble(model), site=TOOL)
     elbow, follower = (model.joint(name).dofadr[0] for name in ("elbow", "follower"))
     (row,) = jac.J_C / jac.J_C[0, follower]
@@ -342,10 +306,10 @@ def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(file)
     np.testing.assert_array_equal(jac.force_range, [[-80, 80], [-60, 60]])
 
 
-def test_a_urdf_file_without_actuators_is_refused_with_the_remedy(file):
+def test_a_urdf_file_without_actuators_is_refused_with_the_remedy():
     """By the Jacobians, and by the robot that is to fly, which blamed the task frame."""
-    model = load_model(file, add_locks=True)
+    model = load_model(ARM, add_locks=True)
     with pytest.raises(ModelError, match="no enabled actuator"):
         jacobians(model, assemble(model), site=TOOL)
     with pytest.raises(ModelError, match="no enabled actuator"):
-        robot_scene(file, TOOL, None, mujoco.MjData)
+        robot_scene(ARM, TOOL, None, mujoco.MjData)
