@@ -30,10 +30,7 @@ class ClosedForm:
         """Undamped frequencies [Hz], ascending, and their damping ratios."""
         zero, eye = np.zeros((6, 6)), np.eye(6)
         state = np.block(
-            [
-                [zero, eye],
-                [-np.linalg.solve(self.M, self.K), -np.linalg.solve(self.M, self.C)],
-            ]
+            [[zero, eye], [-np.linalg.solve(self.M, self.K), -np.linalg.solve(self.M, self.C)]]
         )
         return modes_of(state)
 

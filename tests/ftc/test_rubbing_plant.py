@@ -8,7 +8,7 @@ import pytest
 
 from ftc.fdi import Fault, NominalModel, fault_model
 from sim import Plant
-from tests.sim.test_friction import plant_of
+from tests.sim.machines import plant_of
 
 PERIOD_S = 2e-3
 

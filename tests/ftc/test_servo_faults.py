@@ -13,7 +13,7 @@ from ftc.fdi.fault_model import resting_displacements
 from ftc.fdi.observer import Parameters
 from sim import Failure
 from tests.cart_runs import sample_of
-from tests.sim.test_released import lifted, servos
+from tests.sim.machines import lifted, servos
 
 failures = pytest.mark.parametrize("kind", KINDS)
 PERIOD_S, STEP_S = 2e-3, 1e-3

@@ -156,7 +156,7 @@ def test_the_downloaded_robot_follows_its_path_and_joint4_stands(names_of):
     assert np.ptp(flown.displacement[struck, 3][5:]) < 2e-5
 
 
-@pytest.mark.parametrize("robot", ["unknown_arm", "gantry"])
+@pytest.mark.parametrize("robot", ["unknown_arm", "unnamed_gantry"])
 def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
     robot, tmp_path, monkeypatch, capsys
 ):
@@ -165,7 +165,7 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
     shutil.copy(Path(__file__).parents[1] / "models" / f"{robot}.xml", tmp_path / "yours.xml")
     site, joint, rig = {
         "unknown_arm": ('"tool"', "j2", "major=[4, 5]"),
-        "gantry": ("3", "car", "major=[3, 4], noise=1.0, crossover=0.5"),
+        "unnamed_gantry": ("3", "car", "major=[3, 4], noise=1.0, crossover=0.5"),
     }[robot]
     own = code("README.md", "python")[0].replace('fjh.MODELS / "arm.xml"', '"yours.xml"')
     own = own.replace("motor4", joint).replace('"payload"', site)

@@ -1,24 +1,40 @@
 """Accuracy of the geometry: what the numbers of a model show of it, and the verdicts it decides."""
 
 import copy
+import dataclasses
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fjh.ik import Ik
 from prioritized import ConstrainedSystem
-from sim import Jacobians, jacobians
+from sim import (
+    MODELS,
+    CenterOfMass,
+    FrameTask,
+    JacobianReader,
+    Jacobians,
+    Mechanism,
+    jacobians,
+    load_model,
+    pose_of,
+)
+from sim.mjcf.accuracy import roundings
+from tests.models import model
+from tests.motions import kinematics
+from tests.sim.machines import at, stretched
 from tests.three_rrr import EXACT, six_digits, taken, three_rrr
 
 
 def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, int]:
-    """Numbers of self-motions and of constraints on the actuators, and the rank of J.
+    """Numbers of self-motions and of constraints on the actuators, and the rank of J."""
+    kin = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, geometry_accuracy=accuracy).kinematics()
+    return found(kin, jac)
 
-    With the tolerance 1e-10, unless the accuracy of the geometry is stated.
-    """
-    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, geometry_accuracy=accuracy)
-    kin = system.kinematics()
+
+def found(kin, jac: Jacobians) -> tuple[int, int, int]:
     rank = np.linalg.matrix_rank(kin.J, tol=1e-5 * float(np.linalg.norm(jac.J_T)))
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
@@ -30,22 +46,26 @@ def skewed(size: float, seed: int) -> np.ndarray:
     return axes
 
 
+# One number of the whole geometry.
+
+
 def test_exact_numbers_show_no_rounding():
+    """Zeros, ones, numbers of few digits and numbers in full."""
+    for name in ("arm", "hand", "platform", "arms", "fjh"):
+        assert not roundings(load_model(MODELS / f"{name}.xml"))
     jac = taken(three_rrr())
     assert jac.geometry_accuracy < 1e-15
+    assert not jac.accuracy.J_T_error.any()
     assert verdict(jac) == EXACT
 
 
-def test_numbers_of_six_digits_show_their_rounding():
-    """Half a unit in the last digit, by the largest length: 0.5 to 5 times 1e-6."""
+def test_rounded_numbers_show_their_rounding():
+    """Half a unit in the last of six digits, by the largest length; one component not quite 0."""
     assert 4e-7 < taken(three_rrr(six_digits)).geometry_accuracy < 5.1e-6
-
-
-@pytest.mark.parametrize("component", range(7))
-def test_one_component_that_should_be_zero_shows_the_rounding(component):
-    axes = np.tile([0.0, 0.0, 1.0], (7, 1))
-    axes[component, 0] = 1e-8
-    assert 1e-8 <= taken(three_rrr(axes=axes)).geometry_accuracy < 1.001e-8
+    for component in range(7):
+        axes = np.tile([0.0, 0.0, 1.0], (7, 1))
+        axes[component, 0] = 1e-8
+        assert 1e-8 <= taken(three_rrr(axes=axes)).geometry_accuracy < 1.001e-8
 
 
 @pytest.mark.parametrize("gap", [1e-9, 1e-6, 5e-4])
@@ -61,12 +81,16 @@ def test_a_gap_shows_by_the_size_of_the_constraints(gap):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_with_the_accuracy_that_the_model_shows_skew_axes_change_no_verdict(seed):
+def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
     """Off by 1e-8, without it, the loops seem to hold the machine."""
-    jac = taken(three_rrr(axes=skewed(1e-8, seed)))
-    assert jac.geometry_accuracy > 1e-9
-    assert verdict(jac, jac.geometry_accuracy) == EXACT
+    for rounded in (three_rrr(six_digits), three_rrr(axes=skewed(1e-8, seed))):
+        jac = taken(rounded)
+        assert jac.geometry_accuracy > 1e-9
+        assert verdict(jac, jac.geometry_accuracy) == EXACT
+        assert found(ConstrainedSystem.of(jac).kinematics(), jac) == EXACT
     assert verdict(jac)[1] > 0
+    exact = ConstrainedSystem.of(jac, geometry_accuracy=1e-14).kinematics()
+    assert len(exact.active_constraint) > 0
 
 
 def test_rounding_that_a_rotation_hides_must_be_stated_by_hand():
@@ -79,52 +103,223 @@ def test_rounding_that_a_rotation_hides_must_be_stated_by_hand():
     assert verdict(taken(three_rrr(turn=turn))) == EXACT
 
 
-# A parallelogram on a hinged base, closed by a connect.
-FOUR_BAR = """
-<mujoco>
-  <option><flag contact="disable"/></option>
-  <worldbody>
-    <body name="base">
-      {base}<geom size="0.05"/>
-      <body name="crank" pos="0.1 0.02 0">
-        <joint name="crank" axis="0 0 1"/><geom size="0.05"/>
-        <body name="coupler" pos="0.1 0.3 0">
-          <joint name="knee" axis="0 0 1"/><geom size="0.05"/><site name="tool" pos="0.2 0.1 0.05"/>
-          <body name="rocker" pos="0.5 0 0">
-            <joint name="elbow" axis="0 0 1"/><geom size="0.05"/>
-          </body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <equality><connect body1="rocker" body2="base" anchor="-0.1 -0.3 0"/></equality>
-  <actuator><motor joint="crank"/>{driven}</actuator>
-</mujoco>
-"""
 BASE = '<joint name="base" axis="0.3 -0.5 0.8" pos="0.2 0.1 -0.3"/>'
 DRIVEN = '<motor joint="base"/>'
 
 
-def four_bar(base: str = "", driven: str = "") -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(FOUR_BAR.format(base=base, driven=driven))
+def parallelogram(base: str = BASE, driven: str = DRIVEN) -> mujoco.MjModel:
+    joint, motor = '<joint name="base" axis="0 0 1"/>', '<motor name="turn" joint="base"/>'
+    return model("parallelogram", (joint, base), (motor, driven))
 
 
-@pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("gap", [1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
 @pytest.mark.parametrize(
-    ("mechanism", "expected"),
+    ("make", "expected", "rate"),
     [
-        (four_bar(BASE), (1, 0, 1)),
-        (four_bar(BASE, DRIVEN), (0, 0, 2)),
-        (three_rrr(base=BASE), (1, 0, 3)),
-        (three_rrr(base=BASE, driven=DRIVEN), (0, 0, 4)),
+        (lambda: parallelogram(driven=""), (1, 0, 1), 10),
+        (parallelogram, (0, 0, 2), 10),
+        (lambda: three_rrr(base=BASE), (1, 0, 3), 150),
+        (lambda: three_rrr(base=BASE, driven=DRIVEN), (0, 0, 4), 150),
     ],
     ids=["four-bar", "four-bar, base driven", "3-RRR", "3-RRR, base driven"],
 )
-def test_no_gap_of_a_loop_changes_a_verdict(mechanism, expected, gap, axis):
-    """Rows taken at two points, that far apart, would make constraints of redundant ones."""
-    model = copy.copy(mechanism)
-    model.eq_data[-1, axis] += gap
-    jac = jacobians(model, mujoco.MjData(model), "tool", closure_tolerance=2e-3)
-    assert jac.closure_residual == pytest.approx(gap, rel=1e-3)
-    assert verdict(jac) == expected
+def test_no_gap_of_a_loop_changes_a_verdict(make, expected, rate, gap):
+    """Rows taken at two points, that far apart, would make constraints of redundant ones.
+
+    And rates depend on a gap by no more than its size.
+    """
+    mechanism = make()
+    exact = kinematics(taken(mechanism)).J
+    for axis in range(3):
+        of = copy.copy(mechanism)
+        of.eq_data[-1, axis] += gap
+        jac = jacobians(of, mujoco.MjData(of), "tool", closure_tolerance=2e-3)
+        assert jac.closure_residual == pytest.approx(gap, rel=1e-3)
+        assert verdict(jac) == expected
+        assert np.abs(kinematics(jac).J - exact).max() < rate * gap + 1e-12
+
+
+# An error of each entry: plain MuJoCo with every number moved.
+
+
+def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:
+    """Five links in space, lengths of six decimals in 10^-unit m, directions of four."""
+
+    def text(numbers: np.ndarray, exponent: int = 0) -> str:
+        return " ".join(f"{x}e{exponent}" for x in numbers)
+
+    links = ""
+    for k in range(5):
+        offset, axis = rng.uniform(-0.2, 0.2, size=3).round(6), rng.normal(size=3)
+        quat = rng.normal(size=4)
+        unit_axis, unit_quat = (v / np.linalg.norm(v) for v in (axis, quat))
+        kind = "slide" if k == 3 else "hinge"
+        links += (
+            f'<body name="b{k}" pos="{text(offset, unit)}" quat="{text(unit_quat.round(4))}">'
+            f'<joint name="j{k}" type="{kind}" axis="{text(unit_axis.round(4))}"/>'
+            '<geom size="0.01" mass="1"/>'
+        )
+    tip = f'<site name="tip" pos="{text(rng.uniform(-0.2, 0.2, size=3).round(6), unit)}"/>'
+    motors = "".join(f'<motor joint="j{k}"/>' for k in range(5))
+    return mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{links}{tip}{'</body>' * 5}</worldbody>{loops}"
+        f"<actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
+    """Another model, each rounded number anywhere within half a unit of its last digit."""
+    other = copy.copy(model)
+    for field, row, column, half, _ in roundings(model):
+        getattr(other, field)[row, column] += rng.uniform(-half, half)
+    for field in ("body_quat", "jnt_axis", "site_quat"):
+        A = getattr(other, field)
+        A[:] /= np.linalg.norm(A, axis=1, keepdims=True)
+    return other
+
+
+LOOPS = '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'
+
+
+def read(model: mujoco.MjModel, qpos: np.ndarray):
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    return JacobianReader(model, ["tip", CenterOfMass()], closure_tolerance=np.inf).at(data)
+
+
+@pytest.mark.parametrize("draws", [15, pytest.param(40, marks=pytest.mark.long)])
+@pytest.mark.parametrize("loops", ["", LOOPS])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws):
+    """And the worst of the draws comes within a factor of ten of the largest error."""
+    rng = np.random.default_rng(seed)
+    model = chain(rng, loops=loops)
+    qpos = rng.uniform(-1.0, 1.0, size=model.nq)
+    jac, others = read(model, qpos), [read(shaken(model, rng), qpos) for _ in range(draws)]
+    accuracy = dataclasses.replace(jac, closure_residual=0.0)
+    errors = accuracy.J_T_error, accuracy.J_C_error
+    natural = accuracy.task_units, accuracy.constraint_units
+    for name, error, units in zip(("J_T", "J_C"), errors, natural, strict=True):
+        here = getattr(jac, name)
+        most = np.max([np.abs(getattr(one, name) - here) for one in others], axis=0)
+        assert (most <= 1.01 * error + 1e-15).all()
+        assert error.max(initial=0.0) <= 10.0 * most.max(initial=0.0)
+        whole = error / units[:, None] * accuracy.velocity_units
+        assert whole.max(initial=0.0) <= accuracy.error_bound
+    assert accuracy.error_bound < 100.0 * (errors[0] / natural[0][:, None]).max()
+
+
+SIX_DIGITS = [
+    "0.081 0.05 0.237 0.0616248:7 0.0616301:7 -0.704416:6 0.704416:6",
+    "0 0.216572:6 0.10541:5 0.00812345:8 0.999941:6 0.00213498:8 0.00701352:8",
+]
+NO_ZEROS = [
+    "0.0128347:7 -0.0405043:7 0.0203:7 0.0616248:7 0.06163:7 -0.704416:6 0.704416:6",
+    "0.31:6 0.0188531:7 0.0573:7 0.342813:6 -0.6184:6 0.6186:6 0.342628:6",
+]
+SIX_DECIMALS = [
+    "0.312346:6 -1.2:6 0.0323:6 0.061625:6 0.06163:6 -0.704416:6 0.704416:6",
+    "-1.032346:6 1.302:6 0.023432:6 0.999941:6 0.00213:6 0.008123:6 0.007014:6",
+]
+
+
+@pytest.mark.parametrize("numbers", [SIX_DIGITS, NO_ZEROS, SIX_DECIMALS])
+def test_no_text_within_its_rounding_moves_an_entry_farther(numbers):
+    """Behind each number the decimals it had before its zeros were dropped; none if exact."""
+    written = [text.partition(":")[::2] for text in " ".join(numbers).split()]
+    exact = np.array([float(x) for x, _ in written])
+    halves = np.array(
+        [0.5 * 10.0 ** -int(decimals) if decimals else 0.0 for _, decimals in written]
+    )
+    link = '<body pos="{} {} {}" quat="{} {} {} {}"><joint name="j{}"/><geom size="0.1"/>'
+
+    def moved(part: np.ndarray):
+        rows = (exact + part * halves).reshape(2, 7).tolist()
+        model = mujoco.MjModel.from_xml_string(
+            f"<mujoco><worldbody>{link.format(*rows[0], 0)}{link.format(*rows[1], 1)}"
+            f'<site name="tip" pos="{1 / 3} {1 / 7} {1 / 9}"/></body></body></worldbody>'
+            '<actuator><motor joint="j0"/><motor joint="j1"/></actuator></mujoco>'
+        )
+        return read(model, np.array([0.3, -0.7]))
+
+    here, rng = moved(np.zeros(14)), np.random.default_rng(0)
+    assert here.accuracy is not None
+    error = here.accuracy.J_T_error
+    draws = [*rng.uniform(-1.0, 1.0, size=(20, 14)), *rng.choice([-1.0, 1.0], size=(20, 14))]
+    for part in draws:
+        assert (np.abs(moved(part).J_T - here.J_T) <= 1.01 * error + 1e-11).all()
+    alone = sum(np.abs(moved(part).J_T - here.J_T) for part in np.eye(14))
+    assert (error <= 3.0 * alone + 1e-11).all()
+
+
+@pytest.mark.parametrize("unit", [-3, 0, 3])
+def test_in_another_unit_of_length_the_natural_errors_are_the_same(unit):
+    here, there = (read(chain(np.random.default_rng(1), k), np.full(5, 0.3)) for k in (0, unit))
+    a, b = here.accuracy, there.accuracy
+    assert a is not None
+    assert b is not None
+    assert b.structure.length == pytest.approx(a.structure.length * 10.0**unit, rel=1e-9)
+    assert b.error_bound == pytest.approx(a.error_bound, rel=1e-6)
+    # The slide of 0.3 m is not that of 0.3 of another unit: its joint, and its place, differ.
+    turns = [0, 1, 2, 4]
+    np.testing.assert_allclose(
+        b.J_T_error[:3, turns], a.J_T_error[:3, turns], rtol=1e-5, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(("written", "rounded"), [("0.3 0.25 0", 1), ("0.70711 0.21038 0", 5)])
+def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, rounded):
+    """Of a hand-written file one number was rounded; a program rounded all of its own."""
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body pos="{written}"><joint/><geom size="0.1"/>'
+        '<site pos="0.12345 0.12 -1.5"/></body></worldbody></mujoco>'
+    )
+    found = roundings(model)
+    assert len(found) == rounded
+    assert {each.half_unit for each in found} == {0.5e-5, *([0.5e-4] if rounded > 1 else [])}
+
+
+def test_what_the_file_fixes_is_computed_once_and_no_tick_copies_the_model(monkeypatch):
+    """Of a robot with meshes a copy takes longer than a tick; each tick decides on the entries."""
+    model, copies = three_rrr(six_digits), []
+    mechanism, task = Mechanism(model, site="tool"), FrameTask("tool", rows=[3, 4], gain=0.1)
+    data = mujoco.MjData(model)
+    task.target = pose_of(model, data, "tool").translation_m + np.array([0.02, 0.02, 0.0])
+    ik, posture, states = Ik(model, [task]), mechanism.nominal, set()
+    copied = mujoco.MjModel.__copy__
+    monkeypatch.setattr(mujoco.MjModel, "__copy__", lambda m: copies.append(m) or copied(m))
+    for k in range(20):
+        ik.advance(data, ik.step(data, 0.01), 0.01, into=data)
+        posture = mechanism.moved(posture, 1e-3 * k * np.ones(3), np.arange(3))
+        jac = mechanism.jacobians(posture)
+        ConstrainedSystem.of(jac).kinematics().velocity_mapping([3, 4])
+        states.add(jac.accuracy.J_C_error.tobytes())
+    assert len(copies) <= 2  # one of each reader
+    assert len(states) == 20  # the errors are those of each pose all the same
+
+
+def test_a_weak_direction_says_how_well_its_gain_is_known():
+    """Next to a stretched pose rounding leaves the gain open, and farther it is lost."""
+    arm, _ = stretched(1.0, 0.0)
+    arm.body_pos[2, 0], arm.site_pos[0] = 0.312345, [0.254321, 0.000013, 0.0]
+    arm.site_sameframe[0] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    said = []
+    for bend in (1e-2, 2e-5, 1e-6):
+        data = at(arm, b=bend - 0.000013 / 0.254321)
+        kin = ConstrainedSystem.of(jacobians(arm, data, "tip")).kinematics()
+        report = kin.manipulability([3, 4])
+        said.append((report.unmanipulable, "+-" in str(report)))
+        assert ("+-" in str(kin.velocity_mapping([3, 4]))) == said[-1][1]
+    assert said == [(False, False), (False, True), (True, False)]
+
+
+@pytest.mark.parametrize(("offset", "is_dropped"), [(2e-6, False), (9e-7, True), (0.0, False)])
+def test_an_offset_that_mujoco_drops_is_warned_of(offset, is_dropped):
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody><body>
+      <joint axis="0 0 1"/><geom size="0.03" mass="1"/><site name="tip" pos="0 0 0.1"/>
+      <site name="near" pos="{offset} 0 0"/></body></worldbody>
+      <actuator><motor site="tip" gear="0 0 0 0 0 1"/></actuator></mujoco>""")
+    data = at(model)
+    assert (data.site("near").xpos[0] != offset) == is_dropped
+    said = jacobians(model, data, "tip").warnings
+    assert ["near" in sentence for sentence in said] == [True] * is_dropped

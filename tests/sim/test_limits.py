@@ -5,59 +5,18 @@ import numpy as np
 import pytest
 
 from sim import ModelError, assemble, jacobians, pose_of, ranges
-from tests.motions import kinematics, motions
-
-# An arm of a hinge, a slide and a ball, with limits all; a tendon over two of them.
-LIMITED = """
-<mujoco>
-  <option><flag contact="disable"/></option>
-  <worldbody>
-    <body>
-      <joint name="hinge" axis="0 0 1" range="-40 60"/><geom size="0.1"/>
-      <body pos="0.5 0 0">
-        <joint name="slide" type="slide" axis="1 0 0" range="-0.1 0.2"/><geom size="0.1"/>
-        <body pos="0.5 0 0">
-          <joint name="ball" type="ball" range="0 50"/><geom size="0.1"/>
-          <site name="tool" pos="0.2 0.1 0.3"/>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <tendon>
-    <fixed name="cable" limited="true" range="-0.4 0.5">
-      <joint joint="hinge" coef="0.6"/><joint joint="slide" coef="-2"/>
-    </fixed>
-  </tendon>
-  <actuator>
-    <motor name="hinge" joint="hinge" ctrlrange="-3 4"/><motor name="slide" joint="slide"/>
-    <motor name="rope" tendon="cable" gear="-2" forcerange="-5 6" ctrlrange="-9 9"/>
-    <motor name="turn" joint="ball" gear="0 0 1"/>
-  </actuator>
-</mujoco>
-"""
-TURN = np.array([2.0, -1.0, 2.0]) / 3.0
-"""Axis about which the ball joint is turned."""
+from tests.models import model
+from tests.motions import change, kinematics, motions, shifted
+from tests.sim.machines import limited
 
 
-def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoco.MjData:
-    model = mujoco.MjModel.from_xml_string(LIMITED)
-    data = mujoco.MjData(model)
-    data.qpos[:2] = hinge, slide
-    mujoco.mju_axisAngle2Quat(data.qpos[2:], TURN, ball)
-    return data
-
-
-def positions(data: mujoco.MjData) -> dict[str, float]:
-    """What the limits are about."""
-    mujoco.mj_fwdPosition(data.model, data)
-    turn = np.empty(3)
-    mujoco.mju_quat2Vel(turn, data.qpos[2:], 1.0)
-    return {
-        'joint "hinge"': data.qpos[0],
-        'joint "slide"': data.qpos[1],
-        'joint "ball"': float(np.linalg.norm(turn)),
-        'tendon "cable"': data.ten_length[0],
-    }
+def position(data: mujoco.MjData, name: str) -> float:
+    """What a limit is about."""
+    if name == "cable":
+        return data.ten_length[0]
+    if name == "ball":
+        return float(np.linalg.norm(change(data.model, data.model.qpos0, data.qpos)[2:]))
+    return data.joint(name).qpos[0]
 
 
 AT_A_LIMIT = [
@@ -76,10 +35,9 @@ AT_A_LIMIT = [
 @pytest.mark.parametrize(("name", "pose"), AT_A_LIMIT)
 def test_what_rests_on_a_limit_is_warned_about_or_taken_as_stuck(name, pose):
     data = limited(**pose)
-    joint = name.split('"')[1]
+    of, joint = data.model, name.split('"')[1]
     free, held, named = (
-        jacobians(data.model, data, "tool", stuck_at_limits=choice)
-        for choice in (False, True, [joint])
+        jacobians(of, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
     )
     words = f'{name} rests on its limit and is taken to move freely: stuck_at_limits=["{joint}"]'
     assert len(free.warnings) == 1 and free.warnings[0].startswith(words)
@@ -87,20 +45,14 @@ def test_what_rests_on_a_limit_is_warned_about_or_taken_as_stuck(name, pose):
     np.testing.assert_array_equal(named.J_C, held.J_C)
     assert len(held.J_C) == len(free.J_C) + 1
 
-    here, allowed = data.qpos.copy(), motions(kinematics(held))
-    assert allowed.shape[1] == motions(kinematics(free)).shape[1] - 1
+    def slope(velocity: np.ndarray) -> float:
+        there, back = (shifted(of, data, h * velocity[: of.nv]) for h in (1e-4, -1e-4))
+        return abs(position(there, joint) - position(back, joint)) / 2e-4
 
-    def slope(velocity: np.ndarray, h: float) -> float:
-        ends = []
-        for step in (h, -h):
-            data.qpos[:] = here
-            mujoco.mj_integratePos(data.model, data.qpos, velocity[: data.model.nv], step)
-            ends.append(positions(data)[name])
-        return (ends[0] - ends[1]) / (2 * h)
-
-    for velocity in allowed.T:
-        assert abs(slope(velocity, 1e-4)) < 1e-7
-    assert max(abs(slope(velocity, 1e-4)) for velocity in motions(kinematics(free)).T) > 0.1
+    allowed, every = motions(kinematics(held)), motions(kinematics(free))
+    assert allowed.shape[1] == every.shape[1] - 1
+    assert max(map(slope, allowed.T)) < 1e-7
+    assert max(map(slope, every.T)) > 0.1
 
 
 def test_away_from_limits_nothing_is_warned_about_or_stuck():
@@ -113,7 +65,7 @@ def test_away_from_limits_nothing_is_warned_about_or_stuck():
         np.testing.assert_array_equal(held.J_C, free.J_C)
 
 
-def test_of_several_at_their_limits_only_those_named_are_stuck_and_the_others_warned_about():
+def test_of_several_at_their_limits_only_those_named_are_stuck():
     data = limited(hinge=np.deg2rad(60.0), slide=0.2)
     both = jacobians(data.model, data, "tool", stuck_at_limits=True)
     hinge, slide = (
@@ -136,100 +88,51 @@ def test_limits_that_the_models_flags_switch_off_hold_nothing(flag):
     assert jacobians(data.model, data, "tool").warnings == ()
 
 
-# A finger as the 2F85's: a five-bar with one servo, whose coupler a spring presses on its limit.
-GRIPPER = """
-<mujoco>
-  <option gravity="0 0 0" timestep="5e-4" integrator="implicitfast"/>
-  <default>
-    <geom size="0.01" mass="0.05" contype="0" conaffinity="0"/>
-    <joint axis="0 1 0" damping="0.02" solreflimit="0.002 1"/>
-  </default>
-  <worldbody>
-    <body name="driver">
-      <joint name="driver"/><geom/>
-      <body name="coupler" pos="0 0 0.1">
-        <joint name="coupler" range="-50 0" stiffness="0.5" springref="40"/><geom/>
-      </body>
-    </body>
-    <body name="link" pos="0.05 0 0">
-      <joint name="link"/><geom/>
-      <body name="follower" pos="0.04 0 0.08">
-        <joint name="follower"/><geom/><site name="tip" pos="0.02 0 0.15"/>
-      </body>
-    </body>
-  </worldbody>
-  <equality>
-    <connect body1="coupler" body2="follower" anchor="0.06 0 0.06" solref="0.002 1"/>
-  </equality>
-  <actuator><position name="servo" joint="driver" kp="300" kv="3"/></actuator>
-</mujoco>
-"""
-
-
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
-def test_a_simulated_finger_moves_as_predicted_once_its_coupler_counts_as_stuck(turn_rad, margin):
+def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
     """Predicted without, the follower turns as if the coupler were free, which it is not."""
-    model = mujoco.MjModel.from_xml_string(GRIPPER)
-    model.jnt_margin[model.joint("coupler").id] = margin  # where the limit begins to push back
-    data = assemble(model)
-    mujoco.mj_step(model, data, 4000)  # onto the limit, which gives a little
-    start = pose_of(model, data, "tip").translation_m
-    still = mujoco.MjData(model)
+    finger = model("gripper")
+    finger.jnt_margin[finger.joint("coupler").id] = margin  # where the limit begins to push back
+    data = assemble(finger)
+    mujoco.mj_step(finger, data, 4000)  # onto the limit, which gives a little
+    start = pose_of(finger, data, "tip").translation_m
+    still = mujoco.MjData(finger)
     still.qpos[:] = data.qpos
     free, held = (
-        jacobians(model, still, "tip", stuck_at_limits=choice) for choice in (False, True)
+        jacobians(finger, still, "tip", stuck_at_limits=choice) for choice in (False, True)
     )
     assert len(free.warnings) == 1 and 'joint "coupler"' in free.warnings[0]
     data.ctrl[0] += turn_rad
-    mujoco.mj_step(model, data, 4000)
-    moved = (pose_of(model, data, "tip").translation_m - start) / turn_rad
+    mujoco.mj_step(finger, data, 4000)
+    moved = (pose_of(finger, data, "tip").translation_m - start) / turn_rad
     as_stuck, as_free = (kinematics(jac).J[3:, 0] for jac in (held, free))
     assert np.linalg.norm(moved - as_stuck) < 0.01 * np.linalg.norm(moved)
     assert np.linalg.norm(moved - as_free) > 0.1 * np.linalg.norm(moved)
 
 
-def test_ranges_are_read_out_as_arrays_and_infinite_where_there_is_none():
-    model, inf = limited().model, np.inf
-    of_model = ranges(model)
+def test_ranges_are_infinite_where_there_is_no_limit():
+    data, inf = limited(), np.inf
+    of_model = ranges(data.model)
     hinge = np.deg2rad([-40.0, 60.0])
     np.testing.assert_allclose(of_model.joint[:2], np.array([hinge, [-0.1, 0.2]]))
     np.testing.assert_array_equal(of_model.joint[2:], [[-inf, inf]] * 3)
     np.testing.assert_array_equal(of_model.tendon, [[-0.4, 0.5]])
     np.testing.assert_array_equal(of_model.control, [[-3, 4], [-inf, inf], [-9, 9], [-inf, inf]])
     np.testing.assert_array_equal(of_model.force, [*[[-inf, inf]] * 2, [-5, 6], [-inf, inf]])
+    forces = jacobians(data.model, data, "tool").force_range  # along each velocity
+    np.testing.assert_array_equal(forces, [[-3, 4], [-inf, inf], [-12, 10], [-inf, inf]])
 
 
-def test_the_force_of_each_velocity_is_that_of_its_actuators():
-    data, inf = limited(), np.inf
-    jac = jacobians(data.model, data, "tool")
-    forces = [[-3, 4], [-inf, inf], [-12, 10], [-inf, inf]]
-    np.testing.assert_array_equal(jac.force_range, forces)
-
-
-CRANE = """
-<mujoco>
-  <worldbody>
-    <body name="hook" mocap="true" pos="0 0 1"><site name="hook"/></body>
-    <body>
-      <joint axis="0 1 0"/><geom size="0.1"/><site name="tool" pos="0.3 0 0.2"/>
-    </body>
-  </worldbody>
-  <tendon>
-    <spatial name="rope" limited="true" range="0 2"><site site="hook"/><site site="tool"/></spatial>
-  </tendon>
-  <actuator><motor tendon="rope"/></actuator>
-</mujoco>
-"""
-
-
-def test_a_tendon_rests_on_its_limit_in_the_state_with_bodies_moved_from_outside():
-    model = mujoco.MjModel.from_xml_string(CRANE)
-    data = mujoco.MjData(model)
+def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
+    crane = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
+      <body mocap="true" pos="0 0 1"><site name="hook"/></body>
+      <body><joint axis="0 1 0"/><geom size="0.1"/><site name="tool" pos="0.3 0 0.2"/></body>
+      </worldbody><tendon><spatial name="rope" limited="true" range="0 2"><site site="hook"/>
+      <site site="tool"/></spatial></tendon><actuator><motor tendon="rope"/></actuator></mujoco>""")
+    data = mujoco.MjData(crane)
     data.mocap_pos[0] = 1.0, 0.0, 1.0
-    assert not jacobians(model, data, "tool").warnings
+    assert not jacobians(crane, data, "tool").warnings
     data.mocap_pos[0] = 0.3, 0.0, 2.2
-    assert jacobians(model, data, "tool").warnings == (
-        'tendon "rope" rests on its limit and is taken to move freely: stuck_at_limits=["rope"] '
-        "takes it as stuck",
-    )
+    (said,) = jacobians(crane, data, "tool").warnings
+    assert said.startswith('tendon "rope" rests on its limit and is taken to move freely')

@@ -1,10 +1,16 @@
-"""Linearization on the closed loops: what a textbook says of small motions."""
+"""Linearization on closed loops: textbook motions, failed servos, friction, what is not linear."""
 
 import mujoco
 import numpy as np
 import pytest
+import scipy.linalg
 
-from sim import ModelError, jacobians, linearize
+from sim import Body, ModelError, Plant, jacobians, linearize
+from sim.mjcf import located
+from sim.mjcf.part import task_part
+from sim.plant import Met, beyond_linear, dry_friction
+from sim.plant.linear import LinearPlant
+from tests.sim.machines import WORLD, lifted, plant_of, servos
 
 # A bob that may go anywhere in a plane, tied by a light rod to a pivot: a pendulum by its loop.
 PENDULUM = """
@@ -17,32 +23,25 @@ PENDULUM = """
       <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.005" mass="1e-9"/>
     </body>
     <body name="bob" pos="0 0 -0.5">
-      <joint name="x" type="slide" axis="1 0 0"/>
-      <joint name="z" type="slide" axis="0 0 1"/>
-      <geom type="sphere" size="0.02" mass="2"/>
-      <site name="payload"/>
+      <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+      <geom type="sphere" size="0.02" mass="2"/><site name="payload"/>
     </body>
   </worldbody>
-  <equality><connect name="tie" body1="rod" body2="bob" anchor="0 0 -0.5"/></equality>
+  <equality><connect body1="rod" body2="bob" anchor="0 0 -0.5"/></equality>
 </mujoco>
 """
-
-# A sprung hinge; a pull along its arm stiffens it, a push along it softens it.
 ARM = """
 <mujoco>
   <option gravity="0 0 0"/>
   <worldbody>
     <site name="base"/>
-    <body name="arm">
-      <joint name="hinge" axis="0 1 0" stiffness="10"/>
+    <body name="arm"><joint name="hinge" axis="0 1 0" stiffness="10"/>
       <geom type="capsule" fromto="0 0 0 0 0 0.5" size="0.01" mass="1"/>
-      <site name="payload" pos="0 0 0.5"/>
-    </body>
+      <site name="payload" pos="0 0 0.5"/></body>
   </worldbody>
-  <actuator>{actuator}</actuator>
+  <actuator>{}</actuator>
 </mujoco>
 """
-MOTOR = '<motor name="motor" joint="hinge"/>'
 
 
 def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
@@ -56,36 +55,213 @@ def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
 
 def test_a_standing_push_along_an_arm_softens_it():
     """A load that follows no turn is a spring of its own: k - F l against k."""
-    model = mujoco.MjModel.from_xml_string(ARM.format(actuator=MOTOR))
+    model = mujoco.MjModel.from_xml_string(ARM.format('<motor joint="hinge"/>'))
     data = mujoco.MjData(model)
     alone = linearize(model, data)
-    # At the centre of mass, half way up.
-    data.xfrc_applied[model.body("arm").id, 2] = -5.0
+    data.xfrc_applied[model.body("arm").id, 2] = -5.0  # at the centre of mass, half way up
     pushed = linearize(model, data)
     assert pushed.A[1, 0] / alone.A[1, 0] == pytest.approx(1 - 5.0 * 0.25 / 10.0, rel=1e-6)
 
 
 def test_an_actuator_with_a_state_of_its_own_is_refused():
     slow = '<general name="slow" joint="hinge" dyntype="filter" dynprm="0.1"/>'
-    model = mujoco.MjModel.from_xml_string(ARM.format(actuator=slow))
+    model = mujoco.MjModel.from_xml_string(ARM.format(slow))
     with pytest.raises(ModelError, match="an actuator has a state of its own"):
         linearize(model, mujoco.MjData(model))
 
 
-@pytest.mark.parametrize("flag", ["equality", "constraint"])
-def test_closures_that_a_flag_switches_off_are_refused(flag):
-    """A closed mechanism must not pass for an open one."""
-    text = PENDULUM.replace('contact="disable"', f'contact="disable" {flag}="disable"')
-    text = text.replace("</mujoco>", '<actuator><motor joint="x"/></actuator></mujoco>')
-    model = mujoco.MjModel.from_xml_string(text)
-    with pytest.raises(ModelError, match="equalities are active, and the model's flags disable"):
-        jacobians(model, mujoco.MjData(model), "payload")
-    model.eq_active0[:] = False
-    assert jacobians(model, mujoco.MjData(model), "payload").J_C.shape == (0, 3)
+def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
+    """It may stand at any angle about itself, and nothing else may."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0"/><worldbody>
+      <body><joint name="crank" axis="0 1 0" damping="0.1" armature="0.01"/>
+        <geom size="0.02" mass="0.1"/>
+        <body pos="0.1 0 0"><joint name="ball" type="ball" damping="0.001"/>
+          <geom type="capsule" size="0.01" fromto="0 0 0 0 0 0.2" mass="0.1"/>
+          <site name="end" pos="0 0 0.2"/></body></body>
+      <body pos="0.1 0 0.2"><joint type="slide" axis="1 0 0" damping="0.1"/>
+        <geom size="0.02" mass="0.1"/><site name="tool"/></body></worldbody>
+      <equality><connect site1="end" site2="tool" solref="0.004 1"/>
+        <joint name="lock1" joint1="crank" active="false"/></equality>
+      <actuator><position joint="crank" kp="10" kv="1"/></actuator></mujoco>""")
+    linear = Plant(model, **WORLD, start=mujoco.MjData(model)).linear()
+    assert linear.idle == ("ball",)
 
 
-def test_a_closure_that_is_not_finite_is_refused():
-    model = mujoco.MjModel.from_xml_string(PENDULUM)
-    model.eq_data[0, :3] = np.nan
-    with pytest.raises(ModelError, match="an equality of the model is not finite"):
-        jacobians(model, mujoco.MjData(model), "payload")
+@pytest.mark.parametrize("length", [0.3, np.nextafter(0.3, 0), np.nextafter(0.3, 1), 0.3 + 1e-12])
+def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
+    """Its spring begins at 0.3 m, which is where it is."""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
+      <site name="top" pos="0 0 {float(length)!r}"/>
+      <body><joint name="z" type="slide" axis="0 0 1"/><geom size="0.01"/><site name="tool"/></body>
+      </worldbody><tendon><spatial springlength="0 0.3" stiffness="50"><site site="top"/>
+      <site site="tool"/></spatial></tendon><actuator><motor joint="z"/></actuator></mujoco>""")
+    stiffness = jacobians(model, mujoco.MjData(model), site="tool").stiffness
+    assert stiffness is not None
+    np.testing.assert_allclose(stiffness, [[50.0]])
+
+
+# A servo that loses its force, as the linear model of the healthy machine foretells it.
+
+
+def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and the constant acceleration (2k,) that the healthy model foretells without drive k."""
+    assert linear.feedback is not None and linear.holding is not None
+    B, column = linear.B.copy(), linear.B[:, k]
+    B[:, k] = 0.0
+    return linear.A + np.outer(column, linear.feedback[k]), B, -column * linear.holding[k]
+
+
+@pytest.mark.parametrize("name", ["arm", "platform", "hand", "arms"])
+def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
+    """The same as the model of the machine in which it is really switched off."""
+    plant = servos(name)
+    linear = plant.linear()
+    for k in range(len(plant.drives)) if name != "arms" else (0, 7):
+        A, B, push = without(linear, k)
+        broken = servos(name)
+        broken.release(k)
+        real = broken.linear()
+        np.testing.assert_allclose(A, real.A, atol=1e-6 * np.abs(linear.A).max())
+        np.testing.assert_allclose(B, real.B, atol=1e-6 * np.abs(B).max())
+        np.testing.assert_allclose(push, 0.0, atol=1e-6)  # no gravity: nothing was held
+
+
+def test_a_coil_against_a_spring_feeds_nothing_back_and_holds_nothing(model):
+    linear = Plant(model).linear()
+    assert linear.feedback is not None and not linear.feedback.any()
+    assert linear.holding is not None and not linear.holding.any()
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
+    """From rest under gravity, within 1 % of the way for 30 ms."""
+    plant = lifted()
+    linear = plant.linear()
+    A, _, push = without(linear, k)
+    plant.release(k)
+    plant.step(np.zeros(2), 0.03)
+    both = np.zeros((len(A) + 1,) * 2)
+    both[:-1, :-1], both[:-1, -1] = A, push
+    expected = linear.C_active @ scipy.linalg.expm(both * 0.03)[:-1, -1]
+    moved = plant.displacements()
+    assert np.abs(moved).max() > 1e-3
+    np.testing.assert_allclose(moved, expected, atol=0.01 * np.abs(moved).max())
+
+
+def test_places_that_rub_are_those_of_the_file(tmp_path):
+    """A force at a joint or tendon pushes by M^-1 times its row."""
+    plant = plant_of(tmp_path)
+    friction = plant.linear().friction
+    assert friction is not None
+    assert dry_friction(plant.model) == ("shoulder", "elbow", "belt")
+    np.testing.assert_allclose(friction.limit, [0.4, 0.2, 0.1])
+    np.testing.assert_allclose(np.abs(friction.rows), [[1, 0], [0, 1], [1, 1]], atol=1e-12)
+    mass = np.zeros((2, 2))
+    mujoco.mj_fullM(plant.model, plant.data, mass)
+    np.testing.assert_allclose(mass @ friction.push, friction.rows.T, atol=1e-12)
+    plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
+    assert plant.linear().friction is None
+
+
+# What is not linear is named, and nothing else.
+
+
+PAIR = """
+<mujoco>
+  <option {option}/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 0.44"/>
+    <body name="left" pos="0 0 0.5">
+      <joint name="a" axis="0 1 0" {joint}/>
+      <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="1"/>
+    </body>
+    <body name="right" pos="0 0.3 0.5">
+      <joint name="b" axis="0 1 0"/>
+      <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="1"/>
+    </body>
+  </worldbody>
+  <tendon><fixed name="cord" {tendon}><joint joint="a" coef="1"/></fixed></tendon>
+  <equality><joint name="gear" joint1="a" joint2="b" {equality}/></equality>
+  <actuator><motor name="m" joint="a" forcerange="-1 1" {actuator}/></actuator>
+</mujoco>
+"""
+PLAIN = {"option": "", "joint": "", "tendon": "", "equality": "", "actuator": ""}
+
+
+def pair(**parts: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Two arms that a gear couples."""
+    model = mujoco.MjModel.from_xml_string(PAIR.format(**PLAIN | parts))
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"joint": 'frictionloss="0.1"'}, "dry friction of a:"),
+        ({"tendon": 'frictionloss="0.1"'}, "dry friction of cord:"),
+        ({"joint": 'damping="1 0.5"'}, "damping of a is not linear"),
+        ({"tendon": 'damping="1 0.5"'}, "damping of cord is not linear"),
+        ({"joint": 'stiffness="1 0.5"'}, "stiffness of a is not linear"),
+        ({"equality": 'solref="0.2 1"'}, '"gear" is soft'),
+        ({"equality": 'solref="-100 -10"'}, '"gear" is soft'),
+        ({"equality": 'solimp="0 0.95 0.01"'}, '"gear" is soft'),
+        ({"option": 'density="1.2"'}, "drag of a medium of density 1.2"),
+    ],
+)
+def test_each_effect_is_named_once(parts, words):
+    """By the name of what has it."""
+    (sentence,) = beyond_linear(*pair(**parts))
+    assert words in sentence.replace("equality ", "")
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        {"joint": 'damping="1" stiffness="2"'},
+        {"option": 'viscosity="0.1"'},
+        {"equality": 'active="false" solref="0.2 1"'},
+        {"equality": 'solref="0.03 1"'},
+        {"equality": 'solref="-5000 -100"'},
+    ],
+)
+def test_what_is_linear_is_not_named(parts):
+    """Viscous drag and stiff equalities are in the linear model, or nearly."""
+    assert beyond_linear(*pair(**parts)) == ()
+
+
+def test_a_run_names_what_it_met():
+    """The arm stands on the floor, beyond its limit, its motor at full force; nothing at first."""
+    model, data = pair(joint='range="-1 1" limited="true"')
+    data.eq_active[:] = 0
+    met = Met(model)
+    mujoco.mj_step(model, data)
+    met.plant(0, model, data)
+    assert not met.sentences
+    data.ctrl[:], data.qpos[0] = 2.0, 1.1
+    mujoco.mj_step(model, data)
+    met.plant(1, model, data)
+    met.plant(2, model, data)
+    assert set(met.sentences) == {
+        '"left" touched "world"',
+        'joint "a" reached its limit',
+        'the force of "a" reached its limit',
+    }
+
+
+def test_what_lies_beside_a_task_is_not_met():
+    """A cup on the floor touches it in every flight, and that is no news of the arm."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom type="plane" size="1 1 .1"/>
+        <body name="cup" pos="0 0 .049"><freejoint/><geom size=".05"/></body>
+        <body name="arm" pos=".5 0 .5"><joint name="j" axis="0 1 0"/><geom size=".05"/></body>
+        </worldbody><actuator><position joint="j"/></actuator></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    part = task_part(model, [located(model, "site", Body("arm"))], ())
+    everything, of_task = Met(model), Met(model, part)
+    for met in (everything, of_task):
+        met.plant(0, model, data)
+    assert list(everything.sentences) == ['"cup" touched "world"']
+    assert not of_task.sentences

@@ -1,11 +1,18 @@
-"""Physics of the plant, one sentence each."""
+"""Physics of the plant, one sentence each; its task frame; and a failure as text."""
 
+import _thread
 import copy
+import threading
+import time
+from functools import cache
+from typing import get_args
 
 import mujoco
 import numpy as np
 import pytest
-import scipy.linalg
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from fjh.rig.checks import CLOSURE_LIMIT_M
 from fjh.rig.hexapod.columns import COLUMNS
@@ -13,11 +20,32 @@ from fjh.rig.hexapod.controller import nominal_loops
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.study.workers import in_parallel
-from sim import HEXAPOD_MJCF, ModelError, Plant, SimulationDiverged, linearize, load_model
+from sim import (
+    MODELS,
+    Body,
+    Failure,
+    ModelError,
+    Plant,
+    SimulationDiverged,
+    jacobians,
+    linearize,
+    load_model,
+)
+from sim.plant import FailureKind
 from tests.closed_form import closed_form, modes_of
+from tests.models import model as model_of
+from tests.sim.machines import (
+    SHIPPED,
+    edited,
+    mode_shapes,
+    pole_of,
+    resumed,
+    ring_down,
+    settled_state,
+    state_of,
+)
 
 PERIOD_S = 1e-3
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 def swing(plant: Plant, seconds: float) -> list[float]:
@@ -31,24 +59,35 @@ def swing(plant: Plant, seconds: float) -> list[float]:
     return residuals
 
 
-def edited(*replacements: tuple[str, str]) -> mujoco.MjModel:
-    """The hexapod with its MJCF text changed: how a check is shown to fail."""
-    text = HEXAPOD_MJCF.read_text()
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new)
-    return mujoco.MjModel.from_xml_string(text)
+def some(first: tuple, others: tuple) -> list:
+    """All of them, the others in long runs."""
+    return [*first, *(pytest.param(each, marks=pytest.mark.long) for each in others)]
 
 
-def test_preload_holds_the_payload_at_the_nominal_pose_against_gravity(model):
-    plant = Plant(model)
-    plant.settle(2.0)
+MODES = STRUTS = some((0, 3), (1, 2, 4, 5))
+
+
+@cache
+def shapes_of_modes() -> np.ndarray:
+    return mode_shapes(load_model())
+
+
+@cache
+def swung_state() -> tuple[np.ndarray, float]:
+    """Of the hexapod after 0.8 s of swinging, and the largest closure residual on the way."""
+    plant = Plant(load_model())
+    residuals = swing(plant, 0.8)
+    return state_of(plant), max(residuals)
+
+
+# Statics and modes of the hexapod.
+
+
+@pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
+def test_preload_holds_the_payload_at_the_nominal_pose_against_gravity(seconds):
+    plant = resumed(settled_state(seconds))
     assert np.abs(plant.pose().translation_m).max() < 1e-7
     assert np.abs(plant.displacements()).max() < 1e-7
-    # It can fail: without preload the payload hangs low.
-    limp = Plant(edited(('springref="1.4939740e-4"', 'springref="0"')))
-    limp.settle(2.0)
-    assert np.abs(limp.pose().translation_m).max() > 1e-4
 
 
 def test_the_preload_in_the_file_is_the_one_that_static_balance_asks_for(model):
@@ -90,7 +129,8 @@ def payload_displacement(model: mujoco.MjModel, wrench: np.ndarray) -> np.ndarra
     return np.concatenate([moved[3:], moved[:3]])
 
 
-def test_stiffness_at_the_payload_is_that_of_the_springs_through_the_jacobian(model):
+@pytest.mark.long
+def test_payload_stiffness_is_that_of_the_springs_through_the_jacobian(model):
     """A small wrench moves the payload by (A^T k A)^-1 w; flexures add half a per cent."""
     oracle = closed_form(model)
     springs = oracle.A.T @ oracle.A * model.joint("strut1").stiffness[0]
@@ -114,105 +154,43 @@ def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
     np.testing.assert_allclose(damping, expected_damping, rtol=1e-3)
 
 
-def test_the_strut_mass_term_is_needed(model):
-    """Without strut mass in the closed form the modes come out more than 1 % too high."""
-    light = copy.copy(model)
-    for part in ("housing", "stem"):
-        for k in range(1, 7):
-            light.body_mass[model.body(f"{part}{k}").id] = 0.0
-            light.body_inertia[model.body(f"{part}{k}").id] = 0.0
-    assert np.all(closed_form(light).modes()[0] > 1.01 * closed_form(model).modes()[0])
+@pytest.mark.parametrize("mode", MODES)
+def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model, mode):
+    """Damping is the model's: what the integrator adds stays within a per cent."""
+    frequency, damping = closed_form(model).modes()
+    pole = pole_of(ring_down(model, shapes_of_modes()[mode], 0.3), model.opt.timestep)
+    assert abs(pole) / (2 * np.pi) == pytest.approx(frequency[mode], rel=0.01)
+    assert -pole.real / abs(pole) == pytest.approx(damping[mode], rel=0.01)
 
 
-def ring_down(model: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
-    """Free motion after a velocity along one mode, seen along that mode; shape (N,)."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    data.qvel[:] = shape * 1e-3
-    samples = []
-    for _ in range(round(seconds / model.opt.timestep)):
-        mujoco.mj_step(model, data)
-        change = np.empty(model.nv)
-        mujoco.mj_differentiatePos(model, change, 1.0, model.qpos0, data.qpos)
-        samples.append(shape @ change)
-    return np.array(samples)
+def test_the_ring_down_sees_the_damping_that_a_discrete_integrator_adds():
+    model = edited(('integrator="Euler"', 'integrator="discrete"'))
+    _, damping = closed_form(model).modes()
+    pole = pole_of(ring_down(model, shapes_of_modes()[3], 0.3), model.opt.timestep)
+    assert -pole.real / abs(pole) > 1.1 * damping[3]
 
 
 ENERGY_J = 5e-6
 
 
-def mode_shapes(model: mujoco.MjModel) -> np.ndarray:
-    """Generalized velocities of the six undamped modes, orthonormal on the loops, shape (6, nv)."""
-    plant = Plant(model)
-    lin = linearize(plant.model, plant.data)
-    stiffness = -lin.A[6:, :6]
-    values, vectors = map(np.real, np.linalg.eig(stiffness))
-    Z = _null_space(plant)
-    order = np.argsort(values)
-    return (Z @ vectors[:, order]).T
-
-
-def _null_space(plant: Plant) -> np.ndarray:
-    return scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
-
-
-def pole_of(samples: np.ndarray, dt: float) -> complex:
-    """Continuous pole of a decaying oscillation: y[k+1] = a y[k] + b y[k-1] fitted."""
-    history = np.column_stack([samples[1:-1], samples[:-2]])
-    a, b = np.linalg.lstsq(history, samples[2:], rcond=None)[0]
-    return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / dt
-
-
-def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model):
-    """Damping is the model's: what the integrator adds stays within a per cent."""
-    frequency, damping = closed_form(model).modes()
-    for k, shape in enumerate(mode_shapes(model)):
-        pole = pole_of(ring_down(model, shape, 0.3), model.opt.timestep)
-        assert abs(pole) / (2 * np.pi) == pytest.approx(frequency[k], rel=0.01)
-        assert -pole.real / abs(pole) == pytest.approx(damping[k], rel=0.01)
-
-
-def test_the_ring_down_check_sees_the_damping_that_a_discrete_integrator_adds():
-    model = edited(('integrator="Euler"', 'integrator="discrete"'))
-    _, damping = closed_form(model).modes()
-    pole = pole_of(ring_down(model, mode_shapes(model)[3], 0.3), model.opt.timestep)
-    assert -pole.real / abs(pole) > 1.1 * damping[3]
-
-
-def test_all_velocities_are_one_island_so_that_looking_for_islands_changes_no_bit(model):
-    """With a strut locked and another without force as well; the file switches the search off."""
-    sought = edited((' island="disable"', ""))
-    ends = []
-    for each in (model, sought):
-        plant = Plant(each)
-        plant.step(np.linspace(-1e-4, 1e-4, 6), 0.01)
-        plant.lock(0)
-        plant.release(3)
-        plant.step(np.linspace(2e-4, -1e-4, 6), 0.05)
-        ends.append(state := np.empty(mujoco.mj_stateSize(plant.model, STATE)))
-        mujoco.mj_getState(plant.model, plant.data, state, STATE)
-    np.testing.assert_array_equal(*ends)
-
-
-@pytest.mark.parametrize("mode", range(6))
-def test_with_damping_off_energy_is_kept_at_every_step(model, mode):
-    """Two seconds of each mode, within one per cent of the energy put in."""
-    settled = Plant(model)
-    settled.settle(2.0)
-    undamped = settled.model
+@pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
+@pytest.mark.parametrize("mode", MODES)
+def test_with_damping_off_energy_is_kept_at_every_step(model, mode, seconds):
+    """Of each mode, within one per cent of the energy put in."""
+    plant = resumed(settled_state(seconds))
+    undamped, data = plant.model, plant.data
     undamped.dof_damping[:] = 0.0
     undamped.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    data = settled.data
     data.qvel[:] = 0.0
     mujoco.mj_forward(undamped, data)
     rest = data.energy[0]
-    shape, momentum = mode_shapes(model)[mode], np.empty(model.nv)
+    shape, momentum = shapes_of_modes()[mode], np.empty(model.nv)
     mujoco.mj_mulM(undamped, data, momentum, shape)
     # Equal modes have no shape of their own: the energy put in does not depend on the one taken.
     data.qvel[:] = shape * np.sqrt(2.0 * ENERGY_J / (shape @ momentum))
 
     energy = []
-    for _ in range(round(2.0 / undamped.opt.timestep)):
+    for _ in range(round(seconds / undamped.opt.timestep)):
         before = data.qvel.copy()
         mujoco.mj_step(undamped, data)  # data.energy[0] is of the position it started from
         centred = (before + data.qvel) / 2
@@ -223,9 +201,8 @@ def test_with_damping_off_energy_is_kept_at_every_step(model, mode):
     assert energy[0] == pytest.approx(ENERGY_J, rel=0.01)
 
 
-def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_a_percent(
-    model, table1
-):
+@pytest.mark.night
+def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model, table1):
     columns = [c for c in COLUMNS if c.name in ("W_a", "W_e", "W_a_uncorrected")]
     half = copy.copy(model)
     half.opt.timestep /= 2
@@ -246,77 +223,33 @@ def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_
         assert np.abs(1e6 * run.rms() - whole).min() > 0
 
 
-@pytest.mark.parametrize("strut", range(6))
-def test_a_strut_locked_in_flight_stays_where_it_is_and_the_loops_stay_closed(model, strut):
-    plant = Plant(model)
-    residuals = swing(plant, 0.8)
+# Failures of the hexapod in flight.
+
+
+@pytest.mark.parametrize("strut", STRUTS)
+def test_a_strut_locked_in_flight_stays_and_the_loops_stay_closed(strut):
+    state, most = swung_state()
+    plant = resumed(state)
     plant.lock(strut)
-    where = plant.displacements()[strut]
+    where, residuals = plant.displacements()[strut], [most]
     assert abs(where) > 1e-6, "the lock must be off centre to be a test"
-    for _ in range(700):
+    for _ in range(300):
         residuals += swing(plant, PERIOD_S)
         assert abs(plant.displacements()[strut] - where) < 1e-7
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
-@pytest.mark.parametrize("strut", range(6))
-def test_a_coil_switched_off_in_flight_carries_no_current(model, strut):
-    plant = Plant(model)
-    residuals = swing(plant, 0.7)
+@pytest.mark.parametrize("strut", STRUTS)
+def test_a_coil_switched_off_in_flight_carries_no_current(strut):
+    plant = resumed(swung_state()[0])
     assert abs(plant.coil_force_n()[strut]) > 0.1
     plant.release(strut)
-    residuals += swing(plant, 0.7)
+    residuals = swing(plant, 0.6)
     assert plant.coil_force_n()[strut] == 0.0
-    others = np.delete(plant.coil_force_n(), strut)
-    assert np.all(np.abs(others) > 1e-3)
+    assert np.all(np.abs(np.delete(plant.coil_force_n(), strut)) > 1e-3)
     # Its suspension holds it near the centre; the flexures let the others pull it a little.
     assert abs(plant.displacements()[strut]) < 1e-6
     assert max(residuals) < CLOSURE_LIMIT_M
-
-
-def test_a_coil_that_weakens_twice_is_left_with_the_product(model):
-    """Force per command; the other coils keep theirs."""
-    plant, whole = Plant(model), model.actuator_gainprm[:, 0]
-    for effectiveness, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
-        plant.weaken(2, effectiveness)
-        plant.step(np.full(6, 1e-6), PERIOD_S)
-        expected = whole * 1e-6 * np.where(np.arange(6) == 2, left, 1.0)
-        np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
-
-
-def test_a_position_servo_that_weakens_loses_force_and_not_its_target():
-    """At any state; with its gain alone reduced it would pull to half the angle commanded."""
-    arm = load_model(HEXAPOD_MJCF.with_name("arm.xml"))
-    rng, forces = np.random.default_rng(0), []
-    state = rng.normal(size=(3, arm.nu))
-    for weak in (False, True):
-        plant = Plant(arm)
-        if weak:
-            plant.weaken(3, 0.5)
-        plant.data.qpos[:], plant.data.qvel[:], plant.data.ctrl[:] = 1e-3 * state
-        mujoco.mj_forward(plant.model, plant.data)
-        forces.append(plant.coil_force_n())
-    expected = forces[0] * np.where(np.arange(arm.nu) == 3, 0.5, 1.0)
-    np.testing.assert_allclose(forces[1], expected, rtol=1e-12)
-
-
-def test_a_strut_that_breaks_loose_loses_its_own_coil_and_spring_and_no_other(model):
-    plant = Plant(model)
-    plant.break_loose(4)
-    springs = model.jnt_stiffness.copy()
-    springs[model.joint("strut5").id] = 0.0
-    np.testing.assert_array_equal(plant.model.jnt_stiffness, springs)
-    plant.step(np.full(6, 1e-6), PERIOD_S)
-    np.testing.assert_array_equal(plant.coil_force_n() == 0.0, np.arange(6) == 4)
-
-
-def test_a_mechanism_without_loops_has_none_that_could_open(model):
-    """Struts hanging from the base, nothing between their ends."""
-    cut = copy.copy(model)
-    cut.eq_active0[:] = False
-    plant = Plant(cut)
-    plant.step(np.zeros(6), PERIOD_S)
-    assert plant.closure_residual_m() == 0.0
 
 
 def test_stops_hold_the_struts_within_their_stroke(model):
@@ -329,19 +262,37 @@ def test_stops_hold_the_struts_within_their_stroke(model):
     assert plant.closure_residual_m() < CLOSURE_LIMIT_M
 
 
-def test_a_softly_closed_loop_is_seen_by_its_closure_residual():
+def test_soft_loops_are_seen_and_a_machine_without_loops_has_none(model):
     plant = Plant(edited(('solref="2.5e-4 1"', 'solref="0.02 1"')))
     assert max(swing(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
+    cut = copy.copy(model)
+    cut.eq_active0[:] = False
+    plant = Plant(cut)
+    plant.step(np.zeros(6), PERIOD_S)
+    assert plant.closure_residual_m() == 0.0
 
 
-def test_failures_of_one_plant_leave_another_of_the_same_model_sound(model):
-    failed, sound = Plant(model), Plant(model)
+def test_failures_of_one_plant_leave_another_of_the_same_model_healthy(model):
+    failed, healthy = Plant(model), Plant(model)
     failed.lock(0)
     failed.release(1)
     swing(failed, 0.1)
-    swing(sound, 0.1)
-    assert np.all(np.abs(sound.coil_force_n()) > 0)
-    assert abs(sound.displacements()[0]) > 1e-6
+    swing(healthy, 0.1)
+    assert np.all(np.abs(healthy.coil_force_n()) > 0)
+    assert abs(healthy.displacements()[0]) > 1e-6
+
+
+def test_a_geared_coil_moves_its_strut_as_far_as_commanded(model):
+    """With gear 2 the strut would move twice as far if the control were the displacement."""
+    geared = copy.copy(model)
+    geared.actuator_gear[2, 0] = 2.0
+    plant, command = Plant(geared), np.full(6, 1e-5)
+    plant.settle(0.5, command)
+    np.testing.assert_allclose(plant.displacements(), command, rtol=5e-3)
+    assert jacobians(geared, mujoco.MjData(geared), "payload").gear[2] == 2.0
+
+
+# Divergence and time.
 
 
 def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
@@ -371,21 +322,180 @@ def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
     assert np.isfinite(caught.value.state).all()
 
 
-def test_what_a_plant_cannot_do_is_refused_by_name(model):
-    plant = Plant(model)
-    with pytest.raises(ValueError, match="command_m must be finite"):
-        plant.step(np.full(6, np.nan), PERIOD_S)
-    with pytest.raises(ValueError, match="command_m must have shape"):
-        plant.step(np.zeros(5), PERIOD_S)
-    for strut in (-1, 6):
-        for fail in (plant.lock, plant.release):
-            with pytest.raises(ValueError, match=r"actuator must lie in 0\.\.5"):
-                fail(strut)
-    crossed = edited(('<joint name="lock1" joint1="strut1"', '<joint name="lock1" joint1="strut2"'))
-    with pytest.raises(ModelError, match='"lock1" must lock the joint "strut1" alone'):
-        Plant(crossed)
-
-
 def test_a_control_period_must_be_whole_physics_steps(model):
     with pytest.raises(ModelError, match=r"does not divide the period of 0\.00033 s"):
         Plant(model).step(np.zeros(6), 3.3e-4)
+
+
+def turning() -> Plant:
+    """One hinge and its servo."""
+    arm = model_of("rubbing_arm", ("<actuator>", LOCKS))
+    arm.opt.gravity[:] = 0.0
+    return Plant(arm, base=None)
+
+
+LOCKS = """<equality><joint name="lock1" joint1="shoulder" active="false"/>
+  <joint name="lock2" joint1="elbow" active="false"/></equality><actuator>"""
+
+
+@pytest.mark.parametrize("ask", [Plant.settle, lambda plant, s: plant.step(np.zeros(2), s)])
+def test_a_period_without_end_is_refused(ask):
+    with pytest.raises(
+        ValueError, match=r"^(period_s|seconds) must be at most 1e\+07 physics steps, here 10000 s"
+    ):
+        ask(turning(), 1e6)
+
+
+def test_a_long_period_ends_within_a_second_of_ctrl_c():
+    plant, after_s = turning(), 0.1
+    timer = threading.Timer(after_s, _thread.interrupt_main)
+    began_s = time.monotonic()
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        plant.settle(9e3)  # some 10 s of computing
+    assert time.monotonic() - began_s < after_s + 1.0
+    assert 0.0 < plant.data.time < 9e3
+
+
+def test_a_period_in_parts_is_the_same_to_the_last_bit(model):
+    """More physics steps than are taken between two looks for Ctrl-C."""
+    once, often = Plant(model), Plant(model)
+    command, period_s = np.full(6, 1e-5), 7 * 100 * model.opt.timestep
+    once.step(command, period_s)
+    for _ in range(7):
+        often.step(command, 100 * model.opt.timestep)
+    np.testing.assert_array_equal(once.data.qpos, often.data.qpos)
+
+
+# Task frame.
+
+COMMAND = np.array([0.3, -0.4, 0.5, 0.2, -0.3, 0.1, 0.4])
+
+
+def with_turned_sites(name: str, seed: int) -> mujoco.MjModel:
+    """A machine of this repository whose base and payload have any orientation."""
+    of, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
+    for site in ("base", "payload"):
+        q = rng.normal(size=4)
+        of.site(site).quat = q / np.linalg.norm(q)
+        of.site(site).sameframe = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    return of
+
+
+def world_displacement(plant: Plant) -> np.ndarray:
+    """Of the payload since the nominal pose, by the frame of its body, in world axes."""
+    nominal = mujoco.MjData(plant.model)
+    mujoco.mj_forward(plant.model, nominal)
+    body = int(plant.model.site("payload").bodyid[0])
+    before, after = (d.body(body).xmat.reshape(3, 3) for d in (nominal, plant.data))
+    shift = plant.data.site("payload").xpos - nominal.site("payload").xpos
+    return np.concatenate([Rotation.from_matrix(after @ before.T).as_rotvec(), shift])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("base", ["base", None])
+def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
+    """That of the body, in axes of the base, however the sites are turned."""
+    for seed in range(3):
+        plant = Plant(with_turned_sites(name, seed), base=base)
+        np.testing.assert_allclose(plant.displacement(), 0.0, atol=5e-15)
+        np.testing.assert_allclose(plant.pose().rotation, np.eye(3), atol=5e-15)
+        R, payload = (plant.data.site(s).xmat.reshape(3, 3) for s in ("base", "payload"))
+        assert Rotation.from_matrix(R.T @ payload).magnitude() > 0.1  # which was once shown
+        plant.step(1e-4 * np.cos(np.arange(plant.model.nu)), 0.02)
+        axes = plant.data.site("base").xmat.reshape(3, 3) if base else np.eye(3)
+        expected = (world_displacement(plant).reshape(2, 3) @ axes).ravel()
+        np.testing.assert_allclose(plant.displacement(), expected, atol=1e-13)
+        assert np.abs(expected).max() > 1e-6
+
+
+def test_a_base_that_moves_gives_its_present_axes_and_the_nominal_origin():
+    """Its base is carried by the second joint of the arm."""
+    of = with_turned_sites("arm", 2)
+    nominal = mujoco.MjData(of)
+    mujoco.mj_forward(of, nominal)
+    plant = Plant(of, base=Body("link2"))
+    plant.step(COMMAND, 0.2)
+    axes = plant.data.body("link2").xmat.reshape(3, 3)
+    assert np.abs(axes - nominal.body("link2").xmat.reshape(3, 3)).max() > 0.1
+    expected = (world_displacement(plant).reshape(2, 3) @ axes).ravel()
+    np.testing.assert_allclose(plant.displacement(), expected, atol=1e-12)
+    np.testing.assert_allclose(plant.axes, axes, atol=1e-15)
+    np.testing.assert_allclose(plant.origin_m, nominal.site("payload").xpos, atol=1e-15)
+    plant.origin_m[:], plant.axes[:] = 7.0, 7.0
+    assert not (plant.origin_m == 7.0).any() and not (plant.axes == 7.0).any()
+
+
+@pytest.mark.parametrize("base", ["base", None])
+def test_small_motion_and_pushes_are_those_of_the_jacobian(base):
+    """Virtual work: the joints at rest feel J^T times the wrench along base axes."""
+    of, wrench = with_turned_sites("arm", 3), np.random.default_rng(4).normal(size=6)
+    jac = jacobians(of, mujoco.MjData(of), "payload", axes=base)
+    plant = Plant(of, base=base)
+    plant.step(1e-5 * COMMAND, 0.2)
+    expected = jac.J_T[:, jac.active] @ plant.displacements()
+    np.testing.assert_allclose(plant.displacement(), expected, atol=1e-3 * np.abs(expected).max())
+    plant = Plant(of, base=base)
+    plant.push(wrench)
+    mujoco.mj_forward(plant.model, plant.data)
+    np.testing.assert_allclose(plant.data.qfrc_smooth, jac.J_T.T @ wrench, atol=1e-12)
+    plant.shake(np.array([1.0, 2.0, 3.0]))
+    axes = plant.axes @ [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(plant.model.opt.gravity, of.opt.gravity - axes, atol=1e-12)
+
+
+def test_a_body_is_a_payload_as_a_site_at_its_origin_is(model):
+    """The hexapod's payload site lies at its body's origin, turned by half a turn."""
+    plants = Plant(model, payload=Body("payload")), Plant(model)
+    for plant in plants:
+        plant.step(np.array([1e-5, 0, -1e-5, 0, 2e-5, 0]), 0.05)
+    moved, expected = (plant.displacement() for plant in plants)
+    assert np.abs(expected).min() > 1e-9
+    np.testing.assert_allclose(moved, expected, atol=1e-15)
+
+
+def test_a_site_that_is_not_there_is_refused_with_the_most_similar_one(model):
+    with pytest.raises(ModelError, match=r'no site named "paylod"; .*; did you mean "payload"\?$'):
+        Plant(model, payload="paylod")
+
+
+# A failure as text, NAME:KIND@SECONDS.
+
+
+KINDS = st.sampled_from(get_args(FailureKind))
+NAMES = st.text(min_size=1).filter(lambda name: not name.isdecimal())
+
+
+@given(NAMES | st.integers(0, 10**9 - 1), KINDS, st.floats(0, 1e9))
+def test_a_failure_is_read_back_from_its_text(actuator, kind, time_s):
+    failure = Failure(actuator, kind, time_s)
+    assert Failure.parse(str(failure)) == failure
+
+
+NO_FAILURE = (
+    *("", "strut1", "strut1:locked", "strut1@1", ":locked@1", "a:locked@", "a:locked@-1"),
+    *("a:locked@nan", "a:locked@inf", "a:locked@x", "a: locked@1", "a:tired@1", "a:locked@1 s"),
+)
+
+
+@pytest.mark.parametrize("text", NO_FAILURE)
+def test_a_text_that_is_no_failure_is_shown_with_what_was_expected(text):
+    with pytest.raises(
+        ValueError, match=r"^text must be NAME:KIND@SECONDS, .*locked.*, got"
+    ) as said:
+        Failure.parse(text)
+    assert repr(text) in str(said.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "failure"),
+    [
+        ("strut1:locked@1.3", Failure("strut1", "locked", 1.3)),
+        ("a:b@c:weak@2", Failure("a:b@c", "weak", 2.0)),
+        ("4:free@.5", Failure(4, "free", 0.5)),
+    ],
+)
+def test_a_text_is_a_failure_by_name_or_number(text, failure):
+    assert Failure.parse(text) == failure
+    with pytest.raises(ValueError, match=r'got .*; did you mean "locked"'):
+        Failure.parse("strut1:loked@1")

@@ -1,10 +1,13 @@
-"""Motors as position servos: forces as MuJoCo computes them, the integrator, and refusals."""
+"""Motors as position servos: forces as MuJoCo computes them, poles, integrators, and refusals."""
 
 import mujoco
 import numpy as np
 import pytest
 
-from sim import servoed
+from sim import ModelError, Plant, servoed
+from sim.scene import robot_scene
+from tests.models import saved
+from tests.sim.machines import WORLD, posed
 
 ARM = """
 <mujoco>
@@ -16,6 +19,7 @@ ARM = """
 </mujoco>"""
 MOTORS = '<motor joint="a" gear="3"/><velocity joint="b" kv="7"/>'
 SERVOS = '<position joint="a" kp="9"/><position joint="b" kp="5"/>'
+RATIO, FREQUENCY_HZ = 0.6, 5.0
 RATIO, FREQUENCY_HZ = 0.6, 5.0
 
 
@@ -62,18 +66,86 @@ def test_only_a_motor_with_explicit_steps_gets_another_integrator(actuators, bef
         np.testing.assert_array_equal(servo.actuator_biasprm, model.actuator_biasprm)
 
 
-def test_the_range_of_a_control_becomes_one_of_the_force_and_binds_no_displacement():
-    """A motor's was one of its force, a velocity servo's one of its speed, which is gone."""
-    motor = '<motor joint="a" gear="3" ctrlrange="-2 4"/>'
-    model = servoed(
-        arm(motor + '<velocity joint="b" kv="7" ctrlrange="-1 1"/>'), natural_frequency_hz=2.0
+def pendulum(motors: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
+      <worldbody><body><joint name="a" axis="0 1 0"/><geom size="0.05" mass="2" pos="0 0 -0.7"/>
+      <site name="tool" pos="0.1 0 -0.7"/></body></worldbody>
+      <equality><joint name="lock1" joint1="a" active="false"/></equality>
+      <actuator>{motors}</actuator></mujoco>""")
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0])
+@pytest.mark.parametrize(
+    "motors", ['<motor joint="a" gear="20"/>', '<motor joint="a"/><motor joint="a" gear="-3"/>']
+)
+def test_a_motor_as_a_servo_has_the_stated_poles(ratio, motors):
+    """s^2 + 2 d w s + w^2."""
+    model = servoed(pendulum(motors), natural_frequency_hz=4.0, damping_ratio=ratio)
+    poles = np.poly(Plant(model, **WORLD).linear().A)
+    w = 2 * np.pi * 4.0
+    np.testing.assert_allclose(poles, [1.0, 2 * ratio * w, w * w], rtol=1e-5)
+
+
+def test_a_motor_as_a_servo_keeps_the_range_of_its_force():
+    motor = '<motor joint="a" gear="2" ctrlrange="-3 4" forcerange="-9 3.5"/>'
+    plant, forces = Plant(servoed(pendulum(motor), natural_frequency_hz=2.0), **WORLD), []
+    for target in (-50.0, 50.0):
+        plant.step(np.array([target]), 1e-3)
+        forces.append(plant.coil_force_n()[0])
+    assert forces == [-6.0, 7.0]
+
+
+def test_motors_that_share_inertia_come_to_rest_as_servos():
+    """Six links in a row lose speed faster than each drive alone, more than a step may take."""
+    each = range(6)
+    links = "".join(
+        f'<body pos="0 0 -0.2"><joint name="a{k}" axis="0 1 0"/><geom size="0.03" pos="0 0 -0.2"/>'
+        for k in each
     )
-    assert not model.actuator_ctrllimited.any()
-    assert model.actuator_forcelimited.tolist() == [True, False]
-    np.testing.assert_array_equal(model.actuator_forcerange[0], [-2.0, 4.0])
+    motors = "".join(f'<motor joint="a{k}"/>' for k in each)
+    locks = "".join(f'<joint name="lock{k + 1}" joint1="a{k}" active="false"/>' for k in each)
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="2e-3" gravity="0 0 0"/>
+      <worldbody>{links}<site name="tool"/>{"</body>" * 6}</worldbody>
+      <equality>{locks}</equality><actuator>{motors}</actuator></mujoco>""")
+    plant = Plant(servoed(model, natural_frequency_hz=10.0), **WORLD)
+    assert np.abs(np.linalg.eigvals(plant.linear().A)).max() * 2e-3 > 2.0  # explicit steps grow
+    plant.step(np.full(6, 1e-3), 1.0)
+    np.testing.assert_allclose(plant.displacements(), 1e-3, atol=1e-6)
 
 
-def test_a_state_of_another_model_is_refused():
-    other = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
-    with pytest.raises(ValueError, match=r"^data must be of this model"):
-        servoed(arm(), natural_frequency_hz=2.0, data=other)
+def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
+    """One motor on a four-bar: the only mode is at the stated frequency."""
+    stiff = '<joint joint1="elbow" polycoef="0.05 0 0 0 0"/></equality>'
+    servos = """<position joint="left" gear="3" kp="400" kv="8"/>
+    <position joint="right" kp="3e3" kv="60"/>
+    <position joint="elbow" kp="3e3" kv="60"/>"""
+    model, start = posed(
+        "squeezed_loop",
+        ("<option ", '<option gravity="0 0 0" '),
+        (' damping="1"', ""),
+        ("</equality>", stiff),
+        (servos, '<motor joint="left"/>'),
+    )
+    servo = servoed(model, natural_frequency_hz=3.0, data=start)
+    poles = np.poly(Plant(servo, **WORLD, start=start).linear().A)
+    w = 2 * np.pi * 3.0
+    np.testing.assert_allclose(poles, [1.0, 2 * w, w * w], rtol=1e-4)
+
+
+def test_a_velocity_servo_of_a_scene_becomes_a_position_servo(tmp_path):
+    """Its range was one of speed, and limits no force."""
+    servo = '<velocity name="m2" joint="elbow" kv="5" ctrlrange="-1 1"/>'
+    position = '<position name="m2" joint="elbow" kp="200" kv="20"/>'
+    file = saved(tmp_path, "desk", (position, servo))
+    with pytest.raises(ModelError, match=r"velocity servo.*--servo"):
+        robot_scene(file, "tip", None, mujoco.MjData)
+    scene = robot_scene(file, "tip", None, mujoco.MjData, servo_hz=5.0)
+    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    plant.step(np.array([0.0, 0.02]), 1.0)
+    np.testing.assert_allclose(plant.displacements(), [0.0, 0.02], atol=1e-3)
+    assert not plant.model.actuator("m2").forcelimited
+
+
+def test_a_servo_that_its_time_step_cannot_follow_is_refused():
+    with pytest.raises(ValueError, match=r"natural_frequency_hz must be at most 39\.8 with"):
+        servoed(pendulum('<motor joint="a"/>'), natural_frequency_hz=50.0)

@@ -35,7 +35,7 @@ from ftc import Goal
 from sim import NOMINAL, Failure, Plant, linearize, load_model
 from tests.figure_checks import faults
 from tests.made import made_run
-from tests.sim.test_plant import edited, mode_shapes, pole_of, ring_down
+from tests.sim.machines import edited, mode_shapes, pole_of, ring_down
 
 LOCK_1 = (Failure(0, "locked"),)
 SECONDS = 1.5

@@ -5,15 +5,14 @@ import pytest
 
 from fjh.rig import Rig
 from sim import Failure
-from tests.sim.test_friction import ARM
+from tests.sim.machines import rubbing_arm
 
 LOCK = [Failure("elbow", "locked", 0.5)]
 
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory) -> Rig:
-    file = tmp_path_factory.mktemp("rubbing") / "arm.xml"
-    file.write_text(ARM.format(integrator="implicitfast"))
+    file = rubbing_arm(tmp_path_factory.mktemp("rubbing"))
     return Rig.of_mjcf(file, major=[3, 5])
 
 

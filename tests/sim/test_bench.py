@@ -1,4 +1,4 @@
-"""Hysteresis of springs, late commands and forces of friction: of any plant."""
+"""A bench: hysteresis of springs, late commands, forces of friction; its log is its own."""
 
 import mujoco
 import numpy as np
@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim import Bench, Body, Failure, Plant, linearize
-from sim.plant import MaxwellSlip, Reading
+from sim import Bench, Body, Failure, Plant, Pose, linearize
+from sim.plant import MaxwellSlip, Reading, TaskSensor
+from tests.sim.machines import resumed, settled_state
 
-PERIOD_S, SETTLING_S = 1e-3, 0.3
+PERIOD_S, SETTLING_S = 1e-3, 0.25
 
 
 def chain(seed: int, n: int = 3, m: int = 5) -> MaxwellSlip:
@@ -70,19 +71,6 @@ def test_after_a_turn_the_loop_is_the_first_curve_twice_as_large(seed):
     np.testing.assert_allclose(back, -2 * first, atol=1e-9)
 
 
-def test_hysteresis_refuses_what_is_none():
-    good = {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))}
-    for name, bad in (
-        ("stiffness", -good["slip"]),
-        ("slip", np.ones(3)),
-        ("slip", np.ones((3, 2))),
-    ):
-        with pytest.raises(ValueError, match=name):
-            MaxwellSlip(**good | {name: bad})
-    with pytest.raises(ValueError, match="read-only"):
-        MaxwellSlip(**good).slip[0, 0] = 0.0
-
-
 class Blind:
     """Sensors that see no task."""
 
@@ -91,10 +79,9 @@ class Blind:
         return Reading(np.zeros(2), displacements.copy())
 
 
-def flown(model, commands: np.ndarray, **options) -> np.ndarray:
+def flown(commands: np.ndarray, **options) -> np.ndarray:
     """Displacements (N, 6) under commands (N, 6)."""
-    plant = Plant(model)
-    plant.settle(SETTLING_S)
+    plant = resumed(settled_state(SETTLING_S))
     ticks = np.arange(len(commands)) * PERIOD_S
     bench = Bench(plant, Blind(), time_s=ticks, period_s=PERIOD_S, **options)
     for command in commands:
@@ -104,78 +91,63 @@ def flown(model, commands: np.ndarray, **options) -> np.ndarray:
 
 
 @pytest.mark.parametrize("late", [1, 3])
-def test_a_delay_shifts_the_response_by_as_many_ticks(model, late):
-    commands = 1e-5 * np.random.default_rng(late).normal(size=(40, 6))
-    at_once = flown(model, commands)
-    delayed = flown(model, commands, delay_ticks=late)
-    still = flown(model, np.zeros((late + 1, 6)))
+def test_a_delay_shifts_the_response_by_as_many_ticks(late):
+    commands = 1e-5 * np.random.default_rng(late).normal(size=(20, 6))
+    at_once = flown(commands)
+    delayed = flown(commands, delay_ticks=late)
+    still = flown(np.zeros((late + 1, 6)))
     # While nothing has come the plant rests, but for the last picometres of settling.
     np.testing.assert_array_equal(delayed[: late + 1], still)
     np.testing.assert_allclose(delayed[late:], at_once[:-late], atol=1e-11)
     assert np.abs(delayed[1:] - at_once[1:]).max() > 1e-6
 
 
-def test_what_waits_does_not_change_with_the_buffer_it_came_in(model):
-    plant, buffer = Plant(model), np.full(6, 1e-5)
+def test_until_the_first_command_comes_the_plant_holds_its_last_one(model):
+    """And what waits does not change with the buffer it came in."""
+    plant, held, buffer = Plant(model), np.full(6, 2e-5), np.full(6, 1e-5)
+    plant.settle(0.3, held)
     bench = Bench(plant, Blind(), time_s=np.zeros(2), period_s=PERIOD_S, delay_ticks=1)
     bench.measure()
     bench.apply(buffer)
+    np.testing.assert_array_equal(plant.command, held)
+    np.testing.assert_allclose(plant.displacements(), held, rtol=1e-2)
     buffer[:] = 0.0
     bench.measure()
     bench.apply(buffer)
     np.testing.assert_array_equal(plant.command, np.full(6, 1e-5))
 
 
-def test_until_the_first_command_comes_the_plant_holds_its_last_one(model):
-    plant, held = Plant(model), np.full(6, 2e-5)
-    plant.settle(SETTLING_S, held)
-    bench = Bench(plant, Blind(), time_s=np.zeros(1), period_s=PERIOD_S, delay_ticks=1)
-    bench.measure()
-    bench.apply(np.zeros(6))
-    np.testing.assert_array_equal(plant.command, held)
-    np.testing.assert_allclose(plant.displacements(), held, rtol=1e-2)
-
-
-def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model):
-    """Force over stiffness is displacement, whoever exerts it."""
-    loaded, commanded, command = Plant(model), Plant(model), 1e-5 * np.arange(6.0)
-    loaded.load(126000 * command)
-    loaded.settle(0.05)
-    commanded.settle(0.05, command)
-    np.testing.assert_allclose(loaded.displacements(), commanded.displacements(), atol=1e-13)
-    with pytest.raises(ValueError, match="force must have shape"):
-        loaded.load(np.zeros(5))
-
-
-def test_a_load_along_a_tendon_pulls_all_its_joints():
-    """Virtual work: the joints feel gear times force, as from the actuator itself."""
-    model = mujoco.MjModel.from_xml_string(PULLEY)
-    plant, loaded = (
-        Plant(model, base=None, payload=Body("end")),
-        Plant(model, base=None, payload=Body("end")),
-    )
-    plant.settle(2.0, np.array([0.02]))
-    stiffness = float(-model.actuator_biasprm[0, 1])
-    loaded.load(np.array([stiffness * 0.02]))
-    loaded.settle(2.0)
-    assert np.abs(plant.data.qpos).min() > 1e-3
-    np.testing.assert_allclose(loaded.data.qpos, plant.data.qpos, rtol=1e-6)
+@pytest.mark.parametrize("machine", ["hexapod", "pulley"])
+def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine):
+    """Force over stiffness is displacement, whoever exerts it; of all joints of a tendon."""
+    stiffness, command, seconds = 126000.0, 1e-5 * np.arange(6.0), 0.05
+    if machine == "pulley":
+        model = mujoco.MjModel.from_xml_string(PULLEY)
+        stiffness, command, seconds = 50.0, np.array([0.02]), 2.0
+    loaded, commanded = (Plant(model, base=None, payload=Body("payload")) for _ in range(2))
+    loaded.load(stiffness * command)
+    loaded.settle(seconds)
+    commanded.settle(seconds, command)
+    assert np.abs(commanded.displacements()).max() > 1e-6
+    np.testing.assert_allclose(loaded.data.qpos, commanded.data.qpos, rtol=1e-6, atol=1e-13)
 
 
 PULLEY = """<mujoco><option gravity="0 0 0" timestep="0.001"/>
 <worldbody><body><joint name="a" stiffness="5" damping="1"/><geom size=".1" mass="1"/>
-<body name="end" pos=".5 0 0"><joint name="b" stiffness="3" damping="1"/><geom size=".1" mass="1"/>
+<body name="payload" pos=".5 0 0"><joint name="b" stiffness="3" damping="1"/>
+<geom size=".1" mass="1"/>
 </body></body></worldbody>
 <tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/></fixed></tendon>
 <actuator><position name="pull" tendon="t" kp="50"/></actuator></mujoco>"""
 
 
+@pytest.mark.long
 def test_before_it_slips_hysteresis_is_a_stiffer_suspension(model):
     """Elements that do not slip add their stiffness, so that the static gain falls by as much."""
     part = 0.1
     stuck = MaxwellSlip(np.full((6, 1), part * 126000), np.full((6, 1), 1.0))
     commands = np.tile(1e-5 * np.arange(1.0, 7.0), (600, 1))
-    rest = flown(model, commands, hysteresis=stuck)[-1]
+    rest = flown(commands, hysteresis=stuck)[-1]
     stiffer = Plant(model)
     joints = stiffer.model.actuator_trnid[:, 0]
     stiffer.model.jnt_stiffness[joints] *= 1 + part
@@ -185,14 +157,14 @@ def test_before_it_slips_hysteresis_is_a_stiffer_suspension(model):
     np.testing.assert_allclose(rest, expected, rtol=2e-3)
 
 
+@pytest.mark.long
 def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
     """At 4 Hz on 1 % of the stiffness: they differ by 3 % of what hysteresis changes."""
     time_s = np.arange(250) * PERIOD_S
     commands = 2e-5 * np.sin(2 * np.pi * 4 * time_s)[:, None] * np.ones(6)
     slip = MaxwellSlip(np.full((6, 4), 315.0), np.tile([0.3e-6, 1e-6, 5e-6, 2e-5], (6, 1)))
-    by_tick = flown(model, commands, hysteresis=slip)
-    plant = Plant(model)
-    plant.settle(SETTLING_S)
+    by_tick = flown(commands, hysteresis=slip)
+    plant = resumed(settled_state(SETTLING_S))
     step_s, stretch, fine = model.opt.timestep, np.zeros((6, 4)), []
     before = plant.displacements()
     for command in commands:
@@ -202,17 +174,47 @@ def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
             stretch, before = slip.moved(stretch, here - before), here
             plant.load(slip.force(stretch))
             plant.step(command, step_s)
-    free = flown(model, commands)
-    effect, error = np.abs(by_tick - free).max(), np.abs(by_tick - fine).max()
+    effect = np.abs(by_tick - flown(commands)).max()
     assert effect > 5e-8
-    assert error < 0.05 * effect
+    assert np.abs(by_tick - fine).max() < 0.05 * effect
 
 
-def test_a_bench_refuses_delays_and_hysteresis_that_are_none(model):
-    args = {"time_s": np.zeros(1), "period_s": PERIOD_S, "failures": (Failure(0, "free"),)}
-    with pytest.raises(ValueError, match="delay_ticks must not be negative"):
-        Bench(Plant(model), Blind(), delay_ticks=-1, **args)
+def test_hysteresis_of_another_number_of_actuators_is_refused(model):
     with pytest.raises(ValueError, match="hysteresis must have one row for each of 6"):
-        Bench(Plant(model), Blind(), hysteresis=chain(0), **args)
-    with pytest.raises(TypeError, match="hysteresis must be a MaxwellSlip"):
-        Bench(Plant(model), Blind(), hysteresis=0.01, **args)  # type: ignore
+        Bench(Plant(model), Blind(), time_s=np.zeros(1), period_s=1e-3, hysteresis=chain(0))
+
+
+# Its arrays.
+
+TICKS = 3
+
+
+def test_a_bench_does_not_change_with_what_it_was_made_of(model):
+    """Times that were moved made a failure strike at once."""
+    time_s, floor = 2e-3 * np.arange(float(TICKS)), np.zeros((TICKS, 3))
+    bench = Bench(
+        Plant(model),
+        TaskSensor([0, 1], 0.0, 0.0, 0),
+        time_s=time_s,
+        period_s=2e-3,
+        failures=[Failure(0, "loose", 1.0)],
+        floor_m_per_s2=floor,
+    )
+    time_s[:], floor[:] = 9.0, 9.0
+    for _ in range(TICKS):
+        bench.measure()
+        bench.apply(np.zeros(6))
+    undisturbed = Plant(model)
+    undisturbed.step(np.zeros(6), (TICKS - 1) * 2e-3)
+    np.testing.assert_allclose(bench.displacement[-1], undisturbed.displacements(), atol=1e-12)
+
+
+def test_a_sensor_cannot_change_the_log(model):
+    class Greedy:
+        def read(self, pose: Pose, displacements: np.ndarray) -> Reading:
+            pose.rotation[:] = 0.0
+            return Reading(displacements, displacements)
+
+    bench = Bench(Plant(model), Greedy(), time_s=np.zeros(1), period_s=2e-3)
+    with pytest.raises(ValueError, match="read-only"):
+        bench.measure()

@@ -5,35 +5,14 @@ import numpy as np
 import pytest
 
 from sim import Body, ModelError, Pin, jacobians
+from tests.models import model
 from tests.motions import kinematics, motions
-
-# A leg of two hinges on a free trunk, its foot on the floor.
-LEG = """
-<mujoco>
-  <worldbody>
-    <geom name="floor" type="plane" size="1 1 0.1"/>
-    <body name="trunk" pos="0 0 0.45">
-      <freejoint/><geom size="0.05"/><site name="trunk"/>
-      <body name="thigh" pos="0.1 0 0" euler="0 30 0">
-        <joint name="hip" axis="0 1 0"/><geom size="0.02" pos="0 0 -0.1"/>
-        <body name="foot" pos="0 0 -0.2" euler="0 -50 0">
-          <joint name="knee" axis="0 1 0"/>
-          <geom size="0.02" pos="0 0 -0.2"/><site name="sole" pos="0.01 0 -0.22"/>
-          <body name="toe" pos="0.05 0 -0.22"><site name="toe"/></body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <actuator><motor joint="hip"/><motor joint="knee"/></actuator>
-</mujoco>
-"""
 
 
 def leg(height: float = 0.0) -> mujoco.MjData:
     """The foot on the floor, or so far above it."""
-    model = mujoco.MjModel.from_xml_string(LEG)
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = mujoco.MjData(model("leg"))
+    mujoco.mj_kinematics(data.model, data)
     data.qpos[2] += 0.02 * (1 - 1e-6) + height - data.geom_xpos[-1, 2]
     return data
 

@@ -1,0 +1,175 @@
+"""Forward kinematics of the hexapod: from strut lengths to the pose."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.forward import UnreachableLengths, forward_kinematics
+from sim import NOMINAL, Plant, Pose, load_model
+
+ROUND_OFF_M = 1e-14
+
+
+@cache
+def machine() -> Hexapod:
+    return hexapod(load_model())
+
+
+@given(seed=st.integers(0, 2**32 - 1), spread_m=st.floats(0.0, 0.03))
+def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spread_m):
+    """Also seven per cent of the strut length away, fifty times the paper's stroke."""
+    asked = np.random.default_rng(seed).uniform(-spread_m, spread_m, (5, 6))
+    pose = forward_kinematics(machine(), asked)
+    np.testing.assert_allclose(machine().displacements(pose), asked, atol=ROUND_OFF_M)
+    orthonormal = pose.rotation @ pose.rotation.swapaxes(-1, -2)
+    np.testing.assert_allclose(orthonormal, [np.eye(3)] * 5, atol=1e-14)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_lengths_of_a_pose_give_back_the_pose(seed):
+    """As far as the assembled machine moves there is one pose to a set of lengths."""
+    rng = np.random.default_rng(seed)
+    twist = rng.uniform(-1, 1, (4, 6)) * [0.05, 0.05, 0.05, 0.02, 0.02, 0.02]
+    there = NOMINAL.moved(twist)
+    pose = forward_kinematics(machine(), machine().displacements(there))
+    np.testing.assert_allclose(pose.rotation, there.rotation, atol=1e-13)
+    np.testing.assert_allclose(pose.translation_m, there.translation_m, atol=1e-13)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_hexapod_will_do(seed):
+    """That of the paper with every node moved by up to 5 cm."""
+    rng = np.random.default_rng(seed)
+    bottom_m, top_m = rng.uniform(-0.05, 0.05, (2, 6, 3))
+    other = Hexapod(bottom_m=machine().bottom_m + bottom_m, top_m=machine().top_m + top_m)
+    asked = rng.uniform(-2e-3, 2e-3, 6)
+    pose = forward_kinematics(other, asked)
+    np.testing.assert_allclose(other.displacements(pose), asked, atol=ROUND_OFF_M)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize("away", [0.0, 100.0])
+def test_any_unit_of_length_and_any_origin_will_do(scale, away):
+    """Round-off is measured against the nodes' distances, which lengths are differences of."""
+    shift = np.array([0, 0, away])
+    other = Hexapod(
+        bottom_m=scale * (machine().bottom_m + shift), top_m=scale * (machine().top_m + shift)
+    )
+    asked = scale * np.random.default_rng(3).uniform(-6e-4, 6e-4, (50, 6))
+    off = np.abs(other.displacements(forward_kinematics(other, asked)) - asked).max()
+    assert off <= 16 * np.finfo(float).eps * scale * (2 + away)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (0,)])
+def test_a_batch_is_its_members_one_by_one(shape):
+    asked = np.random.default_rng(1).uniform(-5e-3, 5e-3, (*shape, 6))
+    together = forward_kinematics(machine(), asked)
+    assert together.rotation.shape == (*shape, 3, 3)
+    assert together.translation_m.shape == (*shape, 3)
+    for index in np.ndindex(shape):
+        alone = forward_kinematics(machine(), asked[index])
+        np.testing.assert_allclose(together.rotation[index], alone.rotation, atol=1e-14)
+        np.testing.assert_allclose(together.translation_m[index], alone.translation_m, atol=1e-14)
+
+
+def newton_errors_m(asked: np.ndarray) -> list[float]:
+    errors = []
+    for steps in range(10):
+        try:
+            pose = forward_kinematics(machine(), asked, most_steps=steps)
+        except UnreachableLengths as not_yet:
+            errors.append(float(not_yet.residual_m))
+        else:
+            return [*errors, float(np.abs(machine().displacements(pose) - asked).max())]
+    raise AssertionError("ten steps were not enough")
+
+
+def test_each_newton_step_squares_the_error():
+    """Over ten decades: were it a fixed rate, the multiple would grow as the error falls."""
+    asked = 0.01 * np.array([1, 1, -1, -1, -1, -1])
+    errors = newton_errors_m(asked)
+    assert len(errors) <= 6
+    squares = [after / before**2 for before, after in pairwise(errors)]
+    before_round_off = [s for s, after in zip(squares, errors[1:], strict=True) if after > 1e-14]
+    assert len(before_round_off) >= 3
+    assert 0.5 < min(before_round_off) <= max(before_round_off) < 10
+    assert errors[0] > 1e10 * errors[len(before_round_off)]
+    # On the paper's stroke: 0.6 mm, 3 um, 7 pm, round-off.
+    assert len(newton_errors_m(asked * 0.0635)) == 4
+
+
+def test_the_pose_is_where_the_physics_takes_the_payload(model):
+    """MuJoCo closes the loops by its own constraints; its payload is where the lengths say."""
+    plant = Plant(model)
+    plant.step(np.array([2e-4, -1e-4, 3e-4, 0.0, -2e-4, 1e-4]), 0.3)
+    pose, truth = forward_kinematics(machine(), plant.displacements()), plant.pose()
+    np.testing.assert_allclose(pose.translation_m, truth.translation_m, atol=1e-8)
+    np.testing.assert_allclose(pose.rotation, truth.rotation, atol=3e-8)
+    assert np.abs(truth.translation_m).max() > 1e-5
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        [2.0, 0, 0, 0, 0, 0],  # longer than the other struts let the platform reach
+        [-0.41] * 6,  # shorter than nothing
+        [-0.38, 0.5, -0.38, 0.5, -0.38, 0.5],
+    ],
+)
+def test_lengths_that_no_pose_reaches_are_refused_and_the_others_are_found(asked):
+    """Triangle inequality: a strut joins its two nodes, whatever the pose."""
+    many = np.zeros((4, 6))
+    many[2] = asked
+    with pytest.raises(UnreachableLengths, match=r"displacements_m: .*1 of 4 sets of") as refusal:
+        forward_kinematics(machine(), many)
+    np.testing.assert_array_equal(refusal.value.reached, [True, True, False, True])
+    assert refusal.value.residual_m[2] > 0.1
+    # Leaving it out is all there is to do.
+    forward_kinematics(machine(), many[refusal.value.reached])
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros(5), 0.0, np.full(6, np.nan), np.full((2, 6), np.inf), np.full(6, 1e200)]
+)
+def test_what_are_no_six_lengths_is_refused(bad):
+    with pytest.raises(ValueError, match="displacements_m must "):
+        forward_kinematics(machine(), bad)
+
+
+def test_the_start_may_be_a_batch():
+    several = NOMINAL.moved(1e-3 * np.ones((3, 6)))
+    pose = forward_kinematics(machine(), np.full(6, 1e-3), start=several)
+    assert pose.translation_m.shape == (3, 3)
+    with pytest.raises(UnreachableLengths, match="3 of 3 sets of") as refusal:
+        forward_kinematics(machine(), np.array([2.0, 0, 0, 0, 0, 0]), start=several)
+    assert refusal.value.reached.shape == (3,)
+    with pytest.raises(ValueError, match="start must have a batch shape that broadcasts"):
+        forward_kinematics(machine(), np.zeros((2, 6)), start=several)
+
+
+def test_a_singular_start_ends_nothing():
+    """A strut of no length; all six struts in one plane, where the Jacobian has no inverse."""
+    on_its_node = machine().bottom_m[0] - machine().top_m[0]
+    both = Pose(np.stack([np.eye(3)] * 2), np.stack([on_its_node, np.zeros(3)]))
+    with pytest.raises(UnreachableLengths) as refusal:
+        forward_kinematics(machine(), np.zeros(6), start=both)
+    np.testing.assert_array_equal(refusal.value.reached, [False, True])
+    flat = Pose(np.eye(3), np.array([0.0, 0.0, on_its_node[2]]))
+    assert np.linalg.cond(machine().inverse_jacobian(flat)) > 1e10
+    with pytest.raises(UnreachableLengths):
+        forward_kinematics(machine(), np.zeros(6), start=flat)
+
+
+@pytest.mark.parametrize("turn", np.linspace(0.0, 2.0, 9))
+def test_a_payload_turned_by_a_right_angle_is_held_by_no_struts(turn):
+    """Fichter, "A Stewart platform-based manipulator" (1986): elimination leaves round-off."""
+    angle = turn + np.radians([10, 110, 130, 230, 250, 350])
+    bottom_m = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    top_m = 0.5 * bottom_m @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + np.eye(3)[2]
+    with pytest.raises(ValueError, match="singular"):
+        Hexapod(bottom_m, top_m).moved(NOMINAL, 1e-6 * np.arange(6.0))

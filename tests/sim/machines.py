@@ -1,0 +1,198 @@
+"""Machines that tests of several modules share, in the states in which they begin."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import scipy.linalg
+
+from sim import HEXAPOD_MJCF, MODELS, Pin, Plant, assemble, linearize, load_model
+from sim.mjcf.frame import Body
+from tests.models import model, saved, with_locks
+from tests.motions import shifted
+
+SHIPPED = "fjh", "arm", "arms", "hand", "platform"
+"""Models of this repository that a plant moves."""
+SPARSE = 'jacobian="dense"', 'jacobian="sparse"'
+
+
+def at(of: mujoco.MjModel, **joints: object) -> mujoco.MjData:
+    """A state in which some joints have other positions than at first."""
+    data = mujoco.MjData(of)
+    for name, value in joints.items():
+        data.joint(name).qpos = value
+    mujoco.mj_forward(of, data)
+    return data
+
+
+def opened(of: mujoco.MjModel, size: float, seed: int = 0) -> mujoco.MjData:
+    """A state a random step away from the first one."""
+    step = size * np.random.default_rng(seed).normal(size=of.nv)
+    return shifted(of, mujoco.MjData(of), step)
+
+
+def closed(of: mujoco.MjModel, seed: int = 0) -> mujoco.MjData:
+    """A random state that is closed."""
+    return assemble(of, opened(of, 0.1, seed))
+
+
+def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Two links of 0.3 and 0.25 units, nearly in line."""
+    arm = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><worldbody><body><joint name="a" axis="0 0 1"/><geom size="0.03" mass="1"/>
+      <body pos="{0.3 * unit} 0 0"><joint name="b" axis="0 0 1"/><geom size="0.03" mass="1"/>
+        <site name="tip" pos="{0.25 * unit} 0 0"/></body></body></worldbody>
+      <actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>""")
+    return arm, at(arm, b=bend)
+
+
+TURN = np.array([2.0, -1.0, 2.0]) / 3.0
+"""Axis about which the ball joint of `limited` is turned."""
+
+
+def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoco.MjData:
+    """A state of three joints that have limits."""
+    data = mujoco.MjData(model("limited"))
+    data.qpos[:2] = hinge, slide
+    mujoco.mju_axisAngle2Quat(data.qpos[2:], TURN, ball)
+    return data
+
+
+# Walker.
+
+FEET = tuple(Pin(Body(f"foot_{side}"), weld=True) for side in "lr")
+
+
+def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The model, standing with bent knees."""
+    of = model("walker")
+    data = mujoco.MjData(of)
+    data.qpos[:] = [0.0, -0.035731, 0.0, *2 * (-0.3, 0.6, -0.3), -0.9, 0.8]
+    mujoco.mj_forward(of, data)
+    return of, data
+
+
+def feet_of(data: mujoco.MjData) -> np.ndarray:
+    """Where the feet are: positions and quaternions, shape (14,)."""
+    return np.concatenate([[*data.body(f).xpos, *data.body(f).xquat] for f in ("foot_l", "foot_r")])
+
+
+# Plants.
+
+POSES = {
+    "drives": {"shoulder": 0.4, "elbow": 0.5, "tube": 0.02, "lift": 0.05, "pin": 0.3},
+    "squeezed_loop": {"left": 0.1, "elbow": 0.05},
+}
+"""Where machines of `tests/models` are to begin."""
+WORLD: dict[str, Any] = {"base": None, "payload": "tool"}
+
+
+def posed(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A model with locks, and a closed start."""
+    of = with_locks(name, *changes)
+    return of, assemble(of, at(of, **POSES[name]))
+
+
+def started(name: str, *changes: tuple[str, str]) -> Plant:
+    """Its plant."""
+    of, start = posed(name, *changes)
+    return Plant(of, **WORLD, start=start)
+
+
+def lifted(
+    integrator: str = "Euler", eulerdamp: str = "disable", damping=0.2, kv=1.0, timestep=1e-4
+) -> Plant:
+    """A double pendulum that servos hold against gravity."""
+    changes = (
+        ('timestep="1e-4" integrator="Euler"', f'timestep="{timestep}" integrator="{integrator}"'),
+        ('eulerdamp="disable"', f'eulerdamp="{eulerdamp}"'),
+        ('damping="0.2"', f'damping="{damping}"'),
+        ('kv="1.0"', f'kv="{kv}"'),
+    )
+    of = model("lifted", *changes)
+    return Plant(of, base=None, start=assemble(of))
+
+
+def servos(name: str) -> Plant:
+    """A mechanism of this repository."""
+    of = load_model(MODELS / f"{name}.xml")
+    return Plant(of, start=assemble(of))
+
+
+def rubbing_arm(folder: Path, integrator: str = "implicitfast") -> Path:
+    """The file of an arm with dry friction."""
+    return saved(folder, "rubbing_arm", ('"implicitfast"', f'"{integrator}"'))
+
+
+def plant_of(folder: Path, integrator: str = "implicitfast") -> Plant:
+    """That arm at rest, its weight held."""
+    of = load_model(rubbing_arm(folder, integrator), add_locks=True)
+    return Plant(of, start=at(of))
+
+
+# Hexapod.
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+def edited(*replacements: tuple[str, str]) -> mujoco.MjModel:
+    """The hexapod with its MJCF text changed: how a check is shown to fail."""
+    text = HEXAPOD_MJCF.read_text()
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    return mujoco.MjModel.from_xml_string(text)
+
+
+def mode_shapes(of: mujoco.MjModel) -> np.ndarray:
+    """Generalized velocities of the six undamped modes, orthonormal on the loops, shape (6, nv)."""
+    plant = Plant(of)
+    stiffness = -linearize(plant.model, plant.data).A[6:, :6]
+    values, vectors = map(np.real, np.linalg.eig(stiffness))
+    Z = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
+    return (Z @ vectors[:, np.argsort(values)]).T
+
+
+def ring_down(of: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
+    """Free motion after a velocity along one mode, seen along that mode; shape (N,)."""
+    data = mujoco.MjData(of)
+    mujoco.mj_forward(of, data)
+    data.qvel[:] = shape * 1e-3
+    samples, step = [], np.empty(of.nv)
+    for _ in range(round(seconds / of.opt.timestep)):
+        mujoco.mj_step(of, data)
+        mujoco.mj_differentiatePos(of, step, 1.0, of.qpos0, data.qpos)
+        samples.append(shape @ step)
+    return np.array(samples)
+
+
+def pole_of(samples: np.ndarray, dt: float) -> complex:
+    """Continuous pole of a decaying oscillation: y[k+1] = a y[k] + b y[k-1] fitted."""
+    history = np.column_stack([samples[1:-1], samples[:-2]])
+    a, b = np.linalg.lstsq(history, samples[2:], rcond=None)[0]
+    return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / dt
+
+
+def state_of(plant: Plant) -> np.ndarray:
+    """All that a run begins with."""
+    state = np.empty(mujoco.mj_stateSize(plant.model, STATE))
+    mujoco.mj_getState(plant.model, plant.data, state, STATE)
+    return state
+
+
+@cache
+def settled_state(seconds: float) -> np.ndarray:
+    """Of the hexapod."""
+    plant = Plant(load_model())
+    plant.settle(seconds)
+    return state_of(plant)
+
+
+def resumed(state: np.ndarray) -> Plant:
+    """The hexapod in such a state."""
+    plant = Plant(load_model())
+    mujoco.mj_setState(plant.model, plant.data, state, STATE)
+    mujoco.mj_forward(plant.model, plant.data)
+    return plant

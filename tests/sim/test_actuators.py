@@ -1,0 +1,582 @@
+"""Actuators of any kind in a plant: held, commanded, limited, locked, weak, free, repaired."""
+
+import re
+from collections.abc import Sequence
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.linalg
+
+from prioritized import ConstrainedSystem
+from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
+from tests.models import model as model_of
+from tests.models import with_locks
+from tests.sim.machines import POSES, SHIPPED, STATE, WORLD, at, posed, started, state_of
+
+PERIOD_S = 5e-3
+
+
+@pytest.fixture(params=POSES)
+def robot(request) -> Plant:
+    return started(request.param)
+
+
+def again(plant: Plant) -> Plant:
+    """Another one of the same start."""
+    start = mujoco.MjData(plant.model)
+    start.qpos[:] = plant.data.qpos
+    return Plant(plant.model, base=None, payload="tool", start=start)
+
+
+def applied(plant: Plant) -> np.ndarray:
+    """Generalized force of all actuators now."""
+    mujoco.mj_forward(plant.model, plant.data)
+    return plant.data.qfrc_actuator.copy()
+
+
+# Held still.
+
+
+def test_a_machine_that_is_held_stays_where_it_starts(robot):
+    """Under weight and springs."""
+    robot.settle(2.0)
+    assert np.abs(robot.displacements()).max() < 1e-6
+    assert np.abs(robot.displacement()).max() < 1e-6
+
+
+def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
+    plant = started("drives")
+    held, data = applied(plant), plant.data
+    data.qacc[:] = 0.0
+    mujoco.mj_inverse(plant.model, data)
+    np.testing.assert_allclose(held, data.qfrc_inverse, atol=1e-9)
+    assert np.abs(held).max() > 1.0
+
+
+def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
+    """Virtual work; forces that cancel each other along every motion have no part in them."""
+    plant = started("squeezed_loop")
+    balance = applied(plant) + plant.data.qfrc_passive - plant.data.qfrc_bias
+    motions = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
+    assert np.abs(motions.T @ balance).max() < 1e-9 < np.abs(balance).max()
+    arms = plant.data.actuator_moment.reshape(-1) * np.ones(3)  # one entry a row
+    places = plant.model.jnt_dofadr[plant.model.actuator_trnid[:, 0]]
+    squeeze = scipy.linalg.null_space(motions[places].T * arms)
+    assert squeeze.shape == (3, 1)
+    assert abs(squeeze[:, 0] @ plant.data.actuator_force) < 1e-9
+
+
+def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
+    """Two of 5 and 50 N bear 19.6 N, of which the least norm gives each a half."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body name="plate">
+      <joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="2"/><site name="tool"/>
+      </body></worldbody>
+      <equality><joint name="lock1" joint1="lift" active="false"/></equality>
+      <actuator><position joint="lift" kp="1000" forcerange="-5 5"/>
+      <position joint="lift" kp="1000" forcerange="-50 50"/></actuator></mujoco>""")
+    plant = Plant(model, **WORLD, start=mujoco.MjData(model))
+    np.testing.assert_allclose(plant.data.actuator_force, [5.0, 2 * 9.81 - 5.0], rtol=1e-6)
+    plant.step(np.zeros(1), 1.0)
+    assert np.abs(plant.displacements()).max() < 1e-6
+
+
+TRUNK = """<mujoco><worldbody><body name="trunk"><joint type="{}" axis="0 1 0" name="root"/>
+  <geom size="0.1" pos="0.1 0 0"/><body><joint name="a"/><geom size="0.1"/>
+  <site name="tool" pos="1 0 0"/></body></body></worldbody>
+  <equality><joint name="lock1" joint1="a" active="false"/></equality>
+  <actuator><position joint="a" kp="9"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("joint", ["free", "ball", "hinge"])
+def test_what_no_actuator_holds_is_named_and_floats_without_gravity(joint):
+    model = mujoco.MjModel.from_xml_string(TRUNK.format(joint))
+    start = mujoco.MjData(model)
+    with pytest.raises(ModelError, match=r'^gravity moves .*joint "root": no actuator holds it$'):
+        Plant(model, **WORLD, start=start)
+    model.opt.gravity[:] = 0.0
+    plant = Plant(model, **WORLD, start=start)
+    plant.settle(0.1)
+    assert not plant.displacement().any()
+
+
+CRANK = """    <position name="crank" cranksite="pin" slidersite="rail" cranklength="0.8" gear="2"
+      kp="5e4" kv="3e3" ctrlrange="-0.7 -0.62"/>
+"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            [(CRANK, ""), ('name="pin" axis', 'name="pin" stiffness="9" springref="1" axis')],
+            '^a spring moves the joint "pin": no actuator holds it',
+        ),
+        (
+            [('name="geared"', 'name="geared" forcerange="-0.1 0.1"')],
+            '"geared" cannot hold the start',
+        ),
+        (
+            [('ctrlrange="-0.7 -0.62"', 'ctrlrange="0 0.1"')],
+            '"crank" cannot hold the start: .* 0..0.1',
+        ),
+    ],
+)
+def test_a_start_that_actuators_cannot_hold_is_refused(changes, words):
+    if "spring" in words:
+        changes = [("<option ", '<option gravity="0 0 0" '), *changes]
+    with pytest.raises(ModelError, match=words):
+        started("drives", *changes)
+
+
+def test_a_start_that_is_open_or_of_another_model_is_refused():
+    model, _ = posed("squeezed_loop")
+    with pytest.raises(ClosureError, match=r"call sim\.assemble"):
+        Plant(model, **WORLD, start=at(model, left=0.3))
+    with pytest.raises(ValueError, match="data must be of this model"):
+        Plant(model, **WORLD, start=mujoco.MjData(load_model()))
+
+
+# Commands.
+
+
+def steps(plant: Plant) -> np.ndarray:
+    """A small displacement of each drive alone, or one that loops allow; (., n)."""
+    size = 1e-4 * np.eye(len(plant.drives))
+    if plant.model.neq and plant.data.eq_active.any():
+        kin = kinematics(plant)
+        size = size @ scipy.linalg.orth(scipy.linalg.null_space(kin.active_constraint)).T[:2].T
+        return (size @ np.linalg.pinv(size) * 1e-4)[:2]
+    return size
+
+
+def kinematics(plant: Plant):
+    start = mujoco.MjData(plant.model)
+    start.qpos[:], start.eq_active[:] = plant.data.qpos, plant.data.eq_active
+    return ConstrainedSystem.of(jacobians(plant.model, start, "tool")).kinematics()
+
+
+def test_a_command_is_answered_as_the_linear_model_says_and_reached(robot):
+    """Transient within 1 % of the peak; at rest the payload has moved by the Jacobian."""
+    lin, J = robot.linear(), kinematics(robot).J
+    for command in steps(robot):
+        plant, size = again(robot), len(lin.A)
+        drift = np.block([[lin.A, (lin.B @ command)[:, None]], [np.zeros((1, size + 1))]])
+        tick, x = scipy.linalg.expm(drift * PERIOD_S), np.eye(size + 1)[-1]
+        seen, expected = [], []
+        for _ in range(100):
+            plant.step(command, PERIOD_S)
+            x = tick @ x
+            seen.append(np.concatenate([plant.displacements(), plant.displacement()]))
+            expected.append(np.concatenate([lin.C_active @ x[:-1], lin.C_twist @ x[:-1]]))
+        error = np.abs(np.array(seen) - expected)
+        assert error.max() < 0.01 * np.abs(seen).max()
+        plant.step(command, 0.5)
+        assert np.abs(plant.displacements() - command).max() < 0.01 * np.abs(command).max()
+        off = np.linalg.norm(plant.displacement() - J @ command)
+        assert off <= 0.01 * np.linalg.norm(J @ command) + 1e-9
+
+
+PENDULUM = """<mujoco><option gravity="0 0 0" timestep="1e-3"/><worldbody><body name="arm">
+  <joint name="a" axis="0 1 0" {joint}/><geom size="0.05" mass="2" pos="0 0 -0.7"/>
+  <site name="tool" pos="0.1 0 -0.7"/></body></worldbody>
+  <tendon><fixed name="c" {cable}><joint joint="a" coef="0.5"/></fixed></tendon>
+  <equality>{lock}</equality><actuator>{actuator}</actuator></mujoco>"""
+
+
+def pendulum(actuator: str, joint: str = "", cable: str = "") -> Plant:
+    kind, name = ("tendon", "c") if "tendon" in actuator else ("joint", "a")
+    lock = f'<{kind} name="lock1" {kind}1="{name}" active="false"/>'
+    text = PENDULUM.format(joint=joint, cable=cable, actuator=actuator, lock=lock)
+    return Plant(mujoco.MjModel.from_xml_string(text), **WORLD)
+
+
+def test_a_motor_on_a_sprung_tendon_draws_it():
+    """The spring takes what the control gives."""
+    cable = 'stiffness="100" springlength="0.0"'
+    plant = pendulum('<motor tendon="c" gear="4"/>', 'damping="9"', cable)
+    plant.step(np.array([0.01]), 8.0)
+    assert plant.displacements()[0] == pytest.approx(0.01, rel=1e-6)
+    assert plant.data.qpos[0] == pytest.approx(0.02, rel=1e-6)
+
+
+def test_displacements_are_those_of_the_present_pose_in_motion():
+    """A tendon's is 0.05 times that of its joint, at every tick."""
+    plant = started("drives")
+    plant.step(0.01 * np.eye(len(plant.drives))[1], PERIOD_S)
+    assert plant.data.qvel.any()
+    turned = plant.data.joint("elbow").qpos[0] - POSES["drives"]["elbow"]
+    assert plant.displacements()[1] == pytest.approx(0.05 * turned, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_commands_of_shipped_machines_are_their_controls_to_the_bit(name):
+    model = load_model(MODELS / f"{name}.xml")
+    plant, command = Plant(model), 1e-4 * np.random.default_rng(0).normal(size=model.nu)
+    plant.step(command, 1e-3)
+    np.testing.assert_array_equal(plant.data.ctrl, command)
+
+
+def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
+    """Where a central difference would see half of it."""
+    plant = started("drives")
+    free = plant.linear().B
+    control = plant.model.actuator("crank").id
+    plant.model.actuator_ctrlrange[control, 1] = plant.data.ctrl[control]
+    np.testing.assert_allclose(plant.linear().B, free, rtol=1e-6)
+
+
+SLACK = {"cable": 'stiffness="100" springlength="-1 1"'}
+STIFFER = {"joint": 'stiffness="3 1"'}
+REFUSED = [
+    ('<motor name="m" joint="a"/>', {}, '"m" is a torque motor, .*sim.servoed'),
+    ('<motor name="m" tendon="c"/>', SLACK, "is a torque motor"),
+    ('<velocity name="m" joint="a" kv="2"/>', {}, '"m" is a velocity servo, whose control is a'),
+    ('<muscle name="m" joint="a" lengthrange="-1 1"/>', {}, '"m" is a muscle: only servos and'),
+    ('<intvelocity name="m" joint="a" actrange="-1 1"/>', {}, '"m" has a state of its own'),
+    ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has a state of its own'),
+    ('<damper name="m" joint="a" kv="2" ctrlrange="0 1"/>', {}, '"m" is an actuator of variable'),
+    ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so nothing commands it'),
+    ('<general name="m" joint="a" biastype="affine" biasprm="0 2"/>', {}, '"m" pushes away from'),
+    ('<position name="m" site="tool" gear="1 0 0 0 0 0"/>', {}, '"m" feels a length that does not'),
+    ('<adhesion name="m" body="arm" gain="1" ctrlrange="0 1"/>', {}, '"m" adheres'),
+    ('<motor name="m" joint="a"/>', STIFFER, 'the spring of joint "a" is not linear'),
+    ("", {}, "^the model has no enabled actuator, so nothing can be commanded: add one$"),
+]
+
+
+@pytest.mark.parametrize(("actuator", "springs", "words"), REFUSED)
+def test_what_no_displacement_commands_is_refused_with_the_reason(actuator, springs, words):
+    with pytest.raises(ModelError, match=words) as refused:
+        pendulum(actuator, **springs)
+    assert "\n" not in str(refused.value) and len(str(refused.value)) < 200
+
+
+# Limits.
+
+
+def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
+    """Joint, tendon, control and force; each at the end that comes first."""
+    plant = started("drives")
+    lower, upper = plant.limits()
+    start = plant.data.ctrl[-1]
+    limits = np.array([lower, upper])[:, [0, 1, 2, -1]].T  # geared, winch, coils, crank
+    ends = [[-1.4, 0.6], [-0.045, 0.025], [-0.07, 0.06]]
+    np.testing.assert_allclose(limits, [*ends, [(-0.7 - start) / 2, (-0.62 - start) / 2]])
+    assert not np.isfinite([lower[3:-1], upper[3:-1]]).any()
+    for beyond in (1.0, 1.2):
+        plant.step(beyond * upper[-1] * np.eye(len(upper))[-1], 2.0)
+        assert plant.displacements()[-1] == pytest.approx(upper[-1], rel=0.01)
+
+
+def test_a_force_range_limits_what_a_spring_takes():
+    """The two coils share the spring as their gears, 1 to 3; the first has 12 N."""
+    plant = started("drives", (' range="-0.05 0.08"', ""), ("-400 400", "-12 12"))
+    held = plant.data.actuator_force[2]
+    lower, upper = plant.limits()
+    ends = (np.array([-12, 12]) - held) / (30000 * 1 / 10)
+    np.testing.assert_allclose([lower[2], upper[2]], ends, rtol=1e-9)
+    plant.step(upper[2] * np.eye(len(upper))[2], 2.0)
+    assert plant.data.actuator_force[2] == pytest.approx(12.0, rel=1e-6)
+
+
+# Locks.
+
+NAMES = {"base": None, "payload": "foot"}
+COMMAND = np.array([0.5, -0.4, 0.3])
+
+
+def three_joints(*changes: tuple[str, str]) -> mujoco.MjModel:
+    """As published, locks added."""
+    return with_locks("three_joints", *changes)
+
+
+STIFF = (
+    ('timestep="5e-4" integrator="implicitfast"', 'timestep="1e-4" integrator="discrete"'),
+    ("<default>", '<default><equality solref="2e-4 1" solimp="0.9999 0.9999 0.001 0.5 2"/>'),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "drive"), [("drives", 0), ("drives", 1), ("drives", 2), ("gantry", 1)]
+)
+def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
+    plant = started(name) if name in POSES else Plant(model_of(name, *STIFF), **WORLD)
+    command = 0.01 * np.eye(len(plant.drives))[drive]
+    plant.step(command, 0.05)
+    Failure(drive, "locked").strike(plant)
+    where = plant.displacements()[drive]
+    assert abs(where) > 1e-4
+    for _ in range(50):
+        plant.step(-command, PERIOD_S)
+        assert plant.displacements()[drive] == pytest.approx(where, abs=1e-6)
+
+
+def locked_in_motion(plant: Plant, actuator: int) -> tuple[float, np.ndarray]:
+    """How far the joint leaves the place where it locked, and how far out the others come."""
+    plant.step(COMMAND, 0.1)
+    plant.lock(actuator)
+    where, away = plant.displacements()[actuator], 0.0
+    for _ in range(300):
+        plant.step(-COMMAND, 1e-3)
+        away = max(away, abs(plant.displacements()[actuator] - where))
+    return away, np.abs(np.delete(plant.displacements(), actuator))
+
+
+@pytest.mark.parametrize("flag", ["", "EQUALITY", "CONSTRAINT"])
+@pytest.mark.parametrize("actuator", range(3))
+def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
+    """While the others move; in a file whose flags disable equalities, of which none comes back."""
+    model, bit = three_joints(), int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
+    model.opt.disableflags |= bit
+    model.jnt_limited[:], model.jnt_range[:] = flag == "CONSTRAINT", [-0.05, 0.05]
+    held, others = locked_in_motion(Plant(model, **NAMES), actuator)
+    assert 0 < held < 1e-6 and others.min() > 0.1
+    assert model.opt.disableflags & bit == bit
+    # It can fail: of the stiffness that MuJoCo takes by default.
+    model.eq_solref[:], model.eq_solimp[:] = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
+    assert locked_in_motion(Plant(model, **NAMES), actuator)[0] > 1e-4
+
+
+@pytest.mark.parametrize("actuator", range(3))
+def test_a_lock_gives_way_by_what_its_time_constant_says(actuator):
+    """At rest by a (1 - d) T^2: a the acceleration prevented, d = 0.9999, T two physics steps.
+
+    MuJoCo takes the inertia at a lock approximately; here it is 3 % off.
+    """
+    model = three_joints()
+    plant = Plant(model, **NAMES)
+    plant.lock(actuator)
+    plant.settle(4.0, COMMAND)
+    prevented = plant.data.qacc_smooth[actuator]
+    expected = prevented * 1e-4 * (2 * model.opt.timestep) ** 2
+    assert plant.displacements()[actuator] == pytest.approx(expected, rel=0.05)
+    assert abs(prevented) > 100.0
+
+
+def damped(integrator: str, step_s: float, *changes: tuple[str, str]) -> mujoco.MjModel:
+    """Whose dampers are those of joints, which every integrator takes implicitly."""
+    model = three_joints(*changes)
+    model.dof_damping[:], model.actuator_biasprm[:, 2] = 20.0, 0.0
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    model.opt.timestep, model.eq_solref[:] = step_s, [2 * step_s, 1.0]
+    return model
+
+
+@cache
+def flown(integrator: str, step_s: float, *locked: int) -> np.ndarray:
+    """Displacements every 10 ms on a smooth path, on which some actuators lock at 0.3 s."""
+    plant, seen = Plant(damped(integrator, step_s), **NAMES), []
+    for tick in range(100):
+        for actuator in locked if tick == 30 else ():
+            plant.lock(actuator)
+        phase = 2 * np.pi * tick * 0.01 / 0.6
+        plant.step(0.1 * np.sin(phase) * COMMAND, 0.01)
+        seen.append(plant.displacements())
+    return np.array(seen)
+
+
+@pytest.mark.parametrize("locked", [(1,), (0, 2)])
+@pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
+@pytest.mark.parametrize("step_s", [2e-3, 5e-3, 1e-2])
+def test_a_lock_holds_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
+    """The oracle is MuJoCo at 0.1 ms, where the equality alone holds."""
+    oracle, found = flown("DISCRETE", 1e-4, *locked), flown(integrator, step_s, *locked)
+    healthy = np.ptp(flown(integrator, step_s)[31:], axis=0)
+    assert (np.ptp(found[31:], axis=0)[list(locked)] < 0.05 * healthy[list(locked)]).all()
+    assert (np.abs(found - oracle).max(axis=0) < 0.15 * healthy).all()
+
+
+def test_a_lock_that_gives_way_says_so_before_anything_flies():
+    """On a tendon, which cannot be made heavy; as soft as a file has it; not where it holds."""
+    cable = '<tendon><fixed name="cable"><joint joint="knee" coef="1"/></fixed></tendon>'
+    on_cable = ("<equality/>", cable), ('"knee_servo" joint="knee"', '"knee_servo" tendon="cable"')
+    said = {
+        (integrator, step_s): Plant(damped(integrator, step_s, *on_cable), **NAMES).soft_locks
+        for integrator in ("IMPLICITFAST", "DISCRETE")
+        for step_s in (2.5e-4, 1e-2)
+    }
+    assert {k: list(v) for k, v in said.items() if v} == {("IMPLICITFAST", 1e-2): [1]}
+    words = r'lock of tendon "cable" gives way, by about \d+ % .* implicitfast .* of 10 ms'
+    assert re.search(words, said["IMPLICITFAST", 1e-2][1])
+    soft = three_joints(*on_cable)
+    soft.eq_solref[:], soft.eq_solimp[:, 0] = [0.1, 1.0], 0.9
+    assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
+
+
+def brakes(*names: str) -> mujoco.MjModel:
+    """With an equality of some name for each joint."""
+    joints = "hip", "knee", "ankle"
+    pairs = zip(names, joints, strict=False)
+    each = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
+    return model_of("three_joints", ("<equality/>", f"<equality>{each}</equality>"))
+
+
+def test_locks_may_have_other_names_and_must_hold_one_joint():
+    plant = Plant(brakes("a", "b", "c"), **NAMES)
+    plant.lock(2)
+    np.testing.assert_array_equal(plant.data.eq_active, [False, False, True])
+    with pytest.raises(ModelError, match=r'named "lock1" to lock the joint "hip"; load_model\('):
+        Plant(brakes(), **NAMES)
+    with pytest.raises(ModelError, match='equality "lock1" must lock the joint "hip" alone'):
+        Plant(brakes("hip_brake", "lock1", "c"), **NAMES)
+
+
+def test_what_has_no_lock_is_refused_when_it_is_to_lock_and_not_before():
+    plant = started("drives")
+    for drive, words in ((3, '"x" cannot be locked: it moves neither'), (7, '"crank" cannot be')):
+        with pytest.raises(ModelError, match=words):
+            plant.lock(drive)
+    with pytest.raises(ModelError, match='"lock2" must lock the tendon "cable" alone'):
+        Plant(model_of("drives", ("</mujoco>", LOCKS.format(TAKEN))), **WORLD)
+    with pytest.raises(ModelError, match='no equality named "lock2" to lock the tendon "cable"'):
+        Plant(model_of("drives", ("</mujoco>", LOCKS.format(""))), **WORLD).lock(1)
+
+
+LOCKS = """<equality><joint name="lock1" joint1="shoulder" active="false"/>
+  <joint name="lock3" joint1="tube" active="false"/>{}</equality></mujoco>"""
+TAKEN = '<joint name="lock2" joint1="elbow" active="false"/>'
+
+
+# Weak, free and loose.
+
+
+def test_all_actuators_of_a_drive_weaken_and_are_released_together():
+    """By the product, in any state: a servo whose gain alone were less would pull elsewhere.
+
+    The others keep their forces, and their springs.
+    """
+    shift, number = 1e-3 * np.random.default_rng(0).normal(size=(3, 20)), range(8)
+    for k in number:
+        plant = started("drives")
+        data, springs = plant.data, plant.model.jnt_stiffness.copy()
+        mujoco.mj_integratePos(plant.model, data.qpos, shift[0, : plant.model.nv], 1.0)
+        data.qvel[:], data.ctrl[:] = shift[1, : plant.model.nv], data.ctrl + shift[2, :9]
+        applied(plant)
+        before = plant.coil_force_n()
+        assert abs(before[k]) > 1e-2
+        for effectiveness, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
+            plant.weaken(k, effectiveness)
+            applied(plant)
+            expected = before * np.where(np.arange(len(before)) == k, left, 1.0)
+            np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
+        plant.release(k)
+        applied(plant)
+        silent = np.isin(np.arange(9), plant.drives[k].ids)
+        np.testing.assert_array_equal(data.actuator_force == 0.0, silent)
+        plant.break_loose(k)
+        if plant.drives[k].joint is not None:
+            springs[plant.drives[k].joint] = 0.0
+        np.testing.assert_array_equal(plant.model.jnt_stiffness, springs)
+
+
+@pytest.mark.parametrize("groups", [(0, 0, 0), (30, 30, 30), (30, 31, 5), (-1, 40, 30)])
+@pytest.mark.parametrize("off", [None, 0, 7, 30])
+def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
+    """What the model has switched off stays off."""
+    model, number = three_joints(), range(3)
+    model.actuator_group[:] = groups
+    model.opt.disableactuator = 0 if off is None else 1 << off
+    on = [k for k in number if groups[k] != off]
+    if not on:
+        return
+    plant, names = Plant(model, **NAMES), ["hip_servo", "knee_servo", "ankle_servo"]
+    assert [drive.actuators for drive in plant.drives] == [(names[k],) for k in on]
+    for count in range(1, len(on) + 1):
+        plant.release(count - 1)
+        plant.step(np.full(len(on), 0.1), plant.model.opt.timestep)
+        silent = np.flatnonzero(plant.data.actuator_force == 0.0).tolist()
+        assert silent == sorted({*number} - {*on[count:]})
+    np.testing.assert_array_equal(model.actuator_group, groups)
+
+
+def test_any_of_forty_actuators_is_released():
+    """MuJoCo switches 31 groups."""
+
+    def each(words: str) -> str:
+        return "".join(words.format(k, k + 1) for k in range(40))
+
+    text = f"""<mujoco><worldbody><site name="foot"/>
+      {each('<body pos="{0} 0 0"><joint name="j{0}"/><geom size="0.1" contype="0"/></body>')}
+      </worldbody>
+      <equality>{each('<joint name="lock{1}" joint1="j{0}" active="false"/>')}</equality>
+      <actuator>{each('<position joint="j{0}" group="{0}"/>')}</actuator></mujoco>"""
+    plant, silent = Plant(mujoco.MjModel.from_xml_string(text), **NAMES), {30, 39, 0, 31, 17}
+    for k in silent:
+        plant.release(k)
+    plant.step(np.full(40, 0.1), plant.model.opt.timestep)
+    assert {*np.flatnonzero(plant.data.actuator_force == 0.0)} == silent
+
+
+# Repair.
+
+
+ONE_AFTER_ANOTHER = ("weak", "locked", "weak", "free", "loose")
+KINDS = (*[(kind,) for kind in dict.fromkeys(ONE_AFTER_ANOTHER)], ONE_AFTER_ANOTHER)
+"""What an actuator has before it is repaired."""
+
+
+@pytest.fixture(params=["fjh", "arm", "drives"])
+def plant(request) -> Plant:
+    """The last has a spring on a tendon, two motors on a joint, and drives without a lock."""
+    if request.param == "drives":
+        return started("drives", ('<fixed name="cable"', '<fixed name="cable" stiffness="300"'))
+    return Plant(load_model(MODELS / f"{request.param}.xml"))
+
+
+def of_failures(plant: Plant) -> dict[str, np.ndarray]:
+    """What they may alter, and nothing else."""
+    names = "actuator_group", "actuator_gainprm", "actuator_biasprm"
+    names += "jnt_stiffness", "tendon_stiffness"
+    state = {"eq_active": plant.data.eq_active.copy()}
+    return state | {name: getattr(plant.model, name).copy() for name in names}
+
+
+def strike(plant: Plant, actuator: int, kinds: Sequence[str]) -> None:
+    """Failures that it can have."""
+    drive = plant.drives[actuator]
+    for kind in kinds:
+        if kind != "locked" or drive.joint is not None or drive.tendon is not None:
+            Failure(actuator, kind).strike(plant)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kinds", KINDS, ids=" ".join)
+def test_repair_gives_the_model_back_all_that_failures_take(plant, kinds):
+    """Of the one that is repaired: what another has lost it goes without."""
+    before = of_failures(plant)
+    plant.step(np.full(len(plant.drives), 1e-5), PERIOD_S)
+    for actuator in range(len(plant.drives)):
+        strike(plant, 0, kinds)
+        alone = of_failures(plant)
+        if actuator:
+            strike(plant, actuator, kinds)
+            plant.repair(actuator)
+        for name, value in of_failures(plant).items():
+            np.testing.assert_array_equal(value, alone[name], err_msg=name)
+        assert any(not np.array_equal(value, alone[name]) for name, value in before.items())
+        plant.repair(0)
+        for name, value in of_failures(plant).items():
+            np.testing.assert_array_equal(value, before[name], err_msg=name)
+
+
+def test_a_repaired_machine_moves_as_a_healthy_one_bit_for_bit(plant):
+    state, n = state_of(plant), len(plant.drives)
+    commands = 1e-3 * np.sin(np.arange(20)[:, None] + np.arange(n))
+
+    def moved() -> np.ndarray:
+        mujoco.mj_setState(plant.model, plant.data, state, STATE)
+        mujoco.mj_forward(plant.model, plant.data)
+        visited = []
+        for command in commands:
+            plant.step(command, PERIOD_S)
+            visited.append([*plant.data.qpos, *plant.data.qvel])
+        return np.array(visited)
+
+    healthy = moved()
+    for actuator in range(n):
+        strike(plant, actuator, ONE_AFTER_ANOTHER)
+    assert np.abs(moved() - healthy).max() > 1e-6
+    for actuator in range(n):
+        plant.repair(actuator)
+    np.testing.assert_array_equal(moved(), healthy)

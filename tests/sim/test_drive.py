@@ -1,0 +1,386 @@
+"""Drives of any actuator: velocity, dual force, ranges and names, and a simulation of them."""
+
+import itertools
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.linalg
+
+from prioritized import ConstrainedSystem
+from sim import Jacobians, ModelError, assemble, jacobians, linearize, pose_error, pose_of
+from sim.mjcf import Drive, drives, names_of, number_of
+from tests.models import model
+from tests.motions import check_slope, motions, shifted
+from tests.sim.transmissions import CASES, FREEDOMS, WITH_LENGTH, mechanism
+
+every_kind = pytest.mark.parametrize("kind", CASES)
+
+
+def of_drives(of: mujoco.MjModel, jac: Jacobians, qvel: np.ndarray) -> np.ndarray:
+    """Velocity of each drive under any qvel, whether it opens loops or not, by the rows of J_C."""
+    extra = jac.J_C.shape[1] - of.nv
+    own = jac.J_C[len(jac.J_C) - extra :]
+    np.testing.assert_array_equal(own[:, of.nv :], -np.eye(extra))
+    return np.append(qvel, own[:, : of.nv] @ qvel)[jac.active]
+
+
+@every_kind
+def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
+    """Actuators of one joint, of one tendon, or along one line share an active velocity."""
+    of, data = mechanism(CASES[kind].mjcf)
+    jac = jacobians(of, data, "tool")
+    seen = [(drive.name, drive.actuators, drive.gear) for drive in jac.drives]
+    assert seen == CASES[kind].drives
+    assert jac.names.actuators == tuple(actuators for _, actuators, _ in seen)
+    assert [jac.names.velocities[k] for k in jac.active] == [name for name, _, _ in seen]
+    np.testing.assert_array_equal(jac.gear, [gear[0] for _, _, gear in seen])
+    extra = [drive for drive in jac.drives if drive.joint is None]
+    assert jac.J_T.shape == (6, of.nv + len(extra))
+    assert len(set(jac.active.tolist())) == len(seen)
+
+
+@pytest.mark.parametrize("kind", WITH_LENGTH)
+def test_the_velocity_is_the_slope_of_the_length_by_the_gear(kind):
+    """Along the closed loops."""
+    for seed in range(3):
+        of, data = mechanism(CASES[kind].mjcf, seed)
+        if kind == "wrapping":  # two ends, and an arc on the sphere
+            assert data.ten_wrapnum[of.tendon("wrap").id] == 4
+        jac = jacobians(of, data, "tool")
+        Z = scipy.linalg.null_space(jac.J_C, rcond=1e-9)
+        assert Z.shape[1] == FREEDOMS
+        velocity = Z @ np.random.default_rng(seed).normal(size=FREEDOMS)
+        velocity /= np.linalg.norm(velocity)
+        step, found = velocity[: of.nv], velocity[jac.active[0]] * jac.gear[0]
+        check_slope(found, lengths_along(of, data, step, "actuator_length"), 1e-2, 2e-2, 1e-6)
+
+
+def lengths_along(of: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray, name: str):
+    """Of a motion by h, loops closed again: the first such length."""
+    return lambda h: getattr(assemble(of, shifted(of, data, h * step)), name)[0]
+
+
+@every_kind
+def test_the_velocity_is_mujocos_by_the_gear_and_its_force_is_dual(kind):
+    """For every actuator of a drive, and along every qvel, whether it opens loops or not.
+
+    Sum of gear force times velocity = qfrc_actuator . qvel: forces map by the transpose.
+    """
+    of, data = mechanism(CASES[kind].mjcf)
+    jac, rng = jacobians(of, data, "tool"), np.random.default_rng(2)
+    for qvel in rng.normal(size=(3, of.nv)):
+        data.qvel[:], data.ctrl[:] = qvel, rng.uniform(0.1, 1.0, size=of.nu)
+        data.act[:] = rng.uniform(0.1, 1.0, size=of.na)
+        mujoco.mj_forward(of, data)
+        rates = of_drives(of, jac, qvel)
+        for rate, drive in zip(rates, jac.drives, strict=True):
+            seen = data.actuator_velocity[list(drive.outputs)] / drive.gear
+            np.testing.assert_allclose(seen, rate, rtol=1e-9, atol=1e-12)
+        assert np.abs(data.actuator_force).min() > 1e-3
+        forces = [drive.gear @ data.actuator_force[list(drive.outputs)] for drive in jac.drives]
+        assert forces @ rates == pytest.approx(data.qfrc_actuator @ qvel, rel=1e-9)
+
+
+@pytest.mark.parametrize("at", ['site="tool"', 'site="tool" refsite="post"', 'joint="float"'])
+@pytest.mark.parametrize("gear", ["-.6 .8 0 0 0 0", "0 0 -2 0 0 0", "0 0 0 0 -1 0", "0 -1 0 2 0 0"])
+def test_along_a_direction_the_velocity_is_that_along_the_first_gear(at, gear):
+    """Whatever the sign of its first component; a second one that pushes back has gear -3."""
+    first, back = np.array(gear.split(), dtype=float), -3.0 * np.array(gear.split(), dtype=float)
+    pair = f'<motor {at} gear="{gear}"/><motor {at} gear="{" ".join(map(str, back))}"/>'
+    of, data = mechanism(pair)
+    jac = jacobians(of, data, "tool" if "site" in at else "buoy")
+    data.qvel[:] = np.random.default_rng(3).normal(size=of.nv)
+    mujoco.mj_forward(of, data)
+    size = np.linalg.norm(first)
+    np.testing.assert_allclose(jac.gear, [size])
+    rate = of_drives(of, jac, data.qvel)[0]
+    assert rate == pytest.approx(data.actuator_velocity[0] / size, rel=1e-9)
+    assert jac.drives[0].gear[1] == pytest.approx(-3.0 * size)
+
+
+@pytest.mark.parametrize("one, other", [(6e-17, 6e-17), (-6e-17, 6e-17), (0.0, -6e-17)])
+def test_parallel_gears_are_one_velocity_whatever_rounding_made_of_a_zero(one, other):
+    of, data = mechanism(
+        f'<motor site="buoy" gear="{one} 1 0 0 0 0"/><motor site="buoy" gear="{other} -1 0 0 0 0"/>'
+    )
+    assert len(jacobians(of, data, site="buoy").active) == 1
+
+
+@pytest.mark.parametrize("tendon", ["cable", "hoist", "wrap"])
+def test_a_locked_tendon_keeps_its_length_and_a_free_one_nothing(tendon):
+    """Locked takes one freedom, free takes none, along every motion that the mappings know."""
+    of, data = mechanism(f'<motor tendon="{tendon}" gear="2"/><motor joint="crank"/>')
+    jac = jacobians(of, data, "tool")
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+    locked = motions(system.with_failures(locked=[0]).kinematics())
+    assert locked.shape[1] == FREEDOMS - 1
+    for velocity in locked.T / np.linalg.norm(locked, axis=0)[:, None]:
+        length = lengths_along(of, data, velocity[: of.nv], "actuator_length")
+        check_slope(0.0, length, 1e-2, 4e-4, 1e-7)
+    free = motions(system.with_failures(free=[0]).kinematics())
+    assert free.shape[1] == FREEDOMS
+    assert np.linalg.norm(free[jac.active[0]]) > 0.1
+
+
+@pytest.mark.parametrize("locked", [None, "cable", "rope", "rail"])
+def test_servos_on_tendons_move_a_simulated_tool_as_the_mapping_commands(locked):
+    """0.2 mm and mrad within 1 %, also with one of them stuck, by a tendon or joint equality."""
+    of = model("gantry")
+    data = assemble(of)
+    jac = jacobians(of, data, "tool")
+    system, rows = ConstrainedSystem.of(jac), [1, 3, 5]
+    if locked:
+        system = system.with_failures(locked=[["cable", "rope", "rail"].index(locked)])
+        data.eq_active[of.equality(locked).id] = True
+        rows = [3, 5]
+    kin = system.kinematics()
+    mapping = kin.velocity_mapping(major=rows)
+    at_rest, start = data.actuator_length.copy(), pose_of(of, data, "tool")
+    for step in np.random.default_rng(0).normal(size=(3, len(rows))):
+        step *= 2e-4 / np.linalg.norm(step)
+        data.ctrl[:] = at_rest + jac.gear * kin.expand(mapping(step))
+        mujoco.mj_step(of, data, 4000)
+        moved = -pose_error(of, data, "tool", start)[rows]
+        assert np.linalg.norm(moved - step) < 0.01 * np.linalg.norm(step)
+
+
+# An arm with any actuators.
+
+
+ARM = """
+<mujoco>
+  <option><flag contact="disable"/></option>
+  <worldbody>
+    <body name="upper">
+      <joint name="a" axis="0 1 0" {joint}/><geom size="0.05"/>
+      <body name="lower" pos="0.4 0 0">
+        <joint name="b" axis="0 1 0"/><geom size="0.05"/><site name="tool" pos="0.3 0 0"/>
+      </body>
+    </body>
+    <body name="apart" pos="0 0 3">
+      <joint name="c" axis="0 1 0"/><geom size="0.05"/><site name="flag"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="cable" {tendon}><joint joint="a" coef="1"/><joint joint="b" coef="2"/></fixed>
+  </tendon>
+  <actuator>{actuators}</actuator>
+</mujoco>
+"""
+
+
+def arm_model(actuators: str, joint: str = "", tendon: str = "") -> mujoco.MjModel:
+    xml = ARM.format(actuators=actuators, joint=joint, tendon=tendon)
+    return mujoco.MjModel.from_xml_string(xml)
+
+
+def arm(actuators: str, disabled: int = 0, joint: str = "", tendon: str = "") -> Jacobians:
+    of = arm_model(actuators, joint, tendon)
+    of.opt.disableactuator = disabled
+    return jacobians(of, mujoco.MjData(of), "tool")
+
+
+PAIR = '<motor name="m1" joint="a" group="1"/><motor name="m2" tendon="cable" group="2"/>'
+
+
+def test_actuators_that_are_switched_off_are_not_active_and_warned_of():
+    both = arm(PAIR)
+    assert both.active.tolist() == [0, 3] and both.warnings == ()
+    first, second = arm(PAIR, disabled=1 << 2), arm(PAIR, disabled=1 << 1)
+    assert first.active.tolist() == [0] and first.J_C.shape == (0, 3)
+    assert first.warnings == ("opt.disableactuator switches off, so not active: m2",)
+    assert second.active.tolist() == [3] and second.names.actuators == (("m2",),)
+    with pytest.raises(ModelError, match="no enabled actuator"):
+        arm(PAIR, disabled=1 << 1 | 1 << 2)
+
+
+def test_jacobians_say_what_drives_them_after_the_model_has_changed():
+    """Actuators are switched off between the reading and the question."""
+    of = arm_model(PAIR)
+    both = jacobians(of, mujoco.MjData(of), "tool")
+    of.opt.disableactuator = 1 << 2
+    assert both.names.actuators == (("m1",), ("m2",))
+    assert len(both.force_range) == len(both.one_sided) == len(both.active) == 2
+
+
+MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
+
+
+@pytest.mark.parametrize(
+    ("actuators", "side"),
+    [
+        ('<motor joint="a"/>', 0),
+        ('<motor joint="a" ctrlrange="-1 2"/>', 0),
+        ('<motor joint="a" ctrlrange="0 1"/>', 1),
+        ('<motor joint="a" ctrlrange="0 1" gear="-3"/>', -1),
+        ('<general joint="a" ctrlrange="0 1" gainprm="-2"/>', -1),
+        ('<motor joint="a" forcerange="-4 0"/>', -1),
+        ('<motor joint="a" forcerange="-4 0" gear="-1"/>', 1),
+        ('<position joint="a" kp="9" ctrlrange="0 1"/>', 0),  # of the target, not of the force
+        ('<position joint="a" kp="9" forcerange="0 5"/>', 1),
+        (MUSCLE.format("m", 1), -1),
+        (MUSCLE.format("m", -1), 1),
+        (MUSCLE.format("m", 1) + MUSCLE.format("n", -2), 0),
+        (MUSCLE.format("m", 1) + MUSCLE.format("n", 2), -1),
+        ('<motor tendon="cable" ctrlrange="-1 0"/>', -1),
+        ('<motor tendon="cable" ctrlrange="-1 0"/><motor tendon="cable" ctrlrange="0 1"/>', 0),
+        (
+            '<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>',
+            1,
+        ),  # its velocity is along the gear
+    ],
+)
+def test_what_pushes_to_one_side_only_is_marked_and_warned_about(actuators, side):
+    """A negative gear turns the side of a joint round; an antagonistic pair pushes both ways."""
+    jac = arm(actuators)
+    assert jac.one_sided.tolist() == [side]
+    name = jac.names.velocities[jac.active[0]]
+    if 'muscle name="m" joint="a" gear="-1"' in actuators:
+        np.testing.assert_array_equal(jac.force_range, [[0.0, np.inf]])
+    words = f"actuated in one direction only, which the mappings do not know: {name}"
+    assert jac.warnings == ((words,) if side else ())
+
+
+def most_and_least(of: mujoco.MjModel, drives: tuple[Drive, ...]) -> np.ndarray:
+    """Of the forces along each velocity that MuJoCo computes for all extreme and zero controls."""
+    data, forces = mujoco.MjData(of), []
+    for data.ctrl[:] in itertools.product([-1e3, 0.0, 1e3], repeat=of.nu):
+        mujoco.mj_forward(of, data)
+        forces.append([drive.gear @ data.actuator_force[list(drive.outputs)] for drive in drives])
+        if drives[0].joint is not None:
+            forces[-1][0] = data.qfrc_actuator[0]
+    return np.array([np.min(forces, axis=0), np.max(forces, axis=0)]).T
+
+
+LIMITED = [
+    ('<motor joint="a" ctrlrange="-1 2"/>', "", ""),
+    ('<motor joint="a" ctrlrange="-1 2" gear="-3"/>', "", ""),
+    ('<motor joint="a" ctrlrange="-1 2"/><motor joint="a" ctrlrange="0 3" gear="2"/>', "", ""),
+    ('<motor joint="a" ctrlrange="-9 9" forcerange="-1 20"/>', "", ""),
+    ('<position joint="a" kp="1" forcerange="-3 4"/>', "", ""),
+    ('<motor joint="a" gear="3"/>', 'actuatorfrcrange="-5 7"', ""),
+    ('<motor joint="a" gear="3" ctrlrange="-1 9"/>', 'actuatorfrcrange="-5 7"', ""),
+    ('<motor tendon="cable" gear="3"/>', "", 'actuatorfrcrange="-5 7"'),
+    ('<motor tendon="cable" gear="-3" ctrlrange="-1 9"/>', "", 'actuatorfrcrange="-5 7"'),
+    ('<motor tendon="cable" gear="2"/><motor tendon="cable" gear="2" ctrlrange="0 1"/>',
+     "", 'actuatorfrcrange="-5 7"'),
+    ('<motor tendon="cable" gear="2" ctrlrange="0 9"/><motor tendon="cable" ctrlrange="0 1"/>',
+     "", ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("actuators", "joint", "tendon"), LIMITED)
+def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, joint, tendon):
+    """The ranges of several add up, and the limit of the joint's or tendon's total counts."""
+    found = arm(actuators, joint=joint, tendon=tendon)
+    expected = most_and_least(arm_model(actuators, joint, tendon), found.drives)
+    np.testing.assert_allclose(found.force_range, expected, rtol=1e-12)
+
+
+@pytest.mark.xfail(strict=True, reason="actuator_forcelimited is read by output, not by actuator")
+def test_an_orientation_servo_has_force_ranges():
+    of, data = mechanism(CASES["orientation servo"].mjcf)
+    assert jacobians(of, data, "tool").force_range.shape == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("actuators", "message"),
+    [
+        (
+            '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1"/>',
+            'actuator "pad" adheres to .*: take it out .* or disable its group and pin',
+        ),
+        ('<motor name="m" joint="a" gear="0"/>', 'actuator "m" has gear 0 .*: take it out'),
+        ('<motor tendon="cable" gear="0"/>', 'actuator "number 0" has gear 0'),
+        ('<motor name="m" site="tool" gear="0 0 0 0 0 0"/>', 'actuator "m" has gear 0'),
+        ("", "the model has no enabled actuator, .*: add one"),
+        ('<motor name="m" joint="c"/>', "no actuator moves 'tool'"),
+        ('<motor name="m" site="flag"/>', "no actuator moves 'tool'"),
+    ],
+)
+def test_what_moves_nothing_is_refused_with_the_remedy(actuators, message):
+    with pytest.raises(ModelError, match=message) as caught:
+        arm(actuators)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
+
+
+def test_an_actuator_that_is_refused_may_be_switched_off():
+    """The remedy that the message names."""
+    pad = '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1" group="3"/>'
+    assert arm(PAIR + pad, disabled=1 << 3).active.tolist() == [0, 3]
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        '<motor tendon="cable"/>',
+        '<motor site="tool" gear="0 0 1 0 0 0"/>',
+        '<motor site="tool" refsite="flag" gear="0 0 1 0 0 0"/>',
+        '<motor cranksite="tool" slidersite="flag" cranklength="6"/>',
+    ],
+)
+def test_a_linear_model_reads_the_velocity_of_what_is_on_no_joint(drive):
+    """As J_C ties it to the joints."""
+    of = arm_model(drive)
+    jac = jacobians(of, mujoco.MjData(of), "tool")
+    assert jac.active.tolist() == [of.nv] and jac.J_C.shape == (1, of.nv + 1)
+    linear = linearize(of, mujoco.MjData(of), "tool", None)
+    np.testing.assert_allclose(linear.C_active[:, : of.nv], jac.J_C[:, : of.nv], atol=1e-12)
+
+
+def test_two_actuators_of_a_joint_are_one_velocity_and_two_inputs():
+    of = arm_model('<motor joint="a"/><motor joint="a"/>')
+    linear = linearize(of, mujoco.MjData(of), "tool", None)
+    assert linear.B.shape[1] == 2
+    np.testing.assert_array_equal(linear.C_active, [[1.0] + [0.0] * 5])
+
+
+CROSSED = """
+<mujoco>
+  <worldbody>
+    <body><joint name="a"/><geom size="0.1"/>
+    <body><joint name="b"/><geom size="0.1"/>
+    <body><joint name="c"/><geom size="0.1"/>
+    <body><joint/><geom size="0.1"/></body></body></body></body>
+  </worldbody>
+  <actuator>
+    <motor name="b" joint="a"/><motor name="a" joint="b"/>
+    <motor name="push" joint="c"/><motor name="pull" joint="c"/>
+    <general name="c" tendon="rope"/><motor tendon="wire"/>
+  </actuator>
+  <tendon><fixed name="rope"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed>
+    <fixed name="wire"><joint joint="b" coef="1"/><joint joint="c" coef="1"/></fixed></tendon>
+</mujoco>
+"""
+
+
+def test_an_actuator_has_one_name_and_answers_to_its_joints():
+    """The file's own wins, also where it is the name of another's joint; two share their joint's.
+
+    Of the two motors of joint "c" the other names come next, as "c" is an actuator of the file.
+    """
+    known = names_of(drives(mujoco.MjModel.from_xml_string(CROSSED)))
+    assert [own for own, *_ in known] == ["b", "a", "push", "c", "wire"]
+    for k, names in enumerate(known):
+        assert number_of(names[0], known) == k
+    assert [number_of(name, known) for name in ("pull", "rope", "number 5")] == [2, 3, 4]
+
+
+def test_digits_are_a_name_first_and_then_a_number():
+    """Some hands call their joints 0, 1, ... in another order than their actuators are in."""
+    assert number_of("0", [("a", "2"), ("b", "0"), ("c", "1")]) == 1
+    assert number_of("2", [("a",), ("b",), ("c",)]) == 2
+    with pytest.raises(ValueError, match='no actuator or joint "3"'):
+        number_of("3", [("a",), ("b",), ("c",)])
+
+
+# Locks that are added to a file.
+
+
+MANY = """
+<body name="away" pos="2 0 0"><joint name="a"/><geom size="0.1"/><site name="tip" pos="0.2 0 0"/>
+  <body><joint name="b"/><geom size="0.1"/>
+    <body><joint name="round" type="ball"/><geom size="0.1"/>
+      <body><joint name="c" type="slide"/><geom size="0.1"/></body></body></body></body>
+"""

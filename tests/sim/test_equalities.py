@@ -1,0 +1,271 @@
+"""Closures: their rows are the slopes of their gaps, whatever else is in the model."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim import Body, CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
+from tests.models import model
+from tests.motions import check_slope, shifted
+from tests.sim.machines import SPARSE, at, closed, opened
+
+STORAGE = {"dense": (), "sparse": (SPARSE,)}
+ROWS = 3 * 3 + 6 + 1 + 1
+"""Of `all_closures`."""
+stored = pytest.mark.parametrize("storage", STORAGE.values(), ids=STORAGE)
+
+
+def gaps(of: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """How far each closure is open, row by row."""
+    mujoco.mj_fwdPosition(of, data)
+    return data.efc_pos[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)].copy()
+
+
+@stored
+def test_rows_are_slopes_of_gaps(storage):
+    """At a closed pose, along every velocity, admissible or not."""
+    of = model("all_closures", *storage)
+    units = np.eye(of.nv)
+    for seed in range(4):
+        data = closed(of, seed)
+
+        def opening(h: float, data: mujoco.MjData = data) -> np.ndarray:
+            return np.array([gaps(of, shifted(of, data, h * e)) for e in units]).T
+
+        J_C = jacobians(of, data, "tool").J_C
+        assert J_C.shape == (ROWS, of.nv)
+        check_slope(J_C, opening, h=4e-3, most=1e-4)
+
+
+@stored
+def test_contacts_limits_and_dry_friction_have_no_rows(storage):
+    """They are at work in the physics."""
+    of = model("all_closures", *storage)
+    data = mujoco.MjData(of)
+    mujoco.mj_fwdPosition(of, data)  # finds the contacts
+    full = jacobians(of, data, "tool").J_C
+    at_work = {mujoco.mjtConstraint(kind).name for kind in data.efc_type}
+    assert {"mjCNSTR_FRICTION_DOF", "mjCNSTR_LIMIT_JOINT", "mjCNSTR_CONTACT_PYRAMIDAL"} < at_work
+    none = mujoco.mjtDisableBit
+    of.opt.disableflags |= int(none.mjDSBL_CONTACT | none.mjDSBL_LIMIT | none.mjDSBL_FRICTIONLOSS)
+    np.testing.assert_array_equal(jacobians(of, data, "tool").J_C, full)
+    assert len(full) == data.nefc == ROWS
+
+
+def test_an_equality_counts_while_it_is_active():
+    of, rod = model("all_closures"), Body("rod1")  # which moves whatever is open
+    data = mujoco.MjData(of)
+    closed_rows = jacobians(of, data, rod).J_C
+    data.eq_active[of.equality("brake").id] = True
+    braked = jacobians(of, data, rod).J_C
+    np.testing.assert_array_equal(braked[:ROWS], closed_rows)
+    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("drum").dofadr)
+    data.eq_active[of.equality("grip").id] = False
+    assert len(jacobians(of, data, rod).J_C) == ROWS + 1 - 6
+    with pytest.raises(ModelError, match="no actuator moves 'tool'"):  # it has been let go
+        jacobians(of, data, "tool")
+    data.eq_active[:] = False
+    assert jacobians(of, data, rod).J_C.shape == (0, of.nv)
+
+
+@pytest.mark.parametrize("flag", ["EQUALITY", "CONSTRAINT"])
+def test_active_equalities_that_flags_disable_are_refused(flag):
+    """A closed mechanism must not pass for an open one."""
+    of = model("five_bar")
+    of.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+    with pytest.raises(ModelError, match="equalities are active, and the model's flags disable"):
+        jacobians(of, mujoco.MjData(of), "tool")
+    of.eq_active0[:] = False
+    assert jacobians(of, mujoco.MjData(of), "tool").J_C.shape == (0, 5)
+
+
+# Gaps.
+
+
+def test_open_loops_are_refused_beyond_the_tolerance():
+    of = model("five_bar")
+    data = opened(of, 0.01)
+    with pytest.raises(ClosureError, match=r"call sim\.assemble\(model, data\)"):
+        jacobians(of, data, "tool")
+    residual = jacobians(of, data, "tool", closure_tolerance=np.inf).closure_residual
+    assert residual == pytest.approx(np.abs(data.efc_pos).max())
+    unnamed = model("five_bar", ('connect name="pin"', "connect"))
+    with pytest.raises(ClosureError, match=r'equality 0 \(connect of "a2" and "b2"\) is open'):
+        jacobians(unnamed, opened(unnamed, 0.01), "tool")
+    of.eq_data[0, :3] = np.nan
+    with pytest.raises(ModelError, match="an equality of the model is not finite"):
+        jacobians(of, data, "tool")
+    data.qpos[3] = np.inf
+    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
+        jacobians(of, data, "tool")
+
+
+def test_a_weld_is_closed_in_radians_whatever_its_torquescale():
+    """At a torquescale of 1e-3 MuJoCo's own residual is a two-thousandth of the angle."""
+    of = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
+      <body name="a"><joint name="a" axis="0 0 1"/><geom size="0.1"/><site name="tool"/>
+        <body name="b" pos="0 0 1"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
+      </worldbody><equality><weld name="grip" body1="b" torquescale="1e-3"/></equality>
+      <actuator><motor joint="a"/></actuator></mujoco>""")
+    data = at(of, b=1e-4)
+    assert jacobians(of, data, "tool").closure_residual == pytest.approx(1e-4, rel=1e-6)
+    assert np.abs(assemble(of, data).qpos).max() < 1e-10
+
+
+def test_welds_and_connects_between_sites_have_one_common_point_too():
+    of = model(
+        "parallelogram",
+        ('<connect name="pin" body1="bar" body2="right" anchor="0.4 0 0"/>', TIES),
+        ('<site name="tool"', '<site name="end" pos="0.4 0 0"/><site name="tool"'),
+        ('<body name="right" pos="0.4 0 0">', FAR),
+    )
+    J_C = jacobians(of, opened(of, 2e-4), "tool").J_C
+    assert J_C.shape == (9, of.nv)
+    assert np.abs(J_C[:, of.joint("base").dofadr[0]]).max() < 1e-15
+
+
+TIES = '<connect site1="end" site2="top"/><weld body1="right" body2="far"/>'
+FAR = """<body name="far" pos="0.4 0 0.3"><joint type="ball"/><joint type="slide" axis="1 0 0"/>
+  <joint type="slide" axis="0 0 1"/><geom fromto="0 0 0 0 0 0.1"/></body>
+  <body name="right" pos="0.4 0 0"><site name="top" pos="0 0 0.3"/>"""
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 0.7])
+def test_a_crank_too_many_takes_no_freedom_from_a_linear_model(turn):
+    """Three parallel cranks have one freedom; closed to 1e-11, the third is no constraint more."""
+    third = """<body name="third" pos="0.2 0 0"><joint name="third" axis="0 1 0"/>
+      <geom fromto="0 0 0 0 0 0.3"/></body><body name="right" pos="0.4 0 0">"""
+    of = model(
+        "parallelogram",
+        ('<joint name="base" axis="0 0 1"/>', ""),
+        ('<motor name="turn" joint="base"/>', ""),
+        ('<body name="right" pos="0.4 0 0">', third),
+        ("</equality>", '<connect body1="bar" body2="third" anchor="0.2 0 0"/></equality>'),
+    )
+    closed = assemble(of, at(of, left=turn + 1e-3, bar=-turn, third=turn, right=turn))
+    closed.joint("right").qpos += 2e-11
+    assert len(linearize(of, closed, site="tool", axes=None).A) == 2
+
+
+# What MuJoCo leaves out.
+
+FLEX = """
+<mujoco>
+  <worldbody>
+    <body pos="0 0 2">
+      <joint name="a"/><geom size="0.1"/>
+      <body name="hand" pos="0.3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/>{held}
+      </body>
+    </body>{beside}
+  </worldbody>
+  <equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>{ties}</equality>
+  <actuator><motor joint="a"/></actuator>
+</mujoco>
+"""
+CLOTH = """
+<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
+          mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>
+"""
+PLACES = {
+    "beside": {"beside": CLOTH.format("")},
+    "in the hand": {"held": CLOTH.format('<pin id="0 2"/>')},
+    "tied": {
+        "beside": CLOTH.format('<pin id="8"/>'),
+        "ties": '<weld body1="hand" body2="cloth_0"/>',
+    },
+}
+
+
+def cloth(where: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A robot, and a cloth beside it, in its hand, or from its hand to the world."""
+    parts = {"held": "", "beside": "", "ties": ""} | PLACES[where]
+    of = mujoco.MjModel.from_xml_string(FLEX.format(**parts))
+    return of, mujoco.MjData(of)
+
+
+@pytest.mark.parametrize("where", ["beside", "in the hand"])
+def test_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where):
+    """Also by `assemble`; the robot's own loop, whose row comes after the cloth's, stays closed."""
+    model, data = cloth(where)
+    data.joint("a").qpos, data.joint("b").qpos = 0.3, 0.5
+    with pytest.warns(RuntimeWarning, match="flex.* is left out"):
+        closed = assemble(model, data)
+    assert closed.joint("b").qpos == pytest.approx(2.0 * closed.joint("a").qpos, abs=1e-9)
+    jac = jacobians(model, closed, "tool")
+    assert any("flex" in sentence and "left out" in sentence for sentence in jac.warnings)
+    row = np.zeros((1, model.nv))
+    row[0, model.joint("b").dofadr], row[0, model.joint("a").dofadr] = 1.0, -2.0
+    np.testing.assert_array_equal(jac.J_C, row)
+    expected = np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, closed, expected, None, model.site("tool").id)
+    np.testing.assert_array_equal(jac.J_T[3:], expected)
+    closed.eq_active[model.eq_type == mujoco.mjtEq.mjEQ_FLEX] = 0
+    assert not any("flex" in sentence for sentence in jacobians(model, closed, "tool").warnings)
+
+
+def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
+    model, data = cloth("tied")
+    for ask in (
+        lambda: jacobians(model, data, "tool", closure_tolerance=np.inf),
+        lambda: assemble(model),
+    ):
+        with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
+            ask()
+    of_flex = model.eq_type == mujoco.mjtEq.mjEQ_FLEX
+    model.eq_active0[of_flex], data.eq_active[of_flex] = 0, 0
+    jacobians(model, assemble(model), "tool")
+    jacobians(model, data, "tool", closure_tolerance=np.inf)
+
+
+SLEEPER = """
+<mujoco>
+  <option gravity="0 0 0"><flag sleep="enable"/></option>
+  <worldbody>
+    <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
+    <body sleep="allowed" pos="3 0 0">
+      <joint name="b" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/>
+      <site name="tool" pos="0.3 0 0"/>
+    </body>
+    <body sleep="allowed" pos="9 0 0"><freejoint/><geom size="0.1"/></body>
+  </worldbody>
+  <tendon>
+    <fixed name="cable"><joint joint="a" coef="1"/><joint joint="b" coef="3"/></fixed>
+  </tendon>
+  <equality><joint joint1="a" joint2="b"/></equality>
+  <actuator><motor {drive}/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("drive", ['joint="a"', 'tendon="cable"', 'site="tool" gear="0 0 1 0 0 0"'])
+def test_what_sleeps_has_the_jacobians_that_it_has_awake(drive):
+    """MuJoCo leaves rows of equalities and transmissions that sleep out; the frames are there."""
+    model = mujoco.MjModel.from_xml_string(SLEEPER.format(drive=drive))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.2, 0.2, 9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    mujoco.mj_step(model, data, 2000)
+    assert data.ntree_awake == 0
+    asleep = jacobians(model, data, ["tool", CenterOfMass()])
+    closed = assemble(model, data)
+    assert data.ntree_awake == 0  # as it was
+    model.opt.enableflags = 0
+    awake = jacobians(model, data, ["tool", CenterOfMass()])
+    assert len(awake.J_C) == 1 + ("joint" not in drive)
+    np.testing.assert_array_equal(asleep.J_T, awake.J_T)
+    np.testing.assert_array_equal(asleep.J_C, awake.J_C)
+    np.testing.assert_array_equal(asleep.accuracy.J_C_error, awake.accuracy.J_C_error)  # type: ignore[union-attr]
+    np.testing.assert_allclose(closed.qpos, data.qpos, atol=1e-9)
+
+
+def test_an_equality_that_is_switched_on_in_its_sleep_is_closed():
+    model = mujoco.MjModel.from_xml_string(SLEEPER.format(drive='joint="a"'))
+    data = mujoco.MjData(model)
+    data.eq_active[0] = 0
+    data.qpos[0] = 0.2
+    mujoco.mj_step(model, data, 2000)
+    assert data.ntree_awake == 0
+    data.eq_active[0] = 1
+    with pytest.raises(ClosureError, match=r"open by 0\.2"):
+        jacobians(model, data, "tool")
+    a, b = assemble(model, data).qpos[:2]
+    assert a == pytest.approx(b, abs=1e-9)

@@ -1,0 +1,310 @@
+"""Task functions: the Jacobian of each is the slope of its error on the manifold of positions."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sim import (
+    MODELS,
+    Body,
+    CenterOfMassTask,
+    DampingTask,
+    FrameTask,
+    JacobianReader,
+    JointCouplingTask,
+    LookAtTask,
+    ModelError,
+    Pose,
+    PostureTask,
+    Relative,
+    RelativeFrameTask,
+    load_model,
+    pose_error,
+)
+from sim.kinematics.pose import way_between
+from sim.mjcf import one_half_turn
+from sim.mjcf.frame import rotation_vector
+from tests.motions import change, shifted
+
+H = 1e-6
+POINT = np.array([0.7, -0.4, 1.1])
+TURNED = Pose(Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), POINT)
+
+
+@cache
+def humanoid() -> mujoco.MjModel:
+    return load_model(MODELS / "humanoid.xml")
+
+
+@cache
+def ball_arm() -> mujoco.MjModel:
+    """A slide, a ball joint and a hinge."""
+    return mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body>
+      <joint name="slide" type="slide" axis="1 2 0"/><geom size="0.1"/>
+      <body pos="0.2 0.1 0"><joint name="ball" type="ball" pos="0 0 0.1"/>
+        <geom size="0.1" pos="0.3 0 0"/><site name="tip" pos="0.4 0.1 0" euler="10 20 30"/>
+        <body name="last" pos="0.5 0 0"><joint name="hinge" axis="0 1 1"/>
+          <geom size="0.1" pos="0 0.2 0"/><site name="end" pos="0 0.3 0"/></body></body></body>
+      </worldbody>
+      <actuator><motor joint="slide"/><motor joint="hinge"/></actuator></mujoco>""")
+
+
+def somewhere(model, seed=0):
+    """A random state."""
+    step = np.random.default_rng(seed).normal(scale=0.4, size=model.nv)
+    return shifted(model, mujoco.MjData(model), step)
+
+
+def slopes(model, data, function):
+    """How fast a function of the state grows with each velocity, (k, nv): central differences."""
+    columns = [
+        (function(shifted(model, data, H * e)) - function(shifted(model, data, -H * e))) / (2 * H)
+        for e in np.eye(model.nv)
+    ]
+    return np.column_stack(columns)
+
+
+def check_slopes(model, data, located, atol=1e-8):
+    """The Jacobian says how fast the error falls."""
+    falling = -slopes(model, data, lambda there: located.error(model, there))
+    np.testing.assert_allclose(located.jacobian(model, data), falling, atol=atol)
+
+
+def here(model, data, frame, root=None):
+    """Where a frame is, as the target of a task."""
+    at = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
+    R, p = at.xmat.reshape(3, 3).copy(), at.xpos.copy()
+    if root is None:
+        return Pose(R, p)
+    from_root = data.site(root)
+    R0 = from_root.xmat.reshape(3, 3)
+    return Pose(R0.T @ R, R0.T @ (p - from_root.xpos))
+
+
+FRAMES = {
+    "humanoid": (humanoid, "right_hand", "left_foot"),
+    "ball joint": (ball_arm, "end", "tip"),
+    "a body": (ball_arm, Body("last"), "tip"),
+}
+every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=FRAMES)
+
+
+@every_frame
+def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
+    model = make()
+    data = somewhere(model)
+    at, seen = here(model, data, frame), here(model, data, frame, root)
+    for task in (
+        FrameTask(frame, target=at),
+        FrameTask(frame, target=at, axes=frame, rows=[1, 3, 5]),
+        RelativeFrameTask(frame, root, target=seen),
+        RelativeFrameTask(frame, root, target=seen, rows=[4, 0]),
+    ):
+        located = task.on(model)
+        np.testing.assert_allclose(located.error(model, data), 0.0, atol=1e-12)
+        assert located.jacobian(model, data).shape == (len(located.angular), model.nv)
+        check_slopes(model, data, located)
+
+
+@every_frame
+def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
+    """Seen from a root that turns, the way turns as well: there, of the position."""
+    model = make()
+    data = somewhere(model)
+    for target in (TURNED, POINT):
+        located = FrameTask(frame, target=target, rows=[3, 4, 5]).on(model)
+        assert np.linalg.norm(located.error(model, data)) > 0.1
+        check_slopes(model, data, located)
+    located = RelativeFrameTask(frame, root, target=POINT, rows=[3, 4, 5]).on(model)
+    rate = slopes(model, data, lambda there: here(model, there, frame, root).translation_m)
+    np.testing.assert_allclose(located.jacobian(model, data), rate, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_frame_turns_to_its_target_about_one_axis(seed):
+    """And its error is that of `pose_error`; so it is from a root, in axes of the root."""
+    model, data = humanoid(), somewhere(humanoid(), seed)
+    hand = data.site("right_hand")
+    way = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
+    np.testing.assert_allclose(way, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
+    turned = Rotation.from_rotvec(way[:3]).as_matrix() @ hand.xmat.reshape(3, 3)
+    np.testing.assert_allclose(turned, TURNED.rotation)
+    np.testing.assert_allclose(hand.xpos + way[3:], POINT)
+    # A position leaves the rotation as it is.
+    assert not FrameTask("right_hand", target=POINT).on(model).error(model, data)[:3].any()
+    task = RelativeFrameTask("right_hand", "left_foot", target=TURNED)
+    R = data.site("left_foot").xmat.reshape(3, 3)
+    found = (task.on(model).error(model, data).reshape(2, 3) @ R.T).ravel()
+    expected = pose_error(model, data, Relative("right_hand", "left_foot"), TURNED)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, 3.0, np.pi - 1e-6, np.pi])
+def test_a_way_turns_as_mujoco_says(angle):
+    """To round-off of the matrices, and of a half turn about the same of its two axes."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        axis = np.eye(3)[seed % 3] if seed % 2 else rng.normal(size=3)
+        axis *= rng.choice([-1.0, 1.0]) / np.linalg.norm(axis)
+        turn, here = Rotation.from_rotvec(angle * axis), Rotation.random(random_state=seed)
+        R, R_to = here.as_matrix(), (turn * here).as_matrix()
+        way = way_between(R, POINT, R_to, POINT + axis)
+        np.testing.assert_allclose(way[:3], rotation_vector(R_to @ R.T), rtol=0, atol=1e-14)
+        np.testing.assert_array_equal(way[3:], (POINT + axis) - POINT)
+        np.testing.assert_allclose(way[:3], one_half_turn(angle * axis), rtol=0, atol=3e-15)
+
+
+@pytest.mark.parametrize("rows", [[5], [1, 2], [2, 0, 4], [3, 4, 5, 0, 1, 2]])
+@pytest.mark.parametrize("kind, more", [(FrameTask, ()), (RelativeFrameTask, ("left_foot",))])
+def test_rows_come_in_the_order_in_which_they_are_named(rows, kind, more):
+    model, data = humanoid(), somewhere(humanoid())
+    there, found = (
+        kind("right_hand", *more, target=TURNED, rows=named).on(model) for named in (range(6), rows)
+    )
+    for method in ("error", "jacobian"):
+        A = getattr(there, method)(model, data)
+        np.testing.assert_array_equal(getattr(found, method)(model, data), A[rows])
+    assert found.angular == tuple(np.array(there.angular)[rows])
+
+
+@pytest.mark.parametrize("body", [None, "waist_pitch"])
+def test_a_centre_of_mass_moves_as_its_rows_say(body):
+    model, data = humanoid(), somewhere(humanoid())
+    located = CenterOfMassTask(body, rows=[2, 0], target=POINT).on(model)
+    check_slopes(model, data, located)
+    top = 0 if body is None else model.body(body).id
+    carried = [k for k in range(1, model.nbody) if top in parents(model, k)]
+    center = model.body_mass[carried] @ data.xipos[carried] / model.body_mass[carried].sum()
+    np.testing.assert_allclose(located.error(model, data), (POINT - center)[[2, 0]])
+
+
+def parents(model, body):
+    """A body and all that carry it."""
+    return {0} if not body else {body} | parents(model, int(model.body_parentid[body]))
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 0.0, -2.0], [0.3, -0.5, 0.7]])
+@pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (ball_arm, "tip")])
+def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, axis):
+    model = make()
+    data = somewhere(model)
+    at = data.site(frame)
+    target = at.xpos + 0.8 * at.xmat.reshape(3, 3) @ axis / np.linalg.norm(axis)
+    located = LookAtTask(frame, axis, target=target).on(model)
+    np.testing.assert_allclose(located.error(model, data), 0.0, atol=1e-8)
+    check_slopes(model, data, located, atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
+    """From anywhere: the slope of the angle is that of the error's length."""
+    model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
+    data = somewhere(model, seed)
+    located = LookAtTask("right_hand", axis, target=POINT).on(model)
+
+    def angle(there: mujoco.MjData) -> float:
+        hand = there.site("right_hand")
+        sight, gaze = POINT - hand.xpos, hand.xmat.reshape(3, 3) @ axis
+        return np.arccos(gaze @ sight / np.linalg.norm(sight) / np.linalg.norm(axis))
+
+    way = located.error(model, data)
+    along = way / np.linalg.norm(way) @ located.jacobian(model, data)
+    np.testing.assert_allclose(along, -slopes(model, data, angle)[0], atol=1e-7)
+
+
+@pytest.mark.parametrize("way, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
+def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(way, missing):
+    model = ball_arm()
+    data = shifted(model, mujoco.MjData(model), np.zeros(model.nv))  # exactly
+    at = data.site("end")
+    located = LookAtTask("end", [1, 0, 0], target=at.xpos + way * at.xmat[::3]).on(model)
+    error = np.linalg.norm(located.error(model, data))
+    np.testing.assert_allclose(error, missing, atol=1e-7)
+    assert np.isfinite(located.jacobian(model, data)).all()
+
+
+def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
+    model, data = humanoid(), somewhere(humanoid())
+    home = model.qpos0
+    located = PostureTask(target=home).on(model)
+    away = change(model, home, data.qpos)
+    np.testing.assert_allclose(located.error(model, data), -away[6:])
+    np.testing.assert_array_equal(located.velocities, np.arange(6, 35))
+    knees = PostureTask(joints=["right_knee", "left_knee"], target=home).on(model)
+    expected = [model.joint(f"{side}_knee").dofadr[0] for side in ("left", "right")]
+    np.testing.assert_array_equal(knees.velocities, sorted(expected))
+    np.testing.assert_allclose(knees.error(model, data), -away[sorted(expected)])
+    damped = DampingTask().on(model)  # asks all joints for rest
+    assert len(damped.velocities) == model.nv and not damped.error(model, data).any()
+
+
+def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
+    model, data = ball_arm(), somewhere(ball_arm())
+    located = PostureTask(joints=["ball"], target=model.qpos0).on(model)
+    there = shifted(model, data, np.eye(model.nv)[1:4].T @ located.error(model, data))
+    assert abs(np.abs(there.qpos[1:5] @ model.qpos0[1:5]) - 1.0) < 1e-12
+
+
+def test_a_coupling_is_the_sum_of_positions():
+    model, data = ball_arm(), somewhere(ball_arm())
+    located = JointCouplingTask({"slide": 2.0, "hinge": -3.0}, target=0.5).on(model)
+    slide, hinge = data.joint("slide").qpos[0], data.joint("hinge").qpos[0]
+    np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * slide + 3 * hinge])
+    check_slopes(model, data, located)
+
+
+def test_rows_of_all_tasks_stack_and_their_accuracy_is_known():
+    """The entries' accuracy is that of rounded numbers: moved by half a digit they stay within."""
+    model = humanoid()
+    tasks = [
+        FrameTask("right_hand", rows=[3, 4, 5], target=POINT),
+        LookAtTask("left_hand", [0, 0, 1], target=POINT),
+        JointCouplingTask({"left_knee": 1.0, "right_knee": -1.0}),
+        PostureTask(target=model.qpos0),
+    ]
+    jac = JacobianReader(model, tasks, active=["root"]).at(somewhere(model))
+    assert jac.J_T.shape == (3 + 2 + 1 + 29, 35)
+    assert [jac.rows[task].stop for task in tasks] == [3, 5, 6, 35]
+    np.testing.assert_array_equal(jac.J_T[6:], np.eye(35)[6:])
+    assert jac.accuracy is not None and jac.accuracy.task_units.shape == (35,)
+    np.testing.assert_array_equal(jac.accuracy.task_units[3:], 1.0)
+    assert np.isfinite(jac.accuracy.J_T_error).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: FrameTask("a", rows=[]), "rows must have one at least"),
+        (lambda: LookAtTask("a", [0.0, 0.0, 0.0]), "axis must have a length"),
+        (lambda: JointCouplingTask({}), "coefficients must name a joint"),
+    ],
+)
+def test_a_task_of_nothing_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_what_a_model_does_not_have_is_refused_with_the_remedy():
+    model = ball_arm()
+    data = mujoco.MjData(model)
+    with pytest.raises(ModelError, match='"ball" is no slide and no hinge'):
+        JointCouplingTask({"ball": 1.0}).on(model)
+    with pytest.raises(ModelError, match='did you mean "tip"'):
+        FrameTask("tipp").on(model)
+    with pytest.raises(ValueError, match="must be set before"):
+        FrameTask("tip").on(model).error(model, data)
+    with pytest.raises(ValueError, match="target of"):
+        PostureTask(target=[1.0]).on(model).error(model, data)
+
+
+def test_a_target_is_checked_when_it_is_set_and_is_a_copy():
+    task, point = FrameTask("tip"), POINT.copy()
+    task.target = point
+    point[:] = 0.0
+    np.testing.assert_array_equal(task.target, POINT)
+    with pytest.raises(ValueError, match="target"):
+        task.target = [1.0, np.nan, 0.0]
+    np.testing.assert_array_equal(task.target, POINT)

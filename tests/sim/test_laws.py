@@ -1,0 +1,78 @@
+"""Records of `sim`: no array in them can be written to, by whoever made or got one."""
+
+import dataclasses
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import sim
+from fjh.rig.hexapod import closed_form
+from fjh.rig.hexapod.coil import Coils
+from sim import NOMINAL, Mechanism, Plant
+from sim.plant import MaxwellSlip
+from tests.frozen import writable
+
+POSE = {"rotation": np.eye(3), "translation_m": np.zeros(3)}
+MADE: dict[type, dict[str, Any]] = {
+    sim.Pose: POSE,
+    closed_form.Posture: POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": np.eye(6)},
+    closed_form.Hexapod: {"bottom_m": np.eye(6)[:, :3], "top_m": np.eye(6)[:, :3] + 1.0},
+    Coils: {
+        "resistance_ohm": 5.0,
+        "heat_capacity_j_per_k": 4.0,
+        "thermal_resistance_k_per_w": np.full(2, 1.5),
+        "ambient_c": 20.0,
+    },
+    MaxwellSlip: {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))},
+}
+"""Records that anybody can make, and of what."""
+
+
+@cache
+def given() -> list[Any]:
+    """Records that the package makes."""
+    model = sim.load_model()
+    machine = closed_form.hexapod(model)
+    return [
+        Plant(model).pose(),
+        NOMINAL.moved(np.ones(6)),
+        machine.posture(NOMINAL),
+        machine.moved(NOMINAL, np.full(6, 1e-5)),
+        sim.jacobians(model, mujoco.MjData(model), "payload", "base"),
+        Mechanism(model, site="payload").nominal,
+        Plant(model).linear(),
+        sim.ranges(model),
+    ]
+
+
+def test_every_record_with_arrays_is_listed_and_cannot_be_written_to():
+    """A new one is added above."""
+    for record in given():
+        assert list(writable(sim, type(record).__name__, record)) == []
+    frozen = {
+        each
+        for each in vars(sim).values()
+        if isinstance(each, type)
+        and dataclasses.is_dataclass(each)
+        and not issubclass(each, sim.TaskFunction)  # its target may be set
+        and any("Array" in str(field.type) for field in dataclasses.fields(each))
+    }
+    assert frozen - {*MADE, *map(type, given())} == set()
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_a_record_does_not_change_with_what_it_was_made_of(kind):
+    mine = {
+        name: value.copy() if isinstance(value, np.ndarray) else value
+        for name, value in MADE[kind].items()
+    }
+    record = kind(**mine)
+    assert list(writable(sim, kind.__name__, record)) == []
+    for name, value in mine.items():
+        if isinstance(value, np.ndarray):
+            before = getattr(record, name).copy()
+            value[...] = 7  # and it can be: it is the caller's own
+            np.testing.assert_array_equal(getattr(record, name), before)

@@ -1,0 +1,315 @@
+"""Files: every broken number is one sentence, locks are added, and MuJoCo's warnings are logged."""
+
+import logging
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
+from sim.mjcf import element_id
+from sim.scene import robot_scene
+from tests.models import FOLDER, saved, text
+from tests.sim.machines import SHIPPED
+
+
+def written(folder: Path, content: str) -> Path:
+    file = folder / "robot.xml"
+    file.write_text(content)
+    return file
+
+
+HUGE = ("inf", "-1e300", "1e20")
+BROKEN = {  # what is replaced, by what, and which sentence names it
+    'timestep="0.002"': ("timestep", ("1e9", "1e-9", "0", "-1", "inf")),
+    'gravity="0 0 -9.81"': ("gravity", ("0 0 1e20", "0 inf 0")),
+    'density="0"': ("density", HUGE),
+    'extent="1"': ("extent", ("inf", "1e300")),
+    'pos="0 0 0"': ('pos of body "arm"', ("0 0 1e20", "inf 0 0")),
+    'pos="0 0 0.1"': ('pos of site "tip"', ("0 0 1e20", "inf 0 0")),
+    'mass="1"': ('inertia of body "arm"', ("inf", "1e300", "1e20")),
+    'friction="1"': ('friction of geom "ball"', HUGE),
+    'damping="1"': ('damping of joint "hinge"', (*HUGE, "-1")),
+    'stiffness="0"': ('stiffness of joint "hinge"', HUGE),
+    'armature="0"': ('armature of joint "hinge"', (*HUGE, "-1")),
+    'frictionloss="0"': ('frictionloss of joint "hinge"', (*HUGE, "-1")),
+    'springref="0"': ('qpos_spring of joint "hinge"', HUGE),
+    'damping="2"': ('damping of tendon "cord"', (*HUGE, "-1")),
+    'kp="10"': ('of actuator "servo"', HUGE),
+    'gear="1"': ('gear of actuator "servo"', HUGE),
+    'qpos="0.5"': ('qpos of key "home"', HUGE),
+    'ctrl="0.5"': ('ctrl of key "home"', HUGE),
+}
+CASES = [(old, new, name) for old, (name, values) in BROKEN.items() for new in values]
+CASES += [
+    (old, "NaN", f"{old.partition('=')[0]} of ")
+    for old in (*BROKEN, 'range="-1 1"', 'ctrlrange="-1 1"')
+]
+
+
+def broken(folder: Path, old: str, new: str, content: str = "") -> Path:
+    """A machine with one attribute replaced."""
+    content = content or text("checked")
+    assert old in content
+    return written(folder, content.replace(old, f'{old.partition("=")[0]}="{new}"', 1))
+
+
+def refused(file: Path) -> str:
+    """The sentence; its path is left out."""
+    with pytest.raises(ModelError) as error:
+        load_model(file)
+    sentence = str(error.value)
+    assert sentence.startswith(f"{file}: ") and "\n" not in sentence
+    return sentence.removeprefix(f"{file}: ")
+
+
+@pytest.mark.parametrize(("old", "new", "named"), CASES)
+def test_an_absurd_number_is_refused_with_the_name_of_its_element(tmp_path, old, new, named):
+    """NaN even where MuJoCo takes it for a number that is not stated: of a mass, the density."""
+    said = refused(broken(tmp_path, old, new))
+    assert named in said and (" must be " in said or new == "NaN")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('range="-1 1"', "-inf inf"), ('name="tip"', "nan"), ('mass="1"', "1e-6")]
+)
+def test_what_may_be_infinite_small_or_a_name_is_accepted(tmp_path, old, new):
+    assert load_model(broken(tmp_path, old, new)).nsite == 1
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "<mujoco",
+        "<mujoco><wheel/></mujoco>",
+        '<mujoco><option timestep="0"/></mujoco>',
+        '<mujoco><worldbody><body><joint name="{a}"/></body></worldbody></mujoco>',
+    ],
+)
+def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, content):
+    file, said = written(tmp_path, content), []
+    for add_locks in (False, True):
+        with pytest.raises(ModelError) as refused:
+            load_model(file, add_locks=add_locks)
+        said.append(str(refused.value))
+    assert said[0] == said[1]
+    assert "\n" not in said[0]
+    with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
+        load_model(tmp_path / "absent.xml", add_locks=True)
+
+
+def test_assets_in_folders_beside_the_file_are_found(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "meshes" / "link.obj").write_text(corners)
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "mesh.xml").write_text(
+        '<mujoco><asset><mesh name="link" file="link.obj"/></asset></mujoco>'
+    )
+    here = '<compiler meshdir="meshes"/><include file="parts/mesh.xml"/><worldbody>'
+    mesh = '<geom type="mesh" mesh="link" mass="0.1"/>'
+    capsule = 'type="capsule" size="0.02" fromto="0 0 0 0 0 -0.3" '
+    changes = ("<worldbody>", here), ("<geom/>", mesh), (capsule, "")
+    file = saved(tmp_path, "three_joints", *changes)
+    model = load_model(file, add_locks=True)
+    assert (model.nmesh, model.neq) == (1, 3)
+
+
+# Locks.
+
+
+def equalities(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """All that MuJoCo knows of them; of their numbers, those that are used."""
+    names = ("type", "obj1id", "obj2id", "objtype", "active0", "solref", "solimp")
+    kept = {name: getattr(model, f"eq_{name}") for name in names}
+    constant = np.array([model.equality(k).data[0] for k in range(model.neq)])
+    return kept | {"name": [model.equality(k).name for k in range(model.neq)], "data": constant}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, name):
+    """Taken out of the file and added again, all equalities are as before."""
+    file = MODELS / f"{name}.xml"
+    content, count = re.subn(r'<joint name="lock\d+".*/>', "", file.read_text())
+    complete, bare = load_model(file), written(tmp_path, content)
+    assert count == complete.nu
+    assert load_model(bare).neq == complete.neq - count
+    for already in (file, bare):
+        added = equalities(load_model(already, add_locks=True))
+        for what, values in equalities(complete).items():
+            np.testing.assert_array_equal(added[what], values)
+
+
+MANY_DRIVES = """<equality><joint name="brake" joint1="b" active="{}"/></equality>
+  <actuator>
+    <motor tendon="cable"/><motor joint="round"/><motor site="tip" gear="1 0 0 0 0 0"/>
+    <position joint="a"/><velocity joint="a"/><motor joint="b"/><motor jointinparent="c"/>
+  </actuator>"""
+
+
+@pytest.mark.parametrize("braked", ["false", "true"])
+def test_each_joint_and_tendon_with_an_actuator_gets_one_lock(tmp_path, braked):
+    """Named after its first actuator; a joint that has one, of whatever name, keeps it."""
+    content = f"""<mujoco><worldbody><body><joint name="a"/><geom size="0.1"/><site name="tip"/>
+      <body><joint name="b"/><geom size="0.1"/><body><joint name="round" type="ball"/>
+      <geom size="0.1"/><body><joint name="c" type="slide"/><geom size="0.1"/>
+      </body></body></body></body></worldbody>
+      <tendon><fixed name="cable"><joint joint="a" coef="1"/></fixed></tendon>
+      {MANY_DRIVES.format(braked)}</mujoco>"""
+    model = load_model(written(tmp_path, content), add_locks=True)
+    held = {}
+    for k in range(model.neq):
+        on_tendon = model.eq_type[k] == mujoco.mjtEq.mjEQ_TENDON
+        part = (model.tendon if on_tendon else model.joint)(model.eq_obj1id[k])
+        held[model.equality(k).name] = part.name
+    assert held == {"brake": "b", "lock1": "cable", "lock4": "a", "lock7": "c"}
+    np.testing.assert_array_equal(model.eq_active0, [braked == "true", False, False, False])
+
+
+@pytest.mark.parametrize(
+    "taken",
+    [
+        '<joint name="lock2" joint1="hip" joint2="ankle"/>',
+        '<connect name="lock2" body1="shin" anchor="0 0 0"/>',
+    ],
+)
+def test_a_name_that_another_equality_has_is_refused(tmp_path, taken):
+    file = saved(tmp_path, "three_joints", ("<equality/>", f"<equality>{taken}</equality>"))
+    with pytest.raises(ModelError, match=r'^the lock of joint "knee" cannot be added: another'):
+        load_model(file, add_locks=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "ending"),
+    [
+        ("joint", "kneee", 'it has: hip, knee, ankle; did you mean "knee"?'),
+        ("joint", "wheel", "it has: hip, knee, ankle"),
+        ("actuator", "servo_hip", "it has: hip_servo, knee_servo, ankle_servo"),
+        ("equality", "lock1", "it has: none"),
+    ],
+)
+def test_only_a_similar_name_is_proposed(tmp_path, kind, name, ending):
+    with pytest.raises(ModelError) as refused:
+        element_id(load_model(saved(tmp_path, "three_joints")), kind, name)
+    assert str(refused.value) == f'the model has no {kind} named "{name}"; {ending}'
+
+
+def test_an_actuator_is_found_however_many_controls_others_have():
+    """An orientation servo is one actuator with three controls."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body>
+      <joint name="ball" type="ball"/><geom size="0.1"/></body></worldbody><actuator>
+      <orientation name="wrist" joint="ball"/><motor name="m1" joint="ball"/></actuator>
+      </mujoco>""")
+    assert element_id(model, "actuator", "m1") == 1
+    with pytest.raises(ModelError, match='no actuator named "hand"; it has: wrist, m1'):
+        element_id(model, "actuator", "hand")
+
+
+# MuJoCo's warnings.
+
+
+ODD = {
+    "odd.xml": "<mujoco><include file='part.xml'/></mujoco>",
+    "part.xml": "<mujoco><worldbody><geom size='1' mass='nan'/></worldbody></mujoco>",
+}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The current folder, with a machine file of which MuJoCo warns, and nothing else."""
+    monkeypatch.chdir(tmp_path)
+    for name, content in ODD.items():
+        (tmp_path / name).write_text(content)
+    yield tmp_path
+    assert {file.name for file in tmp_path.iterdir()} == set(ODD)
+
+
+def load_odd() -> None:
+    load_model("odd.xml")
+
+
+def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
+    with caplog.at_level(logging.WARNING, "sim"):
+        load_odd()
+    assert "NaN" in caplog.text
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("first", "shown"),
+    [
+        ("import sim", "stderr"),
+        ("import mujoco; mujoco.set_mju_user_warning(print); import sim", "stdout"),
+        ("import experiments.app.cli, sim", None),
+    ],
+)
+def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, first, shown):
+    """No program leaves MUJOCO_LOG.TXT in its folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"{first}; sim.load_model('odd.xml')"],
+        env={"PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    for stream in ("stdout", "stderr"):
+        assert ("NaN" in getattr(done, stream)) == (stream == shown)
+
+
+@pytest.mark.long
+def test_a_worker_leaves_no_file_of_warnings(here):
+    from fjh.study.workers import in_parallel
+
+    in_parallel(load_odd, [{}], lambda done, total: None)
+
+
+# URDF: MuJoCo compiles it, and what it does not state is asked for.
+
+ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
+
+
+def turned(axes: str, *angles: float) -> Rotation:
+    """About axes that turn along."""
+    return Rotation.from_euler(axes.upper(), angles)
+
+
+def test_a_urdf_file_moves_as_the_specification_of_urdf_says():
+    """A fixed joint's link stays a body; roll, pitch, yaw are about fixed axes, x first."""
+    model, q = load_model(ARM), np.array([0.3, -0.4])
+    data = mujoco.MjData(model)
+    for name, angle in zip(("shoulder", "elbow"), q, strict=True):
+        data.joint(name).qpos = angle
+    mujoco.mj_kinematics(model, data)
+    elbow = turned("zy", 0.4, 1.2 + q[1])
+    tool = turned("y", 0.5 + q[0]).apply(np.array([0, 0, 0.3]) + elbow.apply([0.05, 0, 0.25]))
+    np.testing.assert_allclose(data.body("tool").xpos, tool + np.array([0, 0, 0.2]), atol=1e-12)
+
+
+def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_path):
+    """As MJCF, with a servo at shoulder and elbow."""
+    spec = mujoco.MjSpec.from_file(str(ARM))
+    for name in ("shoulder", "elbow"):
+        kind = mujoco.mjtTrn.mjTRN_JOINT
+        spec.add_actuator(name=name, target=name, trntype=kind).set_to_position(kp=500, kv=30)
+    spec.compile()
+    model = load_model(written(tmp_path, spec.to_xml()))
+    jac = jacobians(model, assemble(model), site=TOOL)
+    elbow, follower = (model.joint(name).dofadr[0] for name in ("elbow", "follower"))
+    (row,) = jac.J_C / jac.J_C[0, follower]
+    assert row[elbow] == pytest.approx(2.0)
+    assert jac.active.tolist() == [model.joint("shoulder").dofadr[0], elbow]
+    np.testing.assert_array_equal(jac.force_range, [[-80, 80], [-60, 60]])
+
+
+def test_a_urdf_file_without_actuators_is_refused_with_the_remedy():
+    """By the Jacobians, and by the robot that is to fly, which blamed the task frame."""
+    model = load_model(ARM, add_locks=True)
+    with pytest.raises(ModelError, match="no enabled actuator"):
+        jacobians(model, assemble(model), site=TOOL)
+    with pytest.raises(ModelError, match="no enabled actuator"):
+        robot_scene(ARM, TOOL, None, mujoco.MjData)
