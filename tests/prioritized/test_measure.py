@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from prioritized import ConstrainedSystem, Kinematics, Status, Task
+from prioritized import ConstrainedSystem, Kinematics, Status, Task, failure_atlas
 from sim import Jacobians, jacobians
 from tests.profiles import scaled
 
@@ -19,6 +19,8 @@ _ARM = """<mujoco><compiler boundmass="1" boundinertia="1"/><worldbody>
           <site name="tip" pos="{l2} 0 {l1}"/></body></body></body></body></worldbody>
   <actuator><motor joint="a"/><motor joint="b"/><motor joint="c"/><motor joint="d"/></actuator>
 </mujoco>"""
+
+
 _TWIST = np.array([0.1, 0.2, -0.1, 0.3, 0.1, 0.2])
 
 
@@ -71,7 +73,7 @@ def test_no_norm_depends_on_the_unit_of_length(exponent):
         np.testing.assert_allclose(there[name], answer, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
-def test_what_is_measured_with_a_length_says_so_and_a_stated_metric_goes_before_it():
+def test_a_length_that_measures_is_told_and_a_stated_metric_is_first():
     """The mechanism's own length stands in the answer; a metric of the user's is the user's."""
     kin, _, _ = _arm(1.0)
     accuracy, length = _read(1.0)[0].accuracy, 1.2
@@ -172,7 +174,7 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("error", [0.0, 1e-6])
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e4, 1e8])
-def test_hinges_and_slides_have_one_verdict_and_one_answer_in_any_unit(unit, error):
+def test_hinges_and_slides_have_one_verdict_and_answer_in_any_unit(unit, error):
     """Reach, ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
     for seed in range(scaled(12)):
         here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)
@@ -202,3 +204,23 @@ def test_a_mapping_goes_over_to_another_failure_and_pose_in_their_units(seed):
         np.testing.assert_allclose(a.rates, b.rates, atol=1e-9)
         assert a.status is b.status
         np.testing.assert_allclose(there.joint, moved.joint, atol=1e-9)
+
+
+@pytest.mark.parametrize("exponent", range(-12, 7, 2))
+def test_a_planar_arm_moves_alike_in_every_unit_of_length(exponent):
+    """Its place alone is the major task; with one joint left it cannot do both directions."""
+    size, q = 10.0**exponent, np.cumsum([0.4, 0.9, -0.7])
+    x, y = (np.cumsum((np.array([0.3, 0.25, 0.2]) * f(q))[::-1])[::-1] for f in (np.cos, np.sin))
+    J, v = np.stack([np.ones(3), -size * y, size * x]), np.array([0.02, -0.05])
+    system = ConstrainedSystem(J, None, range(3))
+    for locked in ([], [2], [1, 2]):
+        kin = system.with_failures(locked).kinematics()
+        mapping = kin.velocity_mapping([1, 2], joint_weight=np.ones(3 - len(locked)))
+        is_possible = len(locked) < 2
+        assert (mapping.status is Status.EXACT) == is_possible
+        assert kin.manipulability([1, 2]).unmanipulable != is_possible
+        code = [[int(k in locked) for k in range(3)]]
+        assert failure_atlas(system, [1, 2], codes=code).possible[0] == is_possible
+        if is_possible:
+            oracle = np.linalg.pinv(J[1:, : len(kin.active)] / size) @ v
+            np.testing.assert_allclose(mapping(size * v), oracle, rtol=1e-9)
