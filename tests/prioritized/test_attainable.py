@@ -129,24 +129,6 @@ def test_no_limits_are_limits_that_are_wide_enough(data, drawn):
             assert ended.radius > 0
 
 
-@given(st.data(), systems(actives=(1, 4)))
-def test_a_rate_of_zero_is_a_lock_and_a_torque_of_zero_a_free_joint(data, drawn):
-    """By limits or by failure: the same velocities, the same forces. n-wide limits are cut."""
-    system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
-    major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
-    k = data.draw(st.integers(0, n - 1))
-    lower[k] = upper[k] = 0.0
-    kin, D = system.kinematics(), directions(drawn.rng, len(major))
-    sound = kin.attainable(major, (lower, upper))
-    locked = system.with_failures(locked=[k]).kinematics().attainable(major, (lower, upper))
-    np.testing.assert_allclose(sound.support(D), locked.support(D), atol=1e-7)
-    np.testing.assert_allclose(sound.radius, locked.radius, atol=1e-7)
-    held = kin.attainable_force(major, (lower, upper))
-    free = system.with_failures(free=[k]).kinematics().attainable_force(major, (lower, upper))
-    np.testing.assert_allclose(held.support(D), free.support(D), atol=1e-7)
-    np.testing.assert_allclose(held.radius, free.radius, atol=1e-7)
-
-
 @given(st.data(), systems(actives=(1, 4)), st.floats(0.1, 10.0))
 def test_twice_the_limits_are_twice_the_speed_and_force(data, drawn, factor):
     """The sets grow with the limits; a direction twice as long has twice the support."""

@@ -41,16 +41,6 @@ def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) 
 
 
 @given(st.data(), systems())
-def test_a_torque_failure_is_a_passive_joint_like_any_other(data, drawn):
-    """Section 2.3.1: a motor that exerts nothing might as well never have been there."""
-    system, n = drawn.system, len(drawn.system.active)
-    free = data.draw(st.sets(st.integers(0, n - 1)))
-    left = np.delete(system.active, sorted(free))
-    without = ConstrainedSystem(system.J_T, system.J_C, left)
-    assert_same_mechanism(without.kinematics(), system.with_failures(free=free).kinematics())
-
-
-@given(st.data(), systems())
 def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
     """Section 2.3.2: E under J_C for what is stuck, and all that failed among the passive."""
     failed = data.draw(failures(drawn.system))
@@ -81,22 +71,6 @@ def test_failures_come_in_any_order_and_may_be_told_twice(data, drawn):
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
     assert not drawn.system.failures.locked  # the sound one stays as it was
-
-
-@given(st.data(), systems(actives=(2, 4)))
-def test_a_locked_joint_leaves_all_motions_that_keep_it_still(data, drawn):
-    """Driven motions and self-motion of the locked model together are exactly these."""
-    n, N = len(drawn.system.active), drawn.system.J_T.shape[1]
-    locked = data.draw(st.sets(st.integers(0, n - 1), min_size=1))
-    kin = drawn.system.with_failures(locked=locked).kinematics()
-    Z = null(kin.active_constraint)
-    made = np.zeros((N, Z.shape[1] + kin.passive_self_motion.shape[1]))
-    made[kin.active, : Z.shape[1]] = Z
-    made[kin.passive] = np.hstack([kin.passive_gain @ Z, kin.passive_self_motion])
-    sound = motions(drawn.system)
-    still = sound @ null(sound[drawn.system.active[sorted(locked)]])
-    assert made.shape == still.shape
-    np.testing.assert_allclose(projector(np.linalg.qr(made)[0]), projector(still), atol=1e-7)
 
 
 @given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())

@@ -14,7 +14,6 @@ from tests.random_systems import (
     major_and_rest,
     null,
     of_rank,
-    rows_of,
     self_motions,
     stuck_joints,
     systems,
@@ -60,6 +59,15 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
     mapping = kin.force_mapping(major, None, W3, W4, major_metric=M, tie_metric=T)
     aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
     torques, f_s = mapping(*aims), mapping.secondary_force(*aims)
+    f = np.empty(m)
+    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), f_s
+    by_eq_16 = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*aims)
+    np.testing.assert_allclose(torques, by_eq_16, atol=1e-9)
+    # Nothing holds self-motion: forces do no work on it, and some major forces are out of reach.
+    np.testing.assert_allclose((system.J_T @ self_motions(system, kin)).T @ f, 0, atol=1e-9)
+    allowed = np.linalg.matrix_rank(null(kin.self_motion.T)[major], tol=1e-8)
+    assert mapping.rank == allowed
+    assert (mapping.status is Status.LEAST_SQUARES) == (allowed < m1)
 
     # Unknown are f and f_C; a stuck joint bears whatever comes, the moving ones nothing.
     bearing = np.setdiff1d(kin.passive, stuck_joints(system))
@@ -79,42 +87,6 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
     np.testing.assert_allclose(torques, to_torques @ best, atol=1e-6)
     np.testing.assert_allclose(f_s, best[rest], atol=1e-6)
     np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - best[major], atol=1e-6)
-
-
-@given(st.data(), systems(actives=(1, 4)))
-def test_no_force_acts_on_self_motion_and_eq_16_gives_the_torques(data, drawn):
-    """Nothing holds self-motion, so f does no work on it: Q^T f = 0 whatever is asked for."""
-    system = data.draw(failures(drawn.system))
-    kin = system.kinematics()
-    m, n = kin.J.shape
-    major, rest = major_and_rest(data, m)
-    mapping = kin.force_mapping(
-        major, torque_weight=np.ones(n), secondary_weight=np.ones(len(rest))
-    )
-    aims = [drawn.rng.normal(size=size) for size in (len(major), n, len(rest))]
-    f = np.empty(m)
-    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
-    np.testing.assert_allclose(kin.self_motion.T @ f, 0, atol=1e-9)
-    np.testing.assert_allclose((system.J_T @ self_motions(system, kin)).T @ f, 0, atol=1e-9)
-    expected = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*aims)
-    np.testing.assert_allclose(mapping(*aims), expected, atol=1e-9)
-
-
-@given(st.data(), systems(actives=(1, 3)))
-def test_a_force_that_self_motion_forbids_is_closest_in_the_metric(data, drawn):
-    """Level 2 has no gradient left along any force that level 1 allows, and the status says so."""
-    kin = drawn.system.kinematics()
-    m, n = kin.J.shape
-    major = rows_of(data, m)
-    M = of_rank(drawn.rng, len(major), len(major), len(major))
-    mapping = kin.force_mapping(major, torque_weight=np.ones(n), major_metric=M)
-    f_md = drawn.rng.normal(size=len(major))
-    allowed = null(kin.self_motion.T)[major]  # major parts of all forces that do no work on Q
-    np.testing.assert_allclose(allowed.T @ M.T @ M @ mapping.residual(f_md), 0, atol=1e-9)
-    short = np.linalg.matrix_rank(allowed, tol=1e-8) < len(major)
-    assert (mapping.status is Status.LEAST_SQUARES) == short
-    assert (np.abs(mapping.residual(f_md)).max() > 1e-12) == short
-    assert mapping.rank == np.linalg.matrix_rank(allowed, tol=1e-8)
 
 
 def test_the_metric_chooses_which_part_of_a_forbidden_force_is_given_up():

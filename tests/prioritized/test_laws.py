@@ -142,15 +142,6 @@ def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
     np.testing.assert_allclose(mapping.at(tied)(np.ones(1)), [1, 1], atol=1e-14)
 
 
-def test_a_mapping_goes_over_to_another_failure_of_as_many_actuators():
-    """Which of them failed decides."""
-    arm = ConstrainedSystem([[1.0, 0.5, 0.2], [0.0, 1.0, 0.7]], None, [0, 1, 2])
-    first, other = (arm.with_failures(locked=[k]).kinematics() for k in (0, 2))
-    v, desired = np.ones(1), np.array([0.3, -0.2])
-    moved, made = (kin.velocity_mapping([0], joint_weight=np.ones(2)) for kin in (first, other))
-    np.testing.assert_allclose(moved.at(other)(v, desired), made(v, desired), atol=1e-14)
-
-
 # Batches.
 
 LEAD = (2, 3)

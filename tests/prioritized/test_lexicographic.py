@@ -74,17 +74,9 @@ def test_interior_points_find_no_better_answer(seeds):
         np.testing.assert_allclose(solve(problem).x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
 
 
-@pytest.mark.parametrize("n", [2, 5, 9, 17])
-def test_the_conditions_of_an_optimum_hold_at_every_level(n):
-    for seed in range(25):
-        for reach in (0.3, 3.0, 100.0):
-            assert_optimal(drawn(seed, n, reach))
-
-
-@pytest.mark.long
 @given(st.integers(1, 30), SEEDS, st.sampled_from([0.3, 0.9, 3.0, 100.0]))
-@examples(3000)
-def test_the_conditions_of_an_optimum_hold_in_thousands_of_problems(n, seed, reach):
+@examples(600)
+def test_the_conditions_of_an_optimum_hold_at_every_level(n, seed, reach):
     assert_optimal(drawn(seed, n, reach))
 
 
@@ -175,30 +167,6 @@ def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
         assert_optimal(random_problem(rng, n, ["any rank", "nearly singular"], "none", 3.0, 3))
 
 
-def test_a_neighbouring_solution_gives_the_same_answer_in_fewer_steps():
-    rng, cold, warm = np.random.default_rng(0), 0, 0
-    for seed in range(40):
-        problem = random_problem(rng, 10, ["any rank", "any rank"], "finite", 3.0, seed % 3)
-        moved = tuple((A, b + 1e-3 * rng.normal(size=len(b))) for A, b in problem.levels)
-        near = Problem(moved, problem.lower, problem.upper, problem.rows)
-        begun, other = solve(near, start=solve(problem)), solve(near)
-        np.testing.assert_allclose(begun.x, other.x, rtol=0, atol=1e-9)
-        cold, warm = cold + other.steps, warm + begun.steps
-    assert warm < 0.7 * cold
-
-
-def test_too_few_steps_leave_a_point_within_the_bounds_and_say_so():
-    unfinished = 0
-    for seed in range(20):
-        problem = random_problem(np.random.default_rng(seed), 8, ["any rank"], "finite", 100.0)
-        for most in range(3):
-            found = solve(problem, most_steps=most)
-            assert np.isfinite(found.x).all() and found.steps <= most
-            unfinished += found.status is Status.UNFINISHED
-            assert found.status is Status.UNFINISHED or worst(problem, found.x) < 1e-9
-    assert unfinished > 20
-
-
 @pytest.mark.parametrize("n", [4, 10])
 def test_klee_mintys_cube_does_not_take_its_path(n):
     """Rows 4 x_1 + ... + x_k <= 5^k, the largest sum as the level: 2^n corners for a bad pivot."""
@@ -215,19 +183,6 @@ def test_klee_mintys_cube_does_not_take_its_path(n):
     assert found.status is Status.OPTIMAL
     assert found.steps < 20 * n
     assert cost @ found.x == pytest.approx(high[-1], rel=1e-12)
-
-
-@pytest.mark.parametrize("of", [1e-100, 1e-30, 1e30, 1e100])
-def test_units_of_levels_change_nothing_and_those_of_bounds_scale_x(of):
-    kinds = ["any rank", "dependent levels"]
-    for seed in range(20):
-        problem = random_problem(np.random.default_rng(seed), 5, kinds, reach=3.0)
-        lower, upper, x, half = problem.lower, problem.upper, solve(problem).x, np.sqrt(of)
-        levels = tuple((A * of, b * of) for A, b in problem.levels)
-        farther = tuple((A, b * half) for A, b in problem.levels)
-        same, far = Problem(levels, lower, upper), Problem(farther, lower * half, upper * half)
-        np.testing.assert_allclose(solve(same).x, x, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(solve(far).x / half, x, rtol=0, atol=1e-9)
 
 
 def test_a_bound_below_the_rank_tolerance_decides_no_rank():

@@ -98,27 +98,6 @@ def test_a_frictionless_machine_from_rest_has_no_free_momentum(data, drawn):
     assert kin.self_motion.shape == system.kinematics().self_motion.shape  # it holds nothing
 
 
-@given(st.data(), systems())
-def test_springs_and_constraint_forces_balance_every_passive_joint(data, drawn):
-    """Virtual work: [torques; 0] = J_T^T f + J_C^T f_C + K theta at the settled theta."""
-    system, rng = data.draw(failures(drawn.system)), drawn.rng
-    m, N = system.J_T.shape
-    R = data.draw(springs(N, rng))
-    K = R.T @ R
-    kin = with_stiffness(system, K).kinematics()
-    f = rng.normal(size=m)
-    f -= kin.self_motion @ (kin.self_motion.T @ f)  # what nothing resists cannot be loaded
-    # Actuators at zero: the load alone moves the self-motion, until F^T (K theta + J_T^T f) = 0.
-    F = self_motions(system, kin)
-    F = F @ null(null(R @ F).T)  # what the springs see of it
-    theta = -F @ np.linalg.solve(F.T @ K @ F, F.T @ system.J_T.T @ f)
-    force = system.J_T.T @ f + closure(system).T @ kin.constraint_force(f) + K @ theta
-    np.testing.assert_allclose(force[kin.passive], 0, atol=1e-6)
-    # Torques that only squeeze the loops, C^T eta, come and go with the choice of f_C.
-    Z = null(kin.active_constraint)
-    np.testing.assert_allclose(Z.T @ force[kin.active], Z.T @ kin.J.T @ f, atol=1e-6)
-
-
 @given(st.data(), systems(self_motion=False).filter(lambda drawn: not drawn.bound))
 def test_a_free_joint_with_an_ever_stiffer_spring_becomes_locked(data, drawn):
     """Among other springs its yield falls as 1 / K; a thousand times stiffer, as much stiller."""
@@ -135,25 +114,6 @@ def test_a_free_joint_with_an_ever_stiffer_spring_becomes_locked(data, drawn):
         assert kin.self_motion.shape == (len(locked), 0)
         errors.append(np.abs(kin.J - locked).max(initial=0.0))
     assert errors[1] <= 1.1e-3 * errors[0] + 1e-9
-
-
-@given(
-    st.data(), systems(self_motion=False).filter(lambda drawn: not drawn.bound), st.floats(-9, 9)
-)
-def test_a_lone_spring_of_any_strength_holds_a_free_joint(data, drawn, exponent):
-    """Nothing pulls at it: the weakest spring keeps it still; without it self-motion is back."""
-    system = drawn.system
-    joint = data.draw(st.integers(0, len(system.active) - 1))
-    at = np.eye(system.J_T.shape[1])[system.active[joint]]
-    held = with_stiffness(system, 10.0**exponent * at).with_failures(free=[joint]).kinematics()
-    locked = system.with_failures(locked=[joint]).kinematics()
-    np.testing.assert_allclose(held.J, locked.J, atol=1e-6)
-    assert held.self_motion.shape == (len(system.J_T), 0)
-    slack = with_stiffness(system, 0.0 * at).with_failures(free=[joint]).kinematics()
-    rigid = system.with_failures(free=[joint]).kinematics()
-    assert slack.self_motion.shape == rigid.self_motion.shape
-    np.testing.assert_allclose(slack.J, rigid.J, atol=1e-12)
-    assert slack.passive_self_motion.shape[1] == 1
 
 
 @given(SEEDS, st.floats(2, 14), st.floats(-6, 6))

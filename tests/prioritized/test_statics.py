@@ -69,10 +69,14 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
     held, directions = np.linalg.eigh(Z.T @ K @ Z)
     stretched = Z @ directions[:, held > ZERO]
     theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / held[held > ZERO])
-    on_joints = system.J_T.T @ f + K @ theta
-    on_joints += closure(system).T @ kin.constraint_force(f, torques)
+    loaded, closing = system.J_T.T @ f + K @ theta, closure(system).T
+    on_joints = loaded + closing @ kin.constraint_force(f, torques)
     np.testing.assert_allclose(on_joints[kin.active], torques, atol=1e-6)
     np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
+    # Torques that only squeeze the loops come and go with the choice of f_C.
+    on_joints, rates = loaded + closing @ kin.constraint_force(f), null(kin.active_constraint)
+    np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
+    np.testing.assert_allclose(rates.T @ on_joints[kin.active], rates.T @ kin.J.T @ f, atol=1e-6)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-10, 10))

@@ -377,21 +377,6 @@ def test_the_compiled_rule_for_ties_is_the_rule(value, bound, zero):
 # Beside what is done without it.
 
 
-def test_limits_of_the_next_tick_alone_contradict_each_other():
-    """The usual box, (limit - x) / T with rates and accelerations, is empty within a stroke."""
-    x, v = 0.0, 0.0
-    for _ in range(30):
-        upper = min(v + 0.1, 2.0, (1.0 - x) / 0.1)
-        if upper < v - 0.1:
-            break
-        x, v = x + 0.1 * upper, upper
-    else:
-        pytest.fail("never empty")
-    assert v - 0.1 > 10 * (1.0 - x)
-    joints = Joints(-1.0, 1.0, -2.0, 2.0, -1.0, 1.0, 0.1)
-    assert not joints.box([x], [v]).viable[0]
-
-
 def test_continuous_braking_gives_away_half_an_acceleration_step():
     """w^2 <= 2 a (x_max - x - T w) is safe, but 27 % below the largest rate at d = a T^2."""
     a, T, inf = 3.0, 0.1, np.inf
