@@ -61,7 +61,6 @@ class _Former:
         self.E, self.e = np.zeros((0, n)), np.zeros(0)
 
     def add(self, A: np.ndarray, x: np.ndarray) -> None:
-        """A x stays what it is from now on."""
         if size := _norm(A):
             self.E = np.vstack([self.E, A / size])
             self.e = np.append(self.e, A @ x / size)
@@ -206,8 +205,7 @@ def by_interior_point(
     meets the conditions of an optimum (:func:`_kkt`). A limit with a multiplier holds in every
     optimum: it becomes an equation of the later levels, so that their programs keep an interior.
 
-    Raises:
-        RuntimeError: Clarabel ends without a solution: bounds and rows may be infeasible.
+    A RuntimeError says that Clarabel ends without a solution.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, x = _Former(len(lower)), np.zeros(len(lower))
@@ -267,8 +265,12 @@ def _program(
 
 
 @dataclass(frozen=True)
-class _Kkt:
-    """Relative residuals of one level, and the multiplier of each limit."""
+class Kkt:
+    """Relative residuals of one level, and the multiplier of each limit.
+
+    `stationarity` is the part of the gradient that no multiplier balances, `complementarity` the
+    largest multiplier times its distance from the limit.
+    """
 
     feasibility: float
     stationarity: float
@@ -288,7 +290,7 @@ def _kkt(
     top: np.ndarray,
     x: np.ndarray,
     near: float = 1e-8,
-) -> _Kkt:
+) -> Kkt:
     """How far x is from minimizing |A x - b| over E x = e and G x <= top."""
     unit, norm = 1 + _norm(x), _norm(A)
     size = norm * (norm * unit + _norm(b)) or 1.0
@@ -301,29 +303,19 @@ def _kkt(
         multipliers[reached], rest = nnls(Z.T @ G[reached].T, descent)
     off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
     balance = np.abs(multipliers * room).max(initial=0.0)
-    return _Kkt(off / unit, float(rest), balance / unit, multipliers)
+    return Kkt(off / unit, float(rest), balance / unit, multipliers)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far x is from the conditions of an optimum, relative; see :func:`certificate`.
+    """How far x is from the conditions of an optimum, level by level, |x| being the last."""
 
-    Attributes:
-        feasibility: The most by which x misses a bound or row, of 1 + |x|.
-        stationarity: Of each level, the last being |x|: part of the gradient that no multiplier
-            balances, of the terms the gradient is computed from.
-        complementarity: Of each level: the largest multiplier times its distance from the limit, in
-            the same units, of 1 + |x|.
-    """
-
-    feasibility: float
-    stationarity: tuple[float, ...]
-    complementarity: tuple[float, ...]
+    levels: list[Kkt]
 
     @property
     def worst(self) -> float:
-        """The largest of all these."""
-        return max(self.feasibility, *self.stationarity, *self.complementarity)
+        """The largest residual of all."""
+        return max(level.worst for level in self.levels)
 
 
 def certificate(
@@ -339,17 +331,12 @@ def certificate(
     Level k is a convex problem with the earlier levels' A_j x as equations, so that these
     conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,
     with multipliers of one sign each, of the limits that x reaches to within `near` of 1 + |x|.
-    Rows A_j are projected out; nonnegative least squares finds the other multipliers. An x that
-    errs by d along a singular value s of A shows as s^2 d only: small residuals prove the levels'
-    values, not the digits of x.
+    An x that errs by d along a singular value s of A shows as s^2 d only: small residuals prove
+    the levels' values, not the digits of x.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, found = _Former(len(x)), []
     for A, b in _with_least_norm(levels, len(x)):
         found.append(_kkt(A, b, former, G, top, x, near))
         former.add(A, x)
-    return Certificate(
-        max(level.feasibility for level in found),
-        tuple(level.stationarity for level in found),
-        tuple(level.complementarity for level in found),
-    )
+    return Certificate(found)

@@ -275,4 +275,4 @@ def test_a_lower_level_may_not_pay_with_a_higher_one():
     assert found.worst < 1e-12
     compromise = lsq_linear(np.vstack([A1, A2]), np.array([1.0, 0.0]), bounds).x
     for wrong in (np.zeros(2), compromise):
-        assert certificate(levels, *bounds, wrong).stationarity[0] > 1e-2
+        assert certificate(levels, *bounds, wrong).levels[0].stationarity > 1e-2

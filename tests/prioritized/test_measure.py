@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from prioritized import ConstrainedSystem, Kinematics, Status, Task, failure_atlas
+from prioritized import ConstrainedSystem, Status, Task, failure_atlas
 from sim import Jacobians, jacobians
 from tests.profiles import scaled
 
@@ -19,8 +19,6 @@ _ARM = """<mujoco><compiler boundmass="1" boundinertia="1"/><worldbody>
           <site name="tip" pos="{l2} 0 {l1}"/></body></body></body></body></worldbody>
   <actuator><motor joint="a"/><motor joint="b"/><motor joint="c"/><motor joint="d"/></actuator>
 </mujoco>"""
-
-
 _TWIST = np.array([0.1, 0.2, -0.1, 0.3, 0.1, 0.2])
 
 
@@ -36,32 +34,20 @@ def _read(unit: float) -> tuple[Jacobians, np.ndarray]:
     return jacobians(model, data, "tip"), rates
 
 
-def _arm(unit: float) -> tuple[Kinematics, np.ndarray, np.ndarray]:
-    """Its kinematics, and the units of its task rows and rates."""
-    jac, rates = _read(unit)
-    return ConstrainedSystem.of(jac).kinematics(), np.repeat([1.0, unit], 3), rates
-
-
 def _answers(unit: float) -> dict[str, np.ndarray]:
     """Rates, or torques times them, of what a norm of angles and lengths chooses."""
-    kin, of_task, of_rate = _arm(unit)
+    jac, of_rate = _read(unit)
+    kin, of_task = ConstrainedSystem.of(jac).kinematics(), np.repeat([1.0, unit], 3)
     twist, box = _TWIST * of_task, (-0.1 * of_rate, 0.1 * of_rate)
     rates = {
         "out of reach": kin.velocity_mapping(range(6))(twist),
         "limited and out of reach": kin.velocity_mapping(range(6), rate_limits=box)(twist),
-        "limited": kin.velocity_mapping([2, 3, 4], joint_weight=1.0 / of_rate, rate_limits=box)(
-            twist[2:5]
-        ),
         "least rates": kin.velocity_mapping([3])(twist[3:4]),
-        "in levels": kin.hierarchy([Task([3]), Task(range(6)), Task.joints()])(
-            [twist[3:4], twist, None]
-        ),
     }
     torques = kin.force_mapping([3, 4])(np.array([1.0, 0.4]) / of_task[3:5])
-    locked = kin.velocity_mapping(range(6)).largest_gain
     return {name: each / of_rate for name, each in rates.items()} | {
         "least torques": torques * of_rate,
-        "largest gain": locked,
+        "largest gain": kin.velocity_mapping(range(6)).largest_gain,
     }
 
 
@@ -75,8 +61,8 @@ def test_no_norm_depends_on_the_unit_of_length(exponent):
 
 def test_a_length_that_measures_is_told_and_a_stated_metric_is_first():
     """The mechanism's own length stands in the answer; a metric of the user's is the user's."""
-    kin, _, _ = _arm(1.0)
-    accuracy, length = _read(1.0)[0].accuracy, 1.2
+    jac, length = _read(1.0)[0], 1.2
+    kin, accuracy = ConstrainedSystem.of(jac).kinematics(), jac.accuracy
     mapping = kin.velocity_mapping(range(6))
     assert accuracy is not None
     assert mapping.characteristic_length == accuracy.structure.length
@@ -93,7 +79,7 @@ def test_a_length_that_measures_is_told_and_a_stated_metric_is_first():
 
 def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
     """With a metric the compiled way gives what the levels solved one by one give."""
-    kin, _, _ = _arm(1.0)
+    kin = ConstrainedSystem.of(_read(1.0)[0]).kinematics()
     rows, box = np.eye(6)[2:5], (np.full(4, -0.1), np.full(4, 0.1))
     quick = kin.velocity_mapping([2, 3, 4], joint_weight=np.ones(4), rate_limits=box)
     never = (np.eye(4)[:1], np.array([-1e3]), np.array([1e3]))
@@ -143,17 +129,15 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     kin = system.kinematics()
     report, box = kin.manipulability(major), (-of["limit"] * rate, of["limit"] * rate)
     plain = kin.velocity_mapping(major, joint_weight=1.0 / rate)
+    by_secondary = kin.velocity_mapping(major, secondary_weight=1.0 / task[of["left"]])
+    limited = kin.velocity_mapping(major, joint_weight=1.0 / rate, rate_limits=box)
+    two = kin.hierarchy([Task(major), Task.joints()])
+    three = kin.hierarchy([Task(major[:1]), Task(range(len(task)))])
     others = {
-        "by the secondary task": kin.velocity_mapping(
-            major, secondary_weight=1.0 / task[of["left"]]
-        ).solve(v[major]),
-        "limited": kin.velocity_mapping(major, joint_weight=1.0 / rate, rate_limits=box).solve(
-            v[major]
-        ),
-        "two levels": kin.hierarchy([Task(major), Task.joints()]).solve([v[major], None]),
-        "three levels": kin.hierarchy([Task(major[:1]), Task(range(len(task)))]).solve(
-            [v[major[:1]], v]
-        ),
+        "by the secondary task": by_secondary.solve(v[major]),
+        "limited": limited.solve(v[major]),
+        "two levels": two.solve([v[major], None]),
+        "three levels": three.solve([v[major[:1]], v]),
     }
     force = kin.force_mapping(major, torque_weight=rate).solve(v[major] / task[major] ** 2)
     assert (plain.status is Status.LEAST_SQUARES) == (

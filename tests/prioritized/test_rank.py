@@ -155,7 +155,6 @@ def test_numbers_at_the_edge_of_what_floats_hold_are_answered_or_refused():
 
 # Who agrees.
 
-
 NEAR = st.floats(-1.0, 2.0)
 """Exponent of a singular value in multiples of what counts as zero: 0.1 to 100."""
 
@@ -373,7 +372,6 @@ def test_joint_weights_are_exact_whatever_the_geometry(batched):
 
 # A tilt: products that vanish upright leave round-off.
 
-
 AXES = np.eye(3)
 
 
@@ -404,8 +402,6 @@ def platform(bases: np.ndarray, tops: np.ndarray) -> ConstrainedSystem:
 
 
 DEGREES = st.floats(-180, 180)
-
-
 GEOMETRIES = st.sampled_from(["general", "flat", "one top", "parallel"])
 
 

@@ -24,14 +24,7 @@ SURE = Status.EXACT, Status.LEAST_SQUARES, Status.LIMITED
 
 @dataclass(frozen=True)
 class Asked:
-    """Levels of a mechanism and what they are asked for, whichever way answers.
-
-    Attributes:
-        system: The mechanism.
-        hierarchy: Its levels.
-        targets: Of each level.
-        limits: Of all velocities, (N,) each.
-    """
+    """Levels of a mechanism, their targets, and limits of all velocities."""
 
     system: ConstrainedSystem
     hierarchy: Hierarchy
@@ -44,8 +37,8 @@ class Asked:
         there = self.system.J_T, self.system.J_C, np.concatenate(self.targets)
         return None if tick is None else tick(*there, self.limits)
 
-    def general(self) -> tuple[np.ndarray, Status]:
-        """Limits of passive velocities as inequality rows."""
+    def assert_is(self, found: np.ndarray) -> None:
+        """As the general way: limits of passive velocities are inequality rows."""
         kin, (lower, upper) = self.system.kinematics(), self.limits
         moving, n = kin.system.joints.moving, len(kin.actuators)
         moving = moving[np.isfinite(lower[moving])]
@@ -53,7 +46,9 @@ class Asked:
         box = lower[kin.active], upper[kin.active]
         asked = self.hierarchy.at(kin, rate_limits=box, rate_rows=rows)
         solution = asked.solve(self.targets)
-        return kin.velocities(solution.rates), solution.status
+        assert solution.status in SURE
+        expected = kin.velocities(solution.rates)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def limits(rng: np.random.Generator, kin: Kinematics, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -102,12 +97,6 @@ def in_levels(rng: np.random.Generator, m: int) -> list[list[int]]:
     return [each.tolist() for each in np.split(rows, sorted({rng.integers(0, m), 0})[1:])]
 
 
-def assert_is_general(asked: Asked, found: np.ndarray) -> None:
-    expected, status = asked.general()
-    assert status in SURE
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-
-
 def tied(rng: np.random.Generator, redundant: int) -> ConstrainedSystem:
     """Three passive velocities, five actuators, of which two rates follow; combinations of rows."""
     J_C = of_rank(rng, 5, 8, 5)
@@ -116,17 +105,12 @@ def tied(rng: np.random.Generator, redundant: int) -> ConstrainedSystem:
     return ConstrainedSystem(rng.normal(size=(4, 8)), rows, [3, 4, 5, 6, 7])
 
 
-def freely(system: ConstrainedSystem) -> tuple[np.ndarray, np.ndarray]:
-    unlimited = np.full(system.J_T.shape[1], np.inf)
-    return -unlimited, unlimited
-
-
 def ticked(asked, system: ConstrainedSystem, *aims: np.ndarray) -> np.ndarray | None:
     """All velocities by the compiled way of a mapping or a hierarchy, or None."""
     tick = asked.tick(*([system.kinematics()] if isinstance(asked, Hierarchy) else []))
-    if tick is None:
-        return None
-    return tick(system.J_T, system.J_C, np.concatenate(aims), freely(system))
+    free = np.full(system.J_T.shape[1], np.inf)
+    there = system.J_T, system.J_C, np.concatenate(aims), (-free, free)
+    return None if tick is None else tick(*there)
 
 
 @given(st.data(), systems(tasks=(1, 5), actives=(1, 5)), st.integers(-18, 0), st.floats(0.1, 10.0))
@@ -141,7 +125,7 @@ def test_a_tick_is_the_general_way_or_says_nothing(data, drawn: Drawn, nearness,
     asked = asked_of(rng, system, levels, size)
     found = asked.tick()
     if found is not None:
-        assert_is_general(asked, found)
+        asked.assert_is(found)
         assert not found[system.stuck].any()
 
 
@@ -157,7 +141,7 @@ def test_a_tick_answers_where_no_rank_is_in_doubt(size, count):
         found = asked.tick()
         if found is not None:
             answered[0] += 1
-            assert_is_general(asked, found)
+            asked.assert_is(found)
         system = tied(rng, seed % 3)
         mapping = system.kinematics().velocity_mapping([0, 1], [2], np.ones(5), [1.0])
         aims = rng.normal(size=2), rng.normal(size=5), rng.normal(size=1)

@@ -44,10 +44,10 @@ class Joints(NamedTuple):
             period_s=self.T,
         )
 
-    @property
-    def size(self):
-        """The largest position that the limits allow."""
-        return np.maximum(np.abs(self.x_min), np.abs(self.x_max))
+    def beyond(self, x):
+        """How far positions are beyond their limits, of the largest position allowed."""
+        size = np.maximum(np.abs(self.x_min), np.abs(self.x_max))
+        return np.maximum(self.x_min - x, x - self.x_max) / size
 
 
 def any_joints(rng, n, T=None) -> Joints:
@@ -67,8 +67,7 @@ def any_joints(rng, n, T=None) -> Joints:
 def kernel(last, slow, fast, down, up):
     """States (i, j) on a lattice, 0 <= i <= last, slow <= j <= fast, that can be kept for ever.
 
-    The next state is (i + k, k) with j - down <= k <= j + up. What has no successor is removed
-    until nothing changes.
+    The next is (i + k, k), j - down <= k <= j + up; what has none is removed until nothing changes.
     """
     rates = np.arange(slow, fast + 1)
     kept = np.ones((last + 1, len(rates)), dtype=bool)
@@ -199,8 +198,7 @@ def test_no_limit_is_ever_violated_whatever_rates_of_the_box_are_taken(seed, tic
     for x, v, before, box in walk(joints, start, np.zeros(1000), ticks, rng):
         assert box.viable.all()
         assert (box.lower <= box.upper).all()
-        beyond = np.maximum(joints.x_min - x, x - joints.x_max)
-        assert (beyond <= 1e-12 * joints.size).all()
+        assert (joints.beyond(x) <= 1e-12).all()
         assert ((v >= joints.v_min) & (v <= joints.v_max)).all()
         room = 4 * EPS * np.maximum(abs(v), abs(before))
         assert (v <= before + joints.T * joints.a_max + room).all()
@@ -215,7 +213,7 @@ def test_round_off_does_not_add_up_from_one_braking_to_the_next(ticks):
     joints = Joints(*ends, -3.0, 3.0, -20.0, 20.0, T=1e-2)
     worst = np.zeros(200)
     for x, *_ in walk(joints, np.zeros(200), np.zeros(200), ticks, rng):
-        worst = np.maximum(worst, np.maximum(joints.x_min - x, x - joints.x_max) / joints.size)
+        worst = np.maximum(worst, joints.beyond(x))
     assert worst.max() <= 16 * EPS
 
 
@@ -244,34 +242,27 @@ def test_from_any_state_the_limits_are_soon_kept_again(seed):
     assert viable.all()
 
 
+def path(joints: Joints, x: float, v: float, ticks: int) -> np.ndarray:
+    """Positions of a joint that is taken back, at the only rate that its box has."""
+    positions = []
+    for _ in range(ticks):
+        box = joints.box([x], [v])
+        v = float(box.lower[0])
+        x += joints.T * v
+        positions.append(x)
+    return np.array(positions)
+
+
 def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may_and_overshoots_least():
     """From v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
     joints = Joints(-2.0, 1.5, -9.0, 9.0, -10.0, 10.0, 0.1)
-    x, v, path = np.array([1.0]), np.array([5.0]), []
-    while v[0] > 0:
-        box = joints.box(x, v)
-        assert not box.viable[0]
-        assert box.lower[0] == box.upper[0] == pytest.approx(v[0] - 1)
-        x, v = x + 0.1 * box.lower, box.lower
-        path.append(x[0])
-    assert max(path) == pytest.approx(2.0)
-    assert len(path) == 5
+    np.testing.assert_allclose(path(joints, 1.0, 5.0, 5), [1.4, 1.7, 1.9, 2.0, 2.0])
 
 
 def test_far_outside_the_return_is_as_fast_as_the_other_limit_allows():
-    """Limits moved away: from 3 back to 0 .. 0.1 at 1 m/s^2, and 0 is not overshot.
-
-    Full acceleration to the middle and full braking to rest take 2 sqrt(3) s, 35 ticks.
-    """
-    joints = Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1)
-    x, v, path = np.array([3.0]), np.array([0.0]), []
-    for _ in range(40):
-        v = joints.box(x, v).lower
-        x = x + 0.1 * v
-        path.append(x[0])
-    assert path[27] > 0.1
-    assert max(path[34:]) <= 0.1
-    assert min(path) >= -1e-15
+    """From 3 to 0 .. 0.1 at 1 m/s^2 without overshoot: 2 sqrt(3) s, 35 ticks."""
+    back = path(Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1), 3.0, 0.0, 40)
+    assert back[27] > 0.1 >= back[34:].max() and back.min() >= -1e-15
 
 
 @pytest.mark.parametrize(
@@ -316,11 +307,7 @@ def test_braking_that_takes_more_ticks_than_can_be_counted_is_continuous(d):
 
 
 NUMBERS = st.floats(-1e119, 1e119)
-
-
 LARGE = st.one_of(st.just(0.0), st.floats(1e-119, 1e119), st.just(np.inf))
-
-
 POSITIVE = st.one_of(st.floats(1e-119, 1e119), st.just(np.inf))
 
 
