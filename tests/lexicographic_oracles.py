@@ -279,6 +279,7 @@ class Kkt:
 
     @property
     def worst(self) -> float:
+        """The largest of the three."""
         return max(self.feasibility, self.stationarity, self.complementarity)
 
 

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem
-from tests.random_systems import failures, null, rows_of, systems
+from tests import spaces
+from tests.random_systems import failures, rows_of, systems
 
 
 def units(rng: np.random.Generator, size: int, count: int = 200) -> np.ndarray:
@@ -19,7 +20,7 @@ def units(rng: np.random.Generator, size: int, count: int = 200) -> np.ndarray:
 def test_no_rates_of_unit_norm_move_the_task_faster_than_the_gain(data, drawn):
     kin = data.draw(failures(drawn.system)).kinematics()
     major = rows_of(data, len(kin.J))
-    report, Z = kin.manipulability(major), null(kin.active_constraint)
+    report, Z = kin.manipulability(major), spaces.null(kin.active_constraint)
     speeds = np.linalg.norm(units(drawn.rng, Z.shape[1]) @ (kin.J[major] @ Z).T, axis=1)
     assert np.all(speeds <= report.largest_gain * (1 + 1e-9) + 1e-9)
     gains = np.linalg.svd(kin.J[major] @ Z, compute_uv=False)
@@ -33,7 +34,7 @@ def test_a_servo_error_grows_by_the_amplification_at_worst(data, drawn):
     kin, rng = drawn.system.kinematics(), drawn.rng
     major, n = rows_of(data, len(kin.J)), len(kin.active)
     mapping = kin.velocity_mapping(major, joint_weight=rng.uniform(0.5, 2, n))
-    Z, v = null(kin.active_constraint), units(rng, len(major))
+    Z, v = spaces.null(kin.active_constraint), units(rng, len(major))
     rates = mapping(v)
     assert np.all(np.linalg.norm(rates, axis=1) <= mapping.largest_gain * (1 + 1e-9))
     if not Z.size or not mapping.largest_gain:

@@ -8,17 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, failure_atlas
-from tests.random_systems import (
-    SEEDS,
-    failures,
-    null,
-    pairs,
-    projector,
-    rows_of,
-    springs,
-    systems,
-    with_stiffness,
-)
+from tests import spaces
+from tests.random_systems import SEEDS, failures, pairs, rows_of, springs, systems, with_stiffness
 
 FLAGS = (
     "unmanipulable",
@@ -39,22 +30,21 @@ def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) 
     assert classes.possible[row] == (not report.unmanipulable and not report.unstable_major)
     np.testing.assert_allclose(classes.worst_gain[row], report.worst_gain, atol=1e-7)
     # Singular values of the major task on the rates that the loops admit.
-    admissible = kin.J[major] @ projector(null(kin.active_constraint))
+    admissible = kin.J[major] @ spaces.projector(spaces.null(kin.active_constraint))
     gains = np.zeros(len(major))
     sigma = np.linalg.svd(admissible, compute_uv=False)
     gains[: len(sigma)] = sigma[: len(major)]
     np.testing.assert_allclose(classes.gains[row], gains, atol=1e-6)
     assert classes.major_rank[row] == len(major) - report.bases["unmanipulable"].shape[1]
     # Padding with zeros leaves the projector as it is.
-    moved = projector(classes.self_motion[row])
-    np.testing.assert_allclose(moved, projector(kin.self_motion), atol=1e-6)
+    spaces.assert_same(classes.self_motion[row], kin.self_motion)
 
     # Secondary velocities at will: what admissible rates make while the major task stands still.
-    rates = null(np.vstack([kin.active_constraint, kin.J[major]]))
+    rates = spaces.null(np.vstack([kin.active_constraint, kin.J[major]]))
     aside = kin.J[secondary] @ rates
     assert classes.secondary_rank[row] == np.linalg.matrix_rank(aside, tol=1e-7)
-    lost = projector(null(aside.T))
-    np.testing.assert_allclose(projector(classes.lost_secondary[row]), lost, atol=1e-6)
+    lost = spaces.projector(spaces.null(aside.T))
+    np.testing.assert_allclose(spaces.projector(classes.lost_secondary[row]), lost, atol=1e-6)
     assert classes.gap[row] >= 1.0
 
 
@@ -197,8 +187,8 @@ def test_one_motor_moves_the_task_at_its_gain_however_soft_the_springs(seed):
     """Soft springs let passive joints move fast; that round-off is no constraint on the motor."""
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(1, 6)), rng.normal(size=(3, 6))
-    free = null(np.vstack([J_C, np.eye(6)[5]])).T
-    beside = null(free) @ rng.normal(size=4)
+    free = spaces.null(np.vstack([J_C, np.eye(6)[5]])).T
+    beside = spaces.null(free) @ rng.normal(size=4)
     R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + beside])
     system = ConstrainedSystem(J_T, J_C, [5], stiffness=R.T @ R)
     classes = failure_atlas(system, [0], codes=[[0]], rate_limits=(-1, 1)).elastic

@@ -11,7 +11,8 @@ from scipy.spatial import ConvexHull
 
 from prioritized import Attainable, ConstrainedSystem
 from prioritized._analysis.attainable import AttainableStatus
-from tests.random_systems import failures, pairs, rows_of, self_motions, stuck_joints, systems
+from tests import spaces
+from tests.random_systems import failures, pairs, rows_of, systems
 
 
 def largest(d, equalities, x_of, limits) -> float:
@@ -46,12 +47,12 @@ def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, dra
         len(drawn.system.J_T),
     )
     major, limits = rows_of(data, m), data.draw(pairs(len(system.active)))
-    kin, stuck = system.kinematics(), stuck_joints(system)
+    kin, stuck = system.kinematics(), spaces.stuck_joints(system)
     survivors = tuple(limit[kin.actuators] for limit in limits)
     D = drawn.rng.permutation(directions(drawn.rng, len(major), 3))[:2]
     if rates:
         # xi of eq. (10) is nobody's to command.
-        closed = np.vstack([system.J_C, np.eye(N)[stuck], self_motions(system, kin).T])
+        closed = np.vstack([system.J_C, np.eye(N)[stuck], spaces.self_motions(system, kin).T])
         select, driven = system.J_T[major], np.eye(N)[kin.active]
     else:
         balance = np.hstack([system.J_T.T, system.J_C.T])  # (N, m + c): generalized forces

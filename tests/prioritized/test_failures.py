@@ -9,31 +9,21 @@ from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Kinematics, Task, velocity_mapping
 from prioritized._mechanism.failures import Failures
-from tests.random_systems import (
-    SEEDS,
-    closure,
-    failures,
-    motions,
-    null,
-    projector,
-    stuck_joints,
-    systems,
-)
+from tests import spaces
+from tests.random_systems import SEEDS, failures, systems
 
 
 def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) -> None:
     """Equal Jacobian on admissible rates, equal spaces; bases may be turned in themselves."""
     np.testing.assert_array_equal(one.active, two.active)
     np.testing.assert_array_equal(one.passive, two.passive)
-    Z = null(one.active_constraint)
+    Z = spaces.null(one.active_constraint)
     np.testing.assert_allclose(one.J @ Z, two.J @ Z, atol=atol)
     np.testing.assert_allclose(one.passive_gain @ Z, two.passive_gain @ Z, atol=atol)
     for name in ("self_motion", "passive_self_motion"):
-        expected, actual = projector(getattr(one, name)), projector(getattr(two, name))
-        np.testing.assert_allclose(actual, expected, atol=atol)
+        spaces.assert_same(getattr(one, name), getattr(two, name), atol)
     for name in ("internal_force", "active_constraint"):
-        expected, actual = projector(getattr(one, name).T), projector(getattr(two, name).T)
-        np.testing.assert_allclose(actual, expected, atol=atol)
+        spaces.assert_same(getattr(one, name).T, getattr(two, name).T, atol)
     forces = np.eye(len(one.J))
     np.testing.assert_allclose(
         one.constraint_force(forces), two.constraint_force(forces), atol=atol
@@ -46,11 +36,11 @@ def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
     failed = data.draw(failures(drawn.system))
     gone = sorted(failed.failures.locked | failed.failures.free)
     left = np.delete(failed.active, gone)
-    printed = ConstrainedSystem(failed.J_T, closure(failed), left)
+    printed = ConstrainedSystem(failed.J_T, spaces.closure(failed), left)
     kin = failed.kinematics()
     assert_same_mechanism(printed.kinematics(), kin)
     # What is stuck does not move, whatever the others do.
-    stuck = np.isin(kin.passive, stuck_joints(failed))
+    stuck = np.isin(kin.passive, spaces.stuck_joints(failed))
     np.testing.assert_array_equal(kin.passive_gain[stuck], 0)
     np.testing.assert_array_equal(kin.passive_self_motion[stuck], 0)
 
@@ -124,7 +114,7 @@ def test_a_locked_four_bar_stops_where_a_column_less_would_move(seed, locked):
     assert sound.manipulability([0]).constrained_active
     kin = system.with_failures(locked=[locked]).kinematics()
     assert kin.manipulability([0]).unmanipulable
-    assert motions(system.with_failures(locked=[locked])).shape == (4, 0)
+    assert spaces.motions(system.with_failures(locked=[locked])).shape == (4, 0)
     np.testing.assert_allclose(kin.velocity_mapping([0])([1.0]), 0.0, atol=1e-9)
     dropped = velocity_mapping(np.delete(sound.J, locked, axis=1), [0])([1.0])
     rates = np.insert(dropped, locked, 0.0)
@@ -141,7 +131,7 @@ def test_releasing_one_of_two_motors_rids_a_four_bar_of_internal_force():
     assert system.kinematics().manipulability([0]).irresolvable
     report = system.with_failures(free=[1]).kinematics().manipulability([0])
     assert not (report.irresolvable or report.constrained_active or report.unstable)
-    crank, elbow, *_ = null(system.J_C)[:, 0]  # the one motion that closes the loop
+    crank, elbow, *_ = spaces.null(system.J_C)[:, 0]  # the one motion that closes the loop
     assert report.worst_gain == pytest.approx(abs((crank + elbow) / crank))
 
 

@@ -5,17 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import Status, force_mapping
+from tests import spaces
 from tests.force_theorems import theorem_7, theorem_8
 from tests.random_systems import (
     SEEDS,
     as_matrix,
-    dense_lexicographic,
     failures,
     major_and_rest,
-    null,
     of_rank,
-    self_motions,
-    stuck_joints,
     systems,
     weights,
 )
@@ -64,13 +61,13 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
     by_eq_16 = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*aims)
     np.testing.assert_allclose(torques, by_eq_16, atol=1e-9)
     # Nothing holds self-motion: forces do no work on it, and some major forces are out of reach.
-    np.testing.assert_allclose((system.J_T @ self_motions(system, kin)).T @ f, 0, atol=1e-9)
-    allowed = np.linalg.matrix_rank(null(kin.self_motion.T)[major], tol=1e-8)
+    np.testing.assert_allclose((system.J_T @ spaces.self_motions(system, kin)).T @ f, 0, atol=1e-9)
+    allowed = np.linalg.matrix_rank(spaces.null(kin.self_motion.T)[major], tol=1e-8)
     assert mapping.rank == allowed
     assert (mapping.status is Status.LEAST_SQUARES) == (allowed < m1)
 
     # Unknown are f and f_C; a stuck joint bears whatever comes, the moving ones nothing.
-    bearing = np.setdiff1d(kin.passive, stuck_joints(system))
+    bearing = np.setdiff1d(kin.passive, spaces.stuck_joints(system))
     balance = np.vstack([system.J_T, system.J_C]).T
     to_torques, to_f = balance[kin.active], np.eye(balance.shape[1])
     W3, W4, T = as_matrix(W3, n), as_matrix(W4, m2), as_matrix(T, n)
@@ -82,7 +79,7 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
         (to_torques, np.zeros(n)),
         (to_f[rest], np.zeros(m2)),
     ]
-    best = dense_lexicographic(balance[bearing], levels)
+    best = spaces.dense_lexicographic(balance[bearing], levels)
     # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
     np.testing.assert_allclose(torques, to_torques @ best, atol=1e-6)
     np.testing.assert_allclose(f_s, best[rest], atol=1e-6)

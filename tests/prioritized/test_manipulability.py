@@ -6,19 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem
-from tests.random_systems import (
-    SEEDS,
-    closure,
-    failures,
-    motions,
-    null,
-    of_rank,
-    projector,
-    rows_of,
-    self_motions,
-    stuck_joints,
-    systems,
-)
+from tests import spaces
+from tests.random_systems import SEEDS, failures, of_rank, rows_of, systems
 
 FLAGS = {
     "unmanipulable",
@@ -119,8 +108,10 @@ def test_every_basis_proves_its_verdict(data, drawn):
     major = rows_of(data, len(J_T))
     report = kin.manipulability(major)
     bases = report.bases
-    closed, loose = motions(system), self_motions(system, kin)
-    driven = null(np.vstack([closure(system), loose.T]))  # motions that no self-motion is part of
+    closed, loose = spaces.motions(system), spaces.self_motions(system, kin)
+    driven = spaces.null(
+        np.vstack([spaces.closure(system), loose.T])
+    )  # motions that no self-motion is part of
 
     for name, rows in (("unmanipulable", major), ("unmanipulable_task", range(len(J_T)))):
         moved = J_T[list(rows)] @ driven
@@ -129,18 +120,17 @@ def test_every_basis_proves_its_verdict(data, drawn):
 
     # Columns of `loose` close the loops with every active joint at rest: they are the rates.
     moved = J_T @ loose
-    still = loose @ null(moved[major])  # of these, the ones that leave the major task alone
+    still = loose @ spaces.null(moved[major])  # of these, the ones that leave the major task alone
     expected = {
         "unstable": moved,
         "unstable_major": moved[major],
         "unstable_secondary": J_T @ still,
-        "idle": (loose @ null(moved))[kin.passive],
+        "idle": (loose @ spaces.null(moved))[kin.passive],
     }
     for name, made in expected.items():
-        beyond = projector(null(made.T))
-        np.testing.assert_allclose(projector(bases[name]), np.eye(len(made)) - beyond, atol=1e-6)
+        spaces.assert_spans(bases[name], made)
 
-    rows = np.vstack([system.J_C, np.eye(N)[stuck_joints(system)]])
+    rows = np.vstack([system.J_C, np.eye(N)[spaces.stuck_joints(system)]])
     np.testing.assert_allclose(bases["irresolvable"] @ rows[:, kin.passive], 0, atol=1e-8)
     left = len(rows) - np.linalg.matrix_rank(rows[:, kin.passive], tol=1e-8)
     assert len(bases["irresolvable"]) == left
@@ -176,7 +166,7 @@ def test_a_free_joint_of_a_serial_arm_is_unstable_as_its_column_says(seed, n, da
     assert report.unstable_major == (not quiet)
     assert report.unstable_secondary == quiet
     column = J_T[:, [freed]] / np.linalg.norm(J_T[:, freed])
-    np.testing.assert_allclose(projector(report.bases["unstable"]), projector(column), atol=1e-12)
+    spaces.assert_same(report.bases["unstable"], column, 1e-12)
 
 
 def test_the_gap_of_what_springs_hold_is_theirs():

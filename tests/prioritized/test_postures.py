@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status
+from tests import spaces
 from tests.random_systems import (
     Drawn,
     failures,
     major_and_rest,
     of_rank,
     orthogonal,
-    projector,
     springs,
     systems,
     weights,
@@ -54,8 +54,8 @@ def test_the_kinematics_of_every_posture_are_those_it_has_alone(drawn):
         found = getattr(postures, name)(rates)
         agrees_with(found, [getattr(kin, name)(x) for kin, x in zip(alone, rates, strict=True)])
     for name, own in (("active_constraint", np.transpose), ("self_motion", np.asarray)):
-        bases = [projector(own(getattr(kin, name))) for kin in alone]
-        agrees_with(np.array([projector(own(A)) for A in getattr(postures, name)]), bases)
+        bases = [spaces.projector(own(getattr(kin, name))) for kin in alone]
+        agrees_with(np.array([spaces.projector(own(A)) for A in getattr(postures, name)]), bases)
 
 
 @given(st.data(), batches(), st.sampled_from([None, (-0.2, 0.3)]))

@@ -20,8 +20,9 @@ from prioritized import (
     velocity_mapping,
 )
 from prioritized._solver.rank import RANK_TOLERANCE
+from tests import spaces
 from tests.profiles import scaled
-from tests.random_systems import SEEDS, major_and_rest, null, of_rank, orthogonal, projector
+from tests.random_systems import SEEDS, major_and_rest, of_rank, orthogonal
 
 # Where verdicts flip.
 
@@ -179,7 +180,7 @@ def nearly_constrained(seed: int, nearness: float, m: int, columns: int) -> Kine
     rng = np.random.default_rng(seed)
     J_Cp = of_rank(rng, columns + 1, columns, columns)
     follow, forbidden = rng.normal(size=(columns, 4)), rng.normal(size=(1, 4))
-    weak = np.linalg.norm(J_Cp) * 10.0**nearness * RANK_TOLERANCE * null(J_Cp.T) @ forbidden
+    weak = np.linalg.norm(J_Cp) * 10.0**nearness * RANK_TOLERANCE * spaces.null(J_Cp.T) @ forbidden
     J_C = np.hstack([J_Cp @ follow + weak, J_Cp])
     return ConstrainedSystem(rng.normal(size=(m, 4 + columns)), J_C, range(4)).kinematics()
 
@@ -194,7 +195,7 @@ def test_power_balances_at_any_gap(near, seed, nearness, m, columns, data):
     aims = [rng.normal(size=size) for size in (len(major), 4, len(rest))]
     torques, f = mapping(*aims), np.empty(m)
     f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
-    Z = null(kin.active_constraint)
+    Z = spaces.null(kin.active_constraint)
     rates = Z @ rng.normal(size=Z.shape[1])
     v = kin.J @ rates + kin.self_motion @ rng.normal(size=kin.self_motion.shape[1])
     size = np.linalg.norm(np.concatenate(aims)) * np.linalg.norm(v)
@@ -456,7 +457,7 @@ def test_a_tilted_mechanism_gets_the_verdicts_of_the_upright_one(seed, geometry,
         if name == "constrained_active":
             one, two = one.T, two.T
         # A null space is known to 1e-16 over the least singular value beside it.
-        np.testing.assert_allclose(projector(two), projector(turn @ one), atol=1e-6)
+        spaces.assert_same(two, turn @ one)
 
 
 def test_the_threshold_must_be_that_of_the_inputs():

@@ -6,17 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, force_mapping
+from tests import spaces
 from tests.random_systems import (
     SEEDS,
     ZERO,
-    closure,
     failures,
-    motions,
-    null,
     of_rank,
-    projector,
     rows_of,
-    self_motions,
     springs,
     systems,
     weights,
@@ -38,7 +34,7 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, drawn,
     torques = mapping(*aims)
     f = S.T @ np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
 
-    theta_dot = motions(system)  # each column a motion, all of them together any motion
+    theta_dot = spaces.motions(system)  # each column a motion, all of them together any motion
     v, rates = system.J_T @ theta_dot, theta_dot[kin.active]
     np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
     # The same through the model: v = J rates + whatever self-motion adds.
@@ -65,16 +61,19 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
     torques = mapping(*aims)
     f = np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
     # Springs under the load f with every active joint held; oracle: least energy, densely.
-    Z = self_motions(system, kin)
+    Z = spaces.self_motions(system, kin)
     held, directions = np.linalg.eigh(Z.T @ K @ Z)
     stretched = Z @ directions[:, held > ZERO]
     theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / held[held > ZERO])
-    loaded, closing = system.J_T.T @ f + K @ theta, closure(system).T
+    loaded, closing = system.J_T.T @ f + K @ theta, spaces.closure(system).T
     on_joints = loaded + closing @ kin.constraint_force(f, torques)
     np.testing.assert_allclose(on_joints[kin.active], torques, atol=1e-6)
     np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
     # Torques that only squeeze the loops come and go with the choice of f_C.
-    on_joints, rates = loaded + closing @ kin.constraint_force(f), null(kin.active_constraint)
+    on_joints, rates = (
+        loaded + closing @ kin.constraint_force(f),
+        spaces.null(kin.active_constraint),
+    )
     np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
     np.testing.assert_allclose(rates.T @ on_joints[kin.active], rates.T @ kin.J.T @ f, atol=1e-6)
 
@@ -105,10 +104,10 @@ def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, drawn
     kin = system.kinematics()
     major = rows_of(data, len(system.J_T))
     mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.active)))
-    moved = system.J_T @ motions(system)
-    borne = projector(null(moved.T))
+    moved = system.J_T @ spaces.motions(system)
+    borne = spaces.projector(spaces.null(moved.T))
     np.testing.assert_allclose(mapping.reaction, borne, atol=1e-7)
-    squeeze = projector(kin.active_constraint.T)
+    squeeze = spaces.projector(kin.active_constraint.T)
     torques = kin.J.T @ borne
     np.testing.assert_allclose(torques, squeeze @ torques, atol=1e-7)
     if not kin.self_motion.size:
@@ -146,7 +145,7 @@ def test_without_eq_9_a_free_strut_turns_the_major_force_into_another(hexapod):
     np.testing.assert_allclose(exerted(kin, ours(f_md))[:2], f_md, atol=1e-9)
     paper = force_mapping(kin.J, [0, 1], torque_weight=np.ones(5))  # told of no self-motion
     assert np.linalg.norm(exerted(kin, paper(f_md))[:2] - f_md) > 0.1
-    theta_dot = motions(free)
+    theta_dot = spaces.motions(free)
     f = np.concatenate([f_md, paper.secondary_force(f_md)])
     lost = f @ hexapod.J_T @ theta_dot - paper(f_md) @ theta_dot[kin.active]
     assert np.abs(lost).max() > 0.1

@@ -7,17 +7,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
+from tests import spaces
 from tests.random_systems import (
     SEEDS,
     as_matrix,
-    closure,
-    dense_lexicographic,
     failures,
     major_and_rest,
     of_rank,
     orthogonal,
     rows_of,
-    self_motions,
     systems,
     weights,
 )
@@ -86,7 +84,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
     rates = mapping(*aims)
 
     # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
-    hard = np.vstack([closure(system), self_motions(system, kin).T])
+    hard = np.vstack([spaces.closure(system), spaces.self_motions(system, kin).T])
     J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
     W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(rest)), as_matrix(T, n)
     levels = [
@@ -95,7 +93,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
         (T @ to_rates, np.zeros(len(T))),
         (to_rates, np.zeros(n)),
     ]
-    best = dense_lexicographic(hard, levels)
+    best = spaces.dense_lexicographic(hard, levels)
     # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
     np.testing.assert_allclose(rates, best[kin.active], atol=1e-6)
     if n:
