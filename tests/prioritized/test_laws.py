@@ -3,7 +3,7 @@
 import copy
 import itertools
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -24,6 +24,7 @@ from prioritized import (
     velocity_mapping,
     viable_rates,
 )
+from prioritized._mechanism.names import Names
 from tests.frozen import writable
 from tests.profiles import examples
 from tests.random_systems import SEEDS, failures, major_and_rest, orthogonal, systems, weights
@@ -62,13 +63,16 @@ def test_every_way_to_the_rates_gives_the_same(data, drawn, size):
     known(*aims)  # it remembers what it was called with
     before = first.velocity_mapping(major, None, *W, rate_limits=wide)
     before(*aims)
+    moved = known.at(kin, rate_limits=box)
     ways: dict[str, Any] = {
         "called": made,
         "called with lists": lambda *aims: made(*(aim.tolist() for aim in aims)),
         "within": free.within(own),
-        "from another pose": known.at(kin, rate_limits=box),
+        "from another pose": moved,
         "from other limits there": before.at(kin, rate_limits=box),
-        "solved from another pose": lambda *aims: known.at(kin, rate_limits=box).solve(*aims).rates,
+        "lists from another pose": lambda *aims: moved(*(aim.tolist() for aim in aims)),
+        "targets from another pose": lambda *aims: moved(*(np.stack([a, -a]) for a in aims))[0],
+        "solved from another pose": lambda *aims: moved.solve(*aims).rates,
         "one of a batch of postures": lambda *aims: (
             there.postures(there.J_T[None]).velocity_mapping(major, None, *W).within(own)(*aims)[0]
         ),
@@ -78,7 +82,7 @@ def test_every_way_to_the_rates_gives_the_same(data, drawn, size):
     for name, way in ways.items():
         loose = 1e-6 if "postures" in name else 1e-9 * scale
         np.testing.assert_allclose(way(*aims), found.rates, rtol=0, atol=loose, err_msg=name)
-    assert known.at(kin, rate_limits=box).status is made.status
+    assert moved.status is made.status
     assert ((own[0] <= found.rates) & (found.rates <= own[1])).all()
     nothing = aims[0], np.zeros(n), np.zeros(len(rest))
     for mapping in (free, known.at(kin)):
@@ -118,18 +122,69 @@ def test_what_was_looked_up_before_hides_no_wrong_row():
             velocity_mapping(J, major, secondary, w)
 
 
-@MADE
-def test_the_solution_of_the_tick_before_is_a_start(made):
+@pytest.mark.parametrize("of", ["velocity", "force", "hierarchy", "levels"])
+def test_the_solution_of_the_tick_before_is_a_start(of):
     """The same answer from it as from nothing, in fewer steps."""
     rng, steps = np.random.default_rng(0), np.zeros(2)
-    name = "rate_limits" if made is velocity_mapping else "torque_limits"
     for _ in range(20):
-        mapping = made(rng.normal(size=(4, 6)), [0, 1], **{name: (-0.3, 0.3)})
-        v = rng.normal(size=2)
-        cold, warm = mapping.solve(1.01 * v), mapping.solve(1.01 * v, start=mapping.solve(v))
-        np.testing.assert_allclose(warm.optimum.x, cold.optimum.x, rtol=0, atol=1e-9)
-        steps += cold.optimum.point.steps[0], warm.optimum.point.steps[0]
+        J, v = rng.normal(size=(4, 6)), rng.normal(size=4)
+        kin = ConstrainedSystem(J, None, range(6)).kinematics()
+
+        def solve(v: np.ndarray, start: Any = None, J: Any = J, kin: Any = kin) -> Any:
+            if of == "levels":
+                levels = [(J[:2], v[:2]), (J[2:], v[2:])]
+                return lexicographic_least_squares(levels, -0.3, 0.3, start=start)
+            if of == "hierarchy":
+                hierarchy = kin.hierarchy([Task([0, 1]), Task([2, 3])], rate_limits=(-0.3, 0.3))
+                return hierarchy.solve([v[:2], v[2:]], start=start)
+            mapping = kin.velocity_mapping if of == "velocity" else kin.force_mapping
+            limits = "rate_limits" if of == "velocity" else "torque_limits"
+            return mapping([0, 1], **{limits: (-0.3, 0.3)}).solve(v[:2], start=start).optimum
+
+        cold, warm = solve(1.01 * v), solve(1.01 * v, solve(v))
+        points = [found.point for found in (cold, warm)]
+        np.testing.assert_allclose(points[1].x, points[0].x, rtol=0, atol=1e-9)
+        steps += [point.steps[0] for point in points]
     assert steps[1] < steps[0]
+
+
+def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
+    """What is said, and calls whose arguments are right each, but not together."""
+    J, rows, two = np.eye(2), (np.eye(2), np.zeros(2)), np.stack([np.eye(2)] * 2)
+    kin = ConstrainedSystem(J, None, [0, 1]).kinematics()
+    mapping, hierarchy = kin.velocity_mapping([0]), kin.hierarchy([Task([0]), Task([1])])
+    wide = ConstrainedSystem(np.eye(3), None, [0, 1, 2]).kinematics()
+    interval = [Task([0], interval=True), Task([1])]
+    yield (
+        "leading axes must broadcast",
+        velocity_mapping,
+        {"J": two, "major": [0], "scale": [1] * 3},
+    )
+    yield "interval as its only task", kin.hierarchy, {"levels": [interval]}
+    yield "rows of levels", kin.hierarchy, {"levels": [Task([7])]}
+    yield "targets must be 2, one a level", hierarchy.solve, {"targets": [[1.0]]}
+    yield "kinematics must", hierarchy.at, {"kinematics": wide}
+    yield "kinematics must have a J of shape", mapping.at, {"kinematics": wide}
+    yield (
+        "rows must be given with",
+        lexicographic_least_squares,
+        {"levels": [rows], "rows_lower": 0},
+    )
+    yield "lower and upper", lexicographic_least_squares, {"levels": [rows], "lower": 1, "upper": 0}
+    tolerance = {"geometry_accuracy": 1e-6, "rank_tolerance": 1e-8}
+    made = {"J_T": J, "J_C": None, "active": [0, 1]}
+    yield "with another rank_tolerance", ConstrainedSystem, made | tolerance
+    yield "2 velocities and 2 actuators", ConstrainedSystem, made | {"names": Names(("a",), ())}
+    atlas = {"system": kin.system, "major": [0], "codes": [[0, 0]]}
+    sides = -np.ones((3, 2)), np.ones((3, 2))
+    yield "rate_limits must be of shape", failure_atlas, atlas | {"rate_limits": sides}
+
+
+def test_arguments_that_contradict_each_other_are_refused():
+    for said, call, arguments in contradictions():
+        with pytest.raises(ValueError, match=said) as error:
+            call(**arguments)
+        assert "\n" not in str(error.value)
 
 
 def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():

@@ -93,6 +93,17 @@ def test_a_level_never_sees_the_levels_after_it(seed, n):
         np.testing.assert_allclose(solve(other).residuals[0], first, rtol=0, atol=1e-9 * size)
 
 
+def test_too_few_steps_leave_a_point_within_the_bounds_and_say_so():
+    unfinished = 0
+    for seed in range(20):
+        problem = random_problem(np.random.default_rng(seed), 8, ["any rank"], "finite", 100.0)
+        for most in range(3):
+            found = solve(problem, most_steps=most)
+            assert np.isfinite(found.x).all() and found.steps <= most
+            unfinished += found.status is Status.UNFINISHED
+    assert unfinished > 20
+
+
 def test_ties_are_broken_by_the_least_norm_or_by_the_metric():
     """By hand: of x + y = 2 the nearest to zero is (1, 1), with weights 1 and 2 (1.6, 0.4)."""
     level = [(np.ones((1, 2)), np.array([2.0]))]

@@ -351,9 +351,27 @@ def test_plain_arrays_and_lists_have_the_same_box(seed, n):
     x, v = 10 * rng.normal(size=n), rng.normal(size=n)
     plain = Joints(*sides, T=joints.T).box(x, v)
     other = Joints(*(side.tolist() for side in sides), T=joints.T).box(x, v.tolist())
+    whole = joints.box(np.zeros(n, dtype=int), v), joints.box(np.zeros(n), v)
     for name in ("lower", "upper", "viable"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(other, name), strict=True)
         assert not getattr(plain, name).flags.writeable
+        np.testing.assert_array_equal(*(getattr(box, name) for box in whole))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e121, 5.0, 0.5, 0.0, -0.5, -5.0])
+def test_plain_arrays_and_lists_are_refused_alike(wrong):
+    """Each argument in turn has one number that it may not have, or another that it may."""
+    for k in range(8):
+        every = [np.full(2, number) for number in (0.0, 0.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0)]
+        every[k][1] = wrong
+        said = []
+        for x, v, *sides in (every, [A.tolist() for A in every]):
+            try:
+                box = Joints(*sides, T=0.1).box(x, v)
+                said.append(str([box.lower.tolist(), box.upper.tolist()]))
+            except ValueError as error:
+                said.append(str(error).partition(", got ")[0])
+        assert said[0] == said[1]
 
 
 @given(st.sampled_from(EXTREMES), st.sampled_from(EXTREMES), st.sampled_from([0.0, 1e-9, 1.0]))
