@@ -127,7 +127,7 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
     """The same answer from it as from nothing, in fewer steps."""
     rng, steps = np.random.default_rng(0), np.zeros(2)
     for _ in range(20):
-        J, v = rng.normal(size=(4, 6)), rng.normal(size=4)
+        J, v = rng.normal(size=(4, 6)), 3 * rng.normal(size=4)
         kin = ConstrainedSystem(J, None, range(6)).kinematics()
 
         def solve(v: np.ndarray, start: Any = None, J: Any = J, kin: Any = kin) -> Any:
@@ -139,10 +139,10 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
                 return hierarchy.solve([v[:2], v[2:]], start=start)
             mapping = kin.velocity_mapping if of == "velocity" else kin.force_mapping
             limits = "rate_limits" if of == "velocity" else "torque_limits"
-            return mapping([0, 1], **{limits: (-0.3, 0.3)}).solve(v[:2], start=start).optimum
+            return mapping([0, 1], **{limits: (-0.3, 0.3)}).solve(v[:2], start=start)
 
         cold, warm = solve(1.01 * v), solve(1.01 * v, solve(v))
-        points = [found.point for found in (cold, warm)]
+        points = [getattr(found, "optimum", found).point for found in (cold, warm)]
         np.testing.assert_allclose(points[1].x, points[0].x, rtol=0, atol=1e-9)
         steps += [point.steps[0] for point in points]
     assert steps[1] < steps[0]
@@ -150,34 +150,28 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
 
 def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
     """What is said, and calls whose arguments are right each, but not together."""
-    J, rows, two = np.eye(2), (np.eye(2), np.zeros(2)), np.stack([np.eye(2)] * 2)
-    kin = ConstrainedSystem(J, None, [0, 1]).kinematics()
+    J = np.eye(2)
+    system = ConstrainedSystem(J, None, [0, 1])
+    kin, wide = system.kinematics(), ConstrainedSystem(np.eye(3), None, [0, 1, 2]).kinematics()
     mapping, hierarchy = kin.velocity_mapping([0]), kin.hierarchy([Task([0]), Task([1])])
-    wide = ConstrainedSystem(np.eye(3), None, [0, 1, 2]).kinematics()
+    batch = {"J": np.stack([J, J]), "major": [0]}
+    yield "leading axes must broadcast", velocity_mapping, batch | {"scale": np.ones(3)}
     interval = [Task([0], interval=True), Task([1])]
-    yield (
-        "leading axes must broadcast",
-        velocity_mapping,
-        {"J": two, "major": [0], "scale": [1] * 3},
-    )
     yield "interval as its only task", kin.hierarchy, {"levels": [interval]}
     yield "rows of levels", kin.hierarchy, {"levels": [Task([7])]}
     yield "targets must be 2, one a level", hierarchy.solve, {"targets": [[1.0]]}
     yield "kinematics must", hierarchy.at, {"kinematics": wide}
     yield "kinematics must have a J of shape", mapping.at, {"kinematics": wide}
-    yield (
-        "rows must be given with",
-        lexicographic_least_squares,
-        {"levels": [rows], "rows_lower": 0},
-    )
-    yield "lower and upper", lexicographic_least_squares, {"levels": [rows], "lower": 1, "upper": 0}
-    tolerance = {"geometry_accuracy": 1e-6, "rank_tolerance": 1e-8}
+    least = {"levels": [(J, np.zeros(2))]}
+    yield "rows must be given with", lexicographic_least_squares, least | {"rows_lower": 0.0}
+    yield "lower and upper", lexicographic_least_squares, least | {"lower": 1.0, "upper": 0.0}
     made = {"J_T": J, "J_C": None, "active": [0, 1]}
-    yield "with another rank_tolerance", ConstrainedSystem, made | tolerance
+    tolerances = {"geometry_accuracy": 1e-6, "rank_tolerance": 1e-8}
+    yield "with another rank_tolerance", ConstrainedSystem, made | tolerances
     yield "2 velocities and 2 actuators", ConstrainedSystem, made | {"names": Names(("a",), ())}
-    atlas = {"system": kin.system, "major": [0], "codes": [[0, 0]]}
-    sides = -np.ones((3, 2)), np.ones((3, 2))
-    yield "rate_limits must be of shape", failure_atlas, atlas | {"rate_limits": sides}
+    atlas = {"system": system, "major": [0], "codes": [[0, 0]]}
+    limits = -np.ones((3, 2)), np.ones((3, 2))
+    yield "rate_limits must be of shape", failure_atlas, atlas | {"rate_limits": limits}
 
 
 def test_arguments_that_contradict_each_other_are_refused():
