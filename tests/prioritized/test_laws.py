@@ -125,7 +125,7 @@ def test_what_was_looked_up_before_hides_no_wrong_row():
 @pytest.mark.parametrize("of", ["velocity", "force", "hierarchy", "levels"])
 def test_the_solution_of_the_tick_before_is_a_start(of):
     """The same answer from it as from nothing, in fewer steps."""
-    rng, steps = np.random.default_rng(0), np.zeros(2)
+    rng, steps, limits = np.random.default_rng(0), np.zeros(2), (np.full(6, -0.3), np.full(6, 0.3))
     for _ in range(20):
         J, v = rng.normal(size=(4, 6)), 3 * rng.normal(size=4)
         kin = ConstrainedSystem(J, None, range(6)).kinematics()
@@ -133,13 +133,13 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
         def solve(v: np.ndarray, start: Any = None, J: Any = J, kin: Any = kin) -> Any:
             if of == "levels":
                 levels = [(J[:2], v[:2]), (J[2:], v[2:])]
-                return lexicographic_least_squares(levels, -0.3, 0.3, start=start)
+                return lexicographic_least_squares(levels, *limits, start=start)
             if of == "hierarchy":
-                hierarchy = kin.hierarchy([Task([0, 1]), Task([2, 3])], rate_limits=(-0.3, 0.3))
+                hierarchy = kin.hierarchy([Task([0, 1]), Task([2, 3])], rate_limits=limits)
                 return hierarchy.solve([v[:2], v[2:]], start=start)
             mapping = kin.velocity_mapping if of == "velocity" else kin.force_mapping
-            limits = "rate_limits" if of == "velocity" else "torque_limits"
-            return mapping([0, 1], **{limits: (-0.3, 0.3)}).solve(v[:2], start=start)
+            named = {"rate_limits" if of == "velocity" else "torque_limits": limits}
+            return mapping([0, 1], **named).solve(v[:2], start=start)
 
         cold, warm = solve(1.01 * v), solve(1.01 * v, solve(v))
         points = [getattr(found, "optimum", found).point for found in (cold, warm)]
@@ -365,6 +365,8 @@ def ways(J: Any, w: Any, low: Any, high: Any, v: Any) -> dict[str, Way]:
     rates, x = hierarchy.solve([v, None]), lexicographic_least_squares([(J[:2], v)], *box)
     return {
         "velocity": kin.velocity_mapping([0, 1], joint_weight=w),
+        "velocity of a matrix": velocity_mapping(J, [0, 1], None, w, w[:2], rate_limits=box),
+        "force of a matrix": force_mapping(J, [0, 1], None, w, w[:2]),
         "limited": limited,
         "limited, solved": lambda v: limited.solve(v).rates,
         "scaled": scaled,
