@@ -12,7 +12,7 @@ from sim import MODELS, JacobianReader, Mechanism, Pose, load_model
 
 
 @pytest.mark.parametrize("largest", [0.0, 1e-9, 0.1, 3.0])
-def test_displacements_of_poses_are_their_rotation_vectors_and_translations(largest):
+def test_displacements_are_rotation_vectors_and_translations(largest):
     rng = np.random.default_rng(3)
     turn = rng.normal(size=(40, 3))
     turn *= largest * rng.random((40, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)

@@ -275,7 +275,7 @@ def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):
 
 
 @pytest.mark.parametrize("every", [91, pytest.param(1, marks=pytest.mark.long)])
-def test_conditions_of_the_hexapod_have_the_speed_and_force_they_have_alone(sprung, hexapod, every):
+def test_conditions_of_the_hexapod_have_the_speed_they_have_alone(sprung, hexapod, every):
     limits = STRUTS_M, (-80.0, np.arange(6) * 10.0)
     atlas = failure_atlas(sprung, [0, 1, 5], rate_limits=limits[0], torque_limits=limits[1])
     for row in range(0, 729, every):

@@ -60,7 +60,7 @@ def test_failures_come_in_any_order_and_may_be_told_twice(data, drawn):
         system = system.with_failures(**event)
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
-    assert not drawn.system.failures.locked  # the sound one stays as it was
+    assert not drawn.system.failures.locked  # the healthy one stays as it was
 
 
 @given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())
@@ -110,15 +110,15 @@ def test_a_locked_four_bar_stops_where_a_column_less_would_move(seed, locked):
     """One loop, one freedom, two motors: one locked, all is locked; the paper's closing warning."""
     rng = np.random.default_rng(seed)
     system = four_bar(rng.uniform(0.3, 1.2, size=3), rng.uniform(0.5, 2.0, size=3))
-    sound = system.kinematics()
-    assert sound.manipulability([0]).constrained_active
+    healthy = system.kinematics()
+    assert healthy.manipulability([0]).constrained_active
     kin = system.with_failures(locked=[locked]).kinematics()
     assert kin.manipulability([0]).unmanipulable
     assert spaces.motions(system.with_failures(locked=[locked])).shape == (4, 0)
     np.testing.assert_allclose(kin.velocity_mapping([0])([1.0]), 0.0, atol=1e-9)
-    dropped = velocity_mapping(np.delete(sound.J, locked, axis=1), [0])([1.0])
+    dropped = velocity_mapping(np.delete(healthy.J, locked, axis=1), [0])([1.0])
     rates = np.insert(dropped, locked, 0.0)
-    assert np.abs(sound.active_constraint @ rates).max() > 1e-2  # the loop would tear
+    assert np.abs(healthy.active_constraint @ rates).max() > 1e-2  # the loop would tear
     # Force, too: the motor left behind only squeezes, so the structure bears the whole task.
     mapping = kin.force_mapping([0], torque_weight=[1.0])
     np.testing.assert_allclose(mapping([1.0]), 0.0, atol=1e-9)

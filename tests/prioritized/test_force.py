@@ -98,7 +98,7 @@ def test_the_metric_chooses_which_part_of_a_forbidden_force_is_given_up():
     assert plain.rank == 1
 
 
-def test_ties_go_to_the_least_torques_and_then_to_the_least_secondary_force():
+def test_ties_go_to_the_least_torques_then_the_least_secondary_force():
     """Two secondary rows push the same actuator: the torque vanishes, they share its burden."""
     J = np.array([[1.0, 1.0], [1.0, 0.0], [1.0, 0.0]])
     mapping = force_mapping(J, [0])

@@ -16,7 +16,7 @@ def linearized(**others: Any) -> Any:
     return SimpleNamespace(**given | others)
 
 
-def test_a_mechanism_from_a_model_brings_names_accuracy_and_springs_on_request():
+def test_a_model_brings_names_and_accuracy_and_springs_on_request():
     soft = linearized(stiffness=np.ones(3))
     assert ConstrainedSystem.of(soft).stiffness is None
     np.testing.assert_array_equal(ConstrainedSystem.of(soft, springs=True).stiffness, np.eye(3))

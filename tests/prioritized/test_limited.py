@@ -277,7 +277,7 @@ def test_a_friction_pyramid_holds_the_tangential_force_back():
     assert alone.status is Status.EXACT
 
 
-def test_forces_keep_their_direction_if_scaled_and_are_the_gains_without_limits():
+def test_scaled_forces_keep_their_direction_and_unlimited_are_the_gains():
     mapping = force_mapping(EYE, [0, 1], torque_limits=(-1.0, 1.0), when_limited="scaled")
     found = mapping.solve([4.0, 1.0])
     np.testing.assert_allclose(found.torques, [1.0, 0.25], atol=1e-12)

@@ -301,7 +301,7 @@ def test_levels_of_all_kinds_are_solved_as_in_general(levels, size):
 TIED = ConstrainedSystem([[1.0, 0.0, 0.0]], [[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]], [0, 1])
 
 
-def test_a_passive_limit_holds_rates_and_contradictions_are_left_to_the_general_way():
+def test_passive_limits_hold_rates_and_contradictions_have_no_answer():
     """Limits that contradict the loops; a joint that swings."""
     tick, narrow = tick_of(TIED, Task([0]), Task.joints()), np.array([5.0, 5.0, 0.1])
     assert tick is not None

@@ -253,7 +253,7 @@ def path(joints: Joints, x: float, v: float, ticks: int) -> np.ndarray:
     return np.array(positions)
 
 
-def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may_and_overshoots_least():
+def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may():
     """From v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
     joints = Joints(-2.0, 1.5, -9.0, 9.0, -10.0, 10.0, 0.1)
     np.testing.assert_allclose(path(joints, 1.0, 5.0, 5), [1.4, 1.7, 1.9, 2.0, 2.0])
