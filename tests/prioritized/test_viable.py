@@ -1,7 +1,7 @@
 """The box of rates: what is in it can be kept up for ever, and what is not cannot."""
 
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -364,8 +364,9 @@ def test_plain_arrays_and_lists_are_refused_alike(wrong):
     for k in range(8):
         every = [np.full(2, number) for number in (0.0, 0.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0)]
         every[k][1] = wrong
-        said = []
-        for x, v, *sides in (every, [A.tolist() for A in every]):
+        said: list[str] = []
+        ways: list[list[Any]] = [every, [A.tolist() for A in every]]
+        for x, v, *sides in ways:
             try:
                 box = Joints(*sides, T=0.1).box(x, v)
                 said.append(str([box.lower.tolist(), box.upper.tolist()]))
