@@ -61,7 +61,6 @@ class _Former:
         self.E, self.e = np.zeros((0, n)), np.zeros(0)
 
     def add(self, A: np.ndarray, x: np.ndarray) -> None:
-        """A x stays what it is from now on."""
         if size := _norm(A):
             self.E = np.vstack([self.E, A / size])
             self.e = np.append(self.e, A @ x / size)
@@ -92,47 +91,107 @@ def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, n
 # The oracles.
 
 
+@dataclass(frozen=True)
+class Known:
+    """Of B problems: x (B, n), the gap of the ranks (zero where none is found), condition."""
+
+    x: np.ndarray
+    gap: np.ndarray
+    condition: np.ndarray
+
+
+class _Inverse:
+    """Singular values of matrices (P, k, n) beside those up to `least`, (P,)."""
+
+    def __init__(self, A: np.ndarray, least: np.ndarray) -> None:
+        self.U, sigma, self.Vt = np.linalg.svd(A, full_matrices=False)
+        large = sigma > least[:, None]
+        self.inverse = np.where(large, 1.0 / np.where(large, sigma, 1.0), 0.0)
+        self.Vt = self.Vt * large[..., None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = sigma / least[:, None]
+            gap = np.where(large, ratio, np.where(sigma > 0, 1 / ratio, np.inf))
+        self.gap = gap.min(axis=1, initial=np.inf)
+        self.condition = sigma.max(axis=1, initial=0.0) * self.inverse.max(axis=1, initial=0.0)
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        return times(self.Vt.mT, self.inverse * times(self.U.mT, b))
+
+
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return (A @ x[..., None])[..., 0]
+
+
+def sizes(A: np.ndarray) -> np.ndarray:
+    """Of each matrix, also where squares underflow."""
+    most = abs(A).max(axis=(-2, -1), initial=0.0)
+    return most * np.linalg.norm(A / np.where(most > 0, most, 1.0)[:, None, None], axis=(-2, -1))
+
+
+def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
+    """Solutions of B problems, levels (B, k, n) and (B, k), bounds (B, n): every active set tried.
+
+    An active set leaves a least-squares problem in the free unknowns, with the levels before as
+    equations E x = e, each level's rows over their size. The best that keeps the bounds is the
+    level's optimum: it is among them, since the least-norm optimum solves the case of its own set.
+    """
+    count, n = lower.shape
+    cases = np.array(list(itertools.product((-1, 0, 1), repeat=n)))
+    low, high = lower[:, None], upper[:, None]
+    possible = np.where(cases < 0, np.isfinite(low), np.where(cases > 0, np.isfinite(high), True))
+    possible &= np.where(low == high, cases < 0, True)
+    of, which = np.nonzero(possible.all(axis=2))
+    active = cases[which]
+    held = np.where(active < 0, lower[of], np.where(active > 0, upper[of], 0.0))
+    free = active == 0
+    E, e = np.zeros((count, 0, n)), np.zeros((count, 0))
+    x, gap, condition = np.zeros((count, n)), np.full(count, np.inf), np.ones(count)
+    for A, b in [*levels, (np.zeros((count, 0, n)), np.zeros((count, 0)))]:
+        size = sizes(A) + (sizes(A) == 0)
+        A, b = A / size[:, None, None], b / size[:, None]
+        kept = _Inverse(A, np.full(count, RANK)).Vt
+        A = A @ kept.mT @ kept  # or what does not count would choose among large x
+        earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
+        y = held + earlier.solve(e[of] - times(E[of], held))
+        rest = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
+        level = _Inverse(A[of] @ rest, np.full(len(of), RANK))
+        y = y + level.solve(b[of] - times(A[of], y))
+        slack = FEASIBLE * (1 + np.linalg.norm(y, axis=1))
+        kept = np.maximum(lower[of] - y, y - upper[of]).max(axis=1) <= slack
+        kept &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
+        value = np.linalg.norm(times(A[of], y) - b[of] if len(b[0]) else y, axis=1)
+        value[~kept] = np.inf
+        best = np.full(count, np.inf)
+        np.minimum.at(best, of, value)
+        gap[np.isinf(best)] = 0.0
+        # The first that is best, in the order of the problems.
+        winner = np.nonzero(value <= best[of])[0]
+        winner = winner[np.unique(of[winner], return_index=True)[1]]
+        x = np.clip(y[winner], lower, upper)
+        for each in (earlier, level):
+            gap = np.minimum(gap, each.gap[winner])
+            condition = np.maximum(condition, each.condition[winner])
+        E, e = np.concatenate([E, A], axis=1), np.concatenate([e, times(A, x)], axis=1)
+    return Known(x, gap, condition)
+
+
 def by_active_sets(
     levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
-    """The answer x (n,) by trying every active set, for n plus the number of rows up to 6.
+    """The answer x (n,) of one problem, :func:`enumerated`; n plus the number of rows up to 6.
 
-    Each of the n bounds and r rows is free, at its lower or at its upper limit: at most 3^(n + r)
-    cases. In each, a level is a least-squares problem with equations. Of the solutions that keep
-    the limits, the best is the level's optimum: the optimum is among them, since the least-norm
-    optimum solves the case of its own active set. A x of the levels done are equations of the next;
-    the last level is |x|. Exact to `FEASIBLE`; seconds for n = 6.
-
-    Raises:
-        ValueError: No x keeps bounds and rows.
+    Rows are a first level G x = s of more unknowns s; x is the least before s is.
     """
     n = len(lower)
-    G, lo, hi = _constraints(lower, upper, rows)
-    cases = [_cases(*limits) for limits in zip(lo, hi, strict=True)]
-    former, x = _Former(n), np.zeros(n)
-    for A, b in _with_least_norm(levels, n):
-        best = np.inf
-        for case in itertools.product(*cases):
-            on = [k for k, limit in enumerate(case) if limit is not None]
-            E = np.vstack([former.E, G[on]])
-            e = np.append(former.e, [limit for limit in case if limit is not None])
-            candidate = _minimizer(E, e, A, b)
-            slack = FEASIBLE * (1 + _norm(candidate))
-            kept = np.maximum(lo - G @ candidate, G @ candidate - hi).max(initial=0) <= slack
-            equal = np.abs(E @ candidate - e).max(initial=0) <= slack
-            if kept and equal and (value := _norm(A @ candidate - b)) < best:
-                best, x = value, candidate
-        if best == np.inf:
-            raise ValueError("bounds and rows must be feasible, got none that is")
-        former.add(A, x)
-    return x
-
-
-def _cases(low: float, high: float) -> list[float | None]:
-    """Limits at which a constraint may be, None for neither."""
-    if low == high:
-        return [low]
-    return [None, *(limit for limit in (low, high) if np.isfinite(limit))]
+    if rows is not None:
+        G, low, high = rows
+        none = np.zeros((1, len(G)))
+        wide = [(np.hstack([A, np.repeat(none, len(A), 0)]), b) for A, b in levels]
+        sides = np.hstack([G, -np.eye(len(G))]), np.zeros(len(G))
+        levels = [sides, *wide, (np.eye(n, n + len(G)), np.zeros(n))]
+        lower, upper = np.append(lower, low), np.append(upper, high)
+    made = [(np.asarray(A, float)[None], np.asarray(b, float)[None]) for A, b in levels]
+    return enumerated(made, np.array(lower, float)[None], np.array(upper, float)[None]).x[0, :n]
 
 
 def by_interior_point(
@@ -146,8 +205,7 @@ def by_interior_point(
     meets the conditions of an optimum (:func:`_kkt`). A limit with a multiplier holds in every
     optimum: it becomes an equation of the later levels, so that their programs keep an interior.
 
-    Raises:
-        RuntimeError: Clarabel ends without a solution: bounds and rows may be infeasible.
+    A RuntimeError says that Clarabel ends without a solution.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, x = _Former(len(lower)), np.zeros(len(lower))
@@ -207,8 +265,12 @@ def _program(
 
 
 @dataclass(frozen=True)
-class _Kkt:
-    """Relative residuals of one level, and the multiplier of each limit."""
+class Kkt:
+    """Relative residuals of one level, and the multiplier of each limit.
+
+    `stationarity` is the part of the gradient that no multiplier balances, `complementarity` the
+    largest multiplier times its distance from the limit.
+    """
 
     feasibility: float
     stationarity: float
@@ -217,6 +279,7 @@ class _Kkt:
 
     @property
     def worst(self) -> float:
+        """The largest of the three."""
         return max(self.feasibility, self.stationarity, self.complementarity)
 
 
@@ -228,7 +291,7 @@ def _kkt(
     top: np.ndarray,
     x: np.ndarray,
     near: float = 1e-8,
-) -> _Kkt:
+) -> Kkt:
     """How far x is from minimizing |A x - b| over E x = e and G x <= top."""
     unit, norm = 1 + _norm(x), _norm(A)
     size = norm * (norm * unit + _norm(b)) or 1.0
@@ -241,29 +304,19 @@ def _kkt(
         multipliers[reached], rest = nnls(Z.T @ G[reached].T, descent)
     off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
     balance = np.abs(multipliers * room).max(initial=0.0)
-    return _Kkt(off / unit, float(rest), balance / unit, multipliers)
+    return Kkt(off / unit, float(rest), balance / unit, multipliers)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far x is from the conditions of an optimum, relative; see :func:`certificate`.
+    """How far x is from the conditions of an optimum, level by level, |x| being the last."""
 
-    Attributes:
-        feasibility: The most by which x misses a bound or row, of 1 + |x|.
-        stationarity: Of each level, the last being |x|: part of the gradient that no multiplier
-            balances, of the terms the gradient is computed from.
-        complementarity: Of each level: the largest multiplier times its distance from the limit, in
-            the same units, of 1 + |x|.
-    """
-
-    feasibility: float
-    stationarity: tuple[float, ...]
-    complementarity: tuple[float, ...]
+    levels: list[Kkt]
 
     @property
     def worst(self) -> float:
-        """The largest of all these."""
-        return max(self.feasibility, *self.stationarity, *self.complementarity)
+        """The largest residual of all."""
+        return max(level.worst for level in self.levels)
 
 
 def certificate(
@@ -279,17 +332,12 @@ def certificate(
     Level k is a convex problem with the earlier levels' A_j x as equations, so that these
     conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,
     with multipliers of one sign each, of the limits that x reaches to within `near` of 1 + |x|.
-    Rows A_j are projected out; nonnegative least squares finds the other multipliers. An x that
-    errs by d along a singular value s of A shows as s^2 d only: small residuals prove the levels'
-    values, not the digits of x.
+    An x that errs by d along a singular value s of A shows as s^2 d only: small residuals prove
+    the levels' values, not the digits of x.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, found = _Former(len(x)), []
     for A, b in _with_least_norm(levels, len(x)):
         found.append(_kkt(A, b, former, G, top, x, near))
         former.add(A, x)
-    return Certificate(
-        max(level.feasibility for level in found),
-        tuple(level.stationarity for level in found),
-        tuple(level.complementarity for level in found),
-    )
+    return Certificate(found)

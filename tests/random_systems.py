@@ -5,13 +5,12 @@ mechanism that still fails; only the entries come from a seed.  What is not zero
 0.5 and 2, so that each rank is far from the threshold and 1e-8 separates zero from the rest.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from hypothesis import strategies as st
 
-from prioritized import ConstrainedSystem, Kinematics
+from prioritized import ConstrainedSystem
 
 SEEDS = st.integers(0, 2**32 - 1)
 ZERO = 1e-8
@@ -80,7 +79,7 @@ def systems(
     J_Ca = U[:, :held] @ rng.normal(size=(held, n)) + U[:, held : held + bound] @ forbidden
     J_Tp = rng.normal(size=(m, held)) @ V[:, :held].T
     J_Tp += of_rank(rng, m, p - held, moved) @ V[:, held:].T
-    Z = null(forbidden)
+    Z = np.linalg.svd(forbidden)[2][bound:].T
     reach = min(m, n - bound) - lost
     J = of_rank(rng, m, n - bound, reach) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
     J_Ta = J + J_Tp @ np.linalg.pinv(J_Cp, rcond=ZERO) @ J_Ca
@@ -147,53 +146,6 @@ def as_matrix(W: np.ndarray | None, size: int) -> np.ndarray:
     if W is None:
         return np.zeros((0, size))
     return np.diag(W) if W.ndim == 1 else W
-
-
-def null(A: np.ndarray) -> np.ndarray:
-    """Null space of a matrix whose singular values are zero or far above 1e-8."""
-    _, sigma, Vt = np.linalg.svd(A)
-    return Vt[np.count_nonzero(sigma > ZERO) :].T
-
-
-def projector(basis: np.ndarray) -> np.ndarray:
-    """What two orthonormal bases of one space have in common."""
-    return basis @ basis.T
-
-
-def dense_lexicographic(
-    hard: np.ndarray, levels: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """Least |A x - b| for each level in turn inside hard x = 0, by nested null-space bases."""
-    basis = null(hard)
-    x = np.zeros(hard.shape[1])
-    for A, b in levels:
-        kernel = null(A @ basis)
-        seen = basis @ null(kernel.T)
-        x = x + seen @ np.linalg.lstsq(A @ seen, b - A @ x, rcond=None)[0]
-        basis = basis @ kernel
-    return x
-
-
-def stuck_joints(system: ConstrainedSystem) -> list[int]:
-    """Velocity indices of all joints that cannot move."""
-    locked = system.active[sorted(system.failures.locked)].tolist()
-    return sorted({*locked, *system.failures.locked_passive})
-
-
-def closure(system: ConstrainedSystem) -> np.ndarray:
-    """Section 2.3.2: J_C with a unit row under it for each stuck joint."""
-    return np.vstack([system.J_C, np.eye(system.J_T.shape[1])[stuck_joints(system)]])
-
-
-def motions(system: ConstrainedSystem) -> np.ndarray:
-    """Orthonormal basis of all generalized velocities that the mechanism allows."""
-    return null(closure(system))
-
-
-def self_motions(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
-    """Orthonormal basis of those with every active joint held, in all coordinates."""
-    held = np.eye(system.J_T.shape[1])[kin.active]
-    return null(np.vstack([closure(system), held]))
 
 
 @st.composite

@@ -1,6 +1,5 @@
-"""Batches of small lexicographic problems: as the kernel solves them, and by enumeration."""
+"""Batches of small lexicographic problems, as the kernel solves them."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -8,11 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kernels import ffi, lib, pointer
-
-RANK = 1e-11
-"""Of a level's size: singular values below it are zero, for the kernel and for the enumeration."""
-FEASIBLE = 1e-11
-"""Of 1 + |x|: by so much a candidate of the enumeration may miss a bound or an equation."""
+from tests.lexicographic_oracles import RANK, Known, enumerated, sizes, times
 
 
 @dataclass(frozen=True)
@@ -38,16 +33,6 @@ def one(levels: Any, lower: Any, upper: Any) -> Batch:
     """A single problem."""
     made = [(np.array(A, float)[None], np.array(b, float)[None]) for A, b in levels]
     return Batch(made, np.array(lower, float)[None], np.array(upper, float)[None])
-
-
-def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return (A @ x[..., None])[..., 0]
-
-
-def sizes(A: np.ndarray) -> np.ndarray:
-    """Of each matrix, also where squares underflow."""
-    most = abs(A).max(axis=(-2, -1), initial=0.0)
-    return most * np.linalg.norm(A / np.where(most > 0, most, 1.0)[:, None, None], axis=(-2, -1))
 
 
 class Found(NamedTuple):
@@ -130,9 +115,6 @@ def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
     return [kernel(batch, start=start) for start in begun]
 
 
-# Random problems.
-
-
 def random_batch(
     rng: np.random.Generator, count: int, n: int, rows: Sequence[int], heavy: bool = False
 ) -> Batch:
@@ -180,80 +162,9 @@ def random_batch(
     return Batch(levels, lower, upper)
 
 
-# Enumeration.
-
-
-class Known(NamedTuple):
-    """Of each problem: x, the gap of its ranks, zero where none is found; condition, (B, ...)."""
-
-    x: np.ndarray
-    gap: np.ndarray
-    condition: np.ndarray
-
-
-class _Inverse:
-    """Singular values of matrices (P, k, n) beside those up to `least`, (P,)."""
-
-    def __init__(self, A: np.ndarray, least: np.ndarray) -> None:
-        self.U, sigma, self.Vt = np.linalg.svd(A, full_matrices=False)
-        large = sigma > least[:, None]
-        self.inverse = np.where(large, 1.0 / np.where(large, sigma, 1.0), 0.0)
-        self.Vt = self.Vt * large[..., None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = sigma / least[:, None]
-            gap = np.where(large, ratio, np.where(sigma > 0, 1 / ratio, np.inf))
-        self.gap = gap.min(axis=1, initial=np.inf)
-        self.condition = sigma.max(axis=1, initial=0.0) * self.inverse.max(axis=1, initial=0.0)
-
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        return times(self.Vt.mT, self.inverse * times(self.U.mT, b))
-
-
-def enumerated(batch: Batch) -> Known:
-    """The solutions, by trying every active set at every level: as `by_active_sets`, of many.
-
-    An active set leaves a least-squares problem in the free unknowns, with the levels before as
-    equations E x = e, each level's rows over their size. The best that keeps the bounds is the
-    level's optimum.
-    """
-    count, n = batch.lower.shape
-    cases = np.array(list(itertools.product((-1, 0, 1), repeat=n)))
-    low, high = batch.lower[:, None], batch.upper[:, None]
-    possible = np.where(cases < 0, np.isfinite(low), np.where(cases > 0, np.isfinite(high), True))
-    possible &= np.where(low == high, cases < 0, True)
-    of, which = np.nonzero(possible.all(axis=2))
-    active = cases[which]
-    held = np.where(active < 0, batch.lower[of], np.where(active > 0, batch.upper[of], 0.0))
-    free = active == 0
-    E, e = np.zeros((count, 0, n)), np.zeros((count, 0))
-    x, gap, condition = np.zeros((count, n)), np.full(count, np.inf), np.ones(count)
-    for A, b in [*batch.levels, (np.zeros((count, 0, n)), np.zeros((count, 0)))]:
-        size = sizes(A) + (sizes(A) == 0)
-        A, b = A / size[:, None, None], b / size[:, None]
-        kept = _Inverse(A, np.full(count, RANK)).Vt
-        A = A @ kept.mT @ kept  # or what does not count would choose among large x
-        earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
-        y = held + earlier.solve(e[of] - times(E[of], held))
-        rest = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
-        level = _Inverse(A[of] @ rest, np.full(len(of), RANK))
-        y = y + level.solve(b[of] - times(A[of], y))
-        slack = FEASIBLE * (1 + np.linalg.norm(y, axis=1))
-        kept = np.maximum(batch.lower[of] - y, y - batch.upper[of]).max(axis=1) <= slack
-        kept &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
-        value = np.linalg.norm(times(A[of], y) - b[of] if len(b[0]) else y, axis=1)
-        value[~kept] = np.inf
-        best = np.full(count, np.inf)
-        np.minimum.at(best, of, value)
-        gap[np.isinf(best)] = 0.0
-        # The first that is best, in the order of the problems.
-        winner = np.nonzero(value <= best[of])[0]
-        winner = winner[np.unique(of[winner], return_index=True)[1]]
-        x = np.clip(y[winner], batch.lower, batch.upper)
-        for each in (earlier, level):
-            gap = np.minimum(gap, each.gap[winner])
-            condition = np.maximum(condition, each.condition[winner])
-        E, e = np.concatenate([E, A], axis=1), np.concatenate([e, times(A, x)], axis=1)
-    return Known(x, gap, condition)
+def known(batch: Batch) -> Known:
+    """By enumeration."""
+    return enumerated(batch.levels, batch.lower, batch.upper)
 
 
 def assert_alike(batch: Batch, x: np.ndarray, known: Known) -> None:

@@ -2,24 +2,14 @@
 
 import itertools
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, failure_atlas
-from sim import jacobians
-from tests.random_systems import (
-    SEEDS,
-    failures,
-    null,
-    projector,
-    rows_of,
-    springs,
-    systems,
-    with_stiffness,
-)
+from tests import spaces
+from tests.random_systems import SEEDS, failures, pairs, rows_of, springs, systems, with_stiffness
 
 FLAGS = (
     "unmanipulable",
@@ -40,30 +30,44 @@ def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) 
     assert classes.possible[row] == (not report.unmanipulable and not report.unstable_major)
     np.testing.assert_allclose(classes.worst_gain[row], report.worst_gain, atol=1e-7)
     # Singular values of the major task on the rates that the loops admit.
-    admissible = kin.J[major] @ projector(null(kin.active_constraint))
+    admissible = kin.J[major] @ spaces.projector(spaces.null(kin.active_constraint))
     gains = np.zeros(len(major))
     sigma = np.linalg.svd(admissible, compute_uv=False)
     gains[: len(sigma)] = sigma[: len(major)]
     np.testing.assert_allclose(classes.gains[row], gains, atol=1e-6)
     assert classes.major_rank[row] == len(major) - report.bases["unmanipulable"].shape[1]
     # Padding with zeros leaves the projector as it is.
-    moved = projector(classes.self_motion[row])
-    np.testing.assert_allclose(moved, projector(kin.self_motion), atol=1e-6)
+    spaces.assert_same(classes.self_motion[row], kin.self_motion)
 
     # Secondary velocities at will: what admissible rates make while the major task stands still.
-    rates = null(np.vstack([kin.active_constraint, kin.J[major]]))
+    rates = spaces.null(np.vstack([kin.active_constraint, kin.J[major]]))
     aside = kin.J[secondary] @ rates
     assert classes.secondary_rank[row] == np.linalg.matrix_rank(aside, tol=1e-7)
-    lost = projector(null(aside.T))
-    np.testing.assert_allclose(projector(classes.lost_secondary[row]), lost, atol=1e-6)
+    lost = spaces.projector(spaces.null(aside.T))
+    np.testing.assert_allclose(spaces.projector(classes.lost_secondary[row]), lost, atol=1e-6)
     assert classes.gap[row] >= 1.0
 
 
-@pytest.mark.long
-@given(st.data(), systems(), st.booleans())
-def test_each_condition_gets_the_verdict_it_gets_alone(data, drawn, elastic):
-    """Redundant rows, self-motion, springs, failures already there: row by row the same."""
+def assert_limited(classes, row: int, system: ConstrainedSystem, major, rates, torques) -> None:
+    """Worst speed and force of one row of an atlas against the sets of that condition."""
+    kin = system.kinematics()
+    speed, force = kin.attainable(major, rates).radius, kin.attainable_force(major, torques).radius
+    np.testing.assert_allclose(classes.worst_speed[row], speed, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(classes.worst_force[row], force, rtol=1e-7, atol=1e-9)
+    assert classes.possible[row] or speed == 0.0
+
+
+def rigid(system: ConstrainedSystem) -> ConstrainedSystem:
+    """Without its springs."""
+    known = system.failures
+    made = ConstrainedSystem(system.J_T, system.J_C, system.active)
+    return made.with_failures(known.locked, known.free, known.locked_passive)
+
+
+def conditions_alone(data, drawn, count: int | None) -> None:
+    """Redundant rows, self-motion, springs, failures already there, any limits: row by row."""
     system, n = drawn.system, len(drawn.system.active)
+    elastic = data.draw(st.booleans())
     if elastic:
         R = data.draw(springs(system.J_T.shape[1], drawn.rng))
         system = with_stiffness(system, R.T @ R)
@@ -72,18 +76,32 @@ def test_each_condition_gets_the_verdict_it_gets_alone(data, drawn, elastic):
     m = len(system.J_T)
     major = rows_of(data, m)
     secondary = sorted(set(range(m)) - set(major))
-    atlas = failure_atlas(system, major)
-    assert atlas.codes.tolist() == [list(code) for code in itertools.product(range(3), repeat=n)]
-    rigid = ConstrainedSystem(system.J_T, system.J_C, system.active).with_failures(
-        system.failures.locked, system.failures.free, system.failures.locked_passive
-    )
+    codes = None if count is None else drawn.rng.integers(0, 3, size=(count, n))
+    rates, torques = (data.draw(pairs(n)), data.draw(pairs(n))) if len(major) <= 3 else (None, None)
+    atlas = failure_atlas(system, major, None, codes, rate_limits=rates, torque_limits=torques)
+    if codes is None:
+        assert atlas.codes.tolist() == [list(of) for of in itertools.product(range(3), repeat=n)]
     assert (atlas.elastic is not None) == elastic
     for row, code in enumerate(atlas.codes):
-        locked, free = np.flatnonzero(code == 1), np.flatnonzero(code == 2)
         # One by one: a free actuator of the list may already be locked.
-        assert_says(atlas, row, rigid.with_failures(locked, free), major, secondary)
-        if atlas.elastic is not None:
-            assert_says(atlas.elastic, row, system.with_failures(locked, free), major, secondary)
+        failed = np.flatnonzero(code == 1), np.flatnonzero(code == 2)
+        for classes, of in ((atlas, rigid(system)), (atlas.elastic, system)):
+            if classes is not None:
+                condition = of.with_failures(*failed)
+                assert_says(classes, row, condition, major, secondary)
+                if len(major) <= 3:
+                    assert_limited(classes, row, condition, major, rates, torques)
+
+
+@given(st.data(), systems(actives=(1, 3), tasks=(1, 3)))
+def test_some_conditions_have_the_verdicts_and_speeds_they_have_alone(data, drawn):
+    conditions_alone(data, drawn, 3)
+
+
+@pytest.mark.long
+@given(st.data(), systems())
+def test_every_condition_has_the_verdicts_and_speeds_it_has_alone(data, drawn):
+    conditions_alone(data, drawn, None)
 
 
 @given(st.data(), systems(actives=(2, 4)))
@@ -133,12 +151,64 @@ def test_an_arm_of_twelve_joints_needs_a_list():
     assert atlas.possible.all()
     assert atlas.row(locked=[11]) == 11
     assert not failure_atlas(arm, [0], codes=2 * np.eye(12, dtype=int)).possible.any()
+    with pytest.raises(ValueError, match="the atlas holds no condition"):
+        atlas.row(free=[0])
+
+
+@given(SEEDS)
+def test_each_condition_may_have_limits_of_its_own(seed):
+    rng = np.random.default_rng(seed)
+    arm, codes = (
+        ConstrainedSystem(rng.normal(size=(2, 4)), None, range(4)),
+        rng.integers(0, 3, (3, 4)),
+    )
+    own = -rng.uniform(0, 2, size=(3, 4)), rng.uniform(0, 2, size=(3, 4))
+    both = failure_atlas(arm, [0, 1], codes=codes, rate_limits=own, torque_limits=own)
+    for row, code in enumerate(codes):
+        limits = own[0][row], own[1][row]
+        one = failure_atlas(arm, [0, 1], codes=[code], rate_limits=limits, torque_limits=limits)
+        for name in ("worst_speed", "worst_force"):
+            np.testing.assert_allclose(getattr(both, name)[row], getattr(one, name)[0], rtol=1e-9)
+
+
+def test_the_limits_of_failed_actuators_do_not_matter():
+    """A failed joint does not move and exerts nothing, even if its limits demand that it does."""
+    arm, limits = ConstrainedSystem(np.eye(2), None, [0, 1]), ([0.25, -1], [1, 1])
+    atlas = failure_atlas(
+        arm, [1], codes=[[0, 0], [1, 0]], rate_limits=limits, torque_limits=limits
+    )
+    assert atlas.worst_speed is not None and atlas.worst_force is not None
+    np.testing.assert_allclose([atlas.worst_speed, atlas.worst_force], 1.0)
+    assert arm.with_failures(locked=[0]).kinematics().attainable([1], limits).radius == 1.0
+
+
+@given(SEEDS)
+def test_one_motor_moves_the_task_at_its_gain_however_soft_the_springs(seed):
+    """Soft springs let passive joints move fast; that round-off is no constraint on the motor."""
+    rng = np.random.default_rng(seed)
+    J_T, J_C = rng.normal(size=(1, 6)), rng.normal(size=(3, 6))
+    free = spaces.null(np.vstack([J_C, np.eye(6)[5]])).T
+    beside = spaces.null(free) @ rng.normal(size=4)
+    R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + beside])
+    system = ConstrainedSystem(J_T, J_C, [5], stiffness=R.T @ R)
+    classes = failure_atlas(system, [0], codes=[[0]], rate_limits=(-1, 1)).elastic
+    assert classes is not None and classes.worst_speed is not None
+    if classes.possible[0]:
+        np.testing.assert_allclose(classes.worst_speed, classes.worst_gain, rtol=1e-9)
+
+
+# The hexapod.
+
+STRUTS_M = (-635e-6, 635e-6)
+COILS_N = (-80.0, 80.0)
 
 
 @pytest.fixture(scope="module")
-def hexapod(model) -> ConstrainedSystem:
-    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
-    return ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+def sprung(hexapod, model) -> ConstrainedSystem:
+    """With springs on the struts alone."""
+    K = np.zeros(hexapod.J_T.shape[1])
+    K[hexapod.active] = model.actuator_gainprm[:, 0]
+    return with_stiffness(hexapod, np.diag(K))
 
 
 def test_54_of_the_729_conditions_of_the_hexapod_can_still_point(hexapod):
@@ -166,27 +236,49 @@ def test_54_of_the_729_conditions_of_the_hexapod_can_still_point(hexapod):
     np.testing.assert_array_equal(atlas.secondary_rank[possible], 4 - locks[possible])
 
 
-def test_springs_on_the_struts_alone_hold_released_struts_as_locks_would(hexapod):
-    """A pointing hexapod needs two sound struts that are no antipodal pair, and nothing else.
+def test_springs_on_the_struts_alone_hold_free_struts_as_locks_would(sprung):
+    """A pointing hexapod needs two healthy struts that are no antipodal pair, and nothing else.
 
-    Of 729 conditions 64 have no sound strut, 6 x 32 have one, 3 x 16 just an antipodal pair.
+    Of 729 conditions 64 have no healthy strut, 6 x 32 have one, 3 x 16 just an antipodal pair.
     """
-    K = np.zeros(hexapod.J_T.shape[1])
-    K[hexapod.active] = 1e4
-    elastic = failure_atlas(with_stiffness(hexapod, np.diag(K)), [0, 1]).elastic
+    elastic = failure_atlas(sprung, [0, 1]).elastic
     assert elastic is not None
     assert elastic.possible.sum() == 729 - 64 - 192 - 48
     assert not elastic.unstable.any()
     assert elastic.gap.min() >= 1e4  # what is nil is rounding: 4e4 to 2e5 by processor
 
 
-def test_an_atlas_tells_where_it_is_asked_for_what_it_does_not_hold():
-    system = ConstrainedSystem(np.eye(2), None, [0, 1])
-    atlas = failure_atlas(system, [0], codes=[[0, 1]])
-    assert atlas.row(locked=[1]) == 0
-    with pytest.raises(ValueError, match=r"the atlas holds no condition \[2, 0\]"):
-        atlas.row(free=[0])
-    with pytest.raises(ValueError, match=r"locked must lie in 0\.\.1, got \[2\]"):
-        atlas.row(locked=[2])
-    with pytest.raises(ValueError, match=r"either locked or free, got both for \[1\]"):
-        atlas.row(locked=[1], free=[1])
+def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):
+    """And half as far with two. The struts turn the payload about three axes, 60 degrees apart.
+
+    The worst direction is across one of these axes: the other four struts share it equally, of
+    which one or two are lost.
+    """
+    atlas = failure_atlas(sprung, [0, 1], rate_limits=STRUTS_M, torque_limits=COILS_N)
+    assert atlas.elastic is not None and atlas.elastic.worst_speed is not None
+    speed, force = atlas.worst_speed, atlas.worst_force
+    assert speed is not None and force is not None
+    healthy, one, free = atlas.row(), atlas.row(locked=[0]), atlas.row(free=[0])
+    assert speed[healthy] == pytest.approx(4.42e-3, abs=5e-6)
+    kinds = (atlas.codes == 1).sum(axis=1), (atlas.codes == 2).sum(axis=1)
+    for locks, fraction in ((0, 1.0), (1, 0.75), (2, 0.5)):
+        left = speed[(kinds[0] == locks) & (kinds[1] == 0)] / speed[healthy]
+        np.testing.assert_allclose(left, fraction)
+    elastic = atlas.elastic.worst_speed
+    np.testing.assert_allclose(elastic[free], elastic[one], rtol=1e-9)
+    assert speed[free] == 0.0
+    # A locked strut bears what a coil would; without a coil the moment falls as the speed does.
+    assert force[healthy] == pytest.approx(45.98, abs=0.01)
+    assert force[one] == pytest.approx(force[healthy])
+    assert force[free] == pytest.approx(34.48, abs=0.01)
+    assert (speed > 0).sum() == atlas.possible.sum() == 54
+
+
+@pytest.mark.parametrize("every", [91, pytest.param(1, marks=pytest.mark.long)])
+def test_conditions_of_the_hexapod_have_the_speed_they_have_alone(sprung, hexapod, every):
+    limits = STRUTS_M, (-80.0, np.arange(6) * 10.0)
+    atlas = failure_atlas(sprung, [0, 1, 5], rate_limits=limits[0], torque_limits=limits[1])
+    for row in range(0, 729, every):
+        failed = np.flatnonzero(atlas.codes[row] == 1), np.flatnonzero(atlas.codes[row] == 2)
+        for classes, system in ((atlas, hexapod), (atlas.elastic, sprung)):
+            assert_limited(classes, row, system.with_failures(*failed), [0, 1, 5], *limits)

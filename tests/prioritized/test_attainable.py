@@ -11,7 +11,8 @@ from scipy.spatial import ConvexHull
 
 from prioritized import Attainable, ConstrainedSystem
 from prioritized._analysis.attainable import AttainableStatus
-from tests.random_systems import failures, pairs, rows_of, stuck_joints, systems
+from tests import spaces
+from tests.random_systems import failures, pairs, rows_of, systems
 
 
 def largest(d, equalities, x_of, limits) -> float:
@@ -35,38 +36,30 @@ def directions(rng: np.random.Generator, m1: int, count: int = 10) -> np.ndarray
     return np.vstack([rng.normal(size=(count, m1)), np.eye(m1), -np.eye(m1)])
 
 
-@given(st.data(), systems(actives=(1, 4), tasks=(1, 4), self_motion=False))
-def test_the_support_of_velocities_is_the_optimum_over_all_motions_of_the_mechanism(data, drawn):
-    """Over all N velocities that close the loops, none eliminated: a linear program."""
-    system = drawn.system
-    n, N, m = len(system.active), system.J_T.shape[1], len(system.J_T)
-    locked = data.draw(st.sets(st.integers(0, n - 1), max_size=1))
-    system = system.with_failures(locked=locked)
-    major, limits = rows_of(data, m), data.draw(pairs(n))
-    kin = system.kinematics()
-    a = kin.attainable(major, limits)
-    D = drawn.rng.permutation(directions(drawn.rng, len(major), 3))[:2]
-    closure = np.vstack([system.J_C, np.eye(N)[stuck_joints(system)]])
-    survivors = tuple(limit[kin.actuators] for limit in limits)
-    driven = np.eye(N)[kin.active]
-    expected = [largest(d @ system.J_T[major], closure, driven, survivors) for d in D]
-    np.testing.assert_allclose(a.support(D), expected, atol=1e-6)
-
-
+@pytest.mark.parametrize("of", ["velocities", "forces"])
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 4)))
-def test_the_support_of_forces_is_the_optimum_over_all_equilibria_of_the_mechanism(data, drawn):
-    """Over all task and constraint forces that balance every joint, eq. (5): a linear program."""
-    system = data.draw(failures(drawn.system))
-    n, N, m = len(system.active), system.J_T.shape[1], len(system.J_T)
-    major, limits = rows_of(data, m), data.draw(pairs(n))
-    kin = system.kinematics()
-    a = kin.attainable_force(major, limits)
-    D = drawn.rng.permutation(directions(drawn.rng, len(major), 3))[:2]
-    balance = np.hstack([system.J_T.T, system.J_C.T])  # (N, m + c): generalized forces
-    passive = sorted(set(range(N)) - set(kin.active.tolist()) - set(stuck_joints(system)))
+def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, drawn):
+    """Linear programs: all N velocities that close the loops; forces on all joints, eq. (5)."""
+    rates = of == "velocities"
+    system, N, m = (
+        data.draw(failures(drawn.system)),
+        drawn.system.J_T.shape[1],
+        len(drawn.system.J_T),
+    )
+    major, limits = rows_of(data, m), data.draw(pairs(len(system.active)))
+    kin, stuck = system.kinematics(), spaces.stuck_joints(system)
     survivors = tuple(limit[kin.actuators] for limit in limits)
-    select = np.eye(m + len(system.J_C))[major]
-    expected = [largest(d @ select, balance[passive], balance[kin.active], survivors) for d in D]
+    D = drawn.rng.permutation(directions(drawn.rng, len(major), 3))[:2]
+    if rates:
+        # xi of eq. (10) is nobody's to command.
+        closed = np.vstack([system.J_C, np.eye(N)[stuck], spaces.self_motions(system, kin).T])
+        select, driven = system.J_T[major], np.eye(N)[kin.active]
+    else:
+        balance = np.hstack([system.J_T.T, system.J_C.T])  # (N, m + c): generalized forces
+        closed = balance[sorted(set(range(N)) - set(kin.active.tolist()) - set(stuck))]
+        select, driven = np.eye(m + len(system.J_C))[major], balance[kin.active]
+    a = (kin.attainable if rates else kin.attainable_force)(major, limits)
+    expected = [largest(d @ select, closed, driven, survivors) for d in D]
     np.testing.assert_allclose(a.support(D), expected, atol=1e-6)
 
 
@@ -137,24 +130,6 @@ def test_no_limits_are_limits_that_are_wide_enough(data, drawn):
             assert ended.radius > 0
 
 
-@given(st.data(), systems(actives=(1, 4)))
-def test_a_rate_of_zero_is_a_lock_and_a_torque_of_zero_a_free_joint(data, drawn):
-    """By limits or by failure: the same velocities, the same forces. n-wide limits are cut."""
-    system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
-    major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
-    k = data.draw(st.integers(0, n - 1))
-    lower[k] = upper[k] = 0.0
-    kin, D = system.kinematics(), directions(drawn.rng, len(major))
-    sound = kin.attainable(major, (lower, upper))
-    locked = system.with_failures(locked=[k]).kinematics().attainable(major, (lower, upper))
-    np.testing.assert_allclose(sound.support(D), locked.support(D), atol=1e-7)
-    np.testing.assert_allclose(sound.radius, locked.radius, atol=1e-7)
-    held = kin.attainable_force(major, (lower, upper))
-    free = system.with_failures(free=[k]).kinematics().attainable_force(major, (lower, upper))
-    np.testing.assert_allclose(held.support(D), free.support(D), atol=1e-7)
-    np.testing.assert_allclose(held.radius, free.radius, atol=1e-7)
-
-
 @given(st.data(), systems(actives=(1, 4)), st.floats(0.1, 10.0))
 def test_twice_the_limits_are_twice_the_speed_and_force(data, drawn, factor):
     """The sets grow with the limits; a direction twice as long has twice the support."""
@@ -180,3 +155,127 @@ def test_corners_in_the_plane_are_in_counter_clockwise_order():
         turns = (np.roll(x, -1) - x) * (np.roll(y, -2) - np.roll(y, -1))
         turns -= (np.roll(y, -1) - y) * (np.roll(x, -2) - np.roll(x, -1))
         assert (turns > 0.0).all()
+
+
+# By hand.
+
+
+def arm() -> ConstrainedSystem:
+    return ConstrainedSystem(np.eye(2), None, [0, 1])
+
+
+def geared() -> ConstrainedSystem:
+    """Two motors on one shaft, turning against each other: their rates add to zero."""
+    return ConstrainedSystem([[1.0, 0.0]], [[1.0, 1.0]], [0, 1])
+
+
+def assert_set(a, status: AttainableStatus, radius: float, support, direction=(1.0,)) -> None:
+    assert a.status is status
+    assert a.radius == pytest.approx(radius, abs=1e-12)
+    assert a.support(direction) == pytest.approx(support, abs=1e-12)
+    assert str(a).startswith(status.value[:1].upper())
+
+
+def test_two_joints_at_right_angles_make_a_square():
+    """Each joint moves one axis: the corners are those of the limits, the ball touches sides."""
+    a = arm().kinematics().attainable([0, 1], ([-1, -2], [3, 4]))
+    assert_set(a, AttainableStatus.INTERIOR, 1.0, 7.0, [1, 1])
+    corners = [[-1, -2], [3, -2], [3, 4], [-1, 4]]
+    start = corners.index(a.vertices.round(9).tolist()[0])
+    np.testing.assert_allclose(a.vertices, np.roll(corners, -start, axis=0), atol=1e-12)
+
+
+@given(st.integers(3, 8), st.floats(0.1, 10.0))
+def test_joints_all_around_make_a_polygon_with_twice_as_many_sides(n, rate):
+    """Directions 180/n degrees apart: a regular polygon of known apothem."""
+    angle = np.pi * np.arange(n) / n
+    arm = ConstrainedSystem([np.cos(angle), np.sin(angle)], None, range(n))
+    a = arm.kinematics().attainable([0, 1], (-rate, rate))
+    side, sides = 2 * rate, 2 * n
+    assert len(a.vertices) == sides
+    np.testing.assert_allclose(a.radius, side / (2 * np.tan(np.pi / sides)), rtol=1e-9)
+    edges = np.roll(a.vertices, -1, axis=0) - a.vertices
+    np.testing.assert_allclose(np.linalg.norm(edges, axis=1), side, rtol=1e-9)
+    locked = arm.with_failures(locked=[0]).kinematics().attainable([0, 1], (-rate, rate))
+    assert locked.radius < a.radius
+
+
+@given(st.floats(-9.0, 0.0))
+def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
+    """A parallelogram's height; at the singularity itself the direction is out of reach."""
+    bend = 10.0**exponent
+    tip = np.array([1 + np.cos(bend), np.sin(bend)])
+    elbow = np.array([np.cos(bend), np.sin(bend)])
+    J = np.array([[-tip[1], -elbow[1]], [tip[0], elbow[0]]])
+    a = ConstrainedSystem(J, None, [0, 1]).kinematics().attainable([0, 1], (-1, 1))
+    assert a.status is AttainableStatus.INTERIOR
+    np.testing.assert_allclose(a.radius, np.sin(bend) / np.linalg.norm(tip), rtol=1e-5)
+    assert len(a.vertices) == 4 or bend < 1e-8
+    straight = ConstrainedSystem([[0, 0], [2, 1]], None, [0, 1]).kinematics()
+    assert straight.attainable([0, 1], (-1, 1)).status is AttainableStatus.OUT_OF_REACH
+
+
+@given(st.floats(-8.5, -1.0))
+def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
+    """A limited motor turns two others, which have no limits, 1/ratio times as fast as itself.
+
+    Their columns of the constraint are then nearly parallel.
+    """
+    ratio = 10.0**exponent
+    drive = ConstrainedSystem([[ratio, 0, 0]], [[1, 1, 1], [0, ratio, 1]], [0, 1, 2])
+    a = drive.kinematics().attainable([0], ([-np.inf, -np.inf, -1], [np.inf, np.inf, 2]))
+    assert a.status is AttainableStatus.INTERIOR
+    expected = (1 - ratio) * np.array([1, 2, 1])
+    np.testing.assert_allclose([a.radius, *a.support([[1], [-1]])], expected, rtol=1e-6)
+
+
+def test_geared_motors_are_as_fast_as_the_slower_and_as_strong_as_both():
+    """Rates oppose and torques add: the limits of one motor are those of the other, turned."""
+    kin = geared().kinematics()
+    assert_set(kin.attainable([0], ([-1, -9], [9, 9])), AttainableStatus.INTERIOR, 1.0, 9.0)
+    assert_set(kin.attainable([0], ([-9, -1], [9, 9])), AttainableStatus.INTERIOR, 1.0, 1.0)
+    assert_set(kin.attainable_force([0], ([-1, -2], [4, 5])), AttainableStatus.INTERIOR, 6.0, 6.0)
+
+
+def test_the_status_says_why_the_radius_is_zero():
+    """Out of reach, no room about zero, a contradiction, or a task that moves by itself."""
+    status, kin, pair = AttainableStatus, arm().kinematics(), geared().kinematics()
+    locked = kin.attainable([0, 1], ([-1, 0], [1, 0]))
+    assert_set(locked, status.OUT_OF_REACH, 0.0, 1.0, [1, 5])
+    np.testing.assert_allclose(sorted(locked.vertices.tolist()), [[-1, 0], [1, 0]], atol=1e-12)
+    assert_set(kin.attainable([0, 1], (0, 1)), status.NOT_INTERIOR, 0.0, 2.0, [1, 1])
+    assert_set(kin.attainable([0, 1], (1, 2)), status.NOT_INTERIOR, 0.0, -2.0, [-1, -1])
+    assert_set(pair.attainable([0], (1, 2)), status.EMPTY, 0.0, -np.inf)
+    assert_set(pair.attainable([0], ([1, 1], [1, 1])), status.EMPTY, 0.0, -np.inf)
+    assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.OUT_OF_REACH, 0.0, 1.0)
+    # Both may only push, against each other: nothing moves, though each limit alone leaves room.
+    assert_set(pair.attainable([0], (0, 1)), status.NOT_INTERIOR, 0.0, 0.0)
+    assert len(pair.attainable([0], (1, 2)).vertices) == 0
+    with_a_third = ConstrainedSystem([[1, 0, 0], [0, 0, 1]], [[1, 1, 0]], [0, 1, 2]).kinematics()
+    flat = with_a_third.attainable([0, 1], (0, 1))
+    assert_set(flat, status.NOT_INTERIOR, 0.0, 1.0, [7, 1])
+    assert len(flat.vertices) == 0
+    loose = ConstrainedSystem([[1.0, 1.0]], None, [0])
+    assert_set(loose.kinematics().attainable([0], (-1, 1)), status.SELF_MOTION, 0.0, 1.0)
+    assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.OUT_OF_REACH, 0.0, 0.0)
+
+
+def test_what_the_structure_bears_has_no_limit():
+    """A crane whose slewing is locked: any moment about the mast, without a torque."""
+    locked = arm().with_failures(locked=[0]).kinematics()
+    held = locked.attainable_force([0, 1], (-1, 1))
+    assert_set(held, AttainableStatus.INTERIOR, 1.0, np.inf, [1, 0])
+    assert held.support([0, 1]) == pytest.approx(1.0)
+    assert not held.bounded
+    assert "no limit" in str(held)
+    assert not held.vertices.size
+    assert arm().kinematics().attainable([0, 1]).radius == np.inf
+    assert arm().kinematics().attainable([0, 1], (-1, 1)).bounded
+
+
+def test_a_task_of_too_many_facets_is_refused_at_once():
+    """40 joints and 6 rows: 658008 sets of five joints, each a candidate for a facet."""
+    arm = ConstrainedSystem(np.random.default_rng(0).normal(size=(6, 40)), None, range(40))
+    with pytest.raises(ValueError, match="major must leave at most 100000 sets of actuators"):
+        arm.kinematics().attainable(range(6), (-1, 1))
+    assert arm.kinematics().attainable(range(3), (-1, 1)).radius > 0

@@ -1,50 +1,33 @@
 """Section 2.3: failures rebuild the model; here it is rebuilt by hand and compared."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import ConstrainedSystem, Kinematics, velocity_mapping
-from tests.random_systems import (
-    SEEDS,
-    closure,
-    failures,
-    motions,
-    null,
-    projector,
-    stuck_joints,
-    systems,
-)
+from prioritized import ConstrainedSystem, Kinematics, Task, velocity_mapping
+from prioritized._mechanism.failures import Failures
+from tests import spaces
+from tests.random_systems import SEEDS, failures, systems
 
 
 def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) -> None:
     """Equal Jacobian on admissible rates, equal spaces; bases may be turned in themselves."""
     np.testing.assert_array_equal(one.active, two.active)
     np.testing.assert_array_equal(one.passive, two.passive)
-    Z = null(one.active_constraint)
+    Z = spaces.null(one.active_constraint)
     np.testing.assert_allclose(one.J @ Z, two.J @ Z, atol=atol)
     np.testing.assert_allclose(one.passive_gain @ Z, two.passive_gain @ Z, atol=atol)
     for name in ("self_motion", "passive_self_motion"):
-        expected, actual = projector(getattr(one, name)), projector(getattr(two, name))
-        np.testing.assert_allclose(actual, expected, atol=atol)
+        spaces.assert_same(getattr(one, name), getattr(two, name), atol)
     for name in ("internal_force", "active_constraint"):
-        expected, actual = projector(getattr(one, name).T), projector(getattr(two, name).T)
-        np.testing.assert_allclose(actual, expected, atol=atol)
+        spaces.assert_same(getattr(one, name).T, getattr(two, name).T, atol)
     forces = np.eye(len(one.J))
     np.testing.assert_allclose(
         one.constraint_force(forces), two.constraint_force(forces), atol=atol
     )
-
-
-@given(st.data(), systems())
-def test_a_torque_failure_is_a_passive_joint_like_any_other(data, drawn):
-    """Section 2.3.1: a motor that exerts nothing might as well never have been there."""
-    system, n = drawn.system, len(drawn.system.active)
-    free = data.draw(st.sets(st.integers(0, n - 1)))
-    left = np.delete(system.active, sorted(free))
-    without = ConstrainedSystem(system.J_T, system.J_C, left)
-    assert_same_mechanism(without.kinematics(), system.with_failures(free=free).kinematics())
 
 
 @given(st.data(), systems())
@@ -53,11 +36,11 @@ def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
     failed = data.draw(failures(drawn.system))
     gone = sorted(failed.failures.locked | failed.failures.free)
     left = np.delete(failed.active, gone)
-    printed = ConstrainedSystem(failed.J_T, closure(failed), left)
+    printed = ConstrainedSystem(failed.J_T, spaces.closure(failed), left)
     kin = failed.kinematics()
     assert_same_mechanism(printed.kinematics(), kin)
     # What is stuck does not move, whatever the others do.
-    stuck = np.isin(kin.passive, stuck_joints(failed))
+    stuck = np.isin(kin.passive, spaces.stuck_joints(failed))
     np.testing.assert_array_equal(kin.passive_gain[stuck], 0)
     np.testing.assert_array_equal(kin.passive_self_motion[stuck], 0)
 
@@ -77,43 +60,36 @@ def test_failures_come_in_any_order_and_may_be_told_twice(data, drawn):
         system = system.with_failures(**event)
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
-    assert not drawn.system.failures.locked  # the sound one stays as it was
+    assert not drawn.system.failures.locked  # the healthy one stays as it was
 
 
-@given(st.data(), systems(actives=(2, 4)))
-def test_a_position_failure_leaves_of_all_motions_those_that_keep_the_joint_still(data, drawn):
-    """Driven motions and self-motion of the locked model together are exactly these."""
-    n, N = len(drawn.system.active), drawn.system.J_T.shape[1]
-    locked = data.draw(st.sets(st.integers(0, n - 1), min_size=1))
-    kin = drawn.system.with_failures(locked=locked).kinematics()
-    Z = null(kin.active_constraint)
-    made = np.zeros((N, Z.shape[1] + kin.passive_self_motion.shape[1]))
-    made[kin.active, : Z.shape[1]] = Z
-    made[kin.passive] = np.hstack([kin.passive_gain @ Z, kin.passive_self_motion])
-    sound = motions(drawn.system)
-    still = sound @ null(sound[drawn.system.active[sorted(locked)]])
-    assert made.shape == still.shape
-    np.testing.assert_allclose(projector(np.linalg.qr(made)[0]), projector(still), atol=1e-7)
-
-
-@given(st.data(), systems(actives=(2, 4)))
-def test_weights_of_all_actuators_are_cut_to_the_survivors(data, drawn):
+@given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())
+def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(data, drawn, square, tie_square):
     """A controller keeps its weights when an actuator fails: those of the failed have no say."""
     system, n = data.draw(failures(drawn.system)), len(drawn.system.active)
     kin, rng = system.kinematics(), drawn.rng
-    square, diagonal = rng.normal(size=(n, n)), rng.uniform(0.5, 2.0, size=n)
-    for W in (square, diagonal):
-        for T in (square[::-1], diagonal):
-            cut = W[..., kin.actuators], T[..., kin.actuators]
-            rates = kin.velocity_mapping([0], None, W, tie_metric=T)
-            same = kin.velocity_mapping([0], None, cut[0], tie_metric=cut[1])
-            np.testing.assert_array_equal(rates.major, same.major)
-            torques = kin.force_mapping([0], None, W, tie_metric=T)
-            same = kin.force_mapping([0], None, cut[0], tie_metric=cut[1])
-            np.testing.assert_array_equal(torques.major, same.major)
-    everyone = kin.expand(diagonal[kin.actuators])
-    np.testing.assert_array_equal(everyone[kin.actuators], diagonal[kin.actuators])
-    assert np.count_nonzero(everyone) == len(kin.actuators)
+    W, T = (rng.uniform(0.5, 2.0, size=(n, n) if each else n) for each in (square, tie_square))
+    limits, R = (-rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)), rng.normal(size=(1, n))
+    left = kin.actuators
+    cut = W[..., left], T[..., left], (limits[0][left], limits[1][left]), R[:, left]
+    found = []
+    for weight, metric, box, rows in ((W, T, limits, R), cut):
+        levels = [Task([0]), Task.joints(weight)]
+        bounds = {"rate_limits": box, "rate_rows": (rows, -0.1, 0.1)}
+        hierarchy = kin.hierarchy(levels, tie_metric=metric, **bounds)
+        limited = kin.velocity_mapping([0], None, weight, tie_metric=metric, **bounds)
+        found.append(
+            [
+                kin.velocity_mapping([0], None, weight, tie_metric=metric).major,
+                kin.force_mapping([0], None, weight, tie_metric=metric).major,
+                limited.solve([1.0]).rates,
+                hierarchy.solve([[1.0], None]).rates,
+            ]
+        )
+    for wide, narrow in zip(*found, strict=True):
+        np.testing.assert_array_equal(wide, narrow)
+    everyone = kin.expand(np.arange(1.0, n + 1)[left])
+    np.testing.assert_array_equal(np.flatnonzero(everyone), left)
 
 
 def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
@@ -130,38 +106,43 @@ def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
 
 
 @given(SEEDS, st.integers(0, 1))
-def test_the_warning_of_section_2_3_2_a_four_bar_stops_where_a_column_less_would_move(seed, locked):
+def test_a_locked_four_bar_stops_where_a_column_less_would_move(seed, locked):
     """One loop, one freedom, two motors: one locked, all is locked; the paper's closing warning."""
     rng = np.random.default_rng(seed)
     system = four_bar(rng.uniform(0.3, 1.2, size=3), rng.uniform(0.5, 2.0, size=3))
-    sound = system.kinematics()
-    assert sound.manipulability([0]).constrained_active
+    healthy = system.kinematics()
+    assert healthy.manipulability([0]).constrained_active
     kin = system.with_failures(locked=[locked]).kinematics()
     assert kin.manipulability([0]).unmanipulable
-    assert motions(system.with_failures(locked=[locked])).shape == (4, 0)
+    assert spaces.motions(system.with_failures(locked=[locked])).shape == (4, 0)
     np.testing.assert_allclose(kin.velocity_mapping([0])([1.0]), 0.0, atol=1e-9)
-    dropped = velocity_mapping(np.delete(sound.J, locked, axis=1), [0])([1.0])
+    dropped = velocity_mapping(np.delete(healthy.J, locked, axis=1), [0])([1.0])
     rates = np.insert(dropped, locked, 0.0)
-    assert np.abs(sound.active_constraint @ rates).max() > 1e-2  # the loop would tear
+    assert np.abs(healthy.active_constraint @ rates).max() > 1e-2  # the loop would tear
     # Force, too: the motor left behind only squeezes, so the structure bears the whole task.
     mapping = kin.force_mapping([0], torque_weight=[1.0])
     np.testing.assert_allclose(mapping([1.0]), 0.0, atol=1e-9)
     np.testing.assert_allclose(mapping.reaction, np.eye(3), atol=1e-9)
 
 
-def test_a_four_bar_is_rid_of_internal_force_by_releasing_one_of_two_motors():
+def test_releasing_one_of_two_motors_rids_a_four_bar_of_internal_force():
     """The other way to lose an actuator: what was over-actuated is then just actuated."""
     system = four_bar(np.array([0.5, 0.9, 0.7]), np.array([1.0, 2.0, 1.5]))
     assert system.kinematics().manipulability([0]).irresolvable
     report = system.with_failures(free=[1]).kinematics().manipulability([0])
     assert not (report.irresolvable or report.constrained_active or report.unstable)
-    crank, elbow, *_ = null(system.J_C)[:, 0]  # the one motion that closes the loop
+    crank, elbow, *_ = spaces.null(system.J_C)[:, 0]  # the one motion that closes the loop
     assert report.worst_gain == pytest.approx(abs((crank + elbow) / crank))
 
 
-def test_a_passive_joint_that_sticks_again_changes_nothing():
+def test_failures_stay_when_repeated_and_at_another_pose():
     system = four_bar(np.array([0.5, 0.9, 0.7]), np.array([1.0, 2.0, 1.5]))
     once = system.with_failures(locked_passive=[2])
-    twice = once.with_failures(locked_passive=[2, 2])
-    assert once.failures == twice.failures
+    assert once.failures == once.with_failures(locked_passive=[2, 2]).failures
     assert once.kinematics().active_constraint.shape == (2, 2)  # nothing moves any more
+    system = ConstrainedSystem(np.eye(2), None, [0, 1]).with_failures(locked=[0])
+    moved = dataclasses.replace(system, J_T=2 * np.eye(2))
+    assert moved.failures == system.at(2 * np.eye(2)).failures == Failures(locked=frozenset({0}))
+    np.testing.assert_array_equal(moved.kinematics().J, [[0.0], [2.0]])
+    with pytest.raises(ValueError, match=r"locked must lie in 0\.\.1, got \[7\]"):
+        ConstrainedSystem(np.eye(2), None, [0, 1], failures=Failures(locked=frozenset({7})))

@@ -1,13 +1,30 @@
-"""The one rank decision: where each verdict flips, and how far away that is."""
+"""One rank decision: where each verdict flips, how far away that is, and who agrees on it."""
+
+import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
 
-from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
+from prioritized import (
+    ConstrainedSystem,
+    Kinematics,
+    Manipulability,
+    Status,
+    failure_atlas,
+    force_mapping,
+    velocity_mapping,
+)
 from prioritized._solver.rank import RANK_TOLERANCE
-from tests.random_systems import SEEDS, orthogonal
+from tests import spaces
+from tests.profiles import scaled
+from tests.random_systems import SEEDS, major_and_rest, of_rank, orthogonal
+
+# Where verdicts flip.
 
 
 def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
@@ -21,7 +38,7 @@ def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
 
 
 @given(SEEDS, st.floats(2, 14), st.floats(-3, 3))
-def test_each_verdict_flips_where_its_singular_value_crosses_the_tolerance(seed, nearness, unit):
+def test_verdicts_flip_where_singular_values_cross_the_tolerance(seed, nearness, unit):
     """At sigma / scale = rank_tolerance, nowhere else; the gap is the factor to that point."""
     small, size = 10.0**-nearness, 10.0**unit
     U, V = (orthogonal(np.random.default_rng(seed + k), 2) for k in (0, 1))
@@ -53,6 +70,18 @@ def test_each_verdict_flips_where_its_singular_value_crosses_the_tolerance(seed,
     bound = len(report.bases["constrained_active"]) == 2, report.gaps["constrained_active"]
     expect(bound, size * small, norm)
 
+    # Mappings: exact, or best in reach; commanded, or borne unseen.
+    velocity, force = velocity_mapping(weak, [0, 1]), force_mapping(weak, [0, 1])
+    is_exact = velocity.status is Status.EXACT
+    expect((is_exact, float(velocity.gap)), size * small, norm * np.sqrt(2.0))
+    assert velocity.rank == 1 + is_exact
+    # Rates stay finite: the singular value is inverted or dropped, never a zero divided by.
+    assert np.abs(velocity.major).max() <= 1.01 / (norm * RANK_TOLERANCE)
+    assert force.rank == 2  # any force may be asked for: the structure bears what J does not see
+    if abs(np.log10(small / RANK_TOLERANCE)) > 0.5:  # sqrt(2) either way
+        assert (force.status is Status.EXACT) == is_exact
+        assert np.trace(force.reaction) == pytest.approx(0.0 if is_exact else 1.0, abs=1e-9)
+
 
 @given(SEEDS, st.floats(0, 8))
 def test_what_fast_passive_joints_leave_of_each_other_is_no_motion(seed, exponent):
@@ -72,22 +101,362 @@ def test_what_fast_passive_joints_leave_of_each_other_is_no_motion(seed, exponen
     assert kin.velocity_mapping([0]).rank == 0
 
 
-@given(SEEDS, st.floats(2, 14), st.floats(-3, 3))
-def test_mappings_flip_with_the_reports(seed, nearness, unit):
-    """The same decision behind the status: exact, or best in reach; commanded, or borne unseen."""
-    size, small = 10.0**unit, 10.0**-nearness
-    U, V = (orthogonal(np.random.default_rng(seed + k), 2) for k in (0, 1))
-    J = size * U @ np.diag([1.0, small]) @ V.T
-    norm = size * np.hypot(1.0, small)
-    velocity = velocity_mapping(J, [0, 1])
-    reached = velocity.status is Status.EXACT, float(velocity.gap)
-    expect(reached, size * small, norm * np.sqrt(2.0))
-    assert velocity.rank == 1 + reached[0]
-    # Rates stay finite: the singular value is inverted or dropped, never a zero divided by.
-    assert np.abs(velocity.major).max() <= 1.01 / (norm * RANK_TOLERANCE)
-    force = force_mapping(J, [0, 1])
-    assert force.rank == 2  # any force may be asked for: the structure bears what J does not see
-    threshold_apart = abs(np.log10(small / RANK_TOLERANCE)) > 0.5  # sqrt(2) either way
-    if threshold_apart:
-        assert (force.status is Status.EXACT) == reached[0]
-        assert np.trace(force.reaction) == pytest.approx(0.0 if reached[0] else 1.0, abs=1e-9)
+@given(SEEDS, st.floats(4, 16), st.floats(-3, 3), st.booleans())
+def test_near_a_singularity_the_major_task_is_met_until_the_threshold(
+    seed, nearness, unit, in_weights
+):
+    """The major task or the weights lose a direction bit by bit; a batch says the same."""
+    rng = np.random.default_rng(seed)
+    small, size = 10.0**-nearness, 10.0**unit
+    near = size * orthogonal(rng, 3) @ np.diag([1.0, 1.0, small]) @ orthogonal(rng, 3)
+    well = size * of_rank(rng, 3, 3, 3)
+    J = np.vstack([well[:1] if in_weights else near[:1], well[1:]])
+    if not in_weights:  # two major rows, nearly one
+        J[1] = J[0] + small * well[1]
+    major = [0] if in_weights else [0, 1]
+    W1 = near if in_weights else np.eye(3)
+    mapping = velocity_mapping(J, major, joint_weight=W1)
+    v_m = rng.normal(size=len(major)) * size
+    if small > 1e3 * RANK_TOLERANCE:
+        assert mapping.rank == len(major)
+        assert float(mapping.gap) > 1.0
+        np.testing.assert_allclose(J[major] @ mapping(v_m), v_m, rtol=1e-6, atol=1e-6 * size)
+    pair = velocity_mapping(np.stack([J, J]), major, joint_weight=W1)(v_m)
+    scale = float(np.abs(pair).max())
+    close = 1e-13 / small if small > 2 * RANK_TOLERANCE else 1e-3
+    np.testing.assert_allclose(pair[0], mapping(v_m), atol=close * scale + 1e-12)
+
+
+def test_the_rank_is_decided_against_the_scale_given_and_one_tolerance():
+    """Not against what is left of a difference; directions 3e-10 apart are one at 1e-8."""
+    left_over = 1e-17 * np.ones((1, 3))
+    assert velocity_mapping(left_over, [0], scale=1.0).rank == 0
+    assert velocity_mapping(left_over, [0]).rank == 1
+    mapping = velocity_mapping(np.eye(2), [[1, 0], [1, 3e-10]], rank_tolerance=1e-8)
+    assert mapping.rank == 1 and mapping.secondary.shape == (2, 1)
+
+
+def test_numbers_at_the_edge_of_what_floats_hold_are_answered_or_refused():
+    """Denormals count as zero; a product that overflows is no scale."""
+    assert velocity_mapping([[1, 0], [0, 1e-320]], [0, 1]).rank == 1
+    assert ConstrainedSystem(np.eye(2), [[1, 1e-320]], [0]).kinematics().self_motion.shape == (2, 1)
+    J = np.random.default_rng(5).normal(size=(3, 4))
+    with np.errstate(all="ignore"), pytest.raises(ValueError, match="got an overflow"):
+        velocity_mapping(1e119 * J, 1e119 * J[:1, :3], [1], major_metric=[1e119]).rank  # noqa: B018
+
+
+# Who agrees.
+
+NEAR = st.floats(-1.0, 2.0)
+"""Exponent of a singular value in multiples of what counts as zero: 0.1 to 100."""
+
+
+def nearly_held(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
+    """An arm of m task rows whose passive columns hardly move the task, each a little differently.
+
+    Of several columns the first may move it well.
+    """
+    rng = np.random.default_rng(seed)
+    active, kept = rng.normal(size=(m, 4)), min(m, columns)
+    sigma = 10.0 ** (nearness + rng.uniform(-0.5, 0.5, size=kept)) * RANK_TOLERANCE
+    if kept > 1 and rng.random() < 0.5:
+        sigma[0] = 1.0
+    passive = orthogonal(rng, m)[:, :kept] * sigma @ orthogonal(rng, columns)[:kept]
+    J_T = np.hstack([active, np.linalg.norm(active) * passive])
+    return ConstrainedSystem(J_T, None, range(4)).kinematics()
+
+
+def nearly_constrained(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
+    """Loops that forbid one active rate by hardly more, or less, than what counts as zero."""
+    rng = np.random.default_rng(seed)
+    J_Cp = of_rank(rng, columns + 1, columns, columns)
+    follow, forbidden = rng.normal(size=(columns, 4)), rng.normal(size=(1, 4))
+    weak = np.linalg.norm(J_Cp) * 10.0**nearness * RANK_TOLERANCE * spaces.null(J_Cp.T) @ forbidden
+    J_C = np.hstack([J_Cp @ follow + weak, J_Cp])
+    return ConstrainedSystem(rng.normal(size=(m, 4 + columns)), J_C, range(4)).kinematics()
+
+
+@pytest.mark.parametrize("near", [nearly_held, nearly_constrained])
+@given(SEEDS, NEAR, st.integers(1, 6), st.integers(1, 3), st.data())
+def test_power_balances_at_any_gap(near, seed, nearness, m, columns, data):
+    """Force times velocity is torque times rate, for whatever motion the report admits."""
+    kin, rng = near(seed, nearness, m, columns), np.random.default_rng(seed)
+    major, rest = major_and_rest(data, m)
+    mapping = kin.force_mapping(major, None, rng.uniform(0.5, 2, 4), rng.uniform(0.5, 2, len(rest)))
+    aims = [rng.normal(size=size) for size in (len(major), 4, len(rest))]
+    torques, f = mapping(*aims), np.empty(m)
+    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
+    Z = spaces.null(kin.active_constraint)
+    rates = Z @ rng.normal(size=Z.shape[1])
+    v = kin.J @ rates + kin.self_motion @ rng.normal(size=kin.self_motion.shape[1])
+    size = np.linalg.norm(np.concatenate(aims)) * np.linalg.norm(v)
+    size += np.linalg.norm(torques) * np.linalg.norm(rates)
+    assert abs(f @ v - torques @ rates) <= 1e-9 * size
+
+
+@given(SEEDS, NEAR, st.integers(1, 6), st.integers(1, 3))
+def test_report_and_mappings_agree_on_the_self_motion_of_the_task(seed, nearness, m, columns):
+    """With every row major: it is the task's self-motion or none, and no force acts on it."""
+    kin, rows = nearly_held(seed, nearness, m, columns), list(range(m))
+    report = kin.manipulability(rows)
+    assert report.bases["unstable"].shape == report.bases["unstable_major"].shape
+    velocity, force = kin.velocity_mapping(rows), kin.force_mapping(rows)
+    assert (velocity.status is Status.SELF_MOTION) == report.unstable
+    assert (force.status is Status.LEAST_SQUARES) == report.unstable
+    assert force.rank == m - report.bases["unstable"].shape[1]
+    assert force.gap <= 1.001 * report.gaps["unstable"]
+
+
+FLAGS = (
+    *("unmanipulable", "unmanipulable_task", "unstable", "unstable_major"),
+    *("irresolvable", "constrained_active"),
+)
+
+
+def weak(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+    """A matrix of which half the singular values lie between 1e-3 and 1e-9."""
+    k = min(rows, columns)
+    sigma = np.where(rng.random(k) < 0.5, 1.0, 10.0 ** -rng.uniform(3, 9, size=k))
+    return orthogonal(rng, rows)[:, :k] * sigma @ orthogonal(rng, columns)[:k]
+
+
+@pytest.mark.parametrize("seed", range(scaled(20)))
+def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
+    """Every condition of three actuators, tolerances among the singular values."""
+    rng, rows = np.random.default_rng(seed), [0, 1]
+    for _ in range(scaled(10)):
+        c, accuracy = int(rng.integers(0, 5)), 10.0 ** -rng.uniform(5, 9)
+        J_C = weak(rng, c, 7) if c else None
+        system = ConstrainedSystem(weak(rng, 3, 7), J_C, range(3), geometry_accuracy=accuracy)
+        atlas = failure_atlas(system, rows)
+        for row, code in enumerate(itertools.product(range(3), repeat=3)):
+            locked, free = ([k for k in range(3) if code[k] == what] for what in (1, 2))
+            kin = system.with_failures(locked, free).kinematics()
+            report = kin.manipulability(rows)
+            for flag in FLAGS:
+                assert getattr(atlas, flag)[row] == getattr(report, flag), (code, flag)
+            mapping = kin.velocity_mapping(rows, joint_weight=np.ones(len(kin.active)))
+            assert (mapping.status is Status.SELF_MOTION) == report.unstable_major
+            assert (mapping.rank < 2) == report.unmanipulable
+            assert mapping.rank == atlas.major_rank[row]
+            attainable = kin.attainable(rows, (-1.0, 1.0))
+            assert (attainable.radius > 0.0) == bool(atlas.possible[row])
+
+
+# Gaps warn.
+
+
+@given(st.floats(-13, -7), st.booleans())
+def test_no_verdict_is_safer_than_the_decision_that_closes_the_loop(exponent, more):
+    """Whether a loop holds a passive joint at all is decided first; every verdict rests on it."""
+    weak = 10.0**exponent
+    t = 2e-10 if more else 1e-10
+    system = ConstrainedSystem([[1, 1]], [[1, weak]], [0], rank_tolerance=t)
+    report = system.kinematics().manipulability([0])
+    distance = max(weak / t, t / weak)
+    for name, gap in report.gaps.items():
+        assert gap <= 1.01 * distance, name
+    assert float(system.kinematics().velocity_mapping([0]).gap) <= 1.01 * distance
+    assert float(system.kinematics().force_mapping([0]).gap) <= 1.01 * distance
+
+
+@given(st.floats(-9, 0))
+def test_a_fast_passive_joint_that_no_task_row_sees_hides_nothing(exponent):
+    """The rotor of a screw of any lead: it turns fast, and no task row knows."""
+    lead = 10.0**exponent
+    system = ConstrainedSystem([[1, 0, 0], [0, 1e-5, 0]], [[1, 0, -lead]], [0, 1])
+    report = system.kinematics().manipulability([0, 1])
+    assert not report.unmanipulable
+    assert system.kinematics().velocity_mapping([0, 1]).status is Status.EXACT
+    assert failure_atlas(system, [0, 1]).possible[0]
+
+
+@pytest.mark.parametrize("w", [1e9, 1e11])
+def test_weights_and_metrics_that_are_lost_beside_others_show_in_the_gap(w):
+    """Beside 1e11 a joint weight of one counts as zero; beside 1 an inertia of 1e-11."""
+    J = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    velocity = velocity_mapping(J, [0], joint_weight=np.ones(3), secondary_weight=[w])
+    assert velocity([0.0], joint_velocity=[0.0, 0.0, 5.0])[2] == pytest.approx(5.0 * (w < 1e10))
+    assert float(velocity.gap) < 20.0
+    system = ConstrainedSystem([[1, 0, 0, 0]], [[1, 1, 1, 0]], [0])
+    assert system.kinematics(passive_metric=[0, 1e-11, 3e-11, 1]).gap < 10.0
+    assert system.kinematics(passive_metric=[0, 1, 3, 1]).gap > 1e9
+
+
+# The tolerance as what it is, the accuracy of the geometry.
+
+
+def planar_3rrr(rng: np.random.Generator, accuracy: float) -> tuple[np.ndarray, np.ndarray]:
+    """J_T (6, 9) and J_C (12, 9), in spatial form, of three legs of three parallel hinges each.
+
+    Legs of random length and angle; each axis is off by an angle, each point by a length.
+    """
+    legs = []
+    for k in range(3):
+        around, elbow = 2 * np.pi * k / 3, rng.uniform(0, 2 * np.pi)
+        anchor = np.array([np.cos(around), np.sin(around), 0.0])
+        corner = 0.3 * np.array([np.cos(around + 0.4), np.sin(around + 0.4), 0.0])
+        knee = anchor + rng.uniform(0.4, 0.9) * np.array([np.cos(elbow), np.sin(elbow), 0.0])
+        axes = np.array([0.0, 0.0, 1.0]) + accuracy * rng.uniform(-1, 1, size=(3, 3))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        points = np.array([anchor, knee, corner]) + accuracy * rng.uniform(-1, 1, size=(3, 3))
+        legs.append(np.hstack([axes, np.cross(points, axes)]).T)
+    A, B, C = legs
+    none = np.zeros((6, 3))
+    return np.hstack([A, none, none]), np.block([[A, -B, none], [A, none, -C]])
+
+
+def moves_freely(report: Manipulability) -> bool:
+    """Three degrees of freedom, of which the three actuators determine every one."""
+    conditions = ("constrained_active", "unstable", "idle", "unmanipulable")
+    return not any(getattr(report, name) for name in conditions)
+
+
+@pytest.mark.parametrize("accuracy", [1e-8, 1e-6])
+def test_a_planar_mechanism_moves_although_its_axes_are_not_parallel(accuracy):
+    """At 1e-10 the errors are constraints; at ten times the accuracy they are none, by far."""
+    draws, count, plane = 0, scaled(100), [2, 3, 4]  # of a twist: the turn about z, and x, y
+    for seed in range(count):
+        exact = planar_3rrr(np.random.default_rng(seed), 0.0)
+        at_ease = ConstrainedSystem(*exact, [0, 3, 6], geometry_accuracy=accuracy).kinematics()
+        if min(at_ease.manipulability(plane).gaps.values()) < 10:
+            continue  # singular to within the accuracy
+        draws += 1
+        assert moves_freely(at_ease.manipulability(plane))
+        J_T, J_C = planar_3rrr(np.random.default_rng(seed), accuracy)
+        system = ConstrainedSystem(J_T, J_C, [0, 3, 6], geometry_accuracy=accuracy)
+        report = system.kinematics().manipulability(plane)
+        assert moves_freely(report)
+        assert report.gaps["constrained_active"] > 5
+        atlas = failure_atlas(system, plane, codes=[[0, 0, 0]])
+        assert atlas.possible[0] and not atlas.constrained_active[0]
+        default = ConstrainedSystem(J_T, J_C, [0, 3, 6]).kinematics().manipulability(plane)
+        assert default.constrained_active and default.unmanipulable
+    assert draws > 0.9 * count
+
+
+def test_the_accuracy_sets_the_tolerance_and_stays_visible():
+    system = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=1e-6)
+    assert system.geometry_accuracy == 1e-6
+    assert system.rank_tolerance == pytest.approx(1e-5)
+    failed = dataclasses.replace(system, J_T=2 * np.eye(2)).with_failures(locked=[0])
+    assert (failed.geometry_accuracy, failed.rank_tolerance) == (1e-6, system.rank_tolerance)
+    assert ConstrainedSystem(np.eye(2), None, [0, 1]).geometry_accuracy is None
+    # Round-off is there however exact the geometry.
+    exact = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=0.0)
+    assert exact.rank_tolerance == RANK_TOLERANCE
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_joint_weights_are_exact_whatever_the_geometry(batched):
+    """A hot actuator spared 1e5 times as much as another, on a robot known to 1e-4."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        J, target = rng.normal(size=(2, 5)), rng.normal(size=2)
+        J = np.stack([J, J]) if batched else J
+        fine, rough = (
+            velocity_mapping(J, [0, 1], None, [1.0, 2.0, 3.0, 1e5, 0.5], rank_tolerance=tolerance)
+            for tolerance in (1e-10, 1e-3)
+        )
+        np.testing.assert_allclose(rough.major, fine.major, rtol=1e-9)
+        np.testing.assert_allclose(rough(target), fine(target), rtol=1e-9)
+
+
+# A tilt: products that vanish upright leave round-off.
+
+AXES = np.eye(3)
+
+
+def hinge(axis: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Twist [omega; v] of the payload origin per rate of a hinge."""
+    return np.concatenate([axis, np.cross(axis, -point)])
+
+
+def leg(base: np.ndarray, top: np.ndarray) -> np.ndarray:
+    """Ball joint, slide along the strut, ball joint: its strut can spin. Balls turn about AXES."""
+    strut = (top - base) / np.linalg.norm(top - base)
+    slide = np.concatenate([np.zeros(3), strut])
+    below, above = ([hinge(axis, point) for axis in AXES] for point in (base, top))
+    return np.array([*below, slide, *above]).T
+
+
+def platform(bases: np.ndarray, tops: np.ndarray) -> ConstrainedSystem:
+    """A payload on S-P-S legs: its twist is that of the first leg, and the others must agree."""
+    legs = [leg(base, top) for base, top in zip(bases, tops, strict=True)]
+    N = 7 * len(legs)
+    J_T = np.hstack([legs[0], np.zeros((6, N - 7))])
+    J_C = np.zeros((6 * len(legs) - 6, N))
+    for k in range(1, len(legs)):
+        rows = slice(6 * k - 6, 6 * k)
+        J_C[rows, :7] = legs[0]
+        J_C[rows, 7 * k : 7 * k + 7] = -legs[k]
+    return ConstrainedSystem(J_T, J_C, [7 * k + 3 for k in range(len(legs))])
+
+
+DEGREES = st.floats(-180, 180)
+GEOMETRIES = st.sampled_from(["general", "flat", "one top", "parallel"])
+
+
+def points(geometry: str, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Base and top points; all but the general ones are singular by symmetry."""
+    bases, tops = rng.uniform(-1, 1, size=(2, count, 3)) + np.array([[[0, 0, -2]], [[0, 0, 2]]])
+    if geometry == "flat":  # all struts in one plane: nothing pushes across it
+        bases[:, 1] = tops[:, 1] = 0.0
+    if geometry == "one top":  # all struts meet at the payload's own origin: it turns freely there
+        tops[:] = 0.0
+    if geometry == "parallel":  # nothing pushes sideways
+        bases[:, :2] = tops[:, :2]
+    return bases, tops
+
+
+@given(
+    SEEDS,
+    GEOMETRIES,
+    st.sampled_from([1, 2, 3, 6]),
+    st.tuples(DEGREES, DEGREES, DEGREES),
+    st.data(),
+)
+def test_a_tilted_mechanism_gets_the_verdicts_of_the_upright_one(seed, geometry, legs, tilt, data):
+    """Products that vanish upright leave round-off when tilted; no verdict may chase it."""
+    rng = np.random.default_rng(seed)
+    bases, tops = points(geometry, rng, legs)
+    R = Rotation.from_euler("xyz", tilt, degrees=True).as_matrix()
+    twist = block_diag(R, R)
+    codes = data.draw(st.lists(st.integers(0, 2), min_size=legs, max_size=legs))
+    failed = [[k for k in range(legs) if codes[k] == code] for code in (1, 2)]
+    # Directions, not rows: they turn with the mechanism.
+    major = np.eye(6)[data.draw(st.lists(st.integers(0, 5), min_size=1, max_size=3, unique=True))]
+
+    upright = platform(bases, tops).with_failures(*failed)
+    tilted = platform(bases @ R.T, tops @ R.T).with_failures(*failed)
+    kin, turned_kin = upright.kinematics(), tilted.kinematics()
+    report, turned = kin.manipulability(major), turned_kin.manipulability(major @ twist.T)
+    assert str(report) == str(turned)  # every flag, and the number of directions of each
+    # A worst gain may be small and is known to round-off of the whole.
+    np.testing.assert_allclose(turned.worst_gain, report.worst_gain, atol=1e-8)
+
+    turns = {
+        "unmanipulable": np.eye(len(major)),
+        "unmanipulable_task": twist,
+        "unstable": twist,
+        "unstable_major": np.eye(len(major)),
+        "unstable_secondary": twist,
+        "constrained_active": np.eye(len(kin.active)),
+    }
+    for name, turn in turns.items():
+        one, two = report.bases[name], turned.bases[name]
+        if name == "constrained_active":
+            one, two = one.T, two.T
+        # A null space is known to 1e-16 over the least singular value beside it.
+        spaces.assert_same(two, turn @ one)
+
+
+def test_the_threshold_must_be_that_of_the_inputs():
+    """Against its own largest singular value the round-off of a tilt counts: the law can fail."""
+    R = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
+    strut = R @ np.array([0.0, 0.0, 1.5])
+    spin = hinge(strut / 1.5, strut)[3:]  # velocity of the origin as a strut through it spins
+    assert 0 < np.abs(spin).max() < 1e-15
+    assert np.linalg.matrix_rank(spin[:, None]) == 1
+    system = ConstrainedSystem(np.column_stack([strut, spin]), None, [0])
+    assert not system.kinematics().manipulability([0]).unstable

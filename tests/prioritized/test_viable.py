@@ -1,8 +1,7 @@
 """The box of rates: what is in it can be kept up for ever, and what is not cannot."""
 
-import re
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,9 +13,12 @@ from argument_checks.ties import exceeds
 from kernels import lib
 from prioritized import viable_rates
 from prioritized._analysis.viable import RateBox
+from tests.profiles import scaled
 from tests.random_systems import SEEDS
 
-EPS = np.finfo(float).eps
+EPS, INF = np.finfo(float).eps, np.inf
+LONG = pytest.mark.long
+
 EXTREMES = [x + y for x in (-np.inf, -3.0, 0.0, 1e-12, 3.0, np.inf) for y in (0.0, 1e-12, 1e-8)]
 
 
@@ -42,10 +44,10 @@ class Joints(NamedTuple):
             period_s=self.T,
         )
 
-    @property
-    def size(self):
-        """The largest position that the limits allow."""
-        return np.maximum(np.abs(self.x_min), np.abs(self.x_max))
+    def beyond(self, x):
+        """How far positions are beyond their limits, of the largest position allowed."""
+        size = np.maximum(np.abs(self.x_min), np.abs(self.x_max))
+        return np.maximum(self.x_min - x, x - self.x_max) / size
 
 
 def any_joints(rng, n, T=None) -> Joints:
@@ -59,14 +61,13 @@ def any_joints(rng, n, T=None) -> Joints:
     return Joints(*limits, T=10.0 ** rng.uniform(-4, 0) if T is None else T)
 
 
-# An oracle without any formula: the viability kernel on a lattice of positions and rates.
+# Oracles: dynamic programming on a lattice, and linear programs over all futures.
 
 
 def kernel(last, slow, fast, down, up):
     """States (i, j) on a lattice, 0 <= i <= last, slow <= j <= fast, that can be kept for ever.
 
-    The next state is (i + k, k) with j - down <= k <= j + up. What has no successor is removed
-    until nothing changes.
+    The next is (i + k, k), j - down <= k <= j + up; what has none is removed until nothing changes.
     """
     rates = np.arange(slow, fast + 1)
     kept = np.ones((last + 1, len(rates)), dtype=bool)
@@ -111,9 +112,6 @@ def test_the_box_is_the_largest_by_dynamic_programming(seed):
     assert np.array_equal(box.viable, some)
 
 
-# A second one, off the lattice: the extreme next rate over all futures, by linear programming.
-
-
 def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> float | None:
     """Largest (sign 1) or smallest next rate of a future in which all limits hold, if any."""
     total = joints.T * np.tri(ticks)
@@ -133,11 +131,10 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
     return None if found.status == 2 else float(found.x[0])
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_ends_of_the_box_are_the_extreme_rates_of_any_future(seed):
+def test_the_ends_of_the_box_are_the_extreme_rates_of_any_future():
     """Where a linear program over 40 ticks finds no future, the box says so too."""
-    rng = np.random.default_rng(seed)
-    for _ in range(12):
+    rng = np.random.default_rng(0)
+    for _ in range(scaled(100)):
         joints = Joints(
             *(-rng.uniform(0, 2), rng.uniform(0, 2), -rng.uniform(0, 1), rng.uniform(0, 1)),
             *(-rng.uniform(0.05, 1), rng.uniform(0.05, 1)),
@@ -190,31 +187,33 @@ def walk(joints: Joints, x, v, ticks, rng):
         yield x, v, before, box
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_no_limit_is_ever_violated_whatever_rates_of_the_box_are_taken(seed):
-    """1000 joints, 2000 ticks: positions to round-off, rates exactly, no box empty."""
+@pytest.mark.parametrize(
+    ("seed", "ticks"), [(0, 500), *(pytest.param(k, 2000, marks=LONG) for k in range(3))]
+)
+def test_no_limit_is_ever_violated_whatever_rates_of_the_box_are_taken(seed, ticks):
+    """1000 joints: positions to round-off, rates exactly, no box empty."""
     rng = np.random.default_rng(seed)
     joints = any_joints(rng, 1000)
     start = rng.uniform(joints.x_min, joints.x_max)
-    for x, v, before, box in walk(joints, start, np.zeros(1000), 2000, rng):
+    for x, v, before, box in walk(joints, start, np.zeros(1000), ticks, rng):
         assert box.viable.all()
         assert (box.lower <= box.upper).all()
-        beyond = np.maximum(joints.x_min - x, x - joints.x_max)
-        assert (beyond <= 1e-12 * joints.size).all()
+        assert (joints.beyond(x) <= 1e-12).all()
         assert ((v >= joints.v_min) & (v <= joints.v_max)).all()
         room = 4 * EPS * np.maximum(abs(v), abs(before))
         assert (v <= before + joints.T * joints.a_max + room).all()
         assert (v >= before + joints.T * joints.a_min - room).all()
 
 
-def test_round_off_does_not_add_up_from_one_braking_to_the_next():
-    """Braking of at most 15 ticks, some 400 times over: at most 16 roundings beyond a limit."""
+@pytest.mark.parametrize("ticks", [1000, pytest.param(4000, marks=LONG)])
+def test_round_off_does_not_add_up_from_one_braking_to_the_next(ticks):
+    """Braking of at most 15 ticks, hundreds of times: at most 16 roundings beyond a limit."""
     rng = np.random.default_rng(0)
     ends = -rng.uniform(0.1, 1, 200), rng.uniform(0.1, 1, 200)
     joints = Joints(*ends, -3.0, 3.0, -20.0, 20.0, T=1e-2)
     worst = np.zeros(200)
-    for x, *_ in walk(joints, np.zeros(200), np.zeros(200), 4000, rng):
-        worst = np.maximum(worst, np.maximum(joints.x_min - x, x - joints.x_max) / joints.size)
+    for x, *_ in walk(joints, np.zeros(200), np.zeros(200), ticks, rng):
+        worst = np.maximum(worst, joints.beyond(x))
     assert worst.max() <= 16 * EPS
 
 
@@ -222,7 +221,7 @@ def test_round_off_does_not_add_up_from_one_braking_to_the_next():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_from_any_state_the_limits_are_soon_kept_again_within_the_accelerations(seed):
+def test_from_any_state_the_limits_are_soon_kept_again(seed):
     """A disturbance put position and rate anywhere; no acceleration yields, and no box is empty."""
     rng = np.random.default_rng(seed)
     joints = Joints(
@@ -243,55 +242,50 @@ def test_from_any_state_the_limits_are_soon_kept_again_within_the_accelerations(
     assert viable.all()
 
 
-def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may_and_overshoots_least():
+def path(joints: Joints, x: float, v: float, ticks: int) -> np.ndarray:
+    """Positions of a joint that is taken back, at the only rate that its box has."""
+    positions = []
+    for _ in range(ticks):
+        box = joints.box([x], [v])
+        v = float(box.lower[0])
+        x += joints.T * v
+        positions.append(x)
+    return np.array(positions)
+
+
+def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may():
     """From v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
     joints = Joints(-2.0, 1.5, -9.0, 9.0, -10.0, 10.0, 0.1)
-    x, v, path = np.array([1.0]), np.array([5.0]), []
-    while v[0] > 0:
-        box = joints.box(x, v)
-        assert not box.viable[0]
-        assert box.lower[0] == box.upper[0] == pytest.approx(v[0] - 1)
-        x, v = x + 0.1 * box.lower, box.lower
-        path.append(x[0])
-    assert max(path) == pytest.approx(2.0)
-    assert len(path) == 5
+    np.testing.assert_allclose(path(joints, 1.0, 5.0, 5), [1.4, 1.7, 1.9, 2.0, 2.0])
 
 
 def test_far_outside_the_return_is_as_fast_as_the_other_limit_allows():
-    """Limits moved away: from 3 back to 0 .. 0.1 at 1 m/s^2, and 0 is not overshot.
-
-    Full acceleration to the middle and full braking to rest take 2 sqrt(3) s, 35 ticks.
-    """
-    joints = Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1)
-    x, v, path = np.array([3.0]), np.array([0.0]), []
-    for _ in range(40):
-        v = joints.box(x, v).lower
-        x = x + 0.1 * v
-        path.append(x[0])
-    assert path[27] > 0.1
-    assert max(path[34:]) <= 0.1
-    assert min(path) >= -1e-15
+    """From 3 to 0 .. 0.1 at 1 m/s^2 without overshoot: 2 sqrt(3) s, 35 ticks."""
+    back = path(Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1), 3.0, 0.0, 40)
+    assert back[27] > 0.1 >= back[34:].max() and back.min() >= -1e-15
 
 
-def test_a_rate_beyond_its_limit_comes_back_before_the_position_does():
-    """Rates outrank positions: at 3 times the rate limit, below the lower position limit."""
-    box = Joints(0.0, 1.0, -1.0, 1.0, -5.0, 5.0, 0.1).box([-0.5], [3.0])
-    assert not box.viable[0]
-    assert box.lower[0] == box.upper[0] == 2.5
-
-
-def test_a_position_beyond_its_limit_that_can_be_back_at_the_next_tick_is_viable():
-    """Limits count from the next tick on: what is past is past."""
-    box = Joints(0.0, 1.0, -9.0, 9.0, -5.0, 5.0, 0.1).box([1.01], [0.0])
-    assert box.viable[0]
-    assert box.upper[0] == pytest.approx(-0.1)
-
-
-@pytest.mark.parametrize(("beyond", "viable"), [(1e-14, True), (1e-9, False)])
-def test_round_off_is_no_loss_of_viability_and_what_is_more_is_one(beyond, viable):
-    """Four ticks of full braking end at 1 m, less a part of it."""
-    joints = Joints(-1.0, 1.0, -9.0, 9.0, -10.0, 10.0, 0.1)
-    assert joints.box([0.4 + beyond], [4.0]).viable[0] == viable
+@pytest.mark.parametrize(
+    ("limits", "x", "v", "viable", "lower", "upper"),
+    [
+        # Rates outrank positions: at 3 times the rate limit, below the lower position limit.
+        ((0.0, 1.0, -1.0, 1.0, -5.0, 5.0), -0.5, 3.0, False, 2.5, 2.5),
+        # Limits count from the next tick on: what is past is past.
+        ((0.0, 1.0, -9.0, 9.0, -5.0, 5.0), 1.01, 0.0, True, -0.5, -0.1),
+        # Four ticks of full braking end at 1 m, less a part of it; round-off is no loss of it.
+        ((-1.0, 1.0, -9.0, 9.0, -10.0, 10.0), 0.4 + 1e-14, 4.0, True, 3.0, 3.0),
+        ((-1.0, 1.0, -9.0, 9.0, -10.0, 10.0), 0.4 + 1e-9, 4.0, False, 3.0, 3.0),
+        # Without limits of one kind the others are the box.
+        ((-INF, INF, -INF, INF, -INF, INF), 3.0, 4.0, True, -INF, INF),
+        ((0.0, 1.0, -INF, INF, -INF, INF), 0.25, 4.0, True, -2.5, 7.5),
+        ((-INF, INF, -1.0, 2.0, -INF, INF), 3.0, -70.0, True, -1.0, 2.0),
+        ((-INF, INF, -INF, INF, -5.0, 3.0), 3.0, 4.0, True, 3.5, 4.3),
+    ],
+)
+def test_boxes_known_by_hand(limits, x, v, viable, lower, upper):
+    box = Joints(*limits, T=0.1).box([x], [v])
+    assert box.viable[0] == viable
+    assert (box.lower[0], box.upper[0]) == pytest.approx((lower, upper))
 
 
 def test_where_braking_just_suffices_one_rate_is_left():
@@ -310,18 +304,6 @@ def test_braking_that_takes_more_ticks_than_can_be_counted_is_continuous(d):
     """From w = sqrt(2 a d), after which the ticks make no difference."""
     joints = Joints(-np.inf, d, -np.inf, np.inf, -1e-9, np.inf, 1e-3)
     assert joints.box([0.0], [0.0]).upper[0] == pytest.approx(np.sqrt(2e-9 * d), rel=1e-9)
-
-
-def test_without_limits_of_one_kind_the_others_are_the_box():
-    inf = np.inf
-    free = Joints(-inf, inf, -inf, inf, -inf, inf, 0.1).box([3.0], [4.0])
-    assert (free.lower[0], free.upper[0], free.viable[0]) == (-inf, inf, True)
-    positions = Joints(0.0, 1.0, -inf, inf, -inf, inf, 0.1).box([0.25], [4.0])
-    assert (positions.lower[0], positions.upper[0]) == pytest.approx((-2.5, 7.5))
-    rates = Joints(-inf, inf, -1.0, 2.0, -inf, inf, 0.1).box([3.0], [-70.0])
-    assert (rates.lower[0], rates.upper[0]) == (-1.0, 2.0)
-    steps = Joints(-inf, inf, -inf, inf, -5.0, 3.0, 0.1).box([3.0], [4.0])
-    assert (steps.lower[0], steps.upper[0]) == pytest.approx((3.5, 4.3))
 
 
 NUMBERS = st.floats(-1e119, 1e119)
@@ -357,9 +339,6 @@ def test_a_batch_is_its_joints_one_by_one():
         assert box.viable[at] == one.viable[0]
 
 
-# Plain arrays skip the checks: neither results nor refusals change.
-
-
 @given(SEEDS, st.integers(0, 6))
 def test_plain_arrays_and_lists_have_the_same_box(seed, n):
     """To the bit, at any limits, infinite ones and such that are violated among them."""
@@ -372,9 +351,11 @@ def test_plain_arrays_and_lists_have_the_same_box(seed, n):
     x, v = 10 * rng.normal(size=n), rng.normal(size=n)
     plain = Joints(*sides, T=joints.T).box(x, v)
     other = Joints(*(side.tolist() for side in sides), T=joints.T).box(x, v.tolist())
+    whole = joints.box(np.zeros(n, dtype=int), v), joints.box(np.zeros(n), v)
     for name in ("lower", "upper", "viable"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(other, name), strict=True)
         assert not getattr(plain, name).flags.writeable
+        np.testing.assert_array_equal(*(getattr(box, name) for box in whole))
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e121, 5.0, 0.5, 0.0, -0.5, -5.0])
@@ -383,41 +364,15 @@ def test_plain_arrays_and_lists_are_refused_alike(wrong):
     for k in range(8):
         every = [np.full(2, number) for number in (0.0, 0.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0)]
         every[k][1] = wrong
-        said = [outcome(every), outcome([A.tolist() for A in every])]
+        said: list[str] = []
+        ways: list[list[Any]] = [every, [A.tolist() for A in every]]
+        for x, v, *sides in ways:
+            try:
+                box = Joints(*sides, T=0.1).box(x, v)
+                said.append(str([box.lower.tolist(), box.upper.tolist()]))
+            except ValueError as error:
+                said.append(str(error).partition(", got ")[0])
         assert said[0] == said[1]
-
-
-def outcome(every):
-    """The limits found, or what is said against the arguments."""
-    x, v, *sides = every
-    try:
-        box = Joints(*sides, T=0.1).box(x, v)
-    except ValueError as error:
-        return re.sub(r", got .*", "", str(error), flags=re.DOTALL)
-    return box.lower.tolist(), box.upper.tolist()
-
-
-def test_arrays_of_other_shapes_and_numbers_are_no_plain_ones():
-    """One joint's position for all limits, a list for an array, whole numbers: checked as ever."""
-    joints = Joints(*(np.full(3, each) for each in (-1.0, 1.0) * 3), T=0.1)
-    whole, zero = joints.box(np.zeros(3, dtype=int), np.zeros(3)), joints.box(*np.zeros((2, 3)))
-    np.testing.assert_array_equal(whole.upper, zero.upper)
-    np.testing.assert_array_equal(joints.box([0, 0, 0], np.zeros(3)).upper, zero.upper)
-    for x, v in ((np.zeros(2), np.zeros(2)), (np.zeros(3), np.zeros(2)), (np.float64(0), [0, 0])):
-        with pytest.raises(ValueError, match=r"^(rate|position)"):
-            joints.box(x, v)
-    with pytest.raises(ValueError, match=r"^period_s must be positive"):
-        joints._replace(T=0.0).box(np.zeros(3), np.zeros(3))
-    for pair in (np.zeros((3, 3)), np.array(1.0), np.zeros((2, 2))):
-        with pytest.raises(ValueError, match=r"^position_limits must be a pair"):
-            viable_rates(
-                np.zeros(3),
-                np.zeros(3),
-                position_limits=pair,
-                rate_limits=(joints.v_min, joints.v_max),
-                acceleration_limits=(joints.a_min, joints.a_max),
-                period_s=0.1,
-            )
 
 
 @given(st.sampled_from(EXTREMES), st.sampled_from(EXTREMES), st.sampled_from([0.0, 1e-9, 1.0]))
@@ -428,22 +383,7 @@ def test_the_compiled_rule_for_ties_is_the_rule(value, bound, zero):
 # Beside what is done without it.
 
 
-def test_limits_of_the_next_tick_alone_contradict_each_other():
-    """The usual box, (limit - x) / T with rates and accelerations, is empty within a stroke."""
-    x, v = 0.0, 0.0
-    for _ in range(30):
-        upper = min(v + 0.1, 2.0, (1.0 - x) / 0.1)
-        if upper < v - 0.1:
-            break
-        x, v = x + 0.1 * upper, upper
-    else:
-        pytest.fail("never empty")
-    assert v - 0.1 > 10 * (1.0 - x)
-    joints = Joints(-1.0, 1.0, -2.0, 2.0, -1.0, 1.0, 0.1)
-    assert not joints.box([x], [v]).viable[0]
-
-
-def test_the_condition_of_continuous_braking_gives_away_up_to_half_an_acceleration_step():
+def test_continuous_braking_gives_away_half_an_acceleration_step():
     """w^2 <= 2 a (x_max - x - T w) is safe, but 27 % below the largest rate at d = a T^2."""
     a, T, inf = 3.0, 0.1, np.inf
     steps = np.linspace(1e-3, 200, 4001)  # d / (a T^2)

@@ -1,4 +1,4 @@
-"""Springs and metrics: motion that the loops leave open goes where the energy is least."""
+"""Motions of a mechanism: all velocities, and springs that settle what loops leave open."""
 
 import numpy as np
 import pytest
@@ -7,21 +7,33 @@ from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, failure_atlas
 from prioritized._solver.rank import RANK_TOLERANCE
+from tests import spaces
 from tests.random_systems import (
     SEEDS,
-    closure,
-    dense_lexicographic,
     failures,
-    null,
     of_rank,
     orthogonal,
-    projector,
-    self_motions,
     springs,
-    stuck_joints,
     systems,
     with_stiffness,
 )
+
+
+@given(st.data(), systems())
+def test_all_velocities_come_in_the_order_of_the_columns(data, drawn):
+    """They close the loops, move the task by J rates, and leave stuck joints exactly at rest."""
+    system = data.draw(failures(drawn.system))
+    kin = system.kinematics()
+    Z = spaces.null(kin.active_constraint)
+    rates = (Z @ drawn.rng.normal(size=(Z.shape[1], 4))).T.reshape(2, 2, -1)
+    velocities = kin.velocities(rates)
+    assert velocities.shape == (2, 2, system.J_T.shape[1])
+    np.testing.assert_array_equal(velocities[..., kin.active], rates)
+    np.testing.assert_array_equal(velocities[..., system.stuck], 0.0)
+    allowed = spaces.motions(system)
+    np.testing.assert_allclose(velocities @ allowed @ allowed.T, velocities, atol=1e-7)
+    np.testing.assert_allclose(velocities @ system.J_T.T, rates @ kin.J.T, atol=1e-7)
+    np.testing.assert_allclose(kin.velocities(rates[0, 0]), velocities[0, 0], atol=1e-12)
 
 
 @given(st.data(), systems())
@@ -31,7 +43,7 @@ def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, dra
     N = system.J_T.shape[1]
     R, S = data.draw(springs(N, rng)), data.draw(springs(N, rng))
     kin = with_stiffness(system, R.T @ R).kinematics(passive_metric=S.T @ S)
-    Z = null(kin.active_constraint)
+    Z = spaces.null(kin.active_constraint)
     rates = Z @ rng.normal(size=Z.shape[1])
     levels = [
         (np.eye(N)[kin.active], rates),
@@ -39,7 +51,7 @@ def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, dra
         (S, np.zeros(N)),
         (np.eye(N), np.zeros(N)),
     ]
-    best = dense_lexicographic(closure(system), levels)
+    best = spaces.dense_lexicographic(spaces.closure(system), levels)
     # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
     np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
     np.testing.assert_allclose(kin.J @ rates, system.J_T @ best, atol=1e-6)
@@ -51,34 +63,18 @@ def test_what_no_spring_resists_stays_self_motion(data, drawn):
     system = data.draw(failures(drawn.system))
     R = data.draw(springs(system.J_T.shape[1], drawn.rng))
     rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics()
-    spring_lost = self_motions(system, rigid)
-    spring_lost = spring_lost @ null(R @ spring_lost)
+    spring_lost = spaces.self_motions(system, rigid)
+    spring_lost = spring_lost @ spaces.null(R @ spring_lost)
     moved = system.J_T @ spring_lost
-    np.testing.assert_allclose(
-        projector(kin.passive_self_motion), projector(spring_lost[kin.passive]), atol=1e-6
-    )
-    beyond = projector(null(moved.T))
-    np.testing.assert_allclose(projector(kin.self_motion), np.eye(len(moved)) - beyond, atol=1e-6)
+    spaces.assert_same(kin.passive_self_motion, spring_lost[kin.passive])
+    spaces.assert_spans(kin.self_motion, moved)
     # Springs bear no loop and forbid no rate.
     for name in ("internal_force", "active_constraint"):
         np.testing.assert_allclose(getattr(kin, name), getattr(rigid, name), atol=1e-12)
 
 
-@given(st.data(), systems(self_motion=False))
-def test_without_self_motion_springs_and_metrics_have_nothing_to_say(data, drawn):
-    """Loops that leave nothing open determine every rate: energy is stored, motion is the same."""
-    system, N = drawn.system, drawn.system.J_T.shape[1]
-    R = data.draw(springs(N, drawn.rng))
-    rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics(R.T @ R)
-    for name in ("J", "self_motion", "passive_gain"):
-        np.testing.assert_allclose(getattr(kin, name), getattr(rigid, name), atol=1e-12)
-    forces = np.eye(len(kin.J))
-    held, free = kin.constraint_force(forces), rigid.constraint_force(forces)
-    np.testing.assert_allclose(held, free, atol=1e-12)
-
-
 @given(st.data(), systems())
-def test_a_frictionless_machine_started_from_rest_has_no_momentum_in_its_free_motion(data, drawn):
+def test_a_frictionless_machine_from_rest_has_no_free_momentum(data, drawn):
     """With the mass matrix as metric the free coordinates keep Z^T M theta_dot = 0."""
     system, rng = data.draw(failures(drawn.system)), drawn.rng
     N = system.J_T.shape[1]
@@ -86,37 +82,16 @@ def test_a_frictionless_machine_started_from_rest_has_no_momentum_in_its_free_mo
     M = root.T @ root
     kin = system.kinematics(passive_metric=M)
     theta_dot = np.empty(N)
-    rates = null(kin.active_constraint).sum(axis=1)
+    rates = spaces.null(kin.active_constraint).sum(axis=1)
     theta_dot[kin.active], theta_dot[kin.passive] = rates, kin.passive_rates(rates)
-    free = self_motions(system, kin)
+    free = spaces.self_motions(system, kin)
     np.testing.assert_allclose(free.T @ M @ theta_dot, 0, atol=1e-7)
-    np.testing.assert_allclose(closure(system) @ theta_dot, 0, atol=1e-7)
+    np.testing.assert_allclose(spaces.closure(system) @ theta_dot, 0, atol=1e-7)
     assert kin.self_motion.shape == system.kinematics().self_motion.shape  # it holds nothing
 
 
-@given(st.data(), systems())
-def test_under_load_springs_and_constraint_forces_balance_on_every_passive_joint(data, drawn):
-    """Virtual work: [torques; 0] = J_T^T f + J_C^T f_C + K theta at the settled theta."""
-    system, rng = data.draw(failures(drawn.system)), drawn.rng
-    m, N = system.J_T.shape
-    R = data.draw(springs(N, rng))
-    K = R.T @ R
-    kin = with_stiffness(system, K).kinematics()
-    f = rng.normal(size=m)
-    f -= kin.self_motion @ (kin.self_motion.T @ f)  # what nothing resists cannot be loaded
-    # Actuators at zero: the load alone moves the self-motion, until F^T (K theta + J_T^T f) = 0.
-    F = self_motions(system, kin)
-    F = F @ null(null(R @ F).T)  # what the springs see of it
-    theta = -F @ np.linalg.solve(F.T @ K @ F, F.T @ system.J_T.T @ f)
-    force = system.J_T.T @ f + closure(system).T @ kin.constraint_force(f) + K @ theta
-    np.testing.assert_allclose(force[kin.passive], 0, atol=1e-6)
-    # Torques that only squeeze the loops, C^T eta, come and go with the choice of f_C.
-    Z = null(kin.active_constraint)
-    np.testing.assert_allclose(Z.T @ force[kin.active], Z.T @ kin.J.T @ f, atol=1e-6)
-
-
 @given(st.data(), systems(self_motion=False).filter(lambda drawn: not drawn.bound))
-def test_a_released_joint_with_an_ever_stiffer_spring_becomes_a_locked_one(data, drawn):
+def test_a_free_joint_with_an_ever_stiffer_spring_becomes_locked(data, drawn):
     """Among other springs its yield falls as 1 / K; a thousand times stiffer, as much stiller."""
     system, rng = drawn.system, drawn.rng
     N, n = system.J_T.shape[1], len(system.active)
@@ -133,27 +108,6 @@ def test_a_released_joint_with_an_ever_stiffer_spring_becomes_a_locked_one(data,
     assert errors[1] <= 1.1e-3 * errors[0] + 1e-9
 
 
-@given(
-    st.data(), systems(self_motion=False).filter(lambda drawn: not drawn.bound), st.floats(-9, 9)
-)
-def test_a_lone_spring_of_any_strength_holds_a_released_joint_and_none_does_not(
-    data, drawn, exponent
-):
-    """Nothing pulls at it: the weakest spring keeps it still; without it self-motion is back."""
-    system = drawn.system
-    joint = data.draw(st.integers(0, len(system.active) - 1))
-    at = np.eye(system.J_T.shape[1])[system.active[joint]]
-    held = with_stiffness(system, 10.0**exponent * at).with_failures(free=[joint]).kinematics()
-    locked = system.with_failures(locked=[joint]).kinematics()
-    np.testing.assert_allclose(held.J, locked.J, atol=1e-6)
-    assert held.self_motion.shape == (len(system.J_T), 0)
-    slack = with_stiffness(system, 0.0 * at).with_failures(free=[joint]).kinematics()
-    rigid = system.with_failures(free=[joint]).kinematics()
-    assert slack.self_motion.shape == rigid.self_motion.shape
-    np.testing.assert_allclose(slack.J, rigid.J, atol=1e-12)
-    assert slack.passive_self_motion.shape[1] == 1
-
-
 @given(SEEDS, st.floats(2, 14), st.floats(-6, 6))
 def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakness, unit):
     """Two loose hinges on one serial arm: the weaker holds its motion, or is none."""
@@ -168,7 +122,7 @@ def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakne
 
 
 @given(st.data(), systems(), st.floats(-6, 6))
-def test_newtons_or_kilonewtons(data, drawn, exponent):
+def test_the_unit_of_force_moves_nothing(data, drawn, exponent):
     """The unit of force scales K as a whole and moves nothing."""
     system = data.draw(failures(drawn.system))
     R = data.draw(springs(system.J_T.shape[1], drawn.rng))
@@ -178,34 +132,19 @@ def test_newtons_or_kilonewtons(data, drawn, exponent):
     assert one.self_motion.shape == other.self_motion.shape
 
 
-def test_two_springs_in_series_share_the_motion_by_their_compliance():
-    """A slide pushes a rod on two springs: each takes the part of the other's stiffness."""
+def test_springs_share_motion_by_compliance_and_pull_along_what_they_join():
+    """A slide pushes a rod on two springs in series; motor, spring, load, spring, ground."""
     J_C = [[1.0, -1.0, -1.0]]  # the slide's travel is the sum of both
-    system = ConstrainedSystem([[0.0, 0.0, 1.0]], J_C, [0], stiffness=[0.0, 3.0, 1.0])
-    kin = system.kinematics()
+    kin = ConstrainedSystem([[0.0, 0.0, 1.0]], J_C, [0], stiffness=[0.0, 3.0, 1.0]).kinematics()
     np.testing.assert_allclose(kin.passive_rates([4.0]), [1.0, 3.0], atol=1e-12)
     # Rigid kinematics shares by the norm, and says that the task has self-motion.
-    rigid = ConstrainedSystem(system.J_T, J_C, [0]).kinematics()
+    rigid = ConstrainedSystem([[0.0, 0.0, 1.0]], J_C, [0]).kinematics()
     np.testing.assert_allclose(rigid.passive_rates([4.0]), [2.0, 2.0], atol=1e-12)
-    assert rigid.manipulability([0]).unstable_major
-    assert not kin.manipulability([0]).unstable
-
-
-def test_a_coupling_spring_to_an_active_joint_pulls_the_passive_one_along():
-    """K_pa: a spring between motor and load, and one from the load to the ground."""
+    assert rigid.manipulability([0]).unstable_major and not kin.manipulability([0]).unstable
     K = np.array([[2.0, -2.0], [-2.0, 2.0 + 1.0]])
-    kin = ConstrainedSystem([[0.0, 1.0]], None, [0], stiffness=K).kinematics()
-    assert kin.J[0, 0] == pytest.approx(2.0 / 3.0)
-    uncoupled = ConstrainedSystem([[0.0, 1.0]], None, [0], stiffness=np.diag(np.diag(K)))
-    assert uncoupled.kinematics().J[0, 0] == pytest.approx(0.0)
-
-
-def test_a_stuck_joint_stores_nothing():
-    """A spring on a joint that cannot move changes no motion, however strong."""
-    system = ConstrainedSystem(np.ones((1, 3)), [[1.0, -1.0, -1.0]], [0], stiffness=[0, 1e6, 1.0])
-    stuck = system.with_failures(locked_passive=[1])
-    assert stuck_joints(stuck) == [1]
-    np.testing.assert_allclose(stuck.kinematics().passive_rates([1.0]), [0.0, 1.0], atol=1e-12)
+    for stiffness, expected in ((K, 2.0 / 3.0), (np.diag(np.diag(K)), 0.0)):
+        pulled = ConstrainedSystem([[0.0, 1.0]], None, [0], stiffness=stiffness).kinematics()
+        assert pulled.J[0, 0] == pytest.approx(expected)
 
 
 @given(st.floats(3, 100), st.floats(-6, 6))

@@ -1,25 +1,18 @@
 """Balance of power: what the actuators spend is what the task receives, eq. (4)."""
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, force_mapping
-from sim import jacobians
+from tests import spaces
 from tests.random_systems import (
     SEEDS,
     ZERO,
-    closure,
     failures,
-    major_and_rest,
-    motions,
-    null,
     of_rank,
-    projector,
     rows_of,
-    self_motions,
     springs,
     systems,
     weights,
@@ -27,20 +20,21 @@ from tests.random_systems import (
 )
 
 
-@given(st.data(), systems())
-def test_force_times_velocity_is_torque_times_rate_for_every_motion_whatever_failed(data, drawn):
-    """Also through self-motion, redundant rows, locked and free actuators, over-actuation."""
+@given(st.data(), systems(), st.booleans())
+def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, drawn, oblique):
+    """Through self-motion, redundant rows, failures; f . v = f_m . v_m + f_s . v_s of any basis."""
     system = data.draw(failures(drawn.system))
     kin, rng = system.kinematics(), drawn.rng
     m, n = kin.J.shape
-    major, rest = major_and_rest(data, m)
-    W3, W4 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
-    mapping = kin.force_mapping(major, None, W3, W4)
-    aims = [rng.normal(size=size) for size in (len(major), n, len(rest))]
-    torques, f = mapping(*aims), np.empty(m)
-    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
+    m1 = data.draw(st.integers(1, m))
+    S = of_rank(rng, m, m, m) if oblique else np.eye(m)[data.draw(st.permutations(range(m)))]
+    W3, W4 = data.draw(weights(n, rng)), data.draw(weights(m - m1, rng))
+    mapping = kin.force_mapping(S[:m1], S[m1:], W3, W4)
+    aims = [rng.normal(size=size) for size in (m1, n, m - m1)]
+    torques = mapping(*aims)
+    f = S.T @ np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
 
-    theta_dot = motions(system)  # each column a motion, all of them together any motion
+    theta_dot = spaces.motions(system)  # each column a motion, all of them together any motion
     v, rates = system.J_T @ theta_dot, theta_dot[kin.active]
     np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
     # The same through the model: v = J rates + whatever self-motion adds.
@@ -67,30 +61,40 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
     torques = mapping(*aims)
     f = np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
     # Springs under the load f with every active joint held; oracle: least energy, densely.
-    Z = self_motions(system, kin)
+    Z = spaces.self_motions(system, kin)
     held, directions = np.linalg.eigh(Z.T @ K @ Z)
     stretched = Z @ directions[:, held > ZERO]
     theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / held[held > ZERO])
-    on_joints = system.J_T.T @ f + K @ theta
-    on_joints += closure(system).T @ kin.constraint_force(f, torques)
+    loaded, closing = system.J_T.T @ f + K @ theta, spaces.closure(system).T
+    on_joints = loaded + closing @ kin.constraint_force(f, torques)
     np.testing.assert_allclose(on_joints[kin.active], torques, atol=1e-6)
     np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
+    # Torques that only squeeze the loops come and go with the choice of f_C.
+    on_joints, rates = (
+        loaded + closing @ kin.constraint_force(f),
+        spaces.null(kin.active_constraint),
+    )
+    np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
+    np.testing.assert_allclose(rates.T @ on_joints[kin.active], rates.T @ kin.J.T @ f, atol=1e-6)
 
 
-@given(st.data(), systems())
-def test_the_directions_of_a_task_may_be_any_basis(data, drawn):
-    """Power defines f_m and f_s for oblique directions: f . v = f_m . v_m + f_s . v_s."""
-    kin, rng = drawn.system.kinematics(), drawn.rng
-    m, n = kin.J.shape
-    m1 = data.draw(st.integers(1, m))
-    S = of_rank(rng, m, m, m)
-    mapping = kin.force_mapping(S[:m1], S[m1:], np.ones(n), np.ones(m - m1))
-    aims = [rng.normal(size=size) for size in (m1, n, m - m1)]
-    f_m, f_s = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
-    theta_dot = motions(drawn.system)
-    v, rates = drawn.system.J_T @ theta_dot, theta_dot[kin.active]
-    spent = f_m @ S[:m1] @ v + f_s @ S[m1:] @ v
-    np.testing.assert_allclose(spent, mapping(*aims) @ rates, atol=1e-7)
+@given(st.integers(0, 2**32 - 1), st.floats(-10, 10))
+def test_constraint_forces_balance_in_any_unit_of_the_closures(seed, exponent):
+    """A stuck joint's reaction is not weighed against the units of J_C."""
+    rng, unit = np.random.default_rng(seed), 10.0**exponent
+    J_T, J_C = rng.normal(size=(2, 6)), unit * rng.normal(size=(3, 6))
+    system = ConstrainedSystem(J_T, J_C, range(4)).with_failures(locked=[0])
+    kin = system.kinematics()
+    mapping = kin.force_mapping([0], None, np.ones(3), np.ones(1))
+    torques, f_s = mapping([1.0], rng.normal(size=3)), mapping.secondary_force([1.0])
+    f = np.append(1.0, f_s)
+    torques = mapping([1.0])
+    f_C = kin.constraint_force(f, torques)
+    on_joints = J_T.T @ f + np.vstack([J_C, np.eye(6)[:1]]).T @ f_C
+    # Round-off grows with the unit of the reaction's row beside that of J_C.
+    tolerance = 1e-7 * max(1.0, unit * 1e-4)
+    np.testing.assert_allclose(on_joints[kin.active], torques, atol=tolerance)
+    np.testing.assert_allclose(on_joints[kin.passive], 0, atol=tolerance)
 
 
 @given(st.data(), systems())
@@ -100,10 +104,10 @@ def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, drawn
     kin = system.kinematics()
     major = rows_of(data, len(system.J_T))
     mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.active)))
-    moved = system.J_T @ motions(system)
-    borne = projector(null(moved.T))
+    moved = system.J_T @ spaces.motions(system)
+    borne = spaces.projector(spaces.null(moved.T))
     np.testing.assert_allclose(mapping.reaction, borne, atol=1e-7)
-    squeeze = projector(kin.active_constraint.T)
+    squeeze = spaces.projector(kin.active_constraint.T)
     torques = kin.J.T @ borne
     np.testing.assert_allclose(torques, squeeze @ torques, atol=1e-7)
     if not kin.self_motion.size:
@@ -111,19 +115,16 @@ def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, drawn
         assert mapping.status is (Status.EXACT if seen else Status.UNSEEN)
 
 
-def test_a_locked_strut_bears_one_force_of_the_hexapod(model):
+def test_a_locked_strut_bears_one_force_of_the_hexapod(hexapod):
     """Six directions, five motions: the sixth force loads the lock, and no coil feels it."""
-    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
-    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
-    nominal = system.kinematics()
-    sound = nominal.force_mapping([0, 1], torque_weight=np.ones(6))
-    np.testing.assert_allclose(sound.reaction, 0, atol=1e-9)
-    mapping = system.with_failures(locked=[2]).kinematics().force_mapping([0, 1])
+    nominal = hexapod.kinematics()
+    healthy = nominal.force_mapping([0, 1], torque_weight=np.ones(6))
+    np.testing.assert_allclose(healthy.reaction, 0, atol=1e-9)
+    mapping = hexapod.with_failures(locked=[2]).kinematics().force_mapping([0, 1])
     assert np.trace(mapping.reaction) == pytest.approx(1.0)
     assert mapping.status is Status.EXACT
-    f = mapping.reaction @ np.random.default_rng(0).normal(size=6)
+    torques = nominal.J.T @ mapping.reaction @ np.random.default_rng(0).normal(size=6)
     others = np.delete(np.arange(6), 2)
-    torques = nominal.J.T @ f
     np.testing.assert_allclose(torques[others], 0, atol=1e-9 * np.abs(torques[2]))
 
 
@@ -136,19 +137,17 @@ def exerted(kin, torques):
     return f
 
 
-def test_without_eq_9_a_free_strut_turns_the_major_force_into_another(model):
+def test_without_eq_9_a_free_strut_turns_the_major_force_into_another(hexapod):
     """The paper's (33) lets f push on the released strut, which gives way: the law can fail."""
-    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
-    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
-    kin = system.with_failures(free=[2]).kinematics()
-    f_md = np.array([1.0, -0.5])
+    free = hexapod.with_failures(free=[2])
+    kin, f_md = free.kinematics(), np.array([1.0, -0.5])
     ours = kin.force_mapping([0, 1], torque_weight=np.ones(6))
     np.testing.assert_allclose(exerted(kin, ours(f_md))[:2], f_md, atol=1e-9)
     paper = force_mapping(kin.J, [0, 1], torque_weight=np.ones(5))  # told of no self-motion
     assert np.linalg.norm(exerted(kin, paper(f_md))[:2] - f_md) > 0.1
-    theta_dot = motions(system.with_failures(free=[2]))
+    theta_dot = spaces.motions(free)
     f = np.concatenate([f_md, paper.secondary_force(f_md)])
-    lost = f @ jac.J_T @ theta_dot - paper(f_md) @ theta_dot[kin.active]
+    lost = f @ hexapod.J_T @ theta_dot - paper(f_md) @ theta_dot[kin.active]
     assert np.abs(lost).max() > 0.1
 
 

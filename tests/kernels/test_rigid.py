@@ -12,7 +12,7 @@ from sim import MODELS, JacobianReader, Mechanism, Pose, load_model
 
 
 @pytest.mark.parametrize("largest", [0.0, 1e-9, 0.1, 3.0])
-def test_displacements_of_poses_are_their_rotation_vectors_and_translations(largest):
+def test_displacements_are_rotation_vectors_and_translations(largest):
     rng = np.random.default_rng(3)
     turn = rng.normal(size=(40, 3))
     turn *= largest * rng.random((40, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)
@@ -70,30 +70,11 @@ def test_a_posture_says_what_mujoco_says_at_its_joint_positions(name):
     np.testing.assert_array_equal(mechanism.task(moved), computed_anew)
     pose.displacement()[:] = np.nan  # the caller's own
     np.testing.assert_array_equal(pose.displacement(), computed_anew)
-    for array in (
-        moved.qpos,
-        pose.rotation,
-        pose.translation_m,
-        moved.J_T,
-        moved.J_C,
-        moved.gaps,
-        moved.displacements,
-    ):
-        assert not array.flags.writeable
+    arrays = moved.qpos, pose.rotation, pose.translation_m, moved.J_T, moved.J_C, moved.gaps
+    assert not any(array.flags.writeable for array in (*arrays, moved.displacements))
 
 
-@pytest.mark.parametrize(
-    "held, why",
-    [([1, 1], "must not repeat"), ([7], "must lie in 0..6"), ([-1], "must lie in 0..6")],
-)
-def test_a_mechanism_refuses_drives_that_are_not_there_or_twice(held, why):
-    mechanism = Mechanism(load_model(MODELS / "arm.xml"), site="payload")
-    for each in (held, np.array(held)):
-        with pytest.raises(ValueError, match=f"held .*{why}"):
-            mechanism.moved(mechanism.nominal, np.zeros(7), each)
-
-
-def test_a_mechanism_takes_drives_as_any_list_of_integers():
+def test_a_mechanism_takes_drives_as_any_list_of_different_integers():
     mechanism = Mechanism(load_model(MODELS / "arm.xml"), site="payload")
     asked = 1e-3 * np.arange(1.0, 8.0)
     expected = mechanism.moved(mechanism.nominal, asked, np.array([1, 3])).qpos
@@ -101,5 +82,6 @@ def test_a_mechanism_takes_drives_as_any_list_of_integers():
     for held in lists:
         moved = mechanism.moved(mechanism.nominal, asked, held)
         np.testing.assert_array_equal(moved.qpos, expected)
-    with pytest.raises(ValueError, match="held must be a list of integers"):
-        mechanism.moved(mechanism.nominal, asked, np.array([[1, 3]]))
+    for held, why in (([1, 1], "not repeat"), ([7], r"lie in 0\.\.6"), ([-1], r"lie in 0\.\.6")):
+        with pytest.raises(ValueError, match=f"held must {why}"):
+            mechanism.moved(mechanism.nominal, asked, np.array(held))

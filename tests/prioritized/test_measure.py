@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from prioritized import ConstrainedSystem, Kinematics, Status, Task
+from prioritized import ConstrainedSystem, Status, Task, failure_atlas
 from sim import Jacobians, jacobians
 from tests.profiles import scaled
 
@@ -34,32 +34,20 @@ def _read(unit: float) -> tuple[Jacobians, np.ndarray]:
     return jacobians(model, data, "tip"), rates
 
 
-def _arm(unit: float) -> tuple[Kinematics, np.ndarray, np.ndarray]:
-    """Its kinematics, and the units of its task rows and rates."""
-    jac, rates = _read(unit)
-    return ConstrainedSystem.of(jac).kinematics(), np.repeat([1.0, unit], 3), rates
-
-
 def _answers(unit: float) -> dict[str, np.ndarray]:
     """Rates, or torques times them, of what a norm of angles and lengths chooses."""
-    kin, of_task, of_rate = _arm(unit)
+    jac, of_rate = _read(unit)
+    kin, of_task = ConstrainedSystem.of(jac).kinematics(), np.repeat([1.0, unit], 3)
     twist, box = _TWIST * of_task, (-0.1 * of_rate, 0.1 * of_rate)
     rates = {
         "out of reach": kin.velocity_mapping(range(6))(twist),
         "limited and out of reach": kin.velocity_mapping(range(6), rate_limits=box)(twist),
-        "limited": kin.velocity_mapping([2, 3, 4], joint_weight=1.0 / of_rate, rate_limits=box)(
-            twist[2:5]
-        ),
         "least rates": kin.velocity_mapping([3])(twist[3:4]),
-        "in levels": kin.hierarchy([Task([3]), Task(range(6)), Task.joints()])(
-            [twist[3:4], twist, None]
-        ),
     }
     torques = kin.force_mapping([3, 4])(np.array([1.0, 0.4]) / of_task[3:5])
-    locked = kin.velocity_mapping(range(6)).largest_gain
     return {name: each / of_rate for name, each in rates.items()} | {
         "least torques": torques * of_rate,
-        "largest gain": locked,
+        "largest gain": kin.velocity_mapping(range(6)).largest_gain,
     }
 
 
@@ -71,10 +59,10 @@ def test_no_norm_depends_on_the_unit_of_length(exponent):
         np.testing.assert_allclose(there[name], answer, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
-def test_what_is_measured_with_a_length_says_so_and_a_stated_metric_goes_before_it():
+def test_a_length_that_measures_is_told_and_a_stated_metric_is_first():
     """The mechanism's own length stands in the answer; a metric of the user's is the user's."""
-    kin, _, _ = _arm(1.0)
-    accuracy, length = _read(1.0)[0].accuracy, 1.2
+    jac, length = _read(1.0)[0], 1.2
+    kin, accuracy = ConstrainedSystem.of(jac).kinematics(), jac.accuracy
     mapping = kin.velocity_mapping(range(6))
     assert accuracy is not None
     assert mapping.characteristic_length == accuracy.structure.length
@@ -91,7 +79,7 @@ def test_what_is_measured_with_a_length_says_so_and_a_stated_metric_goes_before_
 
 def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
     """With a metric the compiled way gives what the levels solved one by one give."""
-    kin, _, _ = _arm(1.0)
+    kin = ConstrainedSystem.of(_read(1.0)[0]).kinematics()
     rows, box = np.eye(6)[2:5], (np.full(4, -0.1), np.full(4, 0.1))
     quick = kin.velocity_mapping([2, 3, 4], joint_weight=np.ones(4), rate_limits=box)
     never = (np.eye(4)[:1], np.array([-1e3]), np.array([1e3]))
@@ -141,17 +129,15 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     kin = system.kinematics()
     report, box = kin.manipulability(major), (-of["limit"] * rate, of["limit"] * rate)
     plain = kin.velocity_mapping(major, joint_weight=1.0 / rate)
+    by_secondary = kin.velocity_mapping(major, secondary_weight=1.0 / task[of["left"]])
+    limited = kin.velocity_mapping(major, joint_weight=1.0 / rate, rate_limits=box)
+    two = kin.hierarchy([Task(major), Task.joints()])
+    three = kin.hierarchy([Task(major[:1]), Task(range(len(task)))])
     others = {
-        "by the secondary task": kin.velocity_mapping(
-            major, secondary_weight=1.0 / task[of["left"]]
-        ).solve(v[major]),
-        "limited": kin.velocity_mapping(major, joint_weight=1.0 / rate, rate_limits=box).solve(
-            v[major]
-        ),
-        "two levels": kin.hierarchy([Task(major), Task.joints()]).solve([v[major], None]),
-        "three levels": kin.hierarchy([Task(major[:1]), Task(range(len(task)))]).solve(
-            [v[major[:1]], v]
-        ),
+        "by the secondary task": by_secondary.solve(v[major]),
+        "limited": limited.solve(v[major]),
+        "two levels": two.solve([v[major], None]),
+        "three levels": three.solve([v[major[:1]], v]),
     }
     force = kin.force_mapping(major, torque_weight=rate).solve(v[major] / task[major] ** 2)
     assert (plain.status is Status.LEAST_SQUARES) == (
@@ -160,6 +146,7 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     assert plain.rank == kin.velocity_mapping(major).rank
     return {
         "findings": tuple(finding.holds for finding in report.findings.values()),
+        "possible": bool(failure_atlas(system, major, codes=[[0] * len(rate)]).possible[0]),
         "status": plain.status,
         "rank": int(plain.rank),
         "least rates": plain(v[major]) / rate,
@@ -172,7 +159,7 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("error", [0.0, 1e-6])
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e4, 1e8])
-def test_hinges_and_slides_have_one_verdict_and_one_answer_in_any_unit(unit, error):
+def test_hinges_and_slides_have_one_verdict_and_answer_in_any_unit(unit, error):
     """Reach, ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
     for seed in range(scaled(12)):
         here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)

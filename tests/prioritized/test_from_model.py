@@ -1,0 +1,47 @@
+"""A system from whatever has the attributes of a linearized model."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from prioritized import ConstrainedSystem
+from prioritized._mechanism.names import Names
+
+
+def linearized(**others: Any) -> Any:
+    """What `sim` gives; names are of any class that has them, springs absent."""
+    given = {"J_T": np.eye(2, 3), "J_C": np.ones((1, 3)), "active": np.array([0, 1])}
+    return SimpleNamespace(**given | others)
+
+
+def test_a_model_brings_names_and_accuracy_and_springs_on_request():
+    soft = linearized(stiffness=np.ones(3))
+    assert ConstrainedSystem.of(soft).stiffness is None
+    np.testing.assert_array_equal(ConstrainedSystem.of(soft, springs=True).stiffness, np.eye(3))
+    with pytest.raises(ValueError, match="springs must be False for a mechanism without stiff"):
+        ConstrainedSystem.of(linearized(), springs=True)
+    rough = linearized(geometry_accuracy=1e-7)
+    assert ConstrainedSystem.of(rough).geometry_accuracy == 1e-7
+    assert ConstrainedSystem.of(rough, geometry_accuracy=1e-4).rank_tolerance == 10 * 1e-4
+    lists: Any = Names(["a", "b", "c"], [["m"], ["n"]])  # type: ignore
+    made = ConstrainedSystem.of(linearized(names=lists))
+    assert made.names == Names(("a", "b", "c"), (("m",), ("n",)))
+    for name in ("J_T", "J_C", "active"):
+        np.testing.assert_array_equal(getattr(made, name), getattr(linearized(), name))
+
+
+def test_a_proxy_of_a_mechanism_is_one():
+    """It lists no attributes of its own, and has them all the same."""
+
+    class Proxy:
+        def __getattr__(self, name: str) -> object:
+            return getattr(whole, name)
+
+    whole = ConstrainedSystem(np.eye(2), None, [0, 1])
+    proxy: Any = Proxy()
+    np.testing.assert_array_equal(ConstrainedSystem.of(proxy).J_T, whole.J_T)
+    absent: Any = object()
+    with pytest.raises(TypeError, match=r"^mechanism must have J_T, J_C and active"):
+        ConstrainedSystem.of(absent)

@@ -1,0 +1,361 @@
+"""The velocity mapping, Problem 1: oracles in all coordinates, optimality, units, damping."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
+from tests import spaces
+from tests.random_systems import (
+    SEEDS,
+    as_matrix,
+    failures,
+    major_and_rest,
+    of_rank,
+    orthogonal,
+    rows_of,
+    systems,
+    weights,
+)
+
+
+def theorem_3(J_m, J_s, W1, W2):
+    """Eq. (25), as printed: gains of v_md, and of the stacked [rates_d; v_sd]."""
+    J_m_pinv, N = pinv_and_null(J_m)
+    K = N @ np.linalg.pinv(np.vstack([W1 @ N, W2 @ J_s @ N]))
+    major = J_m_pinv - K @ np.vstack([W1 @ J_m_pinv, W2 @ J_s @ J_m_pinv])
+    return major, K @ scipy.linalg.block_diag(W1, W2)
+
+
+def theorem_4(J_m, W1):
+    """Eq. (28), as printed."""
+    J_m_pinv, N = pinv_and_null(J_m)
+    K = N @ np.linalg.pinv(W1 @ N) @ W1
+    return J_m_pinv - K @ J_m_pinv, K
+
+
+def theorem_5(J_m, J_s, W2):
+    """Eq. (30), as printed."""
+    J_m_pinv, N = pinv_and_null(J_m)
+    A, B = W2 @ J_s @ N, W2 @ J_s @ J_m_pinv
+    NA = N @ scipy.linalg.null_space(A)
+    least_norm = np.eye(J_m.shape[1]) - NA @ np.linalg.pinv(NA)
+    A_pinv = np.linalg.pinv(A)
+    return least_norm @ (J_m_pinv - N @ A_pinv @ B), least_norm @ N @ A_pinv @ W2
+
+
+def pinv_and_null(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.linalg.pinv(A), scipy.linalg.null_space(A)
+
+
+@given(SEEDS, st.integers(1, 3), st.integers(1, 4), st.integers(0, 3))
+def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
+    m, n = m1 + m2, m1 + extra + 1
+    rng, major = np.random.default_rng(seed), list(range(m1))
+    J = rng.normal(size=(m, n))
+    J_m, J_s = J[:m1], J[m1:]
+    W1, W2 = (rng.normal(size=(k, k)) + 3 * np.eye(k) for k in (n, m2))
+    both = velocity_mapping(J, major, joint_weight=W1, secondary_weight=W2)
+    joint = velocity_mapping(J, major, joint_weight=W1)
+    secondary = velocity_mapping(J, major, secondary_weight=W2)
+    of_both = np.hstack([both.joint, both.secondary])
+    for mapping, goals, theorem, atol in (
+        (both, of_both, theorem_3(J_m, J_s, W1, W2), 1e-8),
+        (joint, joint.joint, theorem_4(J_m, W1), 1e-8),
+        (secondary, secondary.secondary, theorem_5(J_m, J_s, W2), 1e-6),
+    ):
+        np.testing.assert_allclose(mapping.major, theorem[0], atol=atol)
+        np.testing.assert_allclose(goals, theorem[1], atol=atol)
+
+
+@given(st.data(), systems())
+def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
+    """Active and passive rates at once, the loops as hard rows; nothing is eliminated."""
+    system = data.draw(failures(drawn.system))
+    kin, rng = system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    major, rest = major_and_rest(data, m)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
+    M, T = of_rank(rng, len(major) + 1, len(major), len(major)), data.draw(weights(n, rng))
+    mapping = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
+    aims = [rng.normal(size=size) for size in (len(major), n, len(rest))]
+    rates = mapping(*aims)
+
+    # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
+    hard = np.vstack([spaces.closure(system), spaces.self_motions(system, kin).T])
+    J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
+    W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(rest)), as_matrix(T, n)
+    levels = [
+        (M @ J_T[major], M @ aims[0]),
+        (np.vstack([W1 @ to_rates, W2 @ J_T[rest]]), np.concatenate([W1 @ aims[1], W2 @ aims[2]])),
+        (T @ to_rates, np.zeros(len(T))),
+        (to_rates, np.zeros(n)),
+    ]
+    best = spaces.dense_lexicographic(hard, levels)
+    # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
+    np.testing.assert_allclose(rates, best[kin.active], atol=1e-6)
+    if n:
+        np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
+    np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - J_T[major] @ best, atol=1e-6)
+
+
+@given(st.integers(1, 5), st.integers(1, 5), st.data(), SEEDS)
+def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed):
+    """Penrose's four conditions, of any shape and rank: one matrix alone obeys them."""
+    rank = data.draw(st.integers(0, min(m, n)))
+    size = 10.0 ** data.draw(st.integers(-100, 100))
+    A = size * of_rank(np.random.default_rng(seed), m, n, rank)
+    X = velocity_mapping(A, list(range(m))).major
+    AX, XA = A @ X, X @ A  # products of A and A^+ are of order one whatever the size
+    np.testing.assert_allclose(AX @ A / size, A / size, atol=1e-12)
+    np.testing.assert_allclose(XA @ X * size, X * size, atol=1e-12)
+    np.testing.assert_allclose(AX, AX.T, atol=1e-12)
+    np.testing.assert_allclose(XA, XA.T, atol=1e-12)
+
+
+@given(
+    SEEDS, st.integers(2, 6), st.integers(0, 2), st.integers(0, 6), st.integers(0, 4), st.booleans()
+)
+def test_no_admissible_change_of_the_rates_improves_any_level(
+    seed, n, c, w1_rank, w2_rank, diagonal
+):
+    """Optimality, level by level, for singular, wide, zero and diagonal weights, constraints."""
+    rng = np.random.default_rng(seed)
+    m1, m2 = 2, 3
+    J, C = rng.normal(size=(m1 + m2, n)), of_rank(rng, c, n, min(c, n))
+    W1, W2 = of_rank(rng, n, n, min(w1_rank, n)), of_rank(rng, 4, m2, min(w2_rank, m2))
+    if diagonal:
+        W1, W2 = rng.uniform(0.1, 3.0, n), rng.normal(size=m2)
+    mapping = velocity_mapping(J, [0, 1], joint_weight=W1, secondary_weight=W2, active_constraint=C)
+    v_m, rates_d, v_sd = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    x = mapping(v_m, rates_d, v_sd)
+    W1, W2 = as_matrix(W1, n), as_matrix(W2, m2)
+
+    assert np.abs(C @ x).max(initial=0.0) < 1e-9
+    null_C = scipy.linalg.null_space(C) if c else np.eye(n)
+    J_m = J[:m1]
+    # Gradient of |J_m x - v_m|^2 along the admissible rates is zero.
+    np.testing.assert_allclose(null_C.T @ J_m.T @ (J_m @ x - v_m), 0, atol=1e-8)
+    np.testing.assert_allclose(mapping.residual(v_m), v_m - J_m @ x, atol=1e-8)
+    # Gradient of the weighted sum along what leaves the major task alone is zero.
+    free = null_C @ scipy.linalg.null_space(J_m @ null_C, rcond=1e-9) if null_C.size else null_C
+    G = np.vstack([W1, W2 @ J[m1:]])
+    miss = G @ x - np.concatenate([W1 @ rates_d, W2 @ v_sd])
+    np.testing.assert_allclose(free.T @ G.T @ miss, 0, atol=1e-7)
+    # Among equals the rates are the shortest: nothing of x lies where no level looks.
+    if free.size:
+        unseen = free @ scipy.linalg.null_space(G @ free, rcond=1e-9)
+        np.testing.assert_allclose(unseen.T @ x, 0, atol=1e-7)
+
+
+@given(st.data(), systems())
+def test_a_lower_level_never_changes_what_a_higher_one_achieved(data, drawn):
+    """Other weights and other wishes: same loops closed, same major velocity, met or not."""
+    kin, rng = drawn.system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    v_m = rng.normal(size=len(major))
+    plain = kin.velocity_mapping(major)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m - len(major), rng))
+    other = kin.velocity_mapping(major, None, W1, W2)
+    rates = other(v_m, rng.normal(size=n), rng.normal(size=m - len(major)))
+    np.testing.assert_allclose(kin.active_constraint @ rates, 0, atol=1e-7)
+    np.testing.assert_allclose(kin.J[major] @ rates, kin.J[major] @ plain(v_m), atol=1e-7)
+    np.testing.assert_allclose(other.achieved, plain.achieved, atol=1e-7)
+    assert other.status is plain.status
+    moved = np.abs(kin.self_motion[major]).max(initial=0.0) > 1e-8
+    assert (other.status is Status.SELF_MOTION) == moved
+
+
+def test_a_weighted_pseudo_inverse_spoils_the_major_task():
+    """The paper's introduction, section 1: weighting all rows trades pointing for the rest."""
+    J = np.random.default_rng(1).normal(size=(6, 4))
+    v = np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
+    weighted = np.linalg.pinv(np.diag([10.0, 10, 1, 1, 1, 1]) @ J) @ (v * [10, 10, 1, 1, 1, 1])
+    prioritized = velocity_mapping(J, [0, 1], secondary_weight=np.ones(4))(v[:2])
+    assert np.linalg.norm(J[:2] @ weighted - v[:2]) > 1e-3
+    assert np.linalg.norm(J[:2] @ prioritized - v[:2]) < 1e-12
+
+
+def test_a_major_task_out_of_reach_is_least_squares_and_says_so():
+    J = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
+    mapping = velocity_mapping(J, [0, 1], joint_weight=np.ones(3))
+    assert mapping.status is Status.LEAST_SQUARES and mapping.rank == 1
+    assert "residual" in mapping.status.value
+    np.testing.assert_allclose(mapping([1.0, 3.0]), [2.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(mapping.residual([1.0, 3.0]), [-1.0, 1.0], atol=1e-12)
+
+
+@given(SEEDS)
+def test_major_directions_are_as_good_as_rows_in_any_order(seed):
+    rng = np.random.default_rng(seed)
+    J, turned = rng.normal(size=(6, 6)), orthogonal(rng, 6)
+    by_rows = velocity_mapping(J, [0, 1], secondary_weight=np.ones(4))
+    by_directions = velocity_mapping(turned @ J, np.eye(6)[:2] @ turned.T, None, None, np.ones(4))
+    np.testing.assert_allclose(by_rows.major, by_directions.major, atol=1e-8)
+    J = np.random.default_rng(0).normal(size=(6, 6))
+    paper = velocity_mapping(J, [0, 1], secondary=[3, 4, 5, 2], secondary_weight=[10, 10, 1, 1])
+    ascending = velocity_mapping(J, [0, 1], secondary_weight=np.diag([1, 10, 10, 1]))
+    np.testing.assert_allclose(paper.major, ascending.major, atol=1e-12)
+
+
+# Units and sizes.
+
+
+UNITS = st.floats(-2, 2)
+"""Powers of ten; far more unlike units push true singular values under 1e-10 of the largest."""
+
+
+def in_other_units(drawn, exponent, data):
+    """The mechanism in a unit of length 10^-exponent as long; how task and rates scale by it."""
+    m, N = drawn.system.J_T.shape
+    c = len(drawn.system.J_C)
+
+    def factors(size):
+        lengths = data.draw(st.lists(st.booleans(), min_size=size, max_size=size))
+        return np.where(lengths, 10.0**exponent, 1.0)
+
+    of_task, of_joint, of_loop = factors(m), factors(N), factors(c)
+    J_T = of_task[:, None] * drawn.system.J_T / of_joint
+    J_C = of_loop[:, None] * drawn.system.J_C / of_joint
+    return ConstrainedSystem(J_T, J_C, drawn.system.active), of_task, of_joint
+
+
+@given(st.data(), systems(), UNITS)
+def test_with_metrics_the_unit_of_length_changes_nothing(data, drawn, exponent):
+    """Metres or centimetres: the same motion and torques, out of reach or under self-motion."""
+    system, of_task, of_joint = in_other_units(drawn, exponent, data)
+    m, N = system.J_T.shape
+    rng, active = drawn.rng, system.active
+    major, rest = major_and_rest(data, m)
+    u_m, u_s, u_a = of_task[major], of_task[rest], of_joint[active]
+    n, m1, m2 = len(active), len(major), len(rest)
+    mass = of_rank(rng, N, N, N)
+    mass = mass @ mass.T
+    W1, T, M = (of_rank(rng, size, size, size) for size in (n, n, m1))
+    W2 = data.draw(weights(m2, rng))
+    W2 = as_matrix(W2, m2)
+    # The first one in the first units, the other in the others.
+    kin = drawn.system.kinematics(passive_metric=mass)
+    again = system.kinematics(passive_metric=mass / np.outer(of_joint, of_joint))
+    v_m, rates_d, v_s = (rng.normal(size=size) for size in (m1, n, m2))
+    W1 = data.draw(st.sampled_from([W1, W1[: n - 1]]))  # with ties, too
+    one = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
+    two = again.velocity_mapping(
+        major, None, W1 / u_a, W2 / u_s, major_metric=M / u_m, tie_metric=T / u_a
+    )
+    expected = one(v_m, rates_d, v_s)
+    rates = two(v_m * u_m, rates_d * u_a, v_s * u_s) / u_a
+    np.testing.assert_allclose(rates, expected, atol=1e-6)
+    theta_p, theta_p_again = kin.passive_rates(expected), again.passive_rates(rates * u_a)
+    np.testing.assert_allclose(theta_p_again / of_joint[kin.passive], theta_p, atol=1e-6)
+    assert (one.status, one.rank) == (two.status, two.rank)
+
+    # Forces and torques carry the inverse units, so that power keeps its own.
+    one = kin.force_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
+    two = again.force_mapping(
+        major, None, W1 * u_a, W2 * u_s, major_metric=M * u_m, tie_metric=T * u_a
+    )
+    torques = two(v_m / u_m, rates_d / u_a, v_s / u_s) * u_a
+    np.testing.assert_allclose(torques, one(v_m, rates_d, v_s), atol=1e-6)
+    assert (one.status, one.rank) == (two.status, two.rank)
+
+
+@given(st.data(), systems(self_motion=False), UNITS)
+def test_a_unique_answer_needs_no_metric(data, drawn, exponent):
+    """Every major velocity within reach, W1 nonsingular, no self-motion: no unit matters."""
+    system, of_task, of_joint = in_other_units(drawn, exponent, data)
+    kin, again = drawn.system.kinematics(), system.kinematics()
+    major = rows_of(data, len(of_task))
+    n, u_a, u_m = len(system.active), of_joint[system.active], of_task[major]
+    W1 = of_rank(drawn.rng, n, n, n)
+    one = kin.velocity_mapping(major, joint_weight=W1)
+    assume(one.status is Status.EXACT)
+    v_m = drawn.rng.normal(size=len(major))
+    rates = again.velocity_mapping(major, joint_weight=W1 / u_a)(v_m * u_m) / u_a
+    np.testing.assert_allclose(rates, one(v_m), atol=1e-6)
+
+
+def test_without_a_metric_ties_of_hinge_and_slide_depend_on_the_unit():
+    """A hinge with a 2 m arm and a slide along the same line: the law above can fail."""
+    metres, millimetres = np.array([[2.0, 1.0]]), np.array([[2000.0, 1.0]])
+    share = velocity_mapping(metres, [0]).major[0, 0]
+    assert abs(velocity_mapping(millimetres, [0]).major[0, 0] * 1000.0 - share) > 0.05
+    weighed = velocity_mapping(metres, [0], tie_metric=[1.0, 1.0]).major[0, 0]
+    again = velocity_mapping(millimetres, [0], tie_metric=[1.0, 1e-3]).major[0, 0]
+    assert again * 1000.0 == pytest.approx(weighed)
+
+
+SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_common_factor_of_all_weights_changes_nothing(size):
+    """Ratios of 1, 2 and 4 are exact even among denormals; all at 1e-309 gave NaN, called exact."""
+    J, v = np.random.default_rng(5).normal(size=(3, 4)), np.array([0.3, -0.2])
+    W1, W2 = np.array([1.0, 2.0, 4.0, 1.0]), np.array([2.0])
+    plain = velocity_mapping(J, [0, 1], joint_weight=W1, secondary_weight=W2)
+    scaled = velocity_mapping(J, [0, 1], joint_weight=size * W1, secondary_weight=size * W2)
+    assert scaled.status is Status.EXACT
+    np.testing.assert_allclose(scaled(v, np.ones(4), [0.1]), plain(v, np.ones(4), [0.1]), rtol=1e-9)
+    np.testing.assert_allclose(scaled.joint, plain.joint, atol=1e-9)
+    one, same = (velocity_mapping(J, [0], tie_metric=factor * W1) for factor in (1.0, size))
+    np.testing.assert_allclose(same([1.0]), one([1.0]), rtol=1e-9)
+    one, same = (force_mapping(J, [0], torque_weight=factor * W1) for factor in (1.0, size))
+    np.testing.assert_allclose(same([1.0], np.ones(4)), one([1.0], np.ones(4)), rtol=1e-9)
+    many = np.array([1.0, size, 1e60])[:, None, None] * np.diag(W1)
+    rates = velocity_mapping(J, [0, 1], joint_weight=many)(v)
+    one = velocity_mapping(J, [0, 1], joint_weight=W1)(v)
+    np.testing.assert_allclose(rates, [one, one, one], rtol=1e-9)
+
+
+# Damping.
+
+
+@given(SEEDS, st.floats(0, 14), st.floats(0, 12), st.integers(0, 2))
+def test_damping_bounds_the_rates_however_near_the_singularity(seed, nearness, small, bound):
+    """Sigma / (sigma^2 + lambda^2) is at most 1 / (2 lambda); the loops stay closed."""
+    rng = np.random.default_rng(seed)
+    n, damping = 2 + bound, 10.0**-small
+    C = of_rank(rng, bound, n, bound)
+    Z = np.linalg.svd(np.vstack([C, np.zeros((n, n))]))[2][bound:]
+    J = orthogonal(rng, 2) @ np.diag([1.0, 10.0**-nearness]) @ Z
+    M = of_rank(rng, 2, 2, 2)
+    mapping = velocity_mapping(
+        J, [0, 1], active_constraint=C, major_metric=M, damping=damping, rank_tolerance=1e-16
+    )
+    v = rng.normal(size=2)
+    rates = mapping(v)
+    assert np.linalg.norm(rates) <= np.linalg.norm(M @ v) / (2 * damping) * (1 + 1e-9)
+    assert np.linalg.norm(C @ rates) <= 1e-12 * np.linalg.norm(rates)
+    assert mapping.status is Status.DAMPED
+    miss = M.T @ M @ mapping.residual(v)
+    # Of J rates, where large terms cancel, in the metric.
+    round_off = 1e-14 * float((1.0 + np.linalg.norm(rates)) * (1.0 + np.linalg.norm(M, 2) ** 2))
+    np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
+
+
+@given(SEEDS, st.integers(1, 4), st.integers(0, 3), st.floats(1, 8))
+def test_damping_vanishes_into_the_exact_mapping(seed, m1, extra, small):
+    """The relative error is at most (lambda / sigma_min)^2, here (2 lambda)^2."""
+    rng = np.random.default_rng(seed)
+    J = of_rank(rng, m1, m1 + extra, m1)
+    exact = velocity_mapping(J, list(range(m1)))
+    damped = velocity_mapping(J, list(range(m1)), damping=10.0**-small)
+    v = rng.normal(size=m1)
+    change = np.linalg.norm(damped(v) - exact(v))
+    assert change <= (2 * 10.0**-small) ** 2 * np.linalg.norm(exact(v)) + 1e-13
+    assert (exact.status, damped.status) == (Status.EXACT, Status.DAMPED)
+
+
+def test_damping_is_of_the_major_task_alone():
+    """Its share of the rates is bounded; what a near-singular secondary goal asks for is not."""
+    J = [[1.0, 0.0, 0.0], [1.0, 1e-6, 0.0]]
+    damped = velocity_mapping(J, [0], secondary_weight=[1.0], damping=0.1)
+    share = velocity_mapping(J, [0], damping=0.1)([1.0])
+    assert np.linalg.norm(share) <= 1 / (2 * 0.1)
+    assert np.linalg.norm(damped([1.0])) > 1e5
+    tamed = velocity_mapping(J, [0], joint_weight=np.ones(3), secondary_weight=[1.0], damping=0.1)
+    assert np.linalg.norm(tamed([1.0])) <= 1 / (2 * 0.1)
