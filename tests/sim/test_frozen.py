@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,9 +12,12 @@ from fjh.rig.hexapod.coil import Coils
 from sim import NOMINAL, Bench, Plant, Pose
 from sim.plant import MaxwellSlip, Reading, TaskSensor
 from tests.frozen import writable
-from tests.sim import hostile_mechanisms
-from tests.sim.hostile_hexapod import COILS, DATA, MACHINE, MODEL, POSE, POSTURE
 
+MODEL = sim.load_model()
+DATA, MACHINE = mujoco.MjData(MODEL), closed_form.hexapod(MODEL)
+POSTURE, POSE = MACHINE.posture(NOMINAL), {"rotation": np.eye(3), "translation_m": np.zeros(3)}
+COILS = {"resistance_ohm": 5.0, "heat_capacity_j_per_k": 4.0, "ambient_c": 20.0}
+COILS |= {"thermal_resistance_k_per_w": np.full(2, 1.5)}
 MADE = {
     sim.Pose: POSE,
     closed_form.Posture: POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": np.eye(6)},
@@ -28,7 +32,7 @@ GIVEN = {
     "posture": POSTURE,
     "posture moved": MACHINE.moved(NOMINAL, np.full(6, 1e-5)),
     "jacobians": sim.jacobians(MODEL, DATA, "payload", "base"),
-    "joint posture": hostile_mechanisms.MECHANISM.nominal,
+    "joint posture": sim.Mechanism(sim.load_model(sim.MODELS / "arm.xml")).nominal,
     "linear plant": Plant(MODEL).linear(),
     "ranges": sim.ranges(MODEL),
 }
