@@ -16,6 +16,7 @@ from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
 from argument_checks import is_masked
@@ -42,6 +43,7 @@ SCALARS = {
     "minus inf": -np.inf,
     "minus one": -1,
     "half": 0.5,
+    "two": 2.0,
     "minus half": -0.5,
     "zero": 0.0,
     "denormal": 5e-324,
@@ -74,6 +76,9 @@ THIN = {
 """One of each kind."""
 FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
+PAIRS = [False, pytest.param(True, marks=[pytest.mark.long, pytest.mark.night])]
+"""Whether to attack all pairs, too."""
+POSITIVE = (5e-324, np.inf)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
 
@@ -209,6 +214,7 @@ class Room:
         hard: What arguments ask for that are valid each, but not to be had; the sentence says why.
         gaps: By label, arguments whose masked numbers count as missing.
         spared: By label, arguments that are not attacked in this set.
+        ranges: What numbers of a parameter lie in where they are not refused.
         unbounded: Ends of names of numbers that are infinite where there is no limit.
         slow: Labels of what gets a few values of each kind by day.
     """
@@ -222,6 +228,7 @@ class Room:
     hard: tuple[type[Exception], ...] = ()
     gaps: Mapping[str, Iterable[str]] = field(default_factory=dict)
     spared: Mapping[str, Iterable[str]] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unbounded: tuple[str, ...] = ("gap",)
     slow: Iterable[str] = ()
 
@@ -296,6 +303,12 @@ class Room:
         gaps = self.gaps.get(target.label, ())
         if any(is_masked(value) for name, value in wrong.items() if name not in gaps):
             return "took masked numbers for data"
+        for name in wrong.keys() & self.ranges.keys():
+            low, high = self.ranges[name]
+            values = np.asarray(wrong[name], dtype=object).flat
+            numbers = [each for each in values if isinstance(each, float | int)]
+            if not all(low <= each <= high for each in numbers):
+                return f"took {name} beyond {low:g}..{high:g}"
         return next(self._not_finite("answer", answer), None)
 
     def _strange(self, error: Exception, names: Iterable[str]) -> str | None:
@@ -310,12 +323,10 @@ class Room:
     def _not_finite(self, path: str, value: Any) -> Iterator[str]:
         """Where an answer holds NaN or infinity."""
         if isinstance(value, np.ndarray | np.generic | float):
-            array = np.asarray(value)
-            if array.dtype.kind in "fc" and not np.isfinite(array).all():
-                unbounded = path.endswith(self.unbounded) and not np.isnan(array).any()
-                yield from (
-                    () if unbounded else (f"returned {path} = {array[~np.isfinite(array)][0]}",)
-                )
+            array = np.ravel(value)
+            wrong = np.isnan if path.endswith(self.unbounded) else lambda x: ~np.isfinite(x)
+            if array.dtype.kind in "fc" and wrong(array).any():
+                yield f"returned {path} = {array[wrong(array)][0]}"
         elif dataclasses.is_dataclass(value):
             for each in dataclasses.fields(value):
                 yield from self._not_finite(f"{path}.{each.name}", getattr(value, each.name))

@@ -29,7 +29,7 @@ from sim import (
     SimulationDiverged,
     load_model,
 )
-from tests.hostile import Room, public
+from tests.hostile import PAIRS, POSITIVE, Room, public
 
 PARTS = public(
     *(Amplifier, Coils, Detector, Hexapod, Posture, StrutSensors, displacement_limits, hexapod),
@@ -116,13 +116,16 @@ def parts() -> Room:
         of=of,
         uses=uses,
         errors=(ValueError, TypeError, ModelError, UnreachableLengths, WrongInput),
+        ranges=dict.fromkeys((*driven, *heated, *optics), POSITIVE)
+        | {"bits": (1, 53), "noise_m": (0, np.inf), "ambient_c": (-np.inf, np.inf)},
         hard=(ModelError, UnreachableLengths),
     )
 
 
+@pytest.mark.parametrize("pairs", PAIRS)
 @pytest.mark.parametrize("name", PARTS)
-def test_a_hostile_argument_is_named_or_harmless(name):
-    parts().attack(name)
+def test_a_hostile_argument_is_named_or_harmless(name, pairs):
+    parts().attack(name, pairs=pairs)
 
 
 @cache

@@ -58,7 +58,7 @@ from tests.ftc.small_stage import (
     flown,
     stage,
 )
-from tests.hostile import Room, public
+from tests.hostile import PAIRS, Room, public
 from tests.profiles import examples
 
 AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
@@ -329,19 +329,13 @@ def room() -> Room:
     )
 
 
+@pytest.mark.parametrize("pairs", PAIRS)
 @pytest.mark.parametrize("name", FOUND)
-def test_a_hostile_argument_is_named_or_harmless(name):
-    room().attack(name)
+def test_a_hostile_argument_is_named_or_harmless(name, pairs):
+    room().attack(name, pairs=pairs)
 
 
 @examples(1000)
 @given(st.data())
 def test_so_are_two_of_them(data):
     room().attack_two(data)
-
-
-@pytest.mark.long
-@pytest.mark.night
-@pytest.mark.parametrize("name", FOUND)
-def test_so_are_all_pairs(name):
-    room().attack(name, pairs=True)

@@ -26,7 +26,7 @@ from prioritized import (
 from prioritized._mechanism.failures import Failures
 from prioritized._mechanism.names import Names
 from prioritized._postures import Postures
-from tests.hostile import Room, public
+from tests.hostile import PAIRS, Room, public
 from tests.profiles import examples
 
 
@@ -265,6 +265,7 @@ def room() -> Room:
         **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), solution),
         "HierarchySolution": solution,
     }
+    ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
     unbounded = ("gap", "worst_gain", "worst_speed", "worst_force")
     return Room(
         found=FOUND,
@@ -272,24 +273,19 @@ def room() -> Room:
         special=special,
         of=of,
         uses=uses,
+        ranges=ranges,
         unbounded=unbounded,
         spared={"failure_atlas with limits": ["major"]},  # without a task scipy refuses it
     )
 
 
+@pytest.mark.parametrize("pairs", PAIRS)
 @pytest.mark.parametrize("name", FOUND)
-def test_a_hostile_argument_is_named_or_harmless(name):
-    room().attack(name)
+def test_a_hostile_argument_is_named_or_harmless(name, pairs):
+    room().attack(name, pairs=pairs)
 
 
 @examples(1000)
 @given(st.data())
 def test_so_are_two_of_them(data):
     room().attack_two(data)
-
-
-@pytest.mark.long
-@pytest.mark.night
-@pytest.mark.parametrize("name", FOUND)
-def test_so_are_all_pairs(name):
-    room().attack(name, pairs=True)

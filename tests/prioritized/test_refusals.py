@@ -43,8 +43,6 @@ NO_MAPPING = [
     ("self_motion", np.ones((5, 1)), r"must have shape \(\.\.\., 2, any\)"),
     ("major_metric", [0.0], "must weigh every major direction"),
     ("tie_metric", [[1.0]], r"must have shape \(3,\) or"),
-    ("scale", -1.0, "must not be negative"),
-    ("rank_tolerance", -1e-9, r"must be from 0 to 0\.5"),
 ]
 NO_CODES = [
     *(([[0, code]], r"must be 0 \(sound\), 1 \(locked\) or 2 \(free\)") for code in (3, 0.5, -1)),
@@ -73,7 +71,6 @@ TABLE: list[tuple[str, str, Any, str]] = [
         ("force_mapping", "secondary", value, "must leave out the major directions")
         for value in ALONG
     ),
-    *(("velocity_mapping", "damping", value, "must") for value in (-1.0, [1.0])),
     *(("system", "stiffness", *row) for row in NO_METRIC),
     *(("kinematics", "passive_metric", *row) for row in NO_METRIC),
     *((call, "major", *row) for call in ("manipulability", "atlas") for row in NO_TASK),
