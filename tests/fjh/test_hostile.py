@@ -135,14 +135,10 @@ def rigs() -> Room:
     good = {
         **{"faults": [Fault(0, "weak", 0.5)], "goal": Goal(), "mismatch": "exact", "seed": 0},
         **{"controller": rig.controller(), "path": np.zeros((3, 2)), "begin_s": 0.0},
-        **{
-            "failures": [Failure(0, "locked", 0.001)],
-            "lead_in_s": 0.0,
-            "events": (),
-            "on_tick": lambda *_: None,
-        },
-        **{"actuator": 0, "name": "circle", "duration_s": 0.01, "turn_s": 0.01},
-        **{"told": None, "dither": None, "floor_m_per_s2": None, "noise": None, "start": None},
+        **{"failures": [Failure(0, "locked", 0.001)], "lead_in_s": 0.0, "events": ()},
+        **{"on_tick": lambda *_: None, "actuator": 0, "name": "circle", "duration_s": 0.01},
+        **{"turn_s": 0.01, "told": None, "dither": None, "floor_m_per_s2": None, "noise": None},
+        **{"start": None},
     }
 
     def flown(controller: Any) -> Any:

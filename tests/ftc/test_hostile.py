@@ -12,48 +12,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ftc
-from ftc import (
-    Goal,
-    GuardedController,
-    OracleController,
-    SensorCheck,
-    Supervisor,
-    compensator,
-    tracking,
-)
-from ftc.control import NoResponse, UnstableLoop, circle_margin, sensitivity_peak
+from ftc import Goal, GuardedController, Supervisor, fdi, tracking
+from ftc import control as loops
 from ftc.control.anti_windup import tracking_gain
 from ftc.control.geometry import MechanismGeometry
-from ftc.fdi import (
-    DEFAULT_CONFIG,
-    Cost,
-    Diagnosis,
-    Dither,
-    Fault,
-    NominalModel,
-    Uncertainty,
-    designed_dither,
-    fault_model,
-    monitor,
-    ranked_sensors,
-    separations,
-    static_share,
-)
+from ftc.fdi import Cost, Diagnosis, Dither, Fault, NominalModel, Uncertainty, fault_model, monitor
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import resting_displacements, static_gain
 from tests.ftc.small_stage import (
     DESIRED,
-    DRIVES,
     GOAL,
     LIMITS,
     LOADED,
-    M1,
     PERIOD_S,
     READ,
     SHAPE,
     STILL,
     J,
-    N,
     Stage,
     flown,
     stage,
@@ -61,6 +36,7 @@ from tests.ftc.small_stage import (
 from tests.hostile import PAIRS, Room, public
 from tests.profiles import examples
 
+M1, N = J.shape[0] - 1, J.shape[1]
 AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
 
 
@@ -117,10 +93,10 @@ TRUSTED = {
     *("DirectDrive.inputs", "DirectDrive.displacements"),
 }
 FOUND = public(
-    *(ftc, sensitivity_peak, tracking_gain, circle_margin, static_gain, static_share),
+    *(ftc, loops.sensitivity_peak, loops.circle_margin, tracking_gain, monitor_step, rubbing),
     *(resting_displacements, FdiConfig, Diagnosis, Dither, MechanismGeometry, Fault, NominalModel),
-    *(fault_model, monitor, Uncertainty, separations, Cost, designed_dither, ranked_sensors),
-    *(monitor_step, nominal_model_of, rubbing, goal_of, tracking_of),
+    *(fault_model, monitor, Uncertainty, fdi.separations, Cost, fdi.designed_dither, static_gain),
+    *(fdi.ranked_sensors, fdi.static_share, nominal_model_of, goal_of, tracking_of),
     trusted=TRUSTED,
 )
 
@@ -186,10 +162,9 @@ def room() -> Room:
     tracked: dict[str, Any] = {"model": Stage(), "linear": SimpleNamespace(**linear)}
     tracked |= {"major": [0, 1], "noise": np.full(M1, 1e-3), "period_s": PERIOD_S}
     tracked |= {"step_s": PERIOD_S, "goal": GOAL, "crossover_hz": 5.0}
-    config = {name: value for name, value in vars(DEFAULT_CONFIG).items() if name != "uncertainty"}
     cost = {"largest_displacement": 1e-3, "task": C, "largest_task_motion": np.array([1e-4, 1e-3])}
     state, swinging = s.supervisor.start(), Supervisor(**s.supervised, dither=swing)
-    oracle = OracleController(**s.oracle)
+    oracle = ftc.OracleController(**s.oracle)
 
     def stepped(**given: Any) -> Any:
         return s.supervisor.step(**{"state": state, **AT_REST, **given}).inputs
@@ -199,52 +174,27 @@ def room() -> Room:
         **{"secondary_reference": STILL, "unused_reference": STILL, "keeps": STILL},
         **{"feedforward": DESIRED, "lost_displacements": STILL, "acting": STILL, "secondary": [2]},
         **{"state": s.plain.start(), "loops": [s.loop] * M1, "mapping": s.mapping(limits=LIMITS)},
-        **{"drives": DRIVES, "handover_s": 0.1, "demand_limit": 1.0, "anti_windup": True},
-        **{"tracking_slowness": 1.0, "reference_feedforward": True, "name": "own", "task": s.task},
-        **{
-            "factory": lambda task: s.plain,
-            "step_limit_s": 1.0,
-            "goal": GOAL,
-            "path": np.ones((4, 2)),
-        },
-        **{
-            "watched": lambda read, *_: read.output,
-            "estimate": lambda *_: DESIRED,
-            "unused": "free",
-        },
-        **{
-            "sensor_check": SensorCheck(PERIOD_S),
-            "dither": swing,
-            "diagnoses": told,
-            "time_s": 0.1,
-        },
-        **{"nominal": s.nominal, "faults": faults, "fault": faults[0], "config": DEFAULT_CONFIG},
-        **{"machine": Still(), "geometry": s.geometry, "major": [0, 1], "form": "gauss_newton"},
-        **{"limits": LIMITS, "when_limited": "scaled", "allocate": equal_weights, "model": Stage()},
-        **{"plant": s.channel, "shape": SHAPE, "period_s": PERIOD_S, "system": s.system},
-        **{"free": (), "springs": False, "actuator": 0, "kind": "weak", "effectiveness": 0.5},
-        **{
-            "gain": s.plain.mapping.major_gain(),
-            "commanded": STILL,
-            "slowness": 1.0,
-            "channel": s.loop,
-        },
-        **{
-            "L": control.c2d(s.channel, PERIOD_S) * s.loop.discrete,
-            "C": C,
-            "noise": s.nominal.noise,
-        },
-        **{"compensators": [s.loop] * M1, "amplitude": 1.0, "frequency_hz": 20.0, "noisy": True},
-        **{"direction": np.ones(N), "offset": np.ones(N), "freedom": np.eye(N)[:, :1]},
-        **{
-            "frequencies_hz": np.array([8.0]),
-            "cost": Cost(**cost),
-            "lower": s.lower,
-            "drive": s.drive,
-        },
-        **{"candidates": {"one": (np.eye(2 * N)[0], 1e-5)}, "measured": np.zeros(M1)},
-        **{"uncertainty": Uncertainty(gain=0.03, delay_s=1e-3), "joint_weight": (1.0,) * N},
-        **{"secondary_weight": (1.0,), "spring_lost": (), "actuators": N, "displacement": 1e-3},
+        **{"drives": ftc.DirectDrive(), "handover_s": 0.1, "demand_limit": 1.0},
+        **{"anti_windup": True, "tracking_slowness": 1.0, "reference_feedforward": True},
+        **{"name": "own", "task": s.task, "factory": lambda task: s.plain, "step_limit_s": 1.0},
+        **{"goal": GOAL, "path": np.ones((4, 2)), "watched": lambda read, *_: read.output},
+        **{"estimate": lambda *_: DESIRED, "unused": "free"},
+        **{"sensor_check": ftc.SensorCheck(PERIOD_S), "dither": swing, "diagnoses": told},
+        **{"time_s": 0.1, "nominal": s.nominal, "faults": faults, "fault": faults[0]},
+        **{"config": fdi.DEFAULT_CONFIG, "machine": Still(), "geometry": s.geometry},
+        **{"major": [0, 1], "form": "gauss_newton", "limits": LIMITS, "when_limited": "scaled"},
+        **{"allocate": equal_weights, "model": Stage(), "plant": s.channel, "shape": SHAPE},
+        **{"period_s": PERIOD_S, "system": s.system, "free": (), "springs": False, "actuator": 0},
+        **{"kind": "weak", "effectiveness": 0.5, "gain": s.plain.mapping.major_gain()},
+        **{"commanded": STILL, "slowness": 1.0, "channel": s.loop},
+        **{"L": control.c2d(s.channel, PERIOD_S) * s.loop.discrete, "C": C},
+        **{"noise": s.nominal.noise, "compensators": [s.loop] * M1, "amplitude": 1.0},
+        **{"frequency_hz": 20.0, "noisy": True, "direction": np.ones(N), "offset": np.ones(N)},
+        **{"freedom": np.eye(N)[:, :1], "frequencies_hz": np.array([8.0]), "cost": Cost(**cost)},
+        **{"lower": s.lower, "drive": s.drive, "candidates": {"one": (np.eye(2 * N)[0], 1e-5)}},
+        **{"measured": np.zeros(M1), "uncertainty": Uncertainty(gain=0.03, delay_s=1e-3)},
+        **{"joint_weight": (1.0,) * N, "secondary_weight": (1.0,), "spring_lost": ()},
+        **{"actuators": N, "displacement": 1e-3},
         **dict(zip(("push", "rows", "limit", "softness", "rate"), LOADED["friction"], strict=True)),
     }
     special: dict[str, dict[str, Any]] = {
@@ -275,7 +225,7 @@ def room() -> Room:
         "sensitivity_peak": {"L": sampled * control.append(s.loop.discrete, s.loop.discrete)},
         "circle_margin": {"plant": sampled},
         "monitor_step": {"state": s.watch.start()},
-        "FdiConfig": config | {"dither_hz": 20.0, "uncertainty": DEFAULT_CONFIG.uncertainty},
+        "FdiConfig": vars(fdi.DEFAULT_CONFIG) | {"dither_hz": 20.0},
         "SensorCheck": {"limits": np.ones(2)},
         "Uncertainty": dict.fromkeys(vars(Uncertainty()), 0.1) | {"delay_s": 1e-3},
         "Cost": cost,
@@ -297,7 +247,7 @@ def room() -> Room:
         "Goal.of": vars,
         "Goal": lambda goal: (s.mapping(goal).major_gain(), flown(s.pilot(goal))),
         **{"PrioritizedMapping": mapped, "LocalGeometry": on_three, "MechanismGeometry": on_three},
-        "LoopShape": lambda shape: compensator(s.channel, shape, PERIOD_S),
+        "LoopShape": lambda shape: ftc.compensator(s.channel, shape, PERIOD_S),
         **{"Margins": lambda found: found.phase_margin_deg, "NominalModel": broken},
         "Tracking": lambda made: (made.loops, made.nominal.noise, flown(made.controller(GOAL))),
         "Manipulability": lambda report: report.worst_gain,
@@ -307,9 +257,9 @@ def room() -> Room:
         "SensorCheck": lambda check: check.step(check.start(2), None, STILL).held_ticks,
         **{"Dither": lambda dither: dither.at(0.1), "Separations": separated},
         "DitherDesign": lambda design: separated(design.separations),
-        "Uncertainty": lambda u: separated(separations(s.nominal, swing, 0.1, u)),
+        "Uncertainty": lambda u: separated(fdi.separations(s.nominal, swing, 0.1, u)),
         "Cost": lambda cost: separated(
-            designed_dither(s.nominal, good["freedom"], [8.0], cost, 0.5).separations
+            fdi.designed_dither(s.nominal, good["freedom"], [8.0], cost, 0.5).separations
         ),
         "ranked_sensors": lambda ranked: [separated(each.separations) for each in ranked],
     }
@@ -323,7 +273,7 @@ def room() -> Room:
         of=of,
         uses=uses,
         gaps=gaps,
-        hard=(ftc.TaskLost, NoResponse, UnstableLoop),
+        hard=(ftc.TaskLost, loops.NoResponse, loops.UnstableLoop),
         spared={"tracking with options": [name for name in tracked if name != "noise"]},
         slow=("tracking with options", "FdiConfig", "Uncertainty"),
     )

@@ -10,17 +10,14 @@ from hypothesis import strategies as st
 
 import prioritized
 from prioritized import (
-    Attainable,
     ConstrainedSystem,
     ForceMapping,
     Kinematics,
-    Status,
     Task,
     Tick,
     VelocityMapping,
     failure_atlas,
     force_mapping,
-    lexicographic_least_squares,
     velocity_mapping,
 )
 from prioritized._mechanism.failures import Failures
@@ -32,7 +29,7 @@ from tests.profiles import examples
 
 def one_level(levels: Any, lower: Any) -> Any:
     """Numbers of a level, which is a row of them."""
-    return lexicographic_least_squares(
+    return prioritized.lexicographic_least_squares(
         [(levels, lower), (np.eye(3, 4), -1.0, 1.0)], lower=-1.0, upper=1.0
     )
 
@@ -58,18 +55,13 @@ def velocities(mapping: VelocityMapping) -> dict[str, Any]:
     """All numbers of a velocity mapping; an exact one must meet its major task."""
     v = np.ones(len(mapping._problem.S_m))
     rates = mapping(v)
-    if mapping.status is Status.EXACT and mapping._limiting is None:
+    if mapping.status is prioritized.Status.EXACT and mapping._limiting is None:
         done = (mapping._problem.major_jacobian @ rates[..., None])[..., 0]
         assert np.allclose(done, v, rtol=0, atol=1e-4)
     gains = (mapping.major, mapping.joint, mapping.secondary, mapping.achieved)
     far = None if mapping._limiting is None else solution(mapping.solve(9 * v))
-    return {
-        "rates": rates,
-        "gains": gains,
-        "gap": mapping.gap,
-        "r": mapping.residual(v),
-        "far": far,
-    }
+    numbers = {"rates": rates, "gains": gains, "gap": mapping.gap, "far": far}
+    return numbers | {"rest": mapping.residual(v)}
 
 
 def torques(mapping: ForceMapping) -> dict[str, Any]:
@@ -96,7 +88,7 @@ def reached(postures: Postures) -> dict[str, Any]:
     return {name: getattr(postures, name) for name in names}
 
 
-def reach(a: Attainable) -> dict[str, Any]:
+def reach(a: prioritized.Attainable) -> dict[str, Any]:
     """All numbers of an attainable set; infinite where a limit is, or none."""
     unlimited = {"radius_gap": a.radius, "support_gap": a.support(np.eye(len(a.gain)))}
     return unlimited | {"gain": a.gain, "vertices": a.vertices, "sentence": str(a)}
@@ -128,16 +120,11 @@ def room() -> Room:
     forced: dict[str, Any] = {"torque_weight": np.ones(4), "secondary_weight": np.ones(1)}
     one = velocity_mapping(J, [0, 1], **weighed)
     within = velocity_mapping(J, [0, 1], rate_limits=(-np.ones(4), 0.2))
-    force, held = (
-        force_mapping(J, [0, 1], **forced),
-        force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2)),
-    )
+    force = force_mapping(J, [0, 1], **forced)
+    held = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
 
     def limits(n: int) -> np.ndarray:
         return rng.random((2, n)) - [[1], [0]]
-
-    def solved(targets: Any) -> Any:
-        return lambda asked: solution(asked.solve(targets))
 
     def met(tick: Tick) -> dict[str, Any]:
         found = tick(**ticked)
@@ -161,25 +148,21 @@ def room() -> Room:
         **{"secondary_weight": np.ones(1), "major_metric": np.ones(2), "rank_tolerance": 1e-10},
         **{"active_constraint": rng.normal(size=(1, 4)), "self_motion": rng.normal(size=(3, 1))},
         **{"v_major": np.ones(2), "joint_velocity": np.ones(4), "secondary_velocity": np.ones(1)},
-        **{"f_major": np.ones(2), "torque": np.ones(4), "secondary_force": np.ones(1)},
-        **{"J_T": J_T, "J_C": J_C, "active": [0, 1, 2], "stiffness": np.ones(5)},
-        **{"failures": Failures(), "names": Names(tuple("abcde"), (("m",),) * 3), "accuracy": None},
+        **{"f_major": np.ones(2), "torque": np.ones(4), "secondary_force": np.ones(1), "J_T": J_T},
+        **{"J_C": J_C, "active": [0, 1, 2], "stiffness": np.ones(5), "failures": Failures()},
+        **{"names": Names(tuple("abcde"), (("m",),) * 3), "accuracy": None},
         **{"geometry_accuracy": 1e-9, "mechanism": sprung, "springs": True, "system": system},
         **{"locked": [0], "free": [1], "locked_passive": [4], "passive_metric": np.eye(5)},
         **{"rates": np.ones(2), "f": np.ones(3), "torques": np.ones(2), "direction": np.ones(2)},
         **{"codes": np.zeros((2, 3)), "row": 1, "kinematics": kin, "basis": np.eye(3)[:, :2]},
         **{"position": np.zeros(3), "rate": np.ones(3), "period_s": 0.1, "most_steps": 100},
         **{"position_limits": (-np.ones(3), 1.0), "acceleration_limits": (-3.0, 4.0)},
-        **{
-            "levels": levels,
-            "lower": -np.ones(4),
-            "upper": np.ones(4),
-            "rows": rng.normal(size=(2, 4)),
-        },
-        **{"rows_lower": -np.ones(2), "rows_upper": np.ones(2), "start": None},
-        **{"weight": np.ones(2), "interval": False, "targets": [np.ones(1), np.ones((2, 2))]},
-        **{"rate_limits": limits(3), "torque_limits": limits(3), "rate_rows": rows_3},
-        **{"torque_rows": rows_3, "force_rows": (J_T[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
+        **{"levels": levels, "lower": -np.ones(4), "upper": np.ones(4)},
+        **{"rows": rng.normal(size=(2, 4)), "rows_lower": -np.ones(2), "rows_upper": np.ones(2)},
+        **{"start": None, "weight": np.ones(2), "interval": False},
+        **{"targets": [np.ones(1), np.ones((2, 2))], "rate_limits": limits(3)},
+        **{"torque_limits": limits(3), "rate_rows": rows_3, "torque_rows": rows_3},
+        **{"force_rows": (J_T[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
     }
     special: dict[str, dict[str, Any]] = {
         "velocity_mapping": no_limits,
@@ -192,11 +175,8 @@ def room() -> Room:
         "velocity_mapping within limits": box(joint_weight=np.ones(4), rate_limits=limits(4))
         | {"rate_rows": rows, "when_limited": "scaled"},
         "velocity_mapping within a box": box(rate_limits=(-0.1 * np.ones(4), 0.1 * np.ones(4))),
-        "VelocityMapping.__call__ of a batch": {
-            "self": velocity_mapping(batch, [0, 1], **weighed),
-            "joint_velocity": np.ones(4),
-            "secondary_velocity": np.ones(1),
-        },
+        "VelocityMapping.__call__ of a batch": {"joint_velocity": np.ones(4)}
+        | {"self": velocity_mapping(batch, [0, 1], **weighed), "secondary_velocity": np.ones(1)},
         "VelocityMapping.at": {"self": kin.velocity_mapping([0])},
         "VelocityMapping.solve": {"self": within, "start": within.solve(np.ones(2))},
         "VelocityMapping.within": {"self": within, "rate_limits": (-np.ones(4), 0.2)},
@@ -232,12 +212,8 @@ def room() -> Room:
         "Tick.__call__": ticked,
         "Task": {"rows": J[:2, :3], "weight": np.ones(2)},
         "Task.joints": {"weight": np.ones(3)},
-        "failure_atlas": {
-            "major": [0],
-            "secondary": [1, 2],
-            "rate_limits": ...,
-            "torque_limits": ...,
-        },
+        "failure_atlas": {"major": [0], "secondary": [1, 2]}
+        | {"rate_limits": ..., "torque_limits": ...},
         "failure_atlas with limits": {"system": sprung, "major": [0], "codes": np.zeros((2, 3))}
         | {"rate_limits": limits(3), "torque_limits": limits(3)},
         "failure_atlas of springs": {"system": sprung, "major": [0], "secondary": [1, 2]},
@@ -248,25 +224,19 @@ def room() -> Room:
         "one_level": {"levels": J, "lower": np.ones(3)},
         "one_target": {"targets": np.ones(1)},
     }
-    of = {
-        "VelocityMapping": one,
-        "ForceMapping": force,
-        "Kinematics": loose,
-        "Tick": steady.tick(closed),
-    }
+    of = {"VelocityMapping": one, "ForceMapping": force, "Kinematics": loose}
+    of |= {"Tick": steady.tick(closed), "FailureAtlas": failure_atlas(system, [0])}
     of |= {"Postures": system.postures(many_J_T, many_J_C), "ConstrainedSystem": system}
     of |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
-    of |= {"FailureAtlas": failure_atlas(system, [0])}
     uses = {
         **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": reach},
-        **{"Postures": reached, "Tick": met, "Hierarchy": solved(good["targets"])},
+        **{"Postures": reached, "Tick": met, "HierarchySolution": solution},
         **{"ConstrainedSystem": lambda made: mechanism(made.kinematics()), "Kinematics": mechanism},
         **{"Task": lambda task: solution(kin.hierarchy([task]).solve([None]))},
         **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), solution),
-        "HierarchySolution": solution,
+        "Hierarchy": lambda asked: solution(asked.solve(good["targets"])),
     }
     ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
-    unbounded = ("gap", "worst_gain", "worst_speed", "worst_force")
     return Room(
         found=FOUND,
         good=good,
@@ -274,7 +244,7 @@ def room() -> Room:
         of=of,
         uses=uses,
         ranges=ranges,
-        unbounded=unbounded,
+        unbounded=("gap", "worst_gain", "worst_speed", "worst_force"),
         spared={"failure_atlas with limits": ["major"]},  # without a task scipy refuses it
     )
 

@@ -11,26 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sim
-from sim import (
-    HEXAPOD_MJCF,
-    MODELS,
-    NOMINAL,
-    Bench,
-    Body,
-    Distances,
-    Failure,
-    JacobianReader,
-    Mechanism,
-    ModelError,
-    Plant,
-    Pose,
-    SimulationDiverged,
-    assemble,
-    linearize,
-    load_model,
-    pose_error,
-    pose_of,
-)
+from sim import HEXAPOD_MJCF, MODELS, NOMINAL, Bench, Failure, Mechanism, Plant, Pose, load_model
 from sim.mjcf import element_id, joint_stiffness, mass_matrix, model_sha256, weightless
 from sim.plant import JointSensors, MaxwellSlip, TaskSensor, failed_plant
 from tests.hostile import PAIRS, POSITIVE, Room, public
@@ -42,7 +23,7 @@ PERIOD_S = 2.5e-4
 def pose_error_of_a_quaternion(quaternion: Any) -> Any:
     """The error from a pose that is given by a quaternion."""
     good = room().good
-    return pose_error(good["model"], good["data"], "payload", (np.ones(3), quaternion))
+    return sim.pose_error(good["model"], good["data"], "payload", (np.ones(3), quaternion))
 
 
 TRUSTED = {
@@ -120,7 +101,7 @@ def room() -> Room:
     slip = MaxwellSlip(np.full((2, 3), 1e3), np.full((2, 3), 1e-6))
     sensed = {"pose": NOMINAL, "displacements": np.zeros(7)}
     at = Pose(np.eye(3), np.array([0.1, 0.2, 0.3]))
-    apart = {"model": swing, "pairs": [(["floor"], [1, Body("swing")])], "detection_m": 1.0}
+    apart = {"model": swing, "pairs": [(["floor"], [1, sim.Body("swing")])], "detection_m": 1.0}
 
     def measured() -> Bench:
         times = {"time_s": PERIOD_S * np.arange(2), "period_s": PERIOD_S}
@@ -128,14 +109,13 @@ def room() -> Room:
         bench.measure()
         return bench
 
+    def placed(frame: Any) -> Any:
+        return sim.pose_of(arm, at_rest, frame)
+
     def done(given: Any) -> Any:
         located = given.on(arm)
-        return (
-            given.gain,
-            given.damping,
-            located.error(arm, at_rest),
-            located.jacobian(arm, at_rest),
-        )
+        errors = located.error(arm, at_rest), located.jacobian(arm, at_rest)
+        return given.gain, given.damping, errors
 
     good = {
         **{"model": arm, "data": at_rest, "site": "payload", "axes": "base", "pinned": []},
@@ -156,7 +136,7 @@ def room() -> Room:
         **{"payload": "payload", "part": None, "command_m": np.full(6, 1e-5), "seconds": 2e-3},
         **{"wrench": np.full(6, 1e-3), "force": np.full(6, 1e-3), "acceleration": np.full(3, 1e-3)},
         **{"natural_frequency_hz": 5.0, "damping_ratio": 1.0, "among": [0, 1], "start": at_rest},
-        **{"text": "strut1:locked@1.3", "y": np.eye(len(linearize(**here).A) // 2)[0]},
+        **{"text": "strut1:locked@1.3", "y": np.eye(len(sim.linearize(**here).A) // 2)[0]},
         **{"stiffness": np.full((2, 3), 1e3), "slip": np.full((2, 3), 1e-6), "pose": NOMINAL},
         **{"stretch": np.zeros((2, 3)), "by": np.full(2, 1e-6)},
         "quaternion": np.array([0.6, 0.0, 0.8, 0.0]),
@@ -201,30 +181,26 @@ def room() -> Room:
         "element_id": here | {"kind": "site", "name": "base"},
         "MaxwellSlip.force": {"stretch": np.full((2, 3), 1e-7)},
     }
-    tasks = {name: getattr(sim, name) for name in vars(sim) if name.endswith("Task")}
+
+    def task_of(kind: Any) -> Any:
+        names = kind.__dataclass_fields__.keys() & {"frame", "root", "axis", "coefficients"}
+        return kind(**{name: good[name] for name in names})
+
+    tasks = [each for name, each in vars(sim).items() if name.endswith("Task")]
     of: dict[str, Any] = {
-        **{
-            name: kind(
-                **{
-                    p: good[p]
-                    for p in ("frame", "root", "axis", "coefficients")
-                    if p in kind.__dataclass_fields__
-                }
-            )
-            for name, kind in tasks.items()
-        },
-        **{"Distances": Distances(**apart), "JacobianReader": JacobianReader(arm, "payload")},
-        **{"Mechanism": mechanism, "Pose": NOMINAL, "Failure": Failure(0, "weak")},
-        **{"LinearPlant": linearize(**here, site="payload"), "Bench": measured},
+        **{kind.__name__: task_of(kind) for kind in tasks},
+        **{"Distances": sim.Distances(**apart)},
+        **{"JacobianReader": sim.JacobianReader(arm, "payload"), "Mechanism": mechanism},
+        **{"Pose": NOMINAL, "Failure": Failure(0, "weak")},
+        **{"LinearPlant": sim.linearize(**here, site="payload"), "Bench": measured},
         **{"Plant": lambda: Plant(hexapod), "MaxwellSlip": slip},
-        **{
-            "TaskSensor": lambda: TaskSensor(**task),
-            "JointSensors": lambda: JointSensors(**joints),
-        },
+        **{"TaskSensor": lambda: TaskSensor(**task)},
+        **{"JointSensors": lambda: JointSensors(**joints)},
     }
     uses = {
-        **dict.fromkeys(("Body", "CenterOfMass", "Relative"), lambda f: pose_of(arm, at_rest, f)),
-        **{"MjData": lambda data: data.qpos, "Pin": lambda pin: assemble(arm, pinned=[pin]).qpos},
+        **dict.fromkeys(("Body", "CenterOfMass", "Relative"), placed),
+        "MjData": lambda data: data.qpos,
+        "Pin": lambda pin: sim.assemble(arm, pinned=[pin]).qpos,
         **{"Distances": lambda made: made.at(swung), "MaxwellSlip": slipped, "Jacobians": numbers},
         "Mechanism": lambda made: (made.task(made.nominal), made.displacements(made.nominal)),
         "JointPosture": lambda at: (at.qpos, at.displacements, at.pose, at.gaps),
@@ -234,18 +210,15 @@ def room() -> Room:
         **dict.fromkeys(("TaskSensor", "JointSensors"), lambda made: made.read(**sensed)),
         **{"TaskFunction": done, "Ranges": lambda found: {"force_gap": found.force}},
     }
-    errors = (ValueError, TypeError, ModelError)
-    hard = (ModelError, SimulationDiverged)
-    ranges = {"effectiveness": (0, 1), "period_s": POSITIVE, "seconds": POSITIVE}
     return Room(
         found=FOUND,
         good=good,
         special=special,
         of=of,
         uses=uses,
-        errors=errors,
-        hard=hard,
-        ranges=ranges,
+        errors=(ValueError, TypeError, sim.ModelError),
+        hard=(sim.ModelError, sim.SimulationDiverged),
+        ranges={"effectiveness": (0, 1), "period_s": POSITIVE, "seconds": POSITIVE},
     )
 
 
