@@ -275,7 +275,7 @@ def room() -> Room:
         gaps=gaps,
         hard=(ftc.TaskLost, loops.NoResponse, loops.UnstableLoop),
         spared={"tracking with options": [name for name in tracked if name != "noise"]},
-        slow=("tracking with options", "FdiConfig", "Uncertainty"),
+        slow=("tracking", "tracking with options", "tracking_of", "FdiConfig", "Uncertainty"),
     )
 
 

@@ -218,6 +218,14 @@ def room() -> Room:
         uses=uses,
         errors=(ValueError, TypeError, sim.ModelError),
         hard=(sim.ModelError, sim.SimulationDiverged),
+        slow=(
+            "Plant.step",
+            "Plant.settle",
+            "Plant.weaken",
+            "Plant.push",
+            "Plant.load",
+            "Plant.shake",
+        ),
         ranges={"effectiveness": (0, 1), "period_s": POSITIVE, "seconds": POSITIVE},
     )
 
