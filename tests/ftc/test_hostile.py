@@ -166,6 +166,10 @@ def room() -> Room:
     state, swinging = s.supervisor.start(), Supervisor(**s.supervised, dither=swing)
     oracle = ftc.OracleController(**s.oracle)
 
+    learned, machine = swinging.start(), Still()
+    for _ in range(900):
+        learned = swinging.step(learned, 0 * DESIRED, machine.measure())
+
     def stepped(**given: Any) -> Any:
         return s.supervisor.step(**{"state": state, **AT_REST, **given}).inputs
 
@@ -180,8 +184,8 @@ def room() -> Room:
         **{"goal": GOAL, "path": np.ones((4, 2)), "watched": lambda read, *_: read.output},
         **{"estimate": lambda *_: DESIRED, "unused": "free"},
         **{"sensor_check": ftc.SensorCheck(PERIOD_S), "dither": swing, "diagnoses": told},
-        **{"time_s": 0.1, "nominal": s.nominal, "faults": faults, "fault": faults[0]},
-        **{"config": fdi.DEFAULT_CONFIG, "machine": Still(), "geometry": s.geometry},
+        **{"time_s": 0.5, "nominal": s.nominal, "faults": faults, "fault": faults[0]},
+        **{"config": fdi.DEFAULT_CONFIG, "machine": machine, "geometry": s.geometry},
         **{"major": [0, 1], "form": "gauss_newton", "limits": LIMITS, "when_limited": "scaled"},
         **{"allocate": equal_weights, "model": Stage(), "plant": s.channel, "shape": SHAPE},
         **{"period_s": PERIOD_S, "system": s.system, "free": (), "springs": False, "actuator": 0},
@@ -205,7 +209,7 @@ def room() -> Room:
         "OracleController.step": {"self": oracle, "state": oracle.start()},
         "Supervisor": s.supervised | {"task": s.nominal, "unused": "locked"},
         "Supervisor.step": {"state": state},
-        "Supervisor.calibrated": {"state": state},
+        "Supervisor.calibrated": {"state": learned},
         "Supervisor.transfer of a supervisor's": {"state": state},
         "Supervisor.secondary": {"self": swinging},
         "run_loop": {"controller": s.plain, "keeps": lambda state: state.inputs}

@@ -166,6 +166,7 @@ CALLS: dict[str, Callable[..., Any]] = {
     "recorded": lambda **given: record(**{"path": "x.rrd", "run": None, "rig": None} | given),
 }
 NUMBERS = [NAN, np.inf, 1e300, "x", [1, 2], 1j, True]
+LOST = [Event("nan", 0.0)]
 SHORT, MISSING = np.zeros(1), np.full(2, NAN)
 TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     *(
@@ -183,7 +184,7 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (ValueError, "flown", "events", [hooked(sent=lambda *_: "x")], f"^{SENT}"),
     (ValueError, "flown", "events", [hooked(sent=lambda _, u: NAN * u)], f"{SENT} .*finite"),
     (ValueError, "flown", "events", [reads(output=SHORT)], f"^output of {READ}"),
-    (ValueError, "flown", "events", [reads(output=MISSING)], "^pilot must go on without"),
+    (ValueError, "flown", "events", [reads(output=MISSING), LOST], "^pilot must go on without"),
     (TypeError, "flown", "events", [hooked(sent=5)], r"^events\.sent must be a function"),
     (
         TypeError,
