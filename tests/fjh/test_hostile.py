@@ -75,11 +75,9 @@ def parts() -> Room:
         **{"current_limit_a": np.ones(6), "displacements_m": np.full(6, 1e-5), "most_steps": 60},
         **{"time_s": np.arange(3.0), "radius_rad": 1e-4, "turns": 8.0, "duration_s": 16.0},
         **{"exponent": 0.5, "start_rad": 1.0, "tasks": tasks, "limits": Limits(velocity=1.0)},
-        **{"active": [], "pinned": [], "data": data, "qvel": np.ones(arm.nv), "dt": 0.01},
-        **{"into": mujoco.MjData(arm), "locked": [0], "free": [1], "locked_passive": []},
-        **{"ranges": True, "velocity": 1.0, "acceleration": 1.0, "distances": None},
+        **{"active": [], "pinned": [], "data": data, "dt": 0.01, "locked": [0], "free": [1]},
         **{name: getattr(Mismatch(), name) for name in Mismatch.__dataclass_fields__},
-        **{"factor": 0.5, "name": "bump", "actuator": None, "text": "bump@1.5", "noise_m": 1e-9},
+        **{"locked_passive": [], "factor": 0.5, "noise_m": 1e-9},
     }
     special = {
         "Coils.temperatures_c": {"current_a": np.ones((3, 2))},
@@ -87,8 +85,6 @@ def parts() -> Room:
         "pointing_angles": rotations,
         "secondary_motion": rotations,
         "Ik": {"model": arm},
-        "Event": {"time_s": 0.1},
-        "Event with an actuator": {"name": "locked", "time_s": 0.1, "actuator": 0},
     }
     of = {
         **{"Amplifier": Amplifier(**driven), "Coils": Coils(**heated), "Ik": ik},
@@ -105,9 +101,8 @@ def parts() -> Room:
         "Pose": lambda pose: machine.posture(pose),
         "Posture": lambda made: made.twist(np.ones(6)),
         "Hexapod.moved": lambda posture: posture,
-        **{"MjData": lambda data: data.qpos, "Event": str, "IkSolution": lambda found: found.qvel},
+        **{"MjData": lambda data: data.qpos, "IkSolution": lambda found: found.qvel},
         "Ik": lambda made: made.step(data, 0.01),
-        "Limits": lambda limits: Ik(arm, tasks, limits).step(data, 0.01),
     }
     return Room(
         found=PARTS,
@@ -137,7 +132,7 @@ def rigs() -> Room:
         **{"controller": rig.controller(), "path": np.zeros((3, 2)), "begin_s": 0.0},
         **{"failures": [Failure(0, "locked", 0.001)], "lead_in_s": 0.0, "events": ()},
         **{"on_tick": lambda *_: None, "actuator": 0, "name": "circle", "duration_s": 0.01},
-        **{"turn_s": 0.01, "told": None, "dither": None, "floor_m_per_s2": None, "noise": None},
+        **{"turn_s": 0.01, "told": True, "dither": None, "floor_m_per_s2": None, "noise": None},
         **{"start": None},
     }
 
@@ -148,6 +143,7 @@ def rigs() -> Room:
     uses = {
         **dict.fromkeys(("Supervisor", "PrioritizedController", "OracleController"), flown),
         "Manipulability": lambda found: found.worst_gain,
+        "Prediction": lambda found: found.rms_before,  # none is after where nothing fails
         "Run": lambda run: (run.true, run.measured),
         "PrioritizedMapping": lambda mapping: mapping.major_gain(),
     }
