@@ -1,6 +1,7 @@
-"""Hostile arguments, and what may come of a call that gets one.
+"""Hostile arguments of all that is public, and what may come of a call that gets one.
 
-Either one sentence that names the argument and says what it must be, or finite numbers.
+Either one sentence that names the argument and says what it must be, or finite numbers. What is
+attacked follows from signatures: whoever adds a parameter adds a good value of it to the room's.
 """
 
 import dataclasses
@@ -8,26 +9,17 @@ import inspect
 import itertools
 import re
 import warnings
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
-from types import ModuleType
-from typing import Any
+from types import FunctionType, ModuleType
+from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
+import pytest
+from hypothesis import strategies as st
 
 from argument_checks import is_masked
-from fjh.rig.hexapod.forward import UnreachableLengths
-from ftc import TaskLost
-from ftc.control import NoResponse, UnstableLoop
-from sim import ModelError, SimulationDiverged
-
-OUR_ERRORS = (ValueError, TypeError, ModelError, UnreachableLengths)
-"""Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours."""
-HARD = (UnreachableLengths, TaskLost, NoResponse, UnstableLoop)
-"""What arguments ask for that are valid each, but not to be had; the sentence says why."""
 
 NOT_NUMBERS = {
     "none": None,
@@ -51,6 +43,7 @@ SCALARS = {
     "minus inf": -np.inf,
     "minus one": -1,
     "half": 0.5,
+    "two": 2.0,
     "minus half": -0.5,
     "zero": 0.0,
     "denormal": 5e-324,
@@ -76,8 +69,27 @@ ARRAYS = {
     "masked constant": [np.ma.masked, 1.0],
     "a matrix of numpy": np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
 }
+THIN = {
+    *(
+        "empty list",
+        "none",
+        "text",
+        "object",
+        "nan",
+        "minus one",
+        "zero",
+        "largest",
+        "99 numbers",
+        "as bools",
+    ),
+    *("masked constant", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
+}
+"""One of each kind."""
 FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
+PAIRS = [False, pytest.param(True, marks=[pytest.mark.long, pytest.mark.night])]
+"""Whether to attack all pairs, too."""
+POSITIVE = (5e-324, np.inf)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
 
@@ -118,142 +130,221 @@ def _bent(good: np.ndarray) -> Iterator[tuple[str, Any]]:
     yield "as long doubles", good.astype(np.longdouble) * np.longdouble("1e4000")
 
 
-@dataclass(frozen=True)
-class Target:
-    """A callable with good arguments, the ones to attack among them.
+Wrong = dict[str, tuple[str, Any]]
+"""Arguments, each with the name of a hostile value, and the value."""
+
+
+class Target(NamedTuple):
+    """A callable with good arguments.
 
     Attributes:
-        call: Takes the arguments by name and returns all its numbers.
+        label: Name of the callable; words after it tell one set of good arguments from another.
+        call: Takes the arguments by name and returns what became of them in use.
         good: Arguments that it accepts.
-        spared: Arguments that are not replaced.
-        gaps: Arguments whose masked numbers count as missing, which other tests see to.
+        names: Those that are attacked.
     """
 
+    label: str
     call: Callable[..., Any]
     good: Mapping[str, Any]
-    spared: tuple[str, ...] = ()
-    gaps: tuple[str, ...] = ()
+    names: Sequence[str]
 
-    def attacks(self) -> Iterator[tuple[str, str, Any]]:
-        """Argument, name of what is put in its place, and the value."""
-        for name in self.good.keys() - set(self.spared):
-            for label, value in hostile(self.good[name]):
-                yield name, label, value
+    def values(self, name: str, *, thin: bool) -> list[tuple[str, Any]]:
+        """All that is hostile in place of an argument, or one of each kind."""
+        return [each for each in hostile(self.good[name]) if not thin or each[0] in THIN]
 
-    def attacks_on_two(self) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
+    def ones(self, *, thin: bool) -> Iterator[Wrong]:
+        """Each argument in turn."""
+        return ({name: each} for name in self.names for each in self.values(name, thin=thin))
+
+    def twos(self) -> Iterator[Wrong]:
         """Every pair of arguments, each with a few values of all kinds in its place."""
-        exposed = sorted(self.good.keys() - set(self.spared))
-        for first, second in itertools.combinations(exposed, 2):
-            for (a, x), (b, y) in itertools.product(FEW.items(), FEW.items()):
-                yield (f"{first} = {a}", f"{second} = {b}"), {first: x, second: y}
+        for first, second in itertools.combinations(self.names, 2):
+            for one, other in itertools.product(FEW.items(), FEW.items()):
+                yield {first: one, second: other}
+
+    def drawn(self, data: st.DataObject) -> Wrong:
+        """Any two arguments, each with any of one of each kind."""
+        pair = data.draw(st.sampled_from(list(itertools.combinations(self.names, 2))))
+        return {name: data.draw(st.sampled_from(self.values(name, thin=True))) for name in pair}
 
 
-Row = tuple[Iterable[Target], str, Iterable[Any], str]
-"""What refuses an argument, its name, its wrong values, and the sentence as an expression."""
-Refusal = tuple[Target, str, Any, type[Exception], str]
+Found = dict[str, tuple[Callable[..., Any], type | None]]
+"""Callables by name, each with the class it is a method of."""
 
 
-def refusals(error: type[Exception], table: Iterable[Row]) -> list[Refusal]:
-    """Each target and each value of every row on its own, with the exact class of the error."""
-    return [
-        (target, name, value, error, said)
-        for targets, name, values, said in table
-        for target in targets
-        for value in values
-    ]
+def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
+    """Public functions, classes and methods that take arguments: of modules, or as given.
 
-
-def complaint(target: Target, wrong: Mapping[str, Any]) -> str | None:
-    """What is wrong with the outcome of one call with these arguments; None where nothing is."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            answer = target.call(**{**target.good, **wrong})
-    except SimulationDiverged:
-        return None
-    except Exception as error:
-        return _strange(error, target.good)
-    if any(is_masked(value) for name, value in wrong.items() if name not in target.gaps):
-        return "took masked numbers for data"
-    return next(_not_finite("answer", answer), None)
-
-
-def complaints(target: Target) -> tuple[int, list[str]]:
-    """How many calls were made of one target, and what went wrong: one argument, then two."""
-    wrong = {f"{name} = {label}": {name: value} for name, label, value in target.attacks()}
-    wrong |= {" and ".join(label): value for label, value in target.attacks_on_two()}
-    found = {label: complaint(target, values) for label, values in wrong.items()}
-    return len(found), [f"{label}: {what}" for label, what in found.items() if what]
-
-
-def unattacked(
-    package: ModuleType, targets: Mapping[str, Target], trusted: Iterable[str]
-) -> list[str]:
-    """Parameters of a package's public functions, classes and methods that no target attacks.
-
-    Args:
-        package: The package.
-        targets: By names whose first word is what they call, as it is reached from the package.
-        trusted: What is left out: results that the package alone makes, and what it alone calls.
+    Protocols, errors and enumerations are made by nobody; `trusted` are left out.
     """
-    attacked = defaultdict[str, set[str]](set)
-    for name, target in targets.items():
-        attacked[name.split()[0]] |= set(target.good)
-    return [
-        f"{name}({parameter})"
-        for name, parameters in _public(package)
-        for parameter in parameters
-        if name not in set(trusted) and parameter not in attacked[name]
-    ]
+    found: Found = {}
+    for place in places:
+        if isinstance(place, ModuleType):
+            values = [value for name, value in vars(place).items() if name[0] != "_"]
+            found |= public(*(value for value in values if isinstance(value, type | FunctionType)))
+        elif not isinstance(place, type):
+            found[place.__name__] = place, None
+        elif not issubclass(place, Exception | Enum) and not getattr(place, "_is_protocol", False):
+            found[place.__name__] = place, None
+            for name, value in inspect.getmembers(place, inspect.isroutine):
+                if name == "__call__" or name[0] != "_":
+                    static = inspect.getattr_static(place, name)
+                    owner = place if isinstance(static, FunctionType) else None
+                    if isinstance(getattr(value, "__func__", value), FunctionType):
+                        found[f"{place.__name__}.{name}"] = value, owner
+    found = {name: each for name, each in found.items() if _parameters(*each)}
+    unknown = set(trusted) - set(found)
+    assert not unknown, f"trusted, but not there: {sorted(unknown)}"
+    return {name: found[name] for name in found if name not in set(trusted)}
 
 
-def _public(package: ModuleType) -> Iterator[tuple[str, list[str]]]:
-    """Names and parameters; protocols, errors and enumerations are made by nobody."""
-    for name, value in vars(package).items():
-        if name.startswith("_") or not inspect.getmodule(value) or not callable(value):
-            continue
-        if inspect.isclass(value):
-            if getattr(value, "_is_protocol", False) or issubclass(value, Exception | Enum):
-                continue
-            for method, function in vars(value).items():
-                if inspect.isfunction(function) and (method == "__call__" or method[0] != "_"):
-                    label = name if method == "__call__" else f"{name}.{method}"
-                    yield label, list(inspect.signature(function).parameters)[1:]
-        elif not inspect.isfunction(value):
-            continue
-        kinds = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
-        parameters = inspect.signature(value).parameters.values()
-        yield name, [each.name for each in parameters if each.kind not in kinds]
+def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, bool]:
+    """Names of the parameters, and whether each must be given."""
+    parameters = list(inspect.signature(function).parameters.values())[owner is not None :]
+    various = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
+    return {
+        each.name: each.default is each.empty for each in parameters if each.kind not in various
+    }
 
 
-def _strange(error: Exception, names: Iterable[str]) -> str | None:
-    text = str(error)
-    named = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
-    if type(error) in (*HARD, ModelError) and "\n" not in text:
+@dataclass(frozen=True, kw_only=True)
+class Room:
+    """All that is attacked of a package, and what its calls need.
+
+    Attributes:
+        found: What is attacked.
+        good: Good values by names of parameters, for whatever has a parameter of this name.
+        special: Other good values of a callable; `...` leaves an argument out. Further sets of
+            good arguments have labels of more words: of these alone, and of what must be given.
+            `self` is what a method is called on there.
+        of: What methods of a class are called on, or a function that makes it.
+        uses: How an answer is used, by the name of what is called or of its class; what answers
+            nothing changed its object, which is used then.
+        errors: Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours.
+        hard: What arguments ask for that are valid each, but not to be had; the sentence says why.
+        gaps: By label, arguments whose masked numbers count as missing.
+        spared: By label, arguments that are not attacked in this set.
+        ranges: What numbers of a parameter lie in where they are not refused.
+        unbounded: Ends of names of numbers that are infinite where there is no limit.
+        slow: Labels of what gets a few values of each kind by day.
+    """
+
+    found: Found
+    good: Mapping[str, Any]
+    special: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    of: Mapping[str, Any] = field(default_factory=dict)
+    uses: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
+    errors: tuple[type[Exception], ...] = (ValueError, TypeError)
+    hard: tuple[type[Exception], ...] = ()
+    gaps: Mapping[str, Iterable[str]] = field(default_factory=dict)
+    spared: Mapping[str, Iterable[str]] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    unbounded: tuple[str, ...] = ("gap",)
+    slow: Iterable[str] = ()
+
+    def targets(self, name: str) -> Iterator[Target]:
+        """A callable with each set of good arguments; no parameter may be in none of them."""
+        parameters = _parameters(*self.found[name])
+        options = "**" in str(inspect.signature(self.found[name][0]))
+        attacked = set[str]()
+        for label in [name, *(each for each in self.special if each.startswith(f"{name} "))]:
+            given = {**self.special.get(label, {})}
+            if label == name and not options:
+                given = {each: given[each] for each in given if each in {*parameters, "self"}}
+            for each, needed in parameters.items():
+                if each not in given and (needed or label == name):
+                    assert each in self.good, f"{name}: no good value of {each}"
+                    given[each] = self.good[each]
+            thing = given.pop("self", None)
+            good = {each: value for each, value in given.items() if value is not ...}
+            names = [each for each in good if each not in self.spared.get(label, ())]
+            attacked |= set(names)
+            yield Target(label, self._call(name, thing), good, names)
+        missed = set(parameters) - attacked - set(self.spared.get(name, ()))
+        assert not missed, f"{name}: never attacked: {sorted(missed)}"
+
+    def _call(self, name: str, thing: Any) -> Callable[..., Any]:
+        function, owner = self.found[name]
+
+        def used(**given: Any) -> Any:
+            on = None
+            if owner is not None:
+                on = self.of[owner.__name__] if thing is None else thing
+                on = on() if isinstance(on, FunctionType) else on
+            answer = function(**given) if owner is None else function(on, **given)
+            answer = on if answer is None else answer
+            for kind in (name, *(each.__name__ for each in type(answer).__mro__)):
+                if kind in self.uses:
+                    return self.uses[kind](answer)
+            return answer
+
+        return used
+
+    def attack(self, name: str, *, pairs: bool = False) -> None:
+        """Attack each argument of a callable, and every pair of them."""
+        complaints = list[str | None]()
+        for target in self.targets(name):
+            answer = target.call(**target.good)  # else nothing would be attacked
+            assert not list(self._not_finite(target.label, answer))
+            thin = target.label in self.slow and not pairs
+            wrongs = (*target.ones(thin=thin), *(target.twos() if pairs else ()))
+            complaints += [self.complaint(target, wrong) for wrong in wrongs]
+        assert not any(complaints), "\n".join(filter(None, complaints))
+
+    def attack_two(self, data: st.DataObject) -> None:
+        """Attack any two arguments of any callable."""
+        several = [name for name in self.found if len(_parameters(*self.found[name])) > 1]
+        of_one = self.targets(data.draw(st.sampled_from(several)))
+        target = data.draw(st.sampled_from([each for each in of_one if len(each.names) > 1]))
+        assert not (said := self.complaint(target, target.drawn(data))), said
+
+    def complaint(self, target: Target, wrong: Wrong) -> str | None:
+        """What is wrong with the outcome of one call; None where nothing is."""
+        what = self._outcome(target, {name: value for name, (_, value) in wrong.items()})
+        put = " and ".join(f"{name} = {label}" for name, (label, _) in wrong.items())
+        return f"{target.label}: {put}: {what}" if what else None
+
+    def _outcome(self, target: Target, wrong: Mapping[str, Any]) -> str | None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                answer = target.call(**{**target.good, **wrong})
+        except Exception as error:
+            return self._strange(error, target.good)
+        gaps = self.gaps.get(target.label, ())
+        if any(is_masked(value) for name, value in wrong.items() if name not in gaps):
+            return "took masked numbers for data"
+        for name in wrong.keys() & self.ranges.keys():
+            low, high = self.ranges[name]
+            values = np.asarray(wrong[name], dtype=object).flat
+            numbers = [each for each in values if isinstance(each, float | int)]
+            if not all(low <= each <= high for each in numbers):
+                return f"took {name} beyond {low:g}..{high:g}"
+        return next(self._not_finite("answer", answer), None)
+
+    def _strange(self, error: Exception, names: Iterable[str]) -> str | None:
+        text = str(error)
+        named = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
+        if type(error) in self.hard and "\n" not in text:
+            return None
+        if type(error) not in self.errors or not named or "\n" in text or len(text) > 300:
+            return f"raised {type(error).__name__}: {text[:200]!r}"
         return None
-    if type(error) not in OUR_ERRORS or not named or "\n" in text or len(text) > 300:
-        return f"raised {type(error).__name__}: {text[:200]!r}"
-    return None
 
-
-def _not_finite(path: str, value: Any) -> Iterator[str]:
-    """Where an answer holds NaN or infinity; gaps are infinite where no threshold is near."""
-    if isinstance(value, np.ndarray | np.generic | float):
-        array = np.asarray(value)
-        if array.dtype.kind not in "fc" or not array.size:
-            return
-        unbounded = path.endswith(("gap", "worst_gain"))
-        if np.isnan(array).any() or (np.isinf(array).any() and not unbounded):
-            yield f"returned {path} = {array.reshape(-1)[~np.isfinite(array.reshape(-1))][0]}"
-    elif isinstance(value, mujoco.MjModel | mujoco.MjData | Enum | str):
-        return
-    elif dataclasses.is_dataclass(value):
-        for field in dataclasses.fields(value):
-            yield from _not_finite(f"{path}.{field.name}", getattr(value, field.name))
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _not_finite(f"{path}.{key}", item)
-    elif isinstance(value, list | tuple):
-        yield from itertools.chain.from_iterable(
-            _not_finite(f"{path}[{k}]", item) for k, item in enumerate(value)
-        )
+    def _not_finite(self, path: str, value: Any) -> Iterator[str]:
+        """Where an answer holds NaN or infinity."""
+        if isinstance(value, np.ndarray | np.generic | float):
+            array = np.ravel(value)
+            wrong = np.isnan if path.endswith(self.unbounded) else lambda x: ~np.isfinite(x)
+            if array.dtype.kind in "fc" and wrong(array).any():
+                yield f"returned {path} = {array[wrong(array)][0]}"
+        elif dataclasses.is_dataclass(value):
+            for each in dataclasses.fields(value):
+                yield from self._not_finite(f"{path}.{each.name}", getattr(value, each.name))
+        elif isinstance(value, Mapping):
+            for key, item in value.items():
+                yield from self._not_finite(f"{path}.{key}", item)
+        elif isinstance(value, list | tuple):
+            for k, item in enumerate(value):
+                yield from self._not_finite(f"{path}[{k}]", item)

@@ -19,7 +19,6 @@ from ftc.fdi import (
     Dither,
     Fault,
     NominalModel,
-    Separations,
     Uncertainty,
     designed_dither,
     fault_model,
@@ -34,7 +33,6 @@ from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.separation import ALIKE, distances
 from sim import NOMINAL, load_model
 from tests.cart_runs import outputs_of
-from tests.hostile import Target, complaints
 
 LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
 seeds = pytest.mark.parametrize("seed", range(3))
@@ -409,67 +407,3 @@ def test_for_the_hexapod_the_heave_is_found():
     heave = separations(nominal, replace(found.dither, direction=HEAVE), *known)
     assert found.separable.all()
     assert found.separations.least == pytest.approx(heave.least, rel=1e-3)
-
-
-NOMINAL_2 = mechanism(0)
-DITHER = random_dither(0)
-TIME_S = 0.5
-COST = Cost(1e-3, np.asarray(NOMINAL_2.plant.C), 1e-4)
-
-
-def numbers(found: Separations) -> tuple[np.ndarray, ...]:
-    return found.distance, found.from_none, found.between_actuators
-
-
-TARGETS = {
-    "uncertainty": Target(
-        lambda **how: numbers(separations(NOMINAL_2, DITHER, TIME_S, Uncertainty(**how))),
-        {"gain": 0.1, "stiffness": 0.1, "damping": 0.1, "delay_s": 1e-3},
-    ),
-    "conditions": Target(
-        lambda **how: numbers(separations(NOMINAL_2, DITHER, **how)),
-        {"time_s": 0.5, "uncertainty": LOOSE},
-    ),
-    "dither": Target(
-        lambda **how: numbers(separations(NOMINAL_2, Dither(**how), TIME_S)),
-        {"amplitude": 1e-3, "frequency_hz": 10.0, "direction": np.array([1.0, -1.0, 0.5])},
-    ),
-    "separations": Target(
-        lambda **what: numbers(separations(**what)),
-        {"nominal": NOMINAL_2, "dither": DITHER, "time_s": TIME_S},
-    ),
-    "cost": Target(
-        lambda **how: numbers(
-            designed_dither(NOMINAL_2, np.eye(3)[:, :1], [8.0], Cost(**how), TIME_S).separations
-        ),
-        {
-            "largest_displacement": 1e-3,
-            "task": np.asarray(NOMINAL_2.plant.C),
-            "largest_task_motion": np.array([1e-4, 1e-3]),
-        },
-    ),
-    "design": Target(
-        lambda **what: numbers(designed_dither(**what).separations),
-        {
-            "nominal": NOMINAL_2,
-            "freedom": np.eye(3)[:, :1],
-            "frequencies_hz": np.array([8.0]),
-            "time_s": TIME_S,
-            "cost": COST,
-        },
-    ),
-    "sensor": Target(
-        lambda candidates: [
-            numbers(each.separations)
-            for each in ranked_sensors(NOMINAL_2, {"one": candidates}, DITHER, TIME_S)
-        ],
-        {"candidates": (np.eye(6)[0], 1e-5)},
-    ),
-}
-
-
-@pytest.mark.parametrize("name", TARGETS)
-def test_no_hostile_argument_ends_in_anything_but_a_sentence_or_numbers(name):
-    calls, wrong = complaints(TARGETS[name])
-    assert calls > 10
-    assert wrong == []

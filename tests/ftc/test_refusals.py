@@ -1,8 +1,7 @@
-"""Laws of `ftc` beside its hostile table: gaps, bounds of durations, frozen arrays, clocks."""
+"""Laws of the loop beside `test_hostile.py`: durations, gaps, frozen arrays, clocks, memory."""
 
 import pickle
 import time
-from collections.abc import Callable
 from dataclasses import FrozenInstanceError, is_dataclass, replace
 from typing import Any
 
@@ -10,57 +9,28 @@ import control
 import numpy as np
 import pytest
 
-from ftc import (
-    ControlTask,
-    Goal,
-    GuardedController,
-    Measurement,
-    OracleController,
-    SensorCheck,
-)
+from ftc import ControlTask, Goal, GuardedController, Measurement, OracleController, SensorCheck
 from ftc.fdi import Dither, NominalModel, monitor
 from ftc.fdi.diagnosis import FdiConfig
-from tests.ftc.hostile_loop import GUARDED, ORACLE, TASK
-from tests.ftc.hostile_machine import (
-    DESIRED,
-    LIMITS,
-    MODEL,
-    NOMINAL,
-    PILOT,
-    PLANT,
-    READ,
-    STILL,
-    SUPERVISED,
-    N,
-    mapping,
-    pilot,
-)
-from tests.ftc.hostile_models import LOADED
-
-DURATIONS = {
-    "period_s": lambda s: NominalModel(**(MODEL | {"period_s": s})),
-    "step_s": lambda s: NominalModel(**(MODEL | {"step_s": s})),
-    "step_limit_s": lambda s: GuardedController("own", lambda task: PILOT, TASK, s),
-    "sample_s": lambda s: FdiConfig(sample_s=s),
-}
+from tests.ftc.small_stage import DESIRED, LIMITS, LOADED, READ, STILL, N, stage
 
 
-@pytest.mark.parametrize("duration_s", [1e6, 1e100, -1.0, -1e-200])
-@pytest.mark.parametrize("name", DURATIONS)
-def test_a_duration_without_end_is_refused_at_once(name, duration_s):
+@pytest.mark.parametrize("duration_s", [1e6, 1e100, -1.0, 1e-200, -1e-200])
+@pytest.mark.parametrize("name", ["period_s", "step_s", "step_limit_s", "sample_s"])
+def test_a_duration_without_end_or_length_is_refused_at_once(name, duration_s):
+    s, given = stage(), {name: duration_s}
     with pytest.raises(ValueError, match=rf"{name} must [^\n]*\Z"):
-        DURATIONS[name](duration_s)
-
-
-@pytest.mark.parametrize("name", ["step_limit_s", "period_s", "step_s", "sample_s"])
-def test_a_duration_without_length_is_refused_at_once(name):
-    with pytest.raises(ValueError, match=rf"{name} must [^\n]*\Z"):
-        DURATIONS[name](1e-200)
+        if name == "step_limit_s":
+            GuardedController("own", lambda task: s.plain, s.task, **given)
+        elif name == "sample_s":
+            FdiConfig(**given)
+        else:
+            NominalModel(**s.model | given)
 
 
 def test_a_monitor_that_would_not_come_to_an_end_is_refused():
     with pytest.raises(ValueError, match="config must have samples of at most 10000 ticks"):
-        monitor(NOMINAL, config=FdiConfig(sample_s=3600.0))
+        monitor(stage().nominal, config=FdiConfig(sample_s=3600.0))
 
 
 def masked(vector: np.ndarray) -> np.ma.MaskedArray:
@@ -68,18 +38,26 @@ def masked(vector: np.ndarray) -> np.ma.MaskedArray:
     return np.ma.array(vector, mask=np.arange(len(vector)) == 0)
 
 
-@pytest.mark.parametrize("controller", [SUPERVISED, GUARDED])
-@pytest.mark.parametrize(
-    "output",
-    [
-        *(masked(READ.output), [1e-3, 2e-3], READ.output[:1], None, "text", READ.output[None]),
-        *(np.array([1, "a"], dtype=object), READ.output + 1j, 1e200 * READ.output),
-    ],
-)
-def test_what_is_no_numbers_is_missing_as_a_gap_is(controller, output):
+NOT_READ = {
+    "masked": masked(READ.output),
+    "masked constant": [np.ma.masked, 2e-3],
+    "list": [1e-3, 2e-3],
+    "short": READ.output[:1],
+    "none": None,
+    "text": "text",
+    "batch": READ.output[None],
+    "objects": np.array([1, "a"], dtype=object),
+    "complex": READ.output + 1j,
+    "huge": 1e200 * READ.output,
+}
+
+
+@pytest.mark.parametrize("output", NOT_READ)
+@pytest.mark.parametrize("kind", ["supervisor", "guarded"])
+def test_what_is_no_numbers_is_missing_as_a_gap_is(kind, output):
     """Neither used as data nor an error: the commands are held, and that is said."""
-    sent = []
-    for each in (np.full(2, np.nan), output):
+    controller, sent = getattr(stage(), kind), []
+    for each in (np.full(2, np.nan), NOT_READ[output]):
         state = controller.step(controller.start(), DESIRED, READ)
         state = controller.step(state, DESIRED, Measurement(each, READ.displacement))
         sent.append((state.inputs.tolist(), state.sensors.task.missing))
@@ -88,20 +66,10 @@ def test_what_is_no_numbers_is_missing_as_a_gap_is(controller, output):
 
 
 def test_without_a_sensor_check_a_gap_is_refused():
+    pilot = stage().plain
     for gap in (np.full(2, np.nan), masked(READ.output)):
         with pytest.raises(ValueError, match=r"measurement\.output must "):
-            PILOT.step(PILOT.start(), DESIRED, Measurement(gap, READ.displacement))
-
-
-FRICTION = np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N)
-HOLDERS: dict[str, tuple[Any, dict[str, Any]]] = {
-    "NominalModel": (NominalModel, MODEL | LOADED | {"friction": FRICTION}),
-    "ControlTask": (ControlTask, vars(TASK)),
-    "OracleController": (OracleController, ORACLE),
-    "Dither": (Dither, {"amplitude": 1.0, "frequency_hz": 1.0, "direction": np.ones(N)}),
-    "Goal": (Goal, {"joint_weight": np.ones(N), "locked_at": {0: 1.0}, "effectiveness": {1: 0.5}}),
-    "SensorCheck": (SensorCheck, {"period_s": 1e-3, "limits": np.ones(2)}),
-}
+            pilot.step(pilot.start(), DESIRED, Measurement(gap, READ.displacement))
 
 
 def copied(value: Any) -> Any:
@@ -122,19 +90,35 @@ def arrays(value: Any) -> list[np.ndarray]:
     return [value] if isinstance(value, np.ndarray) else []
 
 
-@pytest.mark.parametrize("name", HOLDERS)
-def test_what_is_frozen_does_not_change_with_what_it_was_made_of(name):
-    make, given = HOLDERS[name]
-    given = {key: copied(value) for key, value in given.items()}
-    held = make(**given)
-    before = {key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(held).items()}
+def made_of(kind: type) -> dict[str, Any]:
+    s, ones = stage(), np.ones(N)
+    given = {
+        NominalModel: s.model | LOADED,
+        ControlTask: vars(s.task),
+        OracleController: s.oracle,
+        Dither: {"amplitude": 1.0, "frequency_hz": 1.0, "direction": ones},
+        Goal: {"joint_weight": ones, "locked_at": {0: 1.0}, "effectiveness": {1: 0.5}},
+        SensorCheck: {"period_s": 1e-3, "limits": np.ones(2)},
+    }
+    return {key: copied(value) for key, value in given[kind].items()}
+
+
+@pytest.mark.parametrize(
+    "kind", [NominalModel, ControlTask, OracleController, Dither, Goal, SensorCheck]
+)
+def test_what_is_frozen_does_not_change_with_what_it_was_made_of(kind):
+    def kept() -> dict[str, bytes]:
+        return {key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(held).items()}
+
+    given = made_of(kind)
+    held = kind(**given)
+    before = kept()
     for value in given.values():
         for array in arrays(value):
             array[:] = 7.0
         if isinstance(value, dict):
             value.clear()
-    after = {key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(held).items()}
-    assert after == before
+    assert kept() == before
     assert is_dataclass(held)
     for key, value in vars(held).items():
         with pytest.raises(FrozenInstanceError):
@@ -145,9 +129,9 @@ def test_what_is_frozen_does_not_change_with_what_it_was_made_of(name):
 
 
 def test_a_model_of_a_model_is_the_same():
-    again = replace(NOMINAL)
+    again = replace(stage().nominal)
     for part in "ABCD":
-        np.testing.assert_array_equal(getattr(again.plant, part), getattr(PLANT, part))
+        np.testing.assert_array_equal(getattr(again.plant, part), getattr(stage().plant, part))
 
 
 def test_no_clock_is_read(monkeypatch):
@@ -155,8 +139,7 @@ def test_no_clock_is_read(monkeypatch):
 
     def flight() -> list[list[float]]:
         rng, sent = np.random.default_rng(0), []
-        controllers: list[Any] = [SUPERVISED, GUARDED, pilot()]
-        for controller in controllers:
+        for controller in (stage().supervisor, stage().guarded, stage().pilot()):
             state = controller.start()
             for _ in range(20):
                 read = Measurement(READ.output + 1e-3 * rng.normal(size=2), READ.displacement)
@@ -172,10 +155,11 @@ def test_no_clock_is_read(monkeypatch):
 
 def test_a_state_does_not_grow_with_its_ticks():
     """What is kept of thousands of ticks is what is kept of hundreds of samples."""
-    rng, state, sizes = np.random.default_rng(0), SUPERVISED.start(), []
+    supervisor = stage().supervisor
+    rng, state, sizes = np.random.default_rng(0), supervisor.start(), []
     for tick in range(6000):
         read = Measurement(1e-3 * rng.normal(size=2), STILL)
-        state = SUPERVISED.step(state, DESIRED, read)
+        state = supervisor.step(state, DESIRED, read)
         if tick in (2999, 5999):
             sizes.append(len(pickle.dumps((state.watch, state.sensors, state.controller))))
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
@@ -184,9 +168,9 @@ def test_a_state_does_not_grow_with_its_ticks():
 @pytest.mark.parametrize("name", ["demand", "commanded", "secondary_reference"])
 def test_an_argument_of_a_mapping_that_has_a_wrong_shape_is_named(name):
     """By the caller's name, whatever the form of the mapping makes of it."""
-    right: dict[str, Any] = {"demand": DESIRED, "commanded": STILL, "secondary_reference": STILL}
-    one = mapping(form="gauss_newton", task=lambda pose: pose, limits=LIMITS)
-    answers: Callable[..., Any]
+    given = {"demand": DESIRED, "commanded": STILL, "secondary_reference": STILL, "pose": STILL}
+    given[name] = np.zeros(5)
+    one = stage().mapping(form="gauss_newton", task=lambda pose: pose, limits=LIMITS)
     for answers in (one.tick, one.displacements):
         with pytest.raises(ValueError, match=f"^{name} must have shape"):
-            answers(pose=STILL, **(right | {name: np.zeros(5)}))
+            answers(**given)

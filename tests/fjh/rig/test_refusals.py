@@ -1,0 +1,269 @@
+"""What a rig refuses in a sentence, and that what the sentence advises works."""
+
+import re
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fjh.recording.record import record
+from fjh.rig import Rig
+from fjh.rig.events import Event
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.coil import Coils
+from fjh.rig.hexapod.detector import Detector, secondary_motion
+from fjh.rig.rig import LARGEST_DISPLACEMENT
+from fjh.study.errors import WrongInput
+from sim import MODELS, Failure, Pose, SimulationDiverged, load_model
+
+ARM = """<mujoco><option {option}/><statistic extent="1"/><worldbody><body>
+  <joint name="a" axis="0 1 0"/><geom size="0.05" mass="1" pos="0 0 -0.4"/>
+  <body pos="0 0 -0.4"><joint name="b" axis="0 1 0"/><geom size="0.05" mass="1" pos="0 0 -0.4"/>
+    <site name="tool" pos="0 0 -0.4"/></body></body></worldbody>
+  <actuator><position joint="a" kp="400" kv="{kv}"/><position joint="b" kp="400" kv="{kv}"/>
+  </actuator></mujoco>"""
+
+
+SENT = r"what events\.sent returns at tick 0 must"
+READ = r"what events\.measured returns at tick 0"
+
+
+@cache
+def known(name: str) -> Rig:
+    return Rig.hexapod() if name == "hexapod" else Rig.of_mjcf(MODELS / "arm.xml", major=[0, 1])
+
+
+def rig(folder: Path, bend: float = 0.8, *, kv: float = 8, option: str = "", rows=(3, 5)) -> Rig:
+    """Of two links in a plane, the second one bent."""
+    file = folder / "arm.xml"
+    file.write_text(ARM.format(kv=kv, option=option))
+    return Rig.of_mjcf(file, site="tool", major=rows, start=[0.3, bend])
+
+
+def holds(one: Rig) -> bool:
+    """Whether a flight is as predicted."""
+    path = one.path("circle", duration_s=0.3, turn_s=0.3)
+    run = one.fly(one.controller(), path)
+    predicted = one.predict(path, noise=run.measured - run.true).rms_before
+    return bool(np.linalg.norm(run.rms()) == pytest.approx(np.linalg.norm(predicted), rel=0.1))
+
+
+@pytest.mark.long
+def test_servos_that_overshoot_in_a_physics_step_are_refused_with_steps_that_do_not(tmp_path):
+    """Euler's step h takes h d of a speed that decays at the rate d: more than twice of it grows.
+
+    In continuous time all is stable, so that no loop shows it.
+    """
+    with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as refused:
+        rig(tmp_path, kv=300)
+    found = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(refused.value))
+    assert found is not None
+    assert holds(rig(tmp_path, kv=300, option=f'timestep="{found[1]}"'))
+    assert holds(rig(tmp_path, kv=300, option=f'integrator="{found[2]}"'))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("bend", [1e-4, 5e-7])
+def test_a_posture_that_is_nearly_singular_is_refused_with_the_row_to_leave_out(tmp_path, bend):
+    """A straight arm moves its end across, and hardly along itself."""
+    with pytest.raises(WrongInput, match="posture is nearly singular") as refused:
+        rig(tmp_path, bend)
+    found = re.search(r"row (\d)", str(refused.value))
+    assert found is not None and found[1] == "5"
+    assert holds(rig(tmp_path, bend, rows=(3,)))
+    assert holds(rig(tmp_path, 0.8))
+
+
+UNDAMPED = """<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast"/>
+<worldbody><body pos="0 0 1"><joint name="j0" axis="0 0 1"/><geom size=".05" mass="1"/>
+<body><joint name="j1" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+<body pos=".3 0 0"><joint name="j2" axis="0 1 0"/><geom size=".1" pos=".15 0 0"/>
+<site name="tool" pos=".3 0 0"/></body></body></body></worldbody><actuator>
+<position joint="j0" kp="500"/><position joint="j1" kp="500"/><position joint="j2" kp="500"/>
+</actuator></mujoco>"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("damped", ["servo", "joint"])
+def test_an_undamped_servo_is_refused_with_the_damping_that_helps(tmp_path, damped):
+    """Neither other rows nor another start do."""
+    file, begin = tmp_path / "arm.xml", {"start": [0, -0.5, 0.9], "major": [3, 4, 5]}
+    file.write_text(UNDAMPED)
+    with pytest.raises(WrongInput, match=r"a motion of .*: damp its joints, or .* \(kv\)$"):
+        Rig.of_mjcf(file, site="tool", **begin)
+    old, new = {"servo": ("kp", 'kv="20" kp'), "joint": ("axis", 'damping="20" axis')}[damped]
+    file.write_text(UNDAMPED.replace(old, new))
+    assert Rig.of_mjcf(file, site="tool", **begin).margins
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("size", [None, 2e-4, 5e-3])
+def test_noise_does_not_grow_with_the_path(tmp_path, size):
+    """A hundredth of the default path, which is a thousandth of the extent of 1 m."""
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM.format(kv=8, option=""))
+    one = Rig.of_mjcf(file, site="tool", major=(3, 5), start=[0.3, 0.8], size=size)
+    assert one.noise == pytest.approx(1e-5)
+
+
+@pytest.mark.long
+def test_a_start_in_collision_says_so_before_it_flies(tmp_path):
+    """The end of the second link, folded back, lies in a ball at the base."""
+    file = tmp_path / "arm.xml"
+    ball = '<body name="ball"><geom size="0.1"/></body><body>'
+    file.write_text(ARM.format(kv=8, option="").replace("<body>", ball, 1))
+    for bend, collides in ((2.9, True), (0.8, False)):
+        said = Rig.of_mjcf(file, site="tool", major=(3,), start=[0.3, bend]).warnings
+        assert (
+            any(each.startswith("the start is in collision: ball and") for each in said) == collides
+        )
+
+
+@pytest.mark.long
+def test_a_lost_task_is_the_first_sentence(tmp_path):
+    """A link without force hangs down, far from a path of a millimetre."""
+    one = rig(tmp_path)
+    failures = [Failure("b", "free", 0.2)]
+    run = one.fly(one.controller(), one.path("circle", duration_s=0.7), failures=failures)
+    off_mm = 1e3 * np.abs(run.desired - run.true)[-100:].max()
+    assert off_mm > 10 and run.lost is not None
+    assert run.status.startswith("The major task is lost: it ends up to ")
+    assert one.fly(one.controller(), one.path("circle", duration_s=0.3)).lost is None
+
+
+def hooked(**hooks: Any) -> SimpleNamespace:
+    return SimpleNamespace(**hooks)
+
+
+def reads(**parts: Any) -> SimpleNamespace:
+    """A hook of what is read, with these parts in place of its own."""
+    return hooked(measured=lambda tick, reading: reading._replace(**parts))
+
+
+def flown(**given: Any) -> Any:
+    """A flight of the hexapod with its plain controller, unless there is another."""
+    one = known("hexapod")
+    return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
+
+
+STRUCK = [Failure(0, "locked", 0.001)]
+NAN, ARM_FILE = np.nan, MODELS / "arm.xml"
+CALLS: dict[str, Callable[..., Any]] = {
+    "made": Rig.hexapod,
+    "loaded": lambda **given: Rig.of_mjcf(**{"file": ARM_FILE, "major": [0, 1]} | given),
+    "flown": flown,
+    "path": lambda **given: known("hexapod").path(**{"name": "circle", "duration_s": 0.01} | given),
+    "predicted": lambda **given: known("hexapod").predict(
+        np.zeros((3, 2)), failures=STRUCK, **given
+    ),
+    "supervised": lambda **given: known("hexapod").supervisor(**given),
+    "event": lambda **given: Event(**{"name": "bump", "time_s": 0.1} | given),
+    "lock": lambda **given: Event("locked", 0.1, **given),
+    "recorded": lambda **given: record(**{"path": "x.rrd", "run": None, "rig": None} | given),
+}
+NUMBERS = [NAN, np.inf, 1e300, "x", [1, 2], 1j, True]
+LOST = [Event("nan", 0.0)]
+SHORT, MISSING = np.zeros(1), np.full(2, NAN)
+TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
+    *(
+        (ValueError, made, "seed", [*NUMBERS, None, -1], "^seed must")
+        for made in ("made", "loaded")
+    ),
+    (ValueError, "flown", "path", [np.full((3, 2), 1e20)], r"^path must be at most 10000 rad or m"),
+    (ValueError, "flown", "path", [np.zeros((0, 2))], "^path must have a row"),
+    (ValueError, "predicted", "told", [[], [None, None], [NAN], ["x"], [-1.0]], "^told must"),
+    (ValueError, "event", "name", ["bmp", ""], "^there is no event"),
+    (ValueError, "event", "time_s", [*NUMBERS, None, -1.0], "^time_s must"),
+    (ValueError, "lock", "actuator", [NAN, -1, 2.5, [0], True], "^actuator must"),
+    # Hooks: which one, and when.
+    (ValueError, "flown", "events", [hooked(sent=lambda *_: SHORT)], f"^{SENT}"),
+    (ValueError, "flown", "events", [hooked(sent=lambda *_: "x")], f"^{SENT}"),
+    (ValueError, "flown", "events", [hooked(sent=lambda _, u: NAN * u)], f"{SENT} .*finite"),
+    (ValueError, "flown", "events", [reads(output=SHORT)], f"^output of {READ}"),
+    (ValueError, "flown", "events", [reads(output=MISSING), LOST], "^pilot must go on without"),
+    (TypeError, "flown", "events", [hooked(sent=5)], r"^events\.sent must be a function"),
+    (
+        TypeError,
+        "flown",
+        "events",
+        [hooked(plant=lambda tick: None)],
+        r"^events\.plant .*model",
+    ),
+    (TypeError, "flown", "events", [hooked(measured=lambda *_: 5)], f"^{READ}"),
+    (TypeError, "flown", "events", ["bump", ["bump"]], r'must .*fjh\.Event\("bump", 1\.5\)'),
+    (TypeError, "flown", "events", ["locked"], r'fjh\.Event\("locked", 1\.5, "ACTUATOR"\)'),
+    (TypeError, "flown", "events", [Event("bump", 0.1), [None], object(), 5], "^events must"),
+    (TypeError, "loaded", "cross_over", [5.0], "no argument cross_over; did you mean .crossover"),
+    (TypeError, "loaded", "file", [None, 5], "^file must"),
+    (TypeError, "loaded", "site", [None, NAN, []], "^site must"),
+    (TypeError, "loaded", "pinned", [5, [5]], "^pinned must"),
+    (TypeError, "loaded", "feedforward", ["x", None, [1, 2]], "^feedforward must"),
+    (TypeError, "made", "feedforward", ["x", None, [1, 2]], "^feedforward must"),
+    (TypeError, "supervised", "dither", [[], object()], "^dither must"),
+    (TypeError, "event", "name", [None, 5, ["bump"]], "^name must"),
+    (TypeError, "recorded", "path", [None], "^path must"),
+    (TypeError, "recorded", "rig", [None, 5], "^rig must"),
+    # What the words of a command refuse, too.
+    (WrongInput, "loaded", "limits", ["some", None], "^limits must be one of stated, none"),
+    (WrongInput, "loaded", "sense", ["some", None], "^sense must be one of"),
+    (WrongInput, "loaded", "noise", [NAN, "x", [1, 2], True], "^noise must"),
+    (WrongInput, "loaded", "joint_weight", ["x", [-1.0], [None], NAN, True], "^joint_weight must"),
+    (WrongInput, "loaded", "major", ["x,w", [], [0, 6], 0.5, None], "^major must be different"),
+    (WrongInput, "loaded", "servo_hz", ["x", NAN, -1.0], "^servo_hz must"),
+    (WrongInput, "loaded", "pinned", ["", ["a", " "], ":point"], "^pinned must"),
+    (WrongInput, "loaded", "start", ["home", "9", -1], "^the model has no keyframe .*it has none"),
+    (WrongInput, "loaded", "period", [None, NAN, "x"], "^period must"),
+    *((WrongInput, made, "size", [*NUMBERS, 0.0, -1], "^size must") for made in ("made", "loaded")),
+    (WrongInput, "path", "name", ["cirle"], "^path must be spiral, .* did you mean .circle"),
+    (WrongInput, "flown", "failures", [[Failure("strut9", "locked")]], "strut9"),
+]
+"""The error, what is called, the argument, values in its place, and what the sentence says."""
+
+
+@pytest.mark.parametrize(("error", "call", "name", "values", "said"), TABLE)
+def test_what_a_rig_cannot_take_is_refused_by_name(error, call, name, values, said):
+    for value in values:
+        with pytest.raises(error, match=said) as refusal:
+            CALLS[call](**{name: value})
+        assert refusal.type is error  # and no subclass
+        assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
+
+
+def test_what_the_hexapod_cannot_do_is_refused_by_name():
+    """A payload edge on or mirrored, coils that would melt, a strut without length."""
+    edge_on = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    with pytest.raises(ValueError, match="rotation must not put the payload at right angles"):
+        Detector(1.0, 5e-3, 3e-7).read(edge_on, np.random.default_rng(0))
+    for rotation in (np.zeros((3, 3)), 2 * np.eye(3), -np.eye(3)):
+        with pytest.raises(ValueError, match="rotation must hold orthonormal axes"):
+            secondary_motion(rotation, np.zeros(3))
+    coils, machine = Coils(5.0, 4.0, np.array([1.5, 2.2]), 20.0), hexapod(load_model())
+    with pytest.raises(ValueError, match="current_a must leave temperatures finite"):
+        coils.step(coils.cold(), np.full(2, 1e4), 1e3)
+    on_its_node = Pose(np.eye(3), machine.bottom_m[0] - machine.top_m[0])
+    for ask in (machine.posture, machine.inverse_jacobian):
+        with pytest.raises(ValueError, match="pose must leave every strut a length"):
+            ask(on_its_node)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_the_largest_path_that_is_named_is_flown_or_said_to_diverge(name):
+    """MuJoCo clears controls beyond its largest number: zeros were flown, without a word."""
+    one = known(name)
+    path = np.full((20, 2), LARGEST_DISPLACEMENT)
+    try:
+        run = one.fly(one.controller(), path)
+    except SimulationDiverged:
+        return
+    assert np.abs(run.displacement[-1]).max() > 0.0
+
+
+def test_controls_that_mujoco_would_clear_end_a_flight():
+    one = known("arm")
+    huge = hooked(sent=lambda tick, inputs: np.full_like(inputs, 1e20))
+    with pytest.raises(SimulationDiverged, match="controls beyond"):
+        one.fly(one.controller(), np.zeros((3, 2)), events=huge)

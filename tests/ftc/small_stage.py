@@ -1,0 +1,107 @@
+"""A stage with three drives, small enough for thousands of calls, and all about it."""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import control
+import numpy as np
+
+from ftc import (
+    ControlTask,
+    DirectDrive,
+    Goal,
+    GuardedController,
+    LocalGeometry,
+    LoopShape,
+    Measurement,
+    PrioritizedController,
+    PrioritizedMapping,
+    Supervisor,
+    compensator,
+)
+from ftc.fdi import NominalModel, monitor
+from prioritized import ConstrainedSystem
+
+PERIOD_S, N, M1 = 1e-3, 3, 2
+J = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
+GOAL, DRIVES = Goal(joint_weight=(1.0,) * N), DirectDrive()
+STILL, DESIRED = np.zeros(N), np.array([1e-2, -2e-2])
+READ = Measurement(np.array([1e-3, 2e-3]), np.array([1e-3, 2e-3, 3e-3]))
+LIMITS = (np.full(N, -1.0), np.full(N, 1.0))
+SHAPE = LoopShape(5.0, 20.0, 0.7)
+LOADED: dict[str, Any] = {"feedback": np.eye(N, 2 * N), "holding": np.ones(N)}
+LOADED |= {"spring": np.eye(N, 2 * N), "preload": np.ones(N), "implicit_damping": False}
+LOADED |= {"floor": np.ones((N, 3))}
+LOADED |= {"friction": (np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N))}
+
+
+class Stage:
+    """The stage as a :class:`ftc.control.geometry.MechanismModel`; postures are displacements."""
+
+    nominal = STILL
+
+    def jacobians(self, posture: np.ndarray) -> Any:
+        """Constant."""
+        return SimpleNamespace(J_T=J, J_C=np.zeros((0, N)), active=np.arange(N), stiffness=None)
+
+    def displacements(self, posture: np.ndarray) -> np.ndarray:
+        """The posture itself."""
+        return posture
+
+    def task(self, posture: np.ndarray) -> np.ndarray:
+        """Linear."""
+        return J @ posture
+
+    def moved(self, posture: np.ndarray, displacements: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Where it is told to."""
+        return displacements
+
+
+def possible(faults: Any) -> bool:
+    return True
+
+
+@cache
+def stage() -> Any:
+    """Models of the stage, controllers of two of its three outputs, and what they are made of."""
+    eye, none = np.eye(N), np.zeros((N, N))
+    lower, drive = np.hstack([-1e4 * eye, -100.0 * eye]), 1e4 * eye
+    A, B = np.vstack([np.hstack([none, eye]), lower]), np.vstack([none, drive])
+    plant = control.ss(A, B, np.hstack([J[:M1], 0 * J[:M1]]), 0)
+    channel = control.ss(A[::N, ::N], B[::N, :1], [[1.0, 0.0]], 0)
+    model: dict[str, Any] = {"plant": plant, "displacement": np.eye(N, 2 * N)}
+    model |= {"noise": np.full(M1, 1e-3), "period_s": PERIOD_S, "step_s": PERIOD_S}
+    nominal, loop = NominalModel(**model), compensator(channel, SHAPE, PERIOD_S)
+    system = ConstrainedSystem(J, None, range(N))
+    geometry, watch = LocalGeometry(system), monitor(nominal)
+
+    def mapping(goal: Goal = GOAL, **options: Any) -> PrioritizedMapping[Any]:
+        return PrioritizedMapping(geometry, goal, [0, 1], [2], **options)
+
+    def pilot(goal: Goal = GOAL) -> PrioritizedController[Any]:
+        return PrioritizedController([loop] * M1, mapping(goal), DRIVES, 0.1)
+
+    task = ControlTask(nominal, J, (0, 1), GOAL, DRIVES, LIMITS, np.ones(M1))
+    supervised: dict[str, Any] = {"goal": GOAL, "controller": pilot, "monitor": watch}
+    supervised |= {"is_possible": possible}
+    plain = pilot()
+    guarded = GuardedController("own", lambda _: plain, task)
+    oracle: dict[str, Any] = {"before": plain, "after": pilot(Goal((1.0,) * N, free=(0,)))}
+    oracle |= {"tick": 1, "lost_displacements": STILL, "acting": STILL}
+    oracle |= {"secondary": lambda time_s: STILL}
+    parts = {"A": A, "B": B, "lower": lower, "drive": drive, "plant": plant, "channel": channel}
+    parts |= {"model": model, "nominal": nominal, "loop": loop, "system": system, "task": task}
+    parts |= {"geometry": geometry, "watch": watch, "mapping": mapping, "pilot": pilot}
+    parts |= {"supervised": supervised, "plain": plain, "guarded": guarded, "oracle": oracle}
+    return SimpleNamespace(**parts, supervisor=Supervisor(**supervised))
+
+
+def flown(controller: Any) -> Any:
+    """What a controller sends in a few ticks, from rest."""
+    state = controller.start()
+    sent = []
+    for _ in range(3):
+        state = controller.step(state, DESIRED, READ)
+        sent.append(state.inputs)
+    return sent

@@ -1,0 +1,295 @@
+"""No hostile argument of `ftc` ends in anything but one sentence or finite numbers."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ftc
+from ftc import Goal, GuardedController, Supervisor, fdi, tracking
+from ftc import control as loops
+from ftc.control.anti_windup import tracking_gain
+from ftc.control.geometry import MechanismGeometry
+from ftc.fdi import Cost, Diagnosis, Dither, Fault, NominalModel, Uncertainty, fault_model, monitor
+from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.fault_model import resting_displacements, static_gain
+from tests.ftc.small_stage import (
+    DESIRED,
+    GOAL,
+    LIMITS,
+    LOADED,
+    PERIOD_S,
+    READ,
+    SHAPE,
+    STILL,
+    J,
+    Stage,
+    flown,
+    stage,
+)
+from tests.hostile import PAIRS, Room, public
+from tests.profiles import examples
+
+M1, N = J.shape[0] - 1, J.shape[1]
+AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
+
+
+def monitor_step(state: Any, measured: Any, commanded: Any) -> Any:
+    """What a monitor knows after steps with these."""
+    watch = stage().watch
+    for _ in range(3 * watch.ticks):
+        state = watch.step(state, measured, commanded)
+    return state.observer.residual, state.last_commanded
+
+
+def nominal_model_of(lower: Any, drive: Any, C: Any) -> Any:
+    """A model of a plant in numbers; what python-control refuses itself is not ours."""
+    try:
+        rows = [np.eye(N, 2 * N, N), np.asarray(lower)]
+        plant = control.ss(np.vstack(rows), np.vstack([np.zeros((N, N)), drive]), C, 0)
+    except Exception:
+        raise ValueError("lower, drive and C must be of a plant") from None
+    try:
+        return broken(NominalModel(**(stage().model | {"plant": plant})))
+    except ValueError as error:
+        raise ValueError(f"lower, drive and C: {error}") from None
+
+
+def rubbing(push: Any, rows: Any, limit: Any, softness: Any, rate: Any) -> Any:
+    """A model with friction in numbers."""
+    return NominalModel(**stage().model, friction=(push, rows, limit, softness, rate))
+
+
+def goal_of(joint_weight: Any, secondary_weight: Any, locked_at: Any, effectiveness: Any) -> Any:
+    """A goal in numbers."""
+    return Goal(joint_weight, secondary_weight, {0: locked_at}, effectiveness={1: effectiveness})
+
+
+def tracking_of(A: Any, B: Any, C_twist: Any, C_active: Any) -> Any:
+    """Tracking with a linear model in numbers."""
+    linear = SimpleNamespace(A=A, B=B, C_twist=C_twist, C_active=C_active)
+    return tracking(**{**room().special["tracking"], "linear": linear})
+
+
+TRUSTED = {
+    # Only loops and controllers make them.
+    *("LoopRun", "NestedState", "Sensors", "Sensors.after", "Sensors.sentence"),
+    *("SupervisorState", "Diagnosis", "Fault.of"),
+    # `fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked.
+    *("Stage", "steps", "one_tick", "mapping_for", "Tracking", "explanation"),
+    *("deciding_sentence", "is_possible", "SensorCheck.start", "SensorCheck.step", "Cost.limits"),
+    # Controllers call these, and give them what they have checked.
+    *(f"LocalGeometry.{name}" for name in ("jacobians", "twist", "moved")),
+    *(f"MechanismGeometry.{name}" for name in ("jacobians", "twist", "moved")),
+    *("PrioritizedMapping.displacements", "PrioritizedMapping.tick", "PrioritizedMapping.followed"),
+    *("PrioritizedMapping.major_motion", "PrioritizedMapping.reached", "PrioritizedMapping.split"),
+    *("PrioritizedMapping.estimate", "PrioritizedMapping.at"),
+    *("DirectDrive.inputs", "DirectDrive.displacements"),
+}
+FOUND = public(
+    *(ftc, loops.sensitivity_peak, loops.circle_margin, tracking_gain, monitor_step, rubbing),
+    *(resting_displacements, FdiConfig, Diagnosis, Dither, MechanismGeometry, Fault, NominalModel),
+    *(fault_model, monitor, Uncertainty, fdi.separations, Cost, fdi.designed_dither, static_gain),
+    *(fdi.ranked_sensors, fdi.static_share, nominal_model_of, goal_of, tracking_of),
+    trusted=TRUSTED,
+)
+
+
+def equal_weights(kinematics: Any) -> Any:
+    """Another allocation, of the mechanism of these tests."""
+    return kinematics.velocity_mapping([0, 1], [2])
+
+
+class Still:
+    """A machine that does not move, whose sensors have noise."""
+
+    def __init__(self) -> None:
+        self.rng = np.random.default_rng(1)
+
+    def measure(self) -> ftc.Measurement:
+        """Noise."""
+        return ftc.Measurement(1e-3 * self.rng.normal(size=M1), np.zeros(N))
+
+    def apply(self, inputs: np.ndarray) -> None:
+        """Nothing."""
+
+
+def watched(config: FdiConfig) -> Any:
+    """What a monitor knows after some samples of zeros."""
+    watch = monitor(stage().nominal, config=config)
+    state = watch.start()
+    for _ in range(min(3 * watch.ticks, 100)):
+        state = watch.step(state, np.zeros(M1), STILL)
+    return state.observer.residual, state.observer.parameters.mean, state.last_commanded
+
+
+def broken(nominal: NominalModel) -> Any:
+    """What a model does after failures."""
+    faulty = fault_model(nominal, [Fault(0, "locked"), Fault(1, "free")])
+    return fault_model(nominal), replace(faulty, rubbing=None), nominal.noise, nominal.displacement
+
+
+def mapped(mapping: Any) -> Any:
+    """Gains of a mapping, and its displacements."""
+    gain = mapping.major_gain()
+    return gain, mapping.displacements(np.full(gain.shape[1], 0.1), STILL, STILL)
+
+
+def on_three(geometry: Any) -> Any:
+    """Where three displacements lead."""
+    return geometry.moved(geometry.nominal, STILL), geometry.system.J_T
+
+
+def separated(found: Any) -> Any:
+    return found.distance, found.from_none, found.between_actuators
+
+
+@cache
+def room() -> Room:
+    """All of the small stage."""
+    s = stage()
+    gained = control.ss(s.plant.A, s.plant.B @ s.plain.mapping.major_gain(), s.plant.C, 0)
+    sampled, C = control.c2d(gained, PERIOD_S), np.asarray(s.plant.C)
+    faults, told = [Fault(0, "weak", 0.5)], [Diagnosis.told(Fault(0, "locked"), 1e-3)]
+    swing = Dither(1e-3, 20.0, (1.0, -1.0, 1.0))
+    linear = {"A": s.A, "B": s.B, "C_twist": np.hstack([J, 0 * J]), "C_active": np.eye(N, 2 * N)}
+    tracked: dict[str, Any] = {"model": Stage(), "linear": SimpleNamespace(**linear)}
+    tracked |= {"major": [0, 1], "noise": np.full(M1, 1e-3), "period_s": PERIOD_S}
+    tracked |= {"step_s": PERIOD_S, "goal": GOAL, "crossover_hz": 5.0}
+    cost = {"largest_displacement": 1e-3, "task": C, "largest_task_motion": np.array([1e-4, 1e-3])}
+    state, swinging = s.supervisor.start(), Supervisor(**s.supervised, dither=swing)
+    oracle = ftc.OracleController(**s.oracle)
+
+    learned, machine = swinging.start(), Still()
+    for _ in range(900):
+        learned = swinging.step(learned, 0 * DESIRED, machine.measure())
+
+    def stepped(**given: Any) -> Any:
+        return s.supervisor.step(**{"state": state, **AT_REST, **given}).inputs
+
+    good = {
+        **AT_REST,
+        **{"secondary_reference": STILL, "unused_reference": STILL, "keeps": STILL},
+        **{"feedforward": DESIRED, "lost_displacements": STILL, "acting": STILL, "secondary": [2]},
+        **{"state": s.plain.start(), "loops": [s.loop] * M1, "mapping": s.mapping(limits=LIMITS)},
+        **{"drives": ftc.DirectDrive(), "handover_s": 0.1, "demand_limit": 1.0},
+        **{"anti_windup": True, "tracking_slowness": 1.0, "reference_feedforward": True},
+        **{"name": "own", "task": s.task, "factory": lambda task: s.plain, "step_limit_s": 1.0},
+        **{"goal": GOAL, "path": np.ones((4, 2)), "watched": lambda read, *_: read.output},
+        **{"estimate": lambda *_: DESIRED, "unused": "free"},
+        **{"sensor_check": ftc.SensorCheck(PERIOD_S), "dither": swing, "diagnoses": told},
+        **{"time_s": 0.5, "nominal": s.nominal, "faults": faults, "fault": faults[0]},
+        **{"config": fdi.DEFAULT_CONFIG, "machine": machine, "geometry": s.geometry},
+        **{"major": [0, 1], "form": "gauss_newton", "limits": LIMITS, "when_limited": "scaled"},
+        **{"allocate": equal_weights, "model": Stage(), "plant": s.channel, "shape": SHAPE},
+        **{"period_s": PERIOD_S, "system": s.system, "free": (), "springs": False, "actuator": 0},
+        **{"kind": "weak", "effectiveness": 0.5, "gain": s.plain.mapping.major_gain()},
+        **{"commanded": STILL, "slowness": 1.0, "channel": s.loop},
+        **{"L": control.c2d(s.channel, PERIOD_S) * s.loop.discrete, "C": C},
+        **{"noise": s.nominal.noise, "compensators": [s.loop] * M1, "amplitude": 1.0},
+        **{"frequency_hz": 20.0, "noisy": True, "direction": np.ones(N), "offset": np.ones(N)},
+        **{"freedom": np.eye(N)[:, :1], "frequencies_hz": np.array([8.0]), "cost": Cost(**cost)},
+        **{"lower": s.lower, "drive": s.drive, "candidates": {"one": (np.eye(2 * N)[0], 1e-5)}},
+        **{"measured": np.zeros(M1), "uncertainty": Uncertainty(gain=0.03, delay_s=1e-3)},
+        **{"joint_weight": (1.0,) * N, "secondary_weight": (1.0,), "spring_lost": ()},
+        **{"actuators": N, "displacement": 1e-3},
+        **dict(zip(("push", "rows", "limit", "softness", "rate"), LOADED["friction"], strict=True)),
+    }
+    special: dict[str, dict[str, Any]] = {
+        "PrioritizedMapping": {"task": lambda pose: pose},
+        "Measurement": vars(READ),
+        "GuardedController.step": {"state": s.guarded.start()},
+        "OracleController": s.oracle,
+        "OracleController.step": {"self": oracle, "state": oracle.start()},
+        "Supervisor": s.supervised | {"task": s.nominal, "unused": "locked"},
+        "Supervisor.step": {"state": state},
+        "Supervisor.calibrated": {"state": learned},
+        "Supervisor.transfer of a supervisor's": {"state": state},
+        "Supervisor.secondary": {"self": swinging},
+        "run_loop": {"controller": s.plain, "keeps": lambda state: state.inputs}
+        | dict.fromkeys(("reference", "feedforward"), np.ones((3, M1))),
+        "LoopShape": vars(SHAPE),
+        "ControlTask": vars(s.task),
+        "Goal": {"locked_at": {0: 1e-3}, "effectiveness": {1: 0.5}},
+        "goal_of": {"joint_weight": np.ones(N), "secondary_weight": np.ones(1), "locked_at": 1e-3},
+        "MechanismGeometry": {"free": (0,)},
+        "NominalModel": s.model | LOADED | {"names": [f"motor{k}" for k in range(N)]},
+        "NominalModel without loads": s.model,
+        "tracking": tracked | {"sense": "task"},
+        "tracking with options": {"limits": LIMITS, "springs": False, "sense": "joints"}
+        | {"noise": np.ones(N), "unused": "free", "feedforward": True}
+        | {name: tracked[name] for name in tracked if name != "noise"},
+        "tracking_of": linear,
+        "sensitivity_peak": {"L": sampled * control.append(s.loop.discrete, s.loop.discrete)},
+        "circle_margin": {"plant": sampled},
+        "monitor_step": {"state": s.watch.start()},
+        "FdiConfig": vars(fdi.DEFAULT_CONFIG) | {"dither_hz": 20.0},
+        "SensorCheck": {"limits": np.ones(2)},
+        "Uncertainty": dict.fromkeys(vars(Uncertainty()), 0.1) | {"delay_s": 1e-3},
+        "Cost": cost,
+    }
+    of = {
+        **{"PrioritizedController": s.plain, "GuardedController": s.guarded, "Dither": swing},
+        **{"Supervisor": s.supervisor, "Tracking": tracking(**tracked), "NominalModel": s.nominal},
+        "Goal": Goal(free=(1,)),
+    }
+    steps = [f"{name}.step" for name in (*of, "OracleController")]
+    uses = {
+        **dict.fromkeys(steps, lambda state: state.inputs),
+        "PrioritizedController.transfer": lambda state: s.plain.step(state, **AT_REST).inputs,
+        "Supervisor.transfer": lambda state: stepped(state=state),
+        "Measurement": lambda read: stepped(measurement=read),
+        **dict.fromkeys(("PrioritizedController", "GuardedController"), flown),
+        **dict.fromkeys(("OracleController", "Supervisor"), flown),
+        "ControlTask": lambda task: flown(GuardedController("own", lambda _: s.plain, task)),
+        "Goal.of": vars,
+        "Goal": lambda goal: (s.mapping(goal).major_gain(), flown(s.pilot(goal))),
+        **{"PrioritizedMapping": mapped, "LocalGeometry": on_three, "MechanismGeometry": on_three},
+        "LoopShape": lambda shape: ftc.compensator(s.channel, shape, PERIOD_S),
+        **{"Margins": lambda found: found.phase_margin_deg, "NominalModel": broken},
+        "Tracking": lambda made: (made.loops, made.nominal.noise, flown(made.controller(GOAL))),
+        "Manipulability": lambda report: report.worst_gain,
+        "LoopRun": lambda run: (run.measured, run.inputs),
+        "Fault": lambda fault: fault_model(s.nominal, [fault]),
+        **{"FdiConfig": watched, "Monitor": lambda watch: watch.start().last_commanded},
+        "SensorCheck": lambda check: check.step(check.start(2), None, STILL).held_ticks,
+        **{"Dither": lambda dither: dither.at(0.1), "Separations": separated},
+        "DitherDesign": lambda design: separated(design.separations),
+        "Uncertainty": lambda u: separated(fdi.separations(s.nominal, swing, 0.1, u)),
+        "Cost": lambda cost: separated(
+            fdi.designed_dither(s.nominal, good["freedom"], [8.0], cost, 0.5).separations
+        ),
+        "ranked_sensors": lambda ranked: [separated(each.separations) for each in ranked],
+    }
+    gaps = {"Measurement": ("output", "displacement"), "GuardedController.step": ("measurement",)}
+    gaps |= {"Supervisor.step": ("measurement",)}
+    gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy takes masks off, not we
+    return Room(
+        found=FOUND,
+        good=good,
+        special=special,
+        of=of,
+        uses=uses,
+        gaps=gaps,
+        hard=(ftc.TaskLost, loops.NoResponse, loops.UnstableLoop),
+        spared={"tracking with options": [name for name in tracked if name != "noise"]},
+        slow=("tracking", "tracking with options", "tracking_of", "FdiConfig", "Uncertainty"),
+    )
+
+
+@pytest.mark.parametrize("pairs", PAIRS)
+@pytest.mark.parametrize("name", FOUND)
+def test_a_hostile_argument_is_named_or_harmless(name, pairs):
+    room().attack(name, pairs=pairs)
+
+
+@examples(1000)
+@given(st.data())
+def test_so_are_two_of_them(data):
+    room().attack_two(data)

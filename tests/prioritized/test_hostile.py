@@ -1,0 +1,261 @@
+"""No hostile argument of `prioritized` ends in anything but one sentence or finite numbers."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import prioritized
+from prioritized import (
+    ConstrainedSystem,
+    ForceMapping,
+    Kinematics,
+    Task,
+    Tick,
+    VelocityMapping,
+    failure_atlas,
+    force_mapping,
+    velocity_mapping,
+)
+from prioritized._mechanism.failures import Failures
+from prioritized._mechanism.names import Names
+from prioritized._postures import Postures
+from tests.hostile import PAIRS, Room, public
+from tests.profiles import examples
+
+
+def one_level(levels: Any, lower: Any) -> Any:
+    """Numbers of a level, which is a row of them."""
+    return prioritized.lexicographic_least_squares(
+        [(levels, lower), (np.eye(3, 4), -1.0, 1.0)], lower=-1.0, upper=1.0
+    )
+
+
+def one_target(targets: Any) -> Any:
+    """The numbers of one target of two."""
+    return room().of["Hierarchy"].solve([targets, None])
+
+
+TRUSTED = {
+    # what the library returns, and what Names hold is checked where they are used
+    *("Attainable", "Classes", "FailureAtlas", "ForceMapping", "ForceSolution"),
+    *("Hierarchy", "HierarchySolution", "Kinematics", "Manipulability"),
+    *("Postures", "Tick", "VelocityMapping", "VelocitySolution"),
+    # what its parts ask of each other, of what was checked
+    *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain", "Tick.at_jacobians"),
+    *("HierarchySolution.in_words", "Tick.of"),
+}
+FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
+
+
+def velocities(mapping: VelocityMapping) -> dict[str, Any]:
+    """All numbers of a velocity mapping; an exact one must meet its major task."""
+    v = np.ones(len(mapping._problem.S_m))
+    rates = mapping(v)
+    if mapping.status is prioritized.Status.EXACT and mapping._limiting is None:
+        done = (mapping._problem.major_jacobian @ rates[..., None])[..., 0]
+        assert np.allclose(done, v, rtol=0, atol=1e-4)
+    gains = (mapping.major, mapping.joint, mapping.secondary, mapping.achieved)
+    far = None if mapping._limiting is None else solution(mapping.solve(9 * v))
+    numbers = {"rates": rates, "gains": gains, "gap": mapping.gap, "far": far}
+    return numbers | {"rest": mapping.residual(v)}
+
+
+def torques(mapping: ForceMapping) -> dict[str, Any]:
+    """All numbers of a force mapping."""
+    f = np.ones(mapping.major.shape[-1])
+    forces = (mapping(f), mapping.secondary_force(f), mapping.internal_force(f))
+    far = None if mapping._limiting is None else solution(mapping.solve(9 * f))
+    parts = (mapping.major, mapping.achieved, mapping.reaction)
+    return {"parts": parts, "forces": forces, "rest": mapping.residual(f), "far": far}
+
+
+def mechanism(kin: Kinematics) -> dict[str, Any]:
+    """All numbers of a mechanism."""
+    names = "J self_motion internal_force active_constraint passive_gain passive_self_motion gap"
+    arrays: dict[str, Any] = {name: getattr(kin, name) for name in names.split()}
+    arrays["f_C"] = kin.constraint_force(np.ones(len(kin.J)), np.ones(len(kin.active)))
+    report = kin.manipulability([0])
+    return arrays | {"findings": report.findings, "worst_gain": report.worst_gain}
+
+
+def reached(postures: Postures) -> dict[str, Any]:
+    """All numbers of a batch of postures."""
+    names = ("J", "active_constraint", "self_motion", "passive_gain")
+    return {name: getattr(postures, name) for name in names}
+
+
+def reach(a: prioritized.Attainable) -> dict[str, Any]:
+    """All numbers of an attainable set; infinite where a limit is, or none."""
+    unlimited = {"radius_gap": a.radius, "support_gap": a.support(np.eye(len(a.gain)))}
+    return unlimited | {"gain": a.gain, "vertices": a.vertices, "sentence": str(a)}
+
+
+def solution(found: Any) -> dict[str, Any]:
+    """All public numbers of a solution, and its status."""
+    names = "x rates torques residual residuals scale gains active gap steps certificate status"
+    names += " secondary_force internal_force active_rows active_limits damping_errors"
+    return {name: getattr(found, name) for name in names.split() if hasattr(found, name)}
+
+
+@cache
+def room() -> Room:
+    """Three task rows of four joints as numbers, and of three motors and two passive joints."""
+    rng = np.random.default_rng(7)
+    J, J_T, J_C = rng.normal(size=(3, 4)), rng.normal(size=(3, 5)), rng.normal(size=(1, 5))
+    batch, many_J_T, many_J_C = (rng.normal(size=(2, *shape)) for shape in ((3, 4), (3, 5), (1, 5)))
+    system = ConstrainedSystem(J_T, J_C, [0, 1, 2])
+    sprung = ConstrainedSystem(J_T, J_C, [0, 1, 2], stiffness=np.ones(5))
+    kin, loose = system.kinematics(), system.with_failures(free=[1]).kinematics()
+    closed = ConstrainedSystem(J_T, rng.normal(size=(2, 5)), [0, 1, 2]).kinematics()
+    steady = closed.hierarchy([Task([0]), Task.joints()])
+    levels = [Task([0]), Task([1, 2], interval=True)]
+    hierarchy = kin.hierarchy(levels, rate_limits=(-1.0, 1.0))
+    ticked = {"J_T": J_T, "J_C": closed.system.J_C, "targets": np.ones(4)}
+    ticked |= {"velocity_limits": (-np.ones(5), np.ones(5)), "error_bound": 0.0}
+    weighed: dict[str, Any] = {"joint_weight": np.ones(4), "secondary_weight": np.ones(1)}
+    forced: dict[str, Any] = {"torque_weight": np.ones(4), "secondary_weight": np.ones(1)}
+    one = velocity_mapping(J, [0, 1], **weighed)
+    within = velocity_mapping(J, [0, 1], rate_limits=(-np.ones(4), 0.2))
+    force = force_mapping(J, [0, 1], **forced)
+    held = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
+
+    def limits(n: int) -> np.ndarray:
+        return rng.random((2, n)) - [[1], [0]]
+
+    def met(tick: Tick) -> dict[str, Any]:
+        found = tick(**ticked)
+        return {} if found is None else {"velocities": found}
+
+    no_limits: dict[str, Any] = {"rate_limits": ..., "rate_rows": ..., "when_limited": ...}
+    no_forces: dict[str, Any] = {"torque_limits": ..., "torque_rows": ..., "force_rows": ...}
+    no_forces |= {"when_limited": ...}
+    rows, rows_3 = (J[:1], -1.0, 1.0), (np.ones((1, 3)), -1.0, 1.0)
+    three = {"joint_weight": np.ones(3), "torque_weight": np.ones(3), "secondary": [1, 2]}
+    three |= {"major": [0], "secondary_weight": np.ones(2), "major_metric": np.ones(1)}
+    three |= {"tie_metric": np.ones(3)}
+
+    def box(**more: Any) -> dict[str, Any]:
+        """A velocity mapping of a secondary task within limits."""
+        return {"secondary": [2], "secondary_weight": np.ones(1)} | more
+
+    good = {
+        **{"J": J, "major": [0, 1], "secondary": [2], "damping": 0.1, "scale": 3.0},
+        **{"joint_weight": np.ones(4), "torque_weight": np.ones(4), "tie_metric": np.ones(4)},
+        **{"secondary_weight": np.ones(1), "major_metric": np.ones(2), "rank_tolerance": 1e-10},
+        **{"active_constraint": rng.normal(size=(1, 4)), "self_motion": rng.normal(size=(3, 1))},
+        **{"v_major": np.ones(2), "joint_velocity": np.ones(4), "secondary_velocity": np.ones(1)},
+        **{"f_major": np.ones(2), "torque": np.ones(4), "secondary_force": np.ones(1), "J_T": J_T},
+        **{"J_C": J_C, "active": [0, 1, 2], "stiffness": np.ones(5), "failures": Failures()},
+        **{"names": Names(tuple("abcde"), (("m",),) * 3), "accuracy": None},
+        **{"geometry_accuracy": 1e-9, "mechanism": sprung, "springs": True, "system": system},
+        **{"locked": [0], "free": [1], "locked_passive": [4], "passive_metric": np.eye(5)},
+        **{"rates": np.ones(2), "f": np.ones(3), "torques": np.ones(2), "direction": np.ones(2)},
+        **{"codes": np.zeros((2, 3)), "row": 1, "kinematics": kin, "basis": np.eye(3)[:, :2]},
+        **{"position": np.zeros(3), "rate": np.ones(3), "period_s": 0.1, "most_steps": 100},
+        **{"position_limits": (-np.ones(3), 1.0), "acceleration_limits": (-3.0, 4.0)},
+        **{"levels": levels, "lower": -np.ones(4), "upper": np.ones(4)},
+        **{"rows": rng.normal(size=(2, 4)), "rows_lower": -np.ones(2), "rows_upper": np.ones(2)},
+        **{"start": None, "weight": np.ones(2), "interval": False},
+        **{"targets": [np.ones(1), np.ones((2, 2))], "rate_limits": limits(3)},
+        **{"torque_limits": limits(3), "rate_rows": rows_3, "torque_rows": rows_3},
+        **{"force_rows": (J_T[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
+    }
+    special: dict[str, dict[str, Any]] = {
+        "velocity_mapping": no_limits,
+        "velocity_mapping undamped": box(joint_weight=np.ones(4)),
+        "velocity_mapping of directions": {"major": J[:1, :3], "secondary": J[1:, :3]}
+        | {"joint_weight": np.eye(4)},
+        "velocity_mapping of joints alone": {"major": [0], "joint_weight": np.ones(4)},
+        "velocity_mapping of a batch": {"J": batch, "joint_weight": np.stack([np.eye(4)] * 2)}
+        | {"scale": 3.0},
+        "velocity_mapping within limits": box(joint_weight=np.ones(4), rate_limits=limits(4))
+        | {"rate_rows": rows, "when_limited": "scaled"},
+        "velocity_mapping within a box": box(rate_limits=(-0.1 * np.ones(4), 0.1 * np.ones(4))),
+        "VelocityMapping.__call__ of a batch": {"joint_velocity": np.ones(4)}
+        | {"self": velocity_mapping(batch, [0, 1], **weighed), "secondary_velocity": np.ones(1)},
+        "VelocityMapping.at": {"self": kin.velocity_mapping([0])},
+        "VelocityMapping.solve": {"self": within, "start": within.solve(np.ones(2))},
+        "VelocityMapping.within": {"self": within, "rate_limits": (-np.ones(4), 0.2)},
+        "force_mapping": no_forces,
+        "force_mapping of a batch": {"J": batch, "torque_weight": np.stack([np.eye(4)] * 2)}
+        | {"scale": 3.0},
+        "force_mapping within limits": box(torque_weight=np.ones(4), torque_limits=limits(4))
+        | {"torque_rows": rows, "force_rows": (J[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
+        "ForceMapping.solve": {"self": held, "start": held.solve(np.ones(2))},
+        "ConstrainedSystem": {"geometry_accuracy": ..., "accuracy": ...},
+        "ConstrainedSystem of a model": {"geometry_accuracy": 1e-9, "names": good["names"]},
+        "ConstrainedSystem with its accuracy": {"accuracy": None},
+        "ConstrainedSystem.with_failures": {"self": sprung},
+        "ConstrainedSystem.postures": {"J_T": many_J_T, "J_C": many_J_C},
+        "ConstrainedSystem.kinematics": {"self": system.with_failures(free=[0, 1, 2])},
+        "Postures.passive_rates": {"rates": np.ones((2, 3))},
+        "Postures.velocities": {"rates": np.ones((2, 3))},
+        "Postures.velocity_mapping": {"joint_weight": np.ones(3), "damping": ...},
+        "Kinematics.expand": {"self": kin, "rates": np.ones(3)},
+        "Kinematics.manipulability": {"self": kin, "major": J[:1, :3]},
+        "Kinematics.velocity_mapping": three | no_limits | {"damping": 0.0},
+        "Kinematics.velocity_mapping within limits": {"major": [0], "rate_limits": limits(3)}
+        | {"rate_rows": rows_3, "when_limited": "scaled"},
+        "Kinematics.force_mapping": three | no_forces,
+        "Kinematics.force_mapping within limits": {"major": [0], "torque_limits": limits(3)}
+        | {"torque_rows": rows_3, "force_rows": good["force_rows"], "when_limited": "scaled"},
+        "Kinematics.attainable": {"major": [0]},
+        "Kinematics.attainable of directions": {"self": kin, "major": J[:2, :3]}
+        | {"rate_limits": (-1.0, 2.0)},
+        "Kinematics.attainable_force": {"major": [0]},
+        "Kinematics.hierarchy": {"tie_metric": np.ones(3)},
+        "Hierarchy.tick": {"self": steady, "kinematics": closed},
+        "Tick.__call__": ticked,
+        "Task": {"rows": J[:2, :3], "weight": np.ones(2)},
+        "Task.joints": {"weight": np.ones(3)},
+        "failure_atlas": {"major": [0], "secondary": [1, 2]}
+        | {"rate_limits": ..., "torque_limits": ...},
+        "failure_atlas with limits": {"system": sprung, "major": [0], "codes": np.zeros((2, 3))}
+        | {"rate_limits": limits(3), "torque_limits": limits(3)},
+        "failure_atlas of springs": {"system": sprung, "major": [0], "secondary": [1, 2]},
+        "viable_rates": {"rate_limits": (-2.0, 2 * np.ones(3))},
+        "viable_rates of arrays": {name: limits(3) for name in good if name.endswith("n_limits")}
+        | {"rate_limits": limits(3)},
+        "lexicographic_least_squares": {"levels": [(J, np.ones(3))]},
+        "one_level": {"levels": J, "lower": np.ones(3)},
+        "one_target": {"targets": np.ones(1)},
+    }
+    of = {"VelocityMapping": one, "ForceMapping": force, "Kinematics": loose}
+    of |= {"Tick": steady.tick(closed), "FailureAtlas": failure_atlas(system, [0])}
+    of |= {"Postures": system.postures(many_J_T, many_J_C), "ConstrainedSystem": system}
+    of |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
+    uses = {
+        **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": reach},
+        **{"Postures": reached, "Tick": met, "HierarchySolution": solution},
+        **{"ConstrainedSystem": lambda made: mechanism(made.kinematics()), "Kinematics": mechanism},
+        **{"Task": lambda task: solution(kin.hierarchy([task]).solve([None]))},
+        **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), solution),
+        "Hierarchy": lambda asked: solution(asked.solve(good["targets"])),
+    }
+    ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
+    return Room(
+        found=FOUND,
+        good=good,
+        special=special,
+        of=of,
+        uses=uses,
+        ranges=ranges,
+        unbounded=("gap", "worst_gain", "worst_speed", "worst_force"),
+        spared={"failure_atlas with limits": ["major"]},  # without a task scipy refuses it
+    )
+
+
+@pytest.mark.parametrize("pairs", PAIRS)
+@pytest.mark.parametrize("name", FOUND)
+def test_a_hostile_argument_is_named_or_harmless(name, pairs):
+    room().attack(name, pairs=pairs)
+
+
+@examples(1000)
+@given(st.data())
+def test_so_are_two_of_them(data):
+    room().attack_two(data)
