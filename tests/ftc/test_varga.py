@@ -35,8 +35,8 @@ from tests.aircraft import (
     output_distance,
     sampled,
 )
-from tests.cart_runs import outputs_of, sample_of
-from tests.spectra import spectrum_of
+from tests.ftc.carts import outputs_of, sample_of
+from tests.ftc.spectra import spectrum_of
 
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
 PLANT = sampled()[:, :2]
