@@ -253,6 +253,7 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
         for name, array, same in zip(ARRAYS, then, other, strict=True):
             np.testing.assert_array_equal(getattr(state, name), array)
             np.testing.assert_array_equal(same, array)
+    state = kept[-1][0]
     after = changed(state, samples=7, gain=0.5)
     assert type(after) is Evidence and vars(after) == vars(replace(state, samples=7, gain=0.5))
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
@@ -287,8 +288,8 @@ def arms():
     return model, jacobians(model, data, site="payload", axes="base"), linearize(model, data)
 
 
-def arms_mapping(goal: Goal = TWELVE, **changed: np.ndarray) -> PrioritizedMapping:
-    own = {name: getattr(arms()[1], name) for name in ("J_T", "J_C", "active")}
+def arms_mapping(goal: Goal = TWELVE, **changed: Any) -> PrioritizedMapping:
+    own: dict[str, Any] = {name: getattr(arms()[1], name) for name in ("J_T", "J_C", "active")}
     system = ConstrainedSystem(**(own | changed))
     return PrioritizedMapping(LocalGeometry(system), goal, LOAD, ORIENTATION)
 
@@ -350,14 +351,14 @@ def is_as_predicted(position_m: np.ndarray) -> bool:
     error = np.linalg.norm(REFERENCE[ticks] - position_m)
     off = np.linalg.norm(position_m - predicted_m()[ticks])
     lag = np.linalg.norm(REFERENCE[ticks] - predicted_m()[ticks])
-    return off < 0.03 * lag and error < 0.5 * np.linalg.norm(REFERENCE[ticks])
+    return bool(off < 0.03 * lag) and bool(error < 0.5 * np.linalg.norm(REFERENCE[ticks]))
 
 
 def test_the_load_follows_as_the_linear_model_predicts_and_with_a_wrong_mapping_does_not():
     assert is_as_predicted(healthy()[0])
     J, columns = arms()[1], np.arange(arms()[1].J_T.shape[1])
     columns[J.active[[0, 2]]] = J.active[[2, 0]]
-    wrong = [{"J_T": J.J_T[:, columns], "J_C": J.J_C[:, columns]}]
+    wrong: list[dict[str, Any]] = [{"J_T": J.J_T[:, columns], "J_C": J.J_C[:, columns]}]
     for factor in (-1.0, 0.8):
         wrong.append({"J_T": J.J_T * np.where(np.arange(6) == 3, factor, 1.0)[:, None]})
     for changed in wrong:

@@ -24,7 +24,9 @@ def concluded(record: Record, onsets=ONSETS, bank: HypothesisBank | None = None)
     return evidence, verdict_of(bank, evidence, len(record.y) - 1)
 
 
-def failed_state(nominal: NominalModel, fault: Fault, record: Record, onset: int, nudge=0.0):
+def failed_state(
+    nominal: NominalModel, fault: Fault, record: Record, onset: int, nudge: np.ndarray | float = 0.0
+):
     """By the model, after all samples, and where it began at the onset."""
     sent, cut = np.repeat(record.u, record.ticks, axis=0), onset * record.ticks
     after = fault_model(nominal, [fault])

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
@@ -130,16 +131,6 @@ def test_onsets_are_looked_for_as_far_back_as_stated_and_less_densely_there():
     np.testing.assert_allclose(grown, np.eye(3), atol=1e-9)
 
 
-def test_the_filter_of_the_spectrum_is_made_anew_every_fiftieth_sample():
-    states = judged(lambda sample: UNSURE, 160, shock=1000)
-    filters = [states[sample].observer.whitening for sample in (120, 148, 149, 159)]
-    np.testing.assert_array_equal(filters[0], filters[1])
-    assert not np.allclose(filters[1], filters[2])
-    made = usual().observer.with_spectrum(states[149].observer).whitening
-    np.testing.assert_array_equal(filters[2], made)
-    np.testing.assert_array_equal(filters[2], filters[3])
-
-
 @pytest.mark.parametrize(("shock", "learned"), [(78, True), (81, False)])
 def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, learned):
     """In the first 0.8 s, of 80 samples; later it is an alarm, and not learned."""
@@ -175,16 +166,6 @@ def test_a_name_is_confirmed_a_second_after_it_was_given(unsure):
     assert first + 100 <= last < first + 105  # judged every 48 ms by now
     found = states[last].diagnosis
     assert found is not None and found.confirmed
-
-
-def test_onsets_that_hardly_matter_are_dropped_when_an_actuator_is_named():
-    """Those whose likelihood is more than e^12 times smaller than the best one's."""
-    steep = replace(LOCKED, best=np.array([0.0, -11.9, -12.1]))
-    states = changes_at(4, UNSURE, steep, SHOCK + 8)
-    before, after = states[SHOCK].evidence, states[min(named(states))].evidence
-    assert before is not None and after is not None
-    kept = np.arange(len(before.onsets)) % 3 < 2
-    np.testing.assert_array_equal(after.onsets, before.onsets[kept])
 
 
 REVISIONS = {
@@ -377,7 +358,8 @@ def names_one(where: str, when: str, seed: int) -> bool:
     def changed(tick: int, signal: np.ndarray) -> np.ndarray:
         return signal + TIMES[when](tick) * most
 
-    states = flown(of_carts(), seed, END, **{where: changed})
+    how: Any = {where: changed}
+    states = flown(of_carts(), seed, END, **how)
     return any(state.diagnosis is not None for state in states)
 
 
@@ -389,14 +371,17 @@ def test_what_no_failure_of_an_actuator_explains_names_none(where, when, seed):
 
 @pytest.mark.long
 @pytest.mark.night
-@pytest.mark.parametrize(("strange", "most"), [*zip(STRANGE, (2, 0, 0, 1, 0, 5), strict=True)])
-def test_in_fifty_flights_what_no_failure_explains_names_none(strange, most):
+@pytest.mark.parametrize(
+    ("where", "when", "most"),
+    [(*each, most) for each, most in zip(STRANGE, (2, 0, 0, 1, 0, 5), strict=True)],
+)
+def test_in_fifty_flights_what_no_failure_explains_names_none(where, when, most):
     """But for two forces of 21 mm: an actuator weak by 0.7 or 0.5, for 1 s, never confirmed.
 
     And for one sensor that jumps, and for a force that hums as the dither and as much, 2.0 to
     2.5 mm: it looks as if an actuator did not follow the dither.
     """
-    assert sum(names_one(*strange, seed) for seed in range(50)) <= most
+    assert sum(names_one(where, when, seed) for seed in range(50)) <= most
 
 
 def named_after_a_bump(seed: int) -> bool:
@@ -443,7 +428,8 @@ def with_event(watch: Monitor, seed: int, name: str) -> list[MonitorState]:
     def changed(tick: int, signal: np.ndarray) -> np.ndarray:
         return signal if tick < BEGIN else event(since(tick), signal)
 
-    return flown(watch, seed, END, **{where: changed})
+    how: Any = {where: changed}
+    return flown(watch, seed, END, **how)
 
 
 @pytest.mark.parametrize("seed", range(3))
