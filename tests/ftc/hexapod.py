@@ -8,9 +8,10 @@ import numpy as np
 
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR
-from fjh.rig.hexapod.controller import controller_for
+from fjh.rig.hexapod.controller import controller_for, nominal_loops
 from fjh.rig.hexapod.fault_tolerance import HEAVE
 from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc import Goal, Measurement, PrioritizedController, Supervisor
 from ftc.control import DisplacementForm
 from ftc.fdi import Diagnosis, Dither, Fault
@@ -20,7 +21,7 @@ EQUAL = Goal(joint_weight=(1.0,) * 6)
 DESIRED = np.array([6e-5, -3e-5])
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
 LSB_PERCENT = 100 / 2**15
-FADE = 500
+FADE = 100
 """Ticks of a handover."""
 
 
@@ -43,8 +44,14 @@ def _supervisor(dither: Dither | None) -> Supervisor:
     return hexapod_rig().supervisor(dither)
 
 
+@cache
+def testbed() -> Testbed:
+    bench, model = replace(TestbedConfig(), handover_s=0.1), hexapod_rig().model
+    return Testbed(model, bench, nominal_loops(model, bench))
+
+
 def controller(goal: Goal, form: DisplacementForm = "absolute") -> PrioritizedController[Any]:
-    return controller_for(hexapod_rig().control.testbed, goal, jacobian="constant", form=form)
+    return controller_for(testbed(), goal, jacobian="constant", form=form)
 
 
 def reading(output: np.ndarray) -> Measurement:

@@ -77,11 +77,12 @@ def test_what_is_left_of_the_former_mapping_fades_without_moving_the_task(name):
         return after.drives.displacements(state.inputs)[survivors]
 
     state = first = steady(after, after.transfer(out()), 1)
-    J_m = jacobian()[np.ix_(MAJOR, survivors)]
+    moved, J_m = [], jacobian()[np.ix_(MAJOR, survivors)]
     for _ in range(FADE):
         state = steady(after, state, 1)
-        # Six struts' last bits, 10 nm each at most, through J_m.
-        np.testing.assert_allclose(J_m @ surviving_m(state), J_m @ surviving_m(first), atol=6e-8)
+        moved.append(surviving_m(state) - surviving_m(first))
+    # Six struts' last bits, 10 nm each at most, through J_m.
+    assert np.abs(moved @ J_m.T).max() < 6e-8
     for later in (state, steady(after, state, FADE)):
         own = after.mapping.displacements(later.asked.demand, later.pose)[survivors]
         np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
@@ -219,7 +220,7 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     first, second = controller(WITHOUT_2), controller(replace(EQUAL, locked_at={2: 0.0, 5: 0.0}))
     acting = np.array([0, 0, 0.3, 0, 0, 0.4])
     state = out()
-    half = steady(first, first.transfer(state, acting=acting), FADE // 2)
+    half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
     kept = steady(second, second.transfer(half, keeps=ALL), 2 * FADE)
     states = [half, kept, steady(second, second.transfer(kept, acting=acting), FADE + 2)]
     left = np.where(acting, acting, 1.0)

@@ -45,7 +45,7 @@ def drawn(rng: np.random.Generator, n: int) -> Fault:
     return Fault(actuator, "weak", min(1 - lost, 1.0))
 
 
-@pytest.mark.parametrize("noise", [2e-3, 6e-3])
+@pytest.mark.parametrize("noise", [2e-3, pytest.param(6e-3, marks=pytest.mark.long)])
 def test_confidence_is_what_it_says(noise):
     """As many verdicts are right as they claim: any actuator, kind, or no failure.
 

@@ -20,7 +20,7 @@ from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.fault_model import resting_displacements, static_gain
 from ftc.fdi.observer import Parameters
-from ftc.fdi.uncertainty import TYPICAL, uncertain_model
+from ftc.fdi.uncertainty import uncertain_model
 from ftc.reconfiguration import used_share
 from sim import MODELS, Failure, LinearPlant, Plant, assemble, linearize, load_model
 from sim.plant import failed_plant
@@ -400,16 +400,6 @@ def test_friction_of_at_most_the_stated_size_is_no_failure_and_hides_none(seed):
     found = diagnosed(seed, Fault(0, "locked"))
     assert found is not None
     assert found.fault.actuator == 0
-
-
-def test_without_friction_there_is_nothing_of_it():
-    """Models, banks and parameters are as they were."""
-    nominal = ServoCarts.random(3, 0).nominal()
-    assert fault_model(nominal).rubbing is None
-    bank = hypothesis_bank(nominal, uncertainty=TYPICAL)
-    assert bank.models.rubbing is None
-    for each in (bank.believed, hypothesis_bank(rubbing_carts(0), uncertainty=CERTAIN).believed):
-        assert each.first_limit == len(each.M)
 
 
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])

@@ -157,17 +157,6 @@ def test_none_is_named_before_a_period_of_the_dither_however_certain_it_seems():
     assert SHOCK + 20 <= min(named(states)) < SHOCK + 22
 
 
-@pytest.mark.parametrize("unsure", [0, 40])
-def test_a_name_is_confirmed_a_second_after_it_was_given(unsure):
-    """The time begins when an actuator is named, not at the alarm."""
-    states = changes_at(unsure, UNSURE, LOCKED)
-    first, last = min(named(states)), max(states)
-    assert SHOCK + unsure <= first < SHOCK + unsure + 2
-    assert first + 100 <= last < first + 105  # judged every 48 ms by now
-    found = states[last].diagnosis
-    assert found is not None and found.confirmed
-
-
 REVISIONS = {
     "actuator": (LOCKED, verdict(Fault(1, "locked"), kind=0.5), True),
     "kind unsure": (LOCKED, verdict(Fault(2, "free"), kind=0.9), False),
@@ -463,7 +452,7 @@ def at_rate(rate: str, seed: int, fault: Fault | None, duration_s: float) -> lis
     return flown(monitor(nominal, config=config), seed, ticks, fault=fault, fails=fails)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("fault", [Fault(1, "locked"), Fault(2, "free")])
 def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault, seed):
     """An alarm within a tenth of a second; a name a period of the dither later; then a second.
@@ -485,7 +474,7 @@ def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault
     assert min(alarms_s) >= 0 and max(alarms_s) < min(alarms_s) + 0.1
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("rate", PERIODS_S)
 def test_a_healthy_plant_raises_no_alarm_at_any_rate(rate, seed):
     """Half a second of residuals; an autoregression of as many coefficients, of as many samples."""
@@ -531,9 +520,8 @@ def hexapod_flight(seed: int, fault: Fault | None, duration_s: float = 1.9, unit
     return watched(monitor(seen, config=config), unit * y, late)
 
 
-SHORT = [(0, "free"), (1, "weak"), (4, "locked")]
 EACH = [
-    pytest.param(strut, kind, marks=[] if (strut, kind) in SHORT else pytest.mark.long)
+    pytest.param(strut, kind, marks=[] if (strut, kind) == (1, "weak") else pytest.mark.long)
     for strut in range(6)
     for kind in KINDS
 ]

@@ -159,13 +159,6 @@ def test_what_the_motion_shows_is_learned(seed):
     assert off @ np.linalg.solve(covariance, off) < 20
 
 
-def test_at_rest_no_gain_is_learned():
-    watch = cart_observer(replace(CERTAIN, gain=0.05))
-    state = watched(watch, np.ones((100, 2)), np.zeros((100, 2)))[-1]
-    np.testing.assert_allclose(state.parameters.covariance[:2, :2], np.eye(2))
-    np.testing.assert_array_equal(state.parameters.mean[:2], 0.0)
-
-
 def strongest(left: np.ndarray, u: np.ndarray) -> np.ndarray:
     """The most that cart 0, believed weak by half, may have of its force, while it has `left`."""
     weak = Fault(0, "weak", 0.5)
@@ -299,17 +292,6 @@ def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     assert np.abs(innovations).max() < 6.0
 
 
-def test_errors_lie_within_their_covariance():
-    """The squared distance of the estimate from the truth is a chi-square variable, on average."""
-    distances = []
-    for seed in range(200):
-        regressors, white, true = measurements(seed, 30)
-        found, _ = tracked(regressors, white)
-        wrong = found.mean - true
-        distances.append(wrong @ np.linalg.solve(found.covariance, wrong))
-    assert np.mean(distances) == pytest.approx(J + P, abs=4 * np.sqrt(2 * (J + P) / 200))
-
-
 @pytest.mark.parametrize("drift", [STEADY, replace(STEADY, drift_rate=2.0, offset_rate=10.0)])
 def test_innovations_are_white_of_unit_variance(drift):
     """Also of parameters that drift: the rate is a deviation after a second, of each."""
@@ -355,24 +337,6 @@ def test_what_the_motion_does_not_show_keeps_its_prior(seed):
     assert abs(found.mean @ direction) < 1e-9
     shown = np.linalg.eigvalsh(found.covariance[:J, :J])
     assert shown[-1] == pytest.approx(1.0) and shown[-2] < 1.0
-
-
-def test_an_innovation_is_measured_in_the_deviation_that_the_uncertainty_gives_it():
-    """The threshold grows with the motion: S = 1 + h^2 for one parameter of variance one."""
-    one, watch = Parameters.prior(1, 1, CERTAIN), without_states(1, 1, CERTAIN)
-    for h in (0.0, 1.0, 10.0):
-        _, found = updated(watch, one, np.array([5.0]), np.array([[h]]))
-        assert found == pytest.approx(5.0 / np.sqrt(1 + h**2))
-
-
-def test_offsets_walk_at_their_rate_and_errors_at_theirs():
-    """Variance grows with time."""
-    rates = replace(STEADY, drift_rate=0.2, offset_rate=0.7)
-    prior = Parameters.prior(J, P, STEADY)
-    later = prior.spread(without_states(J, P, rates).drift(4.0))
-    grown = np.diag(later.covariance - prior.covariance)
-    np.testing.assert_allclose(grown, [0.2**2 * 4] * J + [0.7**2 * 4] * P)
-    np.testing.assert_array_equal(later.mean, prior.mean)
 
 
 # Spectra of residuals, and the filters that whiten them.
@@ -578,23 +542,3 @@ def test_a_lock_in_alarms_where_its_mean_square_projection_exceeds_the_threshold
     swing = np.sin(2 * np.pi * DITHER_HZ * TICK_S * np.arange(LONGEST))[:, None]
     assert watch.alarm(1.02 * least * swing) == LONGEST
     assert watch.alarm(0.95 * least * swing) == 0
-
-
-@dithers
-def test_old_residuals_are_forgotten(dither_hz):
-    watch = ResidualTest(2, 0.01, TICK_S, dither_hz)
-    found = alarms(watch, np.vstack([np.full((5, 2), 100.0), np.zeros((LONGEST, 2))]))
-    assert (found > 0).tolist() == [True] * (LONGEST + 4) + [False]
-
-
-@pytest.mark.parametrize("hz", [1.5, 5.0, 10.0, 20.0])
-def test_cosine_and_sine_of_a_demodulated_mean_are_nearly_independent(hz):
-    """Else their squares are large together, and the stated rate of false alarms is exceeded."""
-    test = ResidualTest(2, 0.01, TICK_S, hz)
-    assert test.swing is not None
-    for M in test.windows:
-        if test.demodulated <= M:
-            swing = test.swing[:M]
-            assert np.linalg.eigvalsh(swing.T @ swing * 2 / M)[-1] < 1.25
-    shorter = test.swing[: test.demodulated // 2]
-    assert np.linalg.eigvalsh(shorter.T @ shorter * 2 / len(shorter))[-1] > 1.25

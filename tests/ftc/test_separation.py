@@ -27,7 +27,7 @@ from ftc.fdi import (
     separation,
     separations,
 )
-from ftc.fdi.bank import hypothesis_bank
+from ftc.fdi.bank import HypothesisBank, hypothesis_bank
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.separation import ALIKE, distances
 from ftc.fdi.uncertainty import TYPICAL
@@ -84,6 +84,7 @@ def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -
 NIGHT = [pytest.mark.long, pytest.mark.night]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("row", [0, *(pytest.param(k, marks=NIGHT) for k in (4, 8))])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=NIGHT) for k in (1, 2))])
 @pytest.mark.parametrize(
@@ -388,6 +389,11 @@ EVENTS: dict[str, tuple[Cause, Callable[[np.ndarray, np.ndarray], np.ndarray], f
 }
 
 
+@cache
+def typical_bank() -> HypothesisBank:
+    return hypothesis_bank(angles(), (), TYPICAL, 4)
+
+
 @pytest.mark.parametrize("event", EVENTS)
 def test_what_is_no_failure_is_far_from_every_failure(event):
     """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
@@ -395,7 +401,7 @@ def test_what_is_no_failure_is_far_from_every_failure(event):
     until, nominal = ONSET + 200, angles()
     since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
     commanded = dithered(until)[1]
-    healthy, bank = fault_model(nominal), hypothesis_bank(nominal, (), TYPICAL, 4)
+    healthy, bank = fault_model(nominal), typical_bank()
     moved = healthy.states(commands(since_s, commanded))[:-1] @ healthy.C.T
     outputs = moved * np.where(since_s < 0, 1.0, scale)
     period = nominal.period_s, 4

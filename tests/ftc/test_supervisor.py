@@ -16,7 +16,6 @@ from sim import Failure
 from tests.ftc.hexapod import (
     DESIRED,
     DITHER,
-    FADE,
     LSB_PERCENT,
     Script,
     diagnosis,
@@ -27,6 +26,9 @@ from tests.ftc.hexapod import (
 )
 
 # Under a monitor that says what it is told to.
+
+FADE = 500
+"""Ticks of a handover."""
 
 
 def goal_of(state) -> Goal:

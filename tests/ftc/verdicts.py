@@ -58,6 +58,22 @@ UNSURE = replace(LOCKED, actuator_confidence=0.9)
 MISFIT = replace(LOCKED, inflation=31.0, unexplained=0.02)
 
 
+@cache
+def noise(ticks: int) -> np.ndarray:
+    return np.random.default_rng(0).standard_normal((ticks, 3))
+
+
+@cache
+def quiet(samples: int, offset: float, dither_hz: float | None) -> tuple[Monitor, list]:
+    """A monitor, and its states at the ticks of so many samples of noise alone."""
+    watch = replace(usual(), config=replace(CONFIG, dither_hz=dither_hz))
+    own = {each.name: getattr(usual().bank, each.name) for each in fields(HypothesisBank)}
+    vars(watch)["bank"], states = Guarded(**own), [watch.start()]
+    for y in noise(TICKS * samples):
+        states.append(watch.step(states[-1], watch.nominal.noise * (y + offset), np.zeros(3)))
+    return watch, states
+
+
 def judged(
     says: Callable[[int], Verdict],
     samples: int = 360,
@@ -66,17 +82,16 @@ def judged(
     dither_hz: float | None = None,
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
-    watch = replace(usual(), config=replace(CONFIG, dither_hz=dither_hz))
-    own = {each.name: getattr(usual().bank, each.name) for each in fields(HypothesisBank)}
-    vars(watch)["bank"] = Guarded(**own)
-    rng, state, states = np.random.default_rng(0), watch.start(), {}
+    watch, before = quiet(min(samples, shock), offset, dither_hz)
+    states = {tick // TICKS - 1: before[tick + 1] for tick in range(TICKS, len(before) - 1, TICKS)}
+    state = before[-1]
 
     def said(bank, evidence, sample, *, disturbed):
         """What is given, with as many likelihoods as there are onsets."""
         return replace(says(sample), best=np.resize(says(sample).best, len(evidence.onsets)))
 
-    for tick in range(TICKS * samples + 1):
-        y = rng.standard_normal(3) + 50.0 * (tick // TICKS == shock) + offset
+    for tick in range(len(before) - 1, TICKS * samples + 1):
+        y = noise(TICKS * samples + 1)[tick] + 50.0 * (tick // TICKS == shock) + offset
         with patch("ftc.fdi.monitor.verdict", said):
             state = watch.step(state, watch.nominal.noise * y, np.zeros(3))
         if tick and tick % TICKS == 0:
