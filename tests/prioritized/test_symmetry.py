@@ -53,6 +53,13 @@ def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, asked):
         np.testing.assert_array_equal(bounded.active, [1, 1, 1])
 
 
+def test_a_limit_of_zero_holds_what_stands():
+    found = velocity_mapping(np.eye(2), [0], rate_limits=([-1, 0], [1, 5])).solve([1e-3])
+    np.testing.assert_array_equal(found.active_limits, [0, -1])
+    free = velocity_mapping(np.eye(2), [0], rate_limits=(-1e6, 1e6)).solve([1e-3])
+    np.testing.assert_array_equal(free.active_limits, [0, 0])
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_a_task_that_nothing_holds_back_is_whole(seed):
     """A warm start may leave it short by a bit."""
