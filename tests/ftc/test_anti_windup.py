@@ -101,7 +101,7 @@ def test_the_circle_margin_of_a_gain_behind_a_tick_is_one_minus_the_gain(gain):
 
 
 @pytest.mark.parametrize("anti_windup", [True, False])
-def test_the_circle_margin_of_an_integrator_behind_a_tick_is_the_one_on_paper(anti_windup):
+def test_the_circle_margin_of_an_integrator_is_the_one_on_paper(anti_windup):
     """I + H = (z - 1 + b c / z) / (z - 1 + c L), with L = 0 for an integrator that winds up."""
     b_c, c_L = 5.0 * PERIOD_S, 5.0 * tracking_gain(INTEGRATOR)[0] * anti_windup
     z = np.exp(1j * np.pi * np.geomspace(2e-4, 0.998, 100000))

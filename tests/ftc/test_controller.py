@@ -115,7 +115,7 @@ def test_a_handover_of_a_handover_owes_both_and_the_dither_goes_through():
     assert np.abs(then.inputs - state.inputs).max() <= 1.5 * LSB_PERCENT
 
 
-def test_what_a_free_actuator_is_about_to_lose_the_others_make_up_for_at_once():
+def test_the_others_make_up_at_once_for_what_a_free_actuator_loses():
     after, state = controller(WITHOUT_2), out()
     commanded_m = after.drives.displacements(state.inputs)
     lost = np.where(np.arange(6) == 2, commanded_m, 0.0)
@@ -237,7 +237,7 @@ def tied_pilot(system: ConstrainedSystem, goal: Goal, *form) -> PrioritizedContr
 
 
 @pytest.mark.parametrize("form", ["absolute", "incremental"])
-def test_what_no_motion_follows_fades_once_whatever_is_transferred_meanwhile(form):
+def test_what_no_motion_follows_fades_once(form):
     """Of actuators tied by a loop: a second handover, half way, continues the first one."""
     tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
     pilot = tied_pilot(tied, Goal((1.0,) * 3), form)
@@ -355,7 +355,7 @@ def is_as_predicted(position_m: np.ndarray) -> bool:
     return bool(off < 0.03 * lag) and bool(error < 0.5 * np.linalg.norm(REFERENCE[ticks]))
 
 
-def test_the_load_follows_as_the_linear_model_predicts_and_with_a_wrong_mapping_does_not():
+def test_the_load_follows_as_predicted_and_with_a_wrong_mapping_does_not():
     assert is_as_predicted(healthy()[0])
     J, columns = arms()[1], np.arange(arms()[1].J_T.shape[1])
     columns[J.active[[0, 2]]] = J.active[[2, 0]]
@@ -377,7 +377,7 @@ def test_the_stepped_loop_is_the_linear_one_of_python_control():
     np.testing.assert_allclose(predicted_m(), expected, rtol=1e-8, atol=1e-14)
 
 
-def test_the_compensators_have_the_crossover_asked_for_and_margins_measured_apart():
+def test_compensators_have_the_crossover_asked_for_and_margins():
     for row, one in enumerate(loops()):
         found = margins(control.c2d(channel(row), PERIOD_S, "zoh") * one.discrete)
         assert found.crossover_hz == pytest.approx(SHAPE.crossover_hz, rel=1e-3)

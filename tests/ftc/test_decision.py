@@ -140,7 +140,7 @@ def test_what_is_left_divides_the_log_likelihoods(seed):
     np.testing.assert_allclose(verdict.best, plain / verdict.inflation)
 
 
-def test_what_is_unexplained_is_the_part_of_the_energy_that_a_failure_leaves():
+def test_what_is_unexplained_is_the_energy_that_a_failure_leaves():
     """Half of what is seen without it, where a square wave adds as much as the lock does."""
     energy = locked(np.zeros((60, 2)))[0].marginal()[0]
     gained = energy[0, 0] - energy[1:-1].min()
@@ -150,7 +150,7 @@ def test_what_is_unexplained_is_the_part_of_the_energy_that_a_failure_leaves():
     assert verdict.unexplained == pytest.approx(0.5, abs=0.12)
 
 
-def test_how_far_a_plant_is_strained_has_nothing_to_do_with_the_zeros_of_sensors():
+def test_strain_has_nothing_to_do_with_the_zeros_of_sensors():
     """Fifty standard deviations of noise off, they ask for no other machine."""
     record = Record.of(carts(3, 3), 2, 4, Fault(1, "weak", 0.4), onset=6)
     bank = hypothesis_bank(carts(3, 3), (), WRONG, 2)

@@ -23,7 +23,7 @@ TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)
 """Reached within the first second."""
 
 
-def test_a_spiral_is_passed_at_constant_speed_either_way_from_where_it_is_told():
+def test_a_spiral_is_passed_at_constant_speed_either_way():
     time_s = np.arange(16000) * 1e-3
     path = spiral(time_s, radius_rad=1e-4, turns=8, duration_s=16.0, exponent=0.5)
     speed = np.linalg.norm(np.diff(path, axis=0), axis=1)[2000:]
@@ -87,7 +87,7 @@ def test_a_limit_that_is_never_reached_changes_nothing():
         np.testing.assert_array_equal(wide, usual)
 
 
-def test_any_fast_linear_loop_gives_139_and_115_percent_whatever_its_compensators(model):
+def test_any_fast_linear_loop_gives_139_and_115_percent(model):
     """Errors (I + G L)^-1 r over (I + L)^-1 r, r circling, random complex L: off by 1 / |L|."""
     G = remaining_gain(model)
     np.testing.assert_allclose(G, [[0.750, -0.144], [-0.144, 0.917]], atol=1e-3)

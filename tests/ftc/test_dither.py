@@ -53,7 +53,7 @@ def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
 
 
 @servos
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, servo):
     """It can be ignored; with an uncertain model, too."""
     nominal, dither = mechanism(seed, servo=servo), random_dither(seed)

@@ -441,7 +441,7 @@ LEFT = st.floats(0.01, 1.0)
 
 @examples(30)
 @given(SEEDS, NUMBERS, LEFT)
-def test_a_coil_against_its_spring_moves_by_the_part_of_its_force_that_is_left(seed, n, left):
+def test_a_coil_against_its_spring_moves_by_the_force_that_is_left(seed, n, left):
     """The spring stays what it was, so that displacement is proportional to force."""
     for k in range(n):
         assert abs(static_share(carts(seed, n), Fault(k, "weak", left)) - left) < 1e-9
@@ -474,7 +474,7 @@ def test_the_more_force_is_left_the_more_a_command_moves(seed, parts):
             assert used_share(nominal, Fault(0, kind)) == 0.0
 
 
-def test_a_mass_that_nothing_holds_is_moved_by_the_part_of_the_force_that_is_left():
+def test_a_mass_that_nothing_holds_is_moved_by_the_force_that_is_left():
     """At rest its response has no limit: the ratio does, at frequencies that go to zero."""
     plant = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [3.0]], [[1.0, 0.0]], 0)
     floating = NominalModel(plant, np.eye(1, 2), np.ones(1), period_s=2e-3, step_s=1e-3)

@@ -214,7 +214,7 @@ def test_next_to_a_singularity_the_objects_decide():
 
 
 @pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
-def test_the_secondary_gain_is_what_a_reference_moves_without_the_major_task(weights):
+def test_the_secondary_gain_is_what_a_reference_moves(weights):
     """A small reference at the nominal pose moves the commands by the gain, the task not at all."""
     goal = Goal(
         joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,

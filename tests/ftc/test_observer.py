@@ -181,7 +181,7 @@ def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_weak_actuator_has_left_is_followed_and_no_healthy_one_is_driven_harder(seed):
+def test_what_a_weak_actuator_has_left_is_followed(seed):
     """While it fails further, stays, comes back and becomes twice as strong as ever.
 
     Commanded by the inverse of the most that it may have, or as a healthy one, it does at most a
@@ -312,7 +312,7 @@ def test_innovations_are_white_of_unit_variance(drift):
 
 
 @pytest.mark.parametrize("which", [0, J - 1, J])
-def test_a_parameter_that_drifts_is_followed_and_one_that_is_told_not_to_is_not(which):
+def test_a_parameter_is_followed_if_it_may_drift(which):
     """A ramp of three standard deviations in 20 s."""
     rng = np.random.default_rng(which)
     regressors, white, _ = measurements(which, 2000, np.zeros(J + P))
@@ -390,7 +390,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
         np.testing.assert_allclose(-weights[1:] / weights[0], expected, rtol=1e-9, atol=1e-11)
 
 
-def test_white_noise_is_left_alone_and_twice_the_disturbance_is_weighed_half():
+def test_white_noise_is_left_alone_and_twice_of_it_weighed_half():
     """But for what 20 000 samples leave uncertain, 1 / sqrt(N)."""
     noise = np.random.default_rng(0).standard_normal((20_000, 3))
     weights = spectrum_of(noise, LAGS).filter()
@@ -401,7 +401,7 @@ def test_white_noise_is_left_alone_and_twice_the_disturbance_is_weighed_half():
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, np.pi])
-def test_what_can_be_predicted_without_error_is_weighed_at_most_a_hundredfold(turn):
+def test_what_can_be_predicted_exactly_is_weighed_a_hundredfold(turn):
     """A constant, and sinusoids: their autocovariances are singular."""
     lags = np.cos(turn * np.arange(LAGS + 1))[:, None]
     weights = Spectrum(0 * lags, lags, 1000).filter()
@@ -535,7 +535,7 @@ def test_a_lock_in_does_not_see_another_frequency(hz):
     assert not alarms(ResidualTest(2, 0.01, TICK_S, DITHER_HZ), wave(hz, 1.2)).any()
 
 
-def test_a_lock_in_alarms_where_its_mean_square_projection_exceeds_the_threshold():
+def test_a_lock_in_alarms_by_its_mean_square_projection():
     """A sinusoid of amplitude a has a demodulated energy of M a^2 / 2."""
     watch = ResidualTest(1, 0.01, TICK_S, DITHER_HZ)
     least = np.sqrt(2 * watch.demodulated_threshold / LONGEST)

@@ -68,7 +68,7 @@ def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
     assert replace(state, watch=replace(state.watch, diagnosis=other)).standing == [locked, other]
 
 
-def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
+def test_what_is_named_is_flown_around_and_what_is_settled_stays():
     """Another strut after it: both are flown around, and the monitor goes on from the first."""
     named = diagnosis(Fault(1, "locked"), 3e-6)
     settled, other = replace(named, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
@@ -90,7 +90,7 @@ def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
     assert (withdrawn.diagnoses, withdrawn.confirmed, after(withdrawn)) == ((named,), (), 0)
 
 
-def test_the_others_make_up_at_once_for_what_a_named_actuator_is_about_to_lose():
+def test_the_others_make_up_at_once_for_what_a_named_one_loses():
     (commanded_m,) = displacements(supervised(None))
     (now_m,) = displacements(supervised(diagnosis(Fault(2, "free"), float(commanded_m[2]))))
     assert now_m[2] == commanded_m[2] and abs(commanded_m[2]) > 1e-6
@@ -110,7 +110,7 @@ def test_the_supervisor_dithers_by_its_own_clock():
         assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == "constant"
 
 
-def test_when_the_task_is_lost_the_commands_stand_until_an_actuator_works_again():
+def test_commands_stand_while_the_task_is_lost():
     """Four locked struts leave nothing to point with: that is confirmed before anything stops."""
     locked = [diagnosis(Fault(k, "locked"), confirmed=True) for k in (0, 3, 1)]
     last = diagnosis(Fault(4, "locked"))
@@ -127,7 +127,7 @@ def test_when_the_task_is_lost_the_commands_stand_until_an_actuator_works_again(
 
 
 @pytest.mark.parametrize(("kind", "keeps"), [("locked", True), ("free", False)])
-def test_one_that_stands_keeps_its_command_for_good_and_one_without_force_loses_it(kind, keeps):
+def test_a_locked_actuator_keeps_its_command_and_a_free_one_loses_it(kind, keeps):
     """So that nothing jumps, whenever the lock opens or the force returns."""
     named = diagnosis(Fault(2, kind), 3e-6)
     says = (None,) * 5 + (named,) * FADE + (replace(named, confirmed=True),) + (None,) * FADE
@@ -138,7 +138,7 @@ def test_one_that_stands_keeps_its_command_for_good_and_one_without_force_loses_
 
 
 @pytest.mark.parametrize("confirmed", [False, True])
-def test_one_that_seems_to_work_again_stays_out_of_use_until_that_is_confirmed(confirmed):
+def test_one_that_works_again_is_used_once_that_is_confirmed(confirmed):
     again = diagnosis(Fault(2, "weak", 1.0))
     last = replace(again, confirmed=True) if confirmed else None
     *_, waits, last = supervised(diagnosis(Fault(2, "free"), confirmed=True), again, last)
@@ -146,7 +146,7 @@ def test_one_that_seems_to_work_again_stays_out_of_use_until_that_is_confirmed(c
     assert bool(last.standing) != confirmed
 
 
-def test_one_out_of_use_gets_a_quarter_of_the_dither_and_none_of_the_posture():
+def test_one_out_of_use_gets_a_quarter_of_the_dither():
     """One that works again is seen by it, and hardly felt before the others know."""
     failed = diagnosis(Fault(2, "free"), confirmed=True)
     about = replace(DITHER, offset=(1e-5,) * 6)
@@ -308,7 +308,7 @@ def after_a_lock():
 
 
 @pytest.mark.parametrize("name", ["same goal", "another goal"])
-def test_a_supervisor_that_takes_over_knows_what_the_former_one_did_and_no_strut_steps(name):
+def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
     """Against the tick that the former one would have done; with a bare mapping they would."""
     pilot, (state, reference, seen) = pilots()[name], after_a_lock()
     transferred = pilot.transfer(state)
@@ -329,7 +329,7 @@ def test_a_supervisor_that_takes_over_knows_what_the_former_one_did_and_no_strut
     assert name == "same goal" or stepped(bare) > 10 * LSB_PERCENT
 
 
-def test_after_a_controller_the_diagnosis_learns_the_machine_anew_and_no_strut_steps():
+def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
     path, pilot, other = rig().path("circle", duration_s=0.3), rig().controller(), pilots()
     run, other = rig().fly(pilot, path), other["another goal"]
     taken_over = other.transfer(run.state)

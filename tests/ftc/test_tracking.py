@@ -82,7 +82,7 @@ def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7():
     assert peak(closed("arm", (0, 1), crossover_hz=0.95 * found)) < LARGEST_PEAK
 
 
-def test_the_loops_stay_stable_after_each_lock_that_leaves_the_task_possible():
+def test_the_loops_stay_stable_after_each_possible_lock():
     """Closed-loop eigenvalues; that of the locked actuator, which stands, is one."""
     tried = 0
     for k in range(7):

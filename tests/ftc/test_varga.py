@@ -209,7 +209,7 @@ def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
     return False
 
 
-def test_a_sound_aircraft_in_process_noise_raises_an_alarm_only_if_that_is_taken_for_white():
+def test_process_noise_raises_an_alarm_only_if_it_is_taken_for_white():
     """Its residuals drift; whitened by the spectrum of another flight they are noise."""
     y, bank = measured(LEFT[0], np.random.default_rng(0), True), input_fault_bank(PLANT, SIGMA)
     assert not names(judged(bank, y, 100, whitening(True)))

@@ -88,14 +88,14 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
 
 
 @pytest.mark.long
-def test_what_a_constant_jacobian_leaves_out_grows_with_the_square_of_the_motion():
+def test_what_a_constant_jacobian_leaves_out_grows_with_the_square():
     """Curvature: ten times the spiral is a hundred times the error, ten times relative to it."""
     small, large = (off("constant", circle(radius)) for radius in (1e-4, 1e-3))
     assert large / small == pytest.approx(10, rel=0.05)
 
 
 @pytest.mark.long
-def test_the_present_jacobian_on_absolute_displacements_errs_as_much_the_other_way():
+def test_the_present_jacobian_on_displacements_errs_the_other_way():
     """L = A_0 x + x'Hx/2 + ...: A_0 leaves the half out, A(x) x counts it twice."""
     path = circle(1e-3)
     gone = {name: follow(variant(name), path) for name in ("constant", "analytic", "relinearized")}
@@ -194,7 +194,7 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     assert loop_gain_error(constant, np.zeros((1, 6))) < 1e-12
 
 
-def test_a_grown_machine_has_longer_strokes_and_stronger_coils_and_is_otherwise_itself():
+def test_a_grown_machine_differs_in_strokes_and_coils_alone():
     testbed = nominal_testbed()
     scaled, model = testbed.scaled(stroke=100, spiral=300), testbed.model
     grown, bench, joints = scaled.model, scaled.bench, testbed.model.actuator_trnid[:6, 0]
