@@ -363,7 +363,7 @@ def test_the_load_follows_as_predicted_and_with_a_wrong_mapping_does_not():
     for factor in (-1.0, 0.8):
         wrong.append({"J_T": J.J_T * np.where(np.arange(6) == 3, factor, 1.0)[:, None]})
     for changed in wrong:
-        assert not is_as_predicted(flown(arms_mapping(**changed), ticks=600)[0])
+        assert not is_as_predicted(flown(arms_mapping(**changed), ticks=400)[0])
 
 
 def test_the_stepped_loop_is_the_linear_one_of_python_control():

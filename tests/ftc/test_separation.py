@@ -302,19 +302,20 @@ def apart(
 
 @pytest.mark.parametrize("strut", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_antipodal_struts_look_alike_without_a_heave(strut):
-    """J_m has opposite columns there, and W_a drives both alike; a heave drives them against it.
-
-    Of the null directions of J_m it matters which: a turn about the line of sight moves both struts
-    of a pair as W_a does.
-    """
+    """J_m has opposite columns there, and W_a drives both alike; a heave drives them against it."""
     lock, opposite = Fault(strut, "locked"), strut + 3
     still, sure = apart(STILL, lock, 500)
     assert still[opposite, 0] < 4 < 40 < sure
     assert np.delete(still, [strut, opposite], axis=0).min() > 40
     shaken, _ = apart(DITHER, lock, 500)
     assert np.delete(shaken, strut, axis=0).min() > 25
-    turn, _ = apart(replace(DITHER, direction=(1.0, -1.0) * 3), lock, 500)
-    assert turn[opposite].min() < 7
+
+
+@pytest.mark.long
+def test_a_turn_about_the_line_of_sight_tells_no_antipodal_struts_apart():
+    """Of the null directions of J_m it matters which: it moves both of a pair as W_a does."""
+    turn, _ = apart(replace(DITHER, direction=(1.0, -1.0) * 3), Fault(0, "locked"), 500)
+    assert turn[3].min() < 7
 
 
 def test_gauges_on_the_struts_tell_all_apart_without_a_dither():

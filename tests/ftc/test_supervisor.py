@@ -211,9 +211,20 @@ def test_the_status_says_what_is_believed_and_done():
     assert "strut3 is locked or free, not yet confirmed" in named.status
     assert "the major task is lost" in replace(confirmed, task_lost=True).status
     assert "expected to cost less" in replace(confirmed, refused=locked).status
-    caused = replace(start, watch=replace(start.watch, causes=(Cause("offset", 3),)))
-    assert "an offset of strut4, which is no failure" in caused.status
     again = Diagnosis.told(Fault(2, "weak", 1.0))
+    works = replace(start.watch, diagnosis=replace(again, confirmed=False))
+    assert "strut3 seems to work again" in replace(confirmed, watch=works).status
+    learns = replace(start, watch=replace(start.watch, relearns=3))
+    assert "learned as part of the machine" in learns.status
+    causes = {
+        None: "something slow",
+        Cause("offset", 3): "an offset of strut4",
+        Cause("supply"): "a change of what all commands do",
+        Cause("scale"): "a change of the sensors' scale",
+    }
+    for cause, words in causes.items():
+        caused = replace(start, watch=replace(start.watch, causes=(cause,)))
+        assert f"explained by {words}, which is no failure" in caused.status
     assert replace(start, confirmed=(locked, again)).status == start.status
 
 
