@@ -1,72 +1,112 @@
-"""The plant with failed actuators, derived from the one without, against MuJoCo and mechanics."""
+"""The plant with failed actuators, derived from the healthy one, against MuJoCo and mechanics."""
 
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import control
+import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 from fjh.rig.hexapod.fault_tolerance import fault_text, nominal_model
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc.fdi import KINDS, Fault, NominalModel, fault_model
-from sim import Failure, LinearPlant, Plant, linearize, load_model
+from ftc import WEAKEST
+from ftc.fdi import CERTAIN, KINDS, Fault, NominalModel, fault_model, monitor, static_share
+from ftc.fdi.bank import hypothesis_bank
+from ftc.fdi.decision import verdict as verdict_of
+from ftc.fdi.fault_model import resting_displacements, static_gain
+from ftc.fdi.observer import Parameters
+from ftc.fdi.uncertainty import uncertain_model
+from ftc.reconfiguration import used_share
+from sim import MODELS, Failure, LinearPlant, Plant, assemble, linearize, load_model
 from sim.plant import failed_plant
-from tests.cart_runs import outputs_of
+from tests import models
+from tests.ftc.carts import ServoCarts, carts, outputs_of, random_walk, sample_of, watched
+from tests.profiles import examples
 
-MODEL, BENCH = load_model(), TestbedConfig()
-ANGLES = nominal_model(MODEL, BENCH)
-GAUGES = nominal_model(MODEL, BENCH, strut_sensors=True)
+kinds = pytest.mark.parametrize("kind", KINDS)
 
-failures = pytest.mark.parametrize("kind", KINDS)
-struts = pytest.mark.parametrize("strut", range(6))
+# The hexapod against MuJoCo.
 
 
-def stepped(plant: LinearPlant) -> tuple[np.ndarray, np.ndarray]:
+@cache
+def hexapod(*, gauges: bool = False) -> NominalModel:
+    return nominal_model(load_model(), TestbedConfig(), strut_sensors=gauges)
+
+
+def stepped(plant: LinearPlant, step_s: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """A and B of a control tick, step by step of the physics, from its continuous model."""
-    h, k = MODEL.opt.timestep, len(plant.A) // 2
+    k = len(plant.A) // 2
     A, B = np.eye(2 * k), np.zeros((2 * k, 6))
-    for _ in range(round(BENCH.control_period_s / h)):
-        A[k:], B[k:] = A[k:] + h * plant.A[k:] @ A, B[k:] + h * (plant.A[k:] @ B + plant.B[k:])
-        A[:k], B[:k] = A[:k] + h * A[k:], B[:k] + h * B[k:]
+    for _ in range(steps):
+        A[k:] = A[k:] + step_s * plant.A[k:] @ A
+        B[k:] = B[k:] + step_s * (plant.A[k:] @ B + plant.B[k:])
+        A[:k], B[:k] = A[:k] + step_s * A[k:], B[:k] + step_s * B[k:]
     return A, B
 
 
-@failures
-@struts
-def test_the_failed_machine_is_that_of_the_failed_simulation(strut, kind):
-    """Derived from the sound machine alone, it moves like MuJoCo's with the strut really failed."""
-    plant = failed_plant(MODEL, [Failure(strut, kind, effectiveness=0.4)])
+@kinds
+@pytest.mark.parametrize("strut", range(6))
+def test_the_failed_machine_is_that_of_the_failed_simulation(strut, kind, model):
+    """Derived from the healthy machine alone, it moves like MuJoCo's with the strut failed."""
+    nominal = hexapod()
+    plant = failed_plant(model, [Failure(strut, kind, effectiveness=0.4)])
     real = linearize(plant.model, plant.data)
-    A, B = stepped(real)
-    sound = Plant(MODEL)
-    machine = fault_model(ANGLES, [Fault(strut, kind, 0.4)])
+    A, B = stepped(real, nominal.step_s, round(nominal.period_s / nominal.step_s))
+    machine, twist = fault_model(nominal, [Fault(strut, kind, 0.4)]), Plant(model).linear().C_twist
     driven = [k for k in range(6) if kind != "locked" or k != strut]  # a lock bears its own coil
     for hz in (0.5, 5.0, 20.0, 35.0):
-        z = np.exp(2j * np.pi * hz * ANGLES.period_s)
-        expected = real.C_twist @ np.linalg.solve(z * np.eye(len(A)) - A, B)[:, driven]
-        found = np.linalg.solve(z * np.eye(12) - machine.A, machine.B)[:, driven]
-        found = linearize(sound.model, sound.data).C_twist @ found
+        z = np.exp(2j * np.pi * hz * nominal.period_s) * np.eye(12)
+        expected = real.C_twist @ np.linalg.solve(z[: len(A), : len(A)] - A, B)[:, driven]
+        found = twist @ np.linalg.solve(z - machine.A, machine.B)[:, driven]
         assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()
 
 
-@struts
+@pytest.mark.parametrize("strut", range(6))
 def test_a_strut_that_locks_stops_and_stays(strut):
     """The impact takes its speed, and never adds energy; afterwards it does not move by a hair."""
-    machine = fault_model(ANGLES, [Fault(strut, "locked")])
-    rng = np.random.default_rng(strut)
-    x = rng.normal(size=12) * 1e-6
-    c = ANGLES.displacement[strut]
+    nominal = hexapod()
+    machine, rng = fault_model(nominal, [Fault(strut, "locked")]), np.random.default_rng(strut)
+    x, c = rng.normal(size=12) * 1e-6, nominal.displacement[strut]
     after = machine.onset @ x
     assert abs(c[:6] @ after[6:]) < 1e-18
     np.testing.assert_array_equal(after[:6], x[:6])
     # A coil pushes along M^-1 c^T, and so does the impact.
-    along = ANGLES.plant.B[6:, strut]
-    change = after[6:] - x[6:]
+    along, change = nominal.plant.B[6:, strut], after[6:] - x[6:]
     np.testing.assert_allclose(change, along * (along @ change) / (along @ along), atol=1e-18)
     stands = c @ after
     for _ in range(2000):
         after = machine.A @ after + machine.B @ (rng.normal(size=6) * 1e-6)
     assert c @ after == pytest.approx(stands, abs=1e-15)
+
+
+def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring(model):
+    """Force and spring gone: the same rates as in MuJoCo's own linearization."""
+    nominal, broken, k = hexapod(), Plant(model), 6
+    healthy = broken.linear()
+    broken.break_loose(4)
+    without = broken.linear()  # about the same pose, which it is about to leave
+    assert nominal.spring is not None and nominal.preload is not None
+    A = nominal.plant.A[k:] + np.outer(nominal.plant.B[k:, 4], nominal.spring[4])
+    # The weight that the spring no longer carries turns with the flexures: 1e-4 of the stiffness.
+    moved = np.linalg.solve(healthy.C_twist[:, :k], without.C_twist[:, :k])  # of their coordinates
+    expected, tiny = moved @ without.A[k:, :k], 2e-4 * np.abs(A).max()
+    np.testing.assert_allclose(A[:, :k] @ moved, expected, atol=tiny)
+    with pytest.raises(ValueError, match="needs a model with its spring"):
+        fault_model(replace(nominal, spring=None), [Fault(4, "loose")])
+
+
+def test_several_sequences_of_commands_at_once_give_what_each_gives():
+    commanded = np.random.default_rng(0).standard_normal((20, 6, 2))
+    model = fault_model(hexapod(gauges=True), [Fault(2, "locked")])
+    together = outputs_of(model, commanded)
+    for c in range(2):
+        alone = outputs_of(model, commanded[..., c])
+        np.testing.assert_allclose(together[..., c], alone, atol=1e-6)
 
 
 def test_a_failure_leaves_one_fault_behind():
@@ -78,65 +118,380 @@ def test_a_failure_leaves_one_fault_behind():
         Fault.of(Failure("strut1", "free"))
 
 
-def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring():
-    """Force and spring gone: the same rates as in MuJoCo's own linearization."""
-    nominal = nominal_model(load_model(), TestbedConfig())
-    broken = Plant(load_model())
-    sound = broken.linear()
-    broken.break_loose(4)
-    without = broken.linear()  # about the same pose, which it is about to leave
-    assert nominal.spring is not None and nominal.preload is not None
-    k = 6
-    A = nominal.plant.A[k:] + np.outer(nominal.plant.B[k:, 4], nominal.spring[4])
-    # The weight that the spring no longer carries turns with the flexures: 1e-4 of the stiffness.
-    moved = np.linalg.solve(sound.C_twist[:, :k], without.C_twist[:, :k])  # of their coordinates
-    np.testing.assert_allclose(
-        A[:, :k] @ moved, moved @ without.A[k:, :k], atol=2e-4 * np.abs(A).max()
-    )
-    with pytest.raises(ValueError, match="needs a model with its spring"):
-        fault_model(replace(nominal, spring=None), [Fault(4, "loose")])
-
-
-def bench_of_springs(n: int = 3) -> NominalModel:
-    """Three carts on springs, pushed by an actuator each; all are measured, in millimetres."""
-    rng = np.random.default_rng(0)
-    mass, coupling = np.diag(rng.uniform(1, 2, n)), rng.normal(size=(n, n))
-    stiffness = 400 * np.eye(n) + 20 * coupling @ coupling.T
-    lower = -np.linalg.solve(mass, np.hstack([stiffness, 0.1 * stiffness]))
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [lower]])
-    B = np.vstack([np.zeros((n, n)), 400 * np.linalg.inv(mass)])
-    displacement = np.eye(n, 2 * n)
-    plant = control.ss(A, B, 1e3 * displacement, 0)
-    return NominalModel(plant, displacement, np.full(n, 0.01), period_s=2e-3, step_s=1e-3)
-
-
-def test_several_sequences_of_commands_at_once_give_what_each_gives():
-    commanded = np.random.default_rng(0).standard_normal((20, 6, 2))
-    model = fault_model(GAUGES, [Fault(2, "locked")])
-    together = outputs_of(model, commanded)
-    for c in range(2):
-        np.testing.assert_allclose(
-            together[..., c], outputs_of(model, commanded[..., c]), atol=1e-6
-        )
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"plant": np.eye(2)}, "plant must be"),
         ({"plant": control.ss(np.eye(6), np.ones((6, 3)), np.ones((3, 6)), 0)}, r"\[q; q_dot\]"),
         ({"displacement": np.zeros((2, 6))}, "displacement must have shape"),
-        ({"noise": np.array([1.0, 0.0, 1.0])}, "noise must be"),
-        ({"period_s": 0.0}, "period_s must be"),
         ({"step_s": 1.0}, "step_s must not exceed period_s"),
     ],
 )
-def test_a_model_of_another_shape_is_refused_by_the_name_of_its_part(change, message):
-    with pytest.raises((ValueError, TypeError), match=message):
-        replace(bench_of_springs(), **change)
+def test_a_model_whose_parts_do_not_fit_together_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(carts(0, n=3), **change)
 
 
-@pytest.mark.parametrize("wrong", [(-1, "locked"), (0, "broken"), (0, "weak", 1.5)])
-def test_a_fault_that_cannot_be_is_refused(wrong):
-    with pytest.raises(ValueError, match=r"^(actuator|kind|effectiveness) must"):
-        Fault(*wrong)
+# Position servos against Newton.
+
+
+@kinds
+@pytest.mark.parametrize("n", [2, 5])
+def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
+    """Onset, load that is no longer held, and the commands after it, to rounding."""
+    plant, sent = ServoCarts.random(n, n), random_walk(n, 400, np.random.default_rng(0))
+    fault = Fault(1, kind, 0.4 * (kind == "weak"))
+    before, after = fault_model(plant.nominal()), fault_model(plant.nominal(), [fault])
+    states = before.states(sent[:100])
+    states = np.vstack([states[:-1], after.states(sent[100:], after.onset @ states[-1])])[:-1]
+    np.testing.assert_allclose(states[:, :n], plant.run(fault, 100, sent), atol=1e-12)
+
+
+def test_a_weak_servo_rests_where_its_forces_balance():
+    """Springs and servos against loads: K x = kp left u + load, as statics has it."""
+    plant, u = ServoCarts.random(3, 4), np.array([1e-3, -2e-3, 5e-4])
+    left = np.array([1.0, 0.4, 1.0])
+    stiffness = plant.springs + np.diag(left * plant.kp)
+    at_rest = np.linalg.solve(stiffness, left * plant.kp * u + (left - 1) * plant.load)
+    found = resting_displacements(plant.nominal(), [Fault(1, "weak", 0.4)], u)
+    assert found is not None
+    np.testing.assert_allclose(found, at_rest, rtol=1e-9)
+
+
+def test_a_load_that_nothing_holds_does_not_rest():
+    """A cart without spring and servo force falls for ever."""
+    nominal = replace(ServoCarts.random(2, 4), springs=np.zeros((2, 2))).nominal()
+    assert resting_displacements(nominal, [Fault(0, "free")], np.zeros(2)) is None
+    assert resting_displacements(nominal, [Fault(0, "weak", 0.1)], np.zeros(2)) is not None
+
+
+def test_failures_of_servos_are_weighed_as_newton_has_them():
+    """Sums of squares of residuals against direct simulations, loads and onsets included."""
+    n, onset = 3, 100
+    plant, rng = ServoCarts.random(n, 1), np.random.default_rng(0)
+    nominal, sent = plant.nominal(), random_walk(n, 300, rng)
+    y = plant.run(Fault(2, "weak", 0.45), onset, sent) / 2e-5 + rng.standard_normal((300, n))
+    bank, prior = hypothesis_bank(nominal), Parameters.prior(0, n, CERTAIN)
+    evidence = bank.start(np.array([onset]), prior, np.zeros((1, 2 * n)), np.zeros((1, 1, n)))
+    before = np.zeros(n)
+    for tick, u in enumerate(sent):
+        v = np.concatenate([u, before, [1.0]])
+        evidence = bank.step(evidence, sample_of(tick, v, y[tick]), 1.0, np.ones((1, n)))
+        before = u
+    for h, fault in enumerate(bank.faults, 1):
+        left = y - plant.run(fault, onset, sent) / 2e-5
+        assert evidence.energy[h, 0] == pytest.approx((left**2).sum(), rel=1e-6)
+    verdict = verdict_of(bank, evidence, 299)
+    assert (verdict.fault.actuator, verdict.fault.kind) == (2, "weak")
+    assert verdict.fault.effectiveness == pytest.approx(0.45, abs=0.02)
+
+
+def delayed(sent: np.ndarray) -> np.ndarray:
+    """Commands that came before each tick."""
+    return np.vstack([0 * sent[:1], sent[:-1]])
+
+
+@kinds
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 8))]
+)
+def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
+    """Masses, springs and servos wrong by some percent, two to five of them loaded.
+
+    Up to the confirmation: in one of these 24 machines, a healthy servo is named after it, because
+    the springs on which a free cart is left are known as little.
+    """
+    n = 2 + seed % 4
+    model, rng = ServoCarts.random(n, seed), np.random.default_rng(seed)
+    wrong = {
+        name: getattr(model, name) * (1 + 0.02 * rng.standard_normal(n))
+        for name in ("mass", "kp", "kv")
+    }
+    plant = replace(model, springs=model.springs * (1 + 0.02 * rng.standard_normal()), **wrong)
+    fault = Fault(int(rng.integers(n)), kind, rng.uniform(0.2, 0.7) * (kind == "weak"))
+    sent = random_walk(n, 900, rng)
+    y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
+    state, named = watched(monitor(model.nominal()), y, delayed(sent))
+    assert named and not state.unexplained
+    first = named[: 1 + next((k for k, each in enumerate(named) if each.confirmed), len(named))]
+    assert {each.fault.actuator for each in first} == {fault.actuator}
+    assert kind in first[-1].kinds
+
+
+def model_of(plant: Plant, noise: float, period_s: float) -> NominalModel:
+    """A plant's linear model to the displacements."""
+    linear = plant.linear()
+    return NominalModel(
+        control.ss(linear.A, linear.B, linear.C_active, 0),
+        linear.C_active,
+        np.full(len(plant.drives), noise),
+        period_s,
+        float(plant.model.opt.timestep),
+        feedback=linear.feedback,
+        holding=linear.holding,
+        implicit_damping=plant.implicit_damping,
+        friction=linear.friction,
+    )
+
+
+@pytest.mark.parametrize(
+    ("integrator", "eulerdamp", "damping", "kv", "implicit"),
+    [
+        ("Euler", "disable", 0.2, 1.0, False),
+        ("Euler", "enable", 4.0, 0.0, True),
+        ("implicitfast", "disable", 0.2, 1.0, True),
+    ],
+)
+def test_dampers_are_stepped_as_the_integrator_steps_them(
+    integrator, eulerdamp, damping, kv, implicit
+):
+    """A commanded jump of a healthy plant, then of one without its servo, to 1 % of the motion."""
+    lifted = models.model(
+        "lifted",
+        ('timestep="1e-4" integrator="Euler"', f'timestep="1e-3" integrator="{integrator}"'),
+        ('eulerdamp="disable"', f'eulerdamp="{eulerdamp}"'),
+        ('damping="0.2"', f'damping="{damping}"'),
+        ('kv="1.0"', f'kv="{kv}"'),
+    )
+    plant = Plant(lifted, base=None, start=assemble(lifted))
+    assert plant.implicit_damping == implicit
+    nominal = model_of(plant, 1.0, period_s=2e-3)
+    x, command = np.zeros(len(nominal.plant.A)), np.array([2e-4, -1e-4])
+    for faults in ([], [Fault(0, "free")]):
+        for _ in range(8):
+            plant.step(command, nominal.period_s)
+            x = fault_model(nominal, faults).step(x, command)
+            moved = plant.displacements()
+            np.testing.assert_allclose(
+                nominal.displacement @ x, moved, atol=0.01 * np.abs(moved).max()
+            )
+        plant.release(0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["locked", "free"])
+@pytest.mark.parametrize("actuator", [0, 3, 6])
+def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
+    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 0.1 s."""
+    arm = load_model(MODELS / "arm.xml")
+    plant, rng, onset = Plant(arm, start=assemble(arm)), np.random.default_rng(actuator), 900
+    nominal = model_of(plant, 1e-5, period_s=1e-3)
+    sent = np.cumsum(2e-5 * rng.standard_normal((onset + 100, 7)), axis=0)
+    y = []
+    for tick, command in enumerate(sent):
+        if tick == onset:
+            Failure(actuator, kind).strike(plant)
+        y.append(plant.displacements() + 1e-5 * rng.standard_normal(7))
+        plant.step(command, nominal.period_s)
+    state, named = watched(monitor(nominal), np.array(y), delayed(sent))
+    assert state.alarm_ticks and state.alarm_ticks[0] > onset
+    assert {each.fault.actuator for each in named} == {actuator}
+    assert kind in named[-1].kinds
+
+
+# Dry friction: Coulomb's law, an independent optimizer, and MuJoCo's plant.
+
+MASS, LIMIT, SOFTNESS, RATE = 2.0, 0.5, 0.05, 100.0
+STEP_S = 1e-3
+
+
+def block(ticks: int = 1) -> NominalModel:
+    """A block on a dry floor, pushed by a force [N]."""
+    plant = control.ss([[0, 1], [0, 0]], [[0], [1 / MASS]], [[1, 0]], 0)
+    one, seen = np.ones(1), np.array([[1.0, 0.0]])
+    friction = np.eye(1) / MASS, np.eye(1), LIMIT * one, SOFTNESS * one, RATE * one
+    return NominalModel(plant, seen, one, ticks * STEP_S, STEP_S, friction=friction)
+
+
+@pytest.mark.parametrize("force", [0.1, 0.4, 0.9, -2.0])
+def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
+    """Stuck it creeps at force times softness over rate; slipping it loses the limit."""
+    x = fault_model(block()).states(np.full((1000, 1), force))[-1]
+    slips = np.sign(force) * (abs(force) - LIMIT) / MASS
+    creeps = force * SOFTNESS / RATE
+    assert x[1] == pytest.approx(slips if abs(force) > LIMIT else creeps, rel=0.02)
+
+
+def test_a_sliding_block_stops_after_its_energy_over_the_limit():
+    """No force: m v^2 / 2 = limit times distance."""
+    v = 0.3
+    x = fault_model(block(10)).states(np.zeros((200, 1)), np.array([0.0, v]))[-1]
+    assert x[0] == pytest.approx(MASS * v**2 / 2 / LIMIT, rel=0.02)
+    assert abs(x[1]) < 1e-6
+
+
+def rubbing_carts(seed: int, limit: Any = 0.05, n: int = 3) -> NominalModel:
+    """Carts on servos, each with dry friction."""
+    plant = ServoCarts.random(n, seed)
+    push, limits = np.diag(1 / plant.mass), np.broadcast_to(limit, n).astype(float)
+    friction = push, np.eye(n), limits, np.diag(push) / 9, np.full(n, 105.0)
+    return replace(plant.nominal(), friction=friction)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
+    """Forces f minimize f'K f / 2 + f'c: bounded least squares, of a coupled random K."""
+    rng, n = np.random.default_rng(seed), 4
+    root, nominal = rng.normal(size=(n, n)), rubbing_carts(seed, n=n)
+    M = root @ root.T + np.eye(n)
+    limit = rng.uniform(0.01, 0.1, n)
+    rubs = M, np.eye(n), limit, rng.uniform(0.1, 1, n), np.ones(n)
+    model = fault_model(replace(nominal, period_s=STEP_S, friction=rubs))
+    x, u = 1e-3 * rng.normal(size=2 * n), 1e-3 * rng.normal(size=n)
+    free = fault_model(replace(nominal, period_s=STEP_S, friction=None)).step(x, u)
+    rub = model.rubbing
+    assert rub is not None
+    c = rub.E @ x + rub.D @ [*u, 1.0]
+    L = np.linalg.cholesky(rub.K)
+    best = lsq_linear(L.T, -np.linalg.solve(L, c), (-limit, limit), tol=1e-14)
+    np.testing.assert_allclose(model.step(x, u), free + rub.G @ best.x, atol=1e-9)
+    assert (np.abs(best.x) > 0.99 * limit).any()
+
+
+@pytest.mark.parametrize("faults", [[], [Fault(1, "locked")]])
+def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
+    """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
+    ticks, spread, n = 4, 0.5, 3
+    nominal, smaller = rubbing_carts(2), rubbing_carts(2, [0.025, 0.05, 0.05])
+    model = uncertain_model(
+        lambda some: fault_model(nominal, some), faults, friction=spread, ticks=ticks
+    )
+    assert len(model.M) - model.first_limit == n
+    X, x, y = np.zeros((1 + n, 2 * n)), np.zeros(2 * n), np.zeros(2 * n)
+    truth, other = fault_model(nominal, faults), fault_model(smaller, faults)
+    for sample in range(60):
+        u = 5e-4 * np.array([np.sin(0.2 * sample), np.cos(0.1 * sample), 1.0])
+        Y, X = model.step(X, np.array([*u, *u, 1.0]))
+        seen = []
+        for _ in range(ticks):
+            seen.append([truth.C @ x, other.C @ y])
+            x, y = truth.step(x, u), other.step(y, u)
+        mean = np.mean(seen, axis=0)
+        np.testing.assert_allclose(Y[:2], [mean[0], mean[0] - mean[1]], atol=1e-6)
+    np.testing.assert_allclose(X[:2], [x, x - y], atol=1e-12)
+    assert np.abs(X[1]).max() > 1e-6
+
+
+def diagnosed(seed: int, fault: Fault | None, actual: float = 1.0):
+    """On carts that follow slow commands, whose friction is `actual` times that of the model."""
+    rng, n, nominal = np.random.default_rng(seed), 3, rubbing_carts(seed)
+    plant = rubbing_carts(seed, 0.05 * actual)
+    before, after = fault_model(plant), fault_model(plant, [fault] if fault else [])
+    watch = monitor(nominal)
+    state, x, u = watch.start(), np.zeros(2 * n), np.zeros(n)
+    for tick in range(1600):
+        if tick == 1000:
+            x = after.onset @ x
+        y = nominal.plant.C @ x + nominal.noise * rng.normal(size=n)
+        state = watch.step(state, y, u)
+        if state.diagnosis is not None:
+            break
+        time_s = tick * nominal.period_s
+        u = 2e-3 * np.sin(2 * np.pi * np.array([0.5, 0.7, 0.3]) * time_s)
+        x = (before if tick < 1000 else after).step(x, u)
+    return state.diagnosis
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2))
+def test_friction_of_at_most_the_stated_size_is_no_failure_and_hides_none(seed):
+    """A locked cart no longer follows, and friction of the stated size does not hold one so."""
+    for actual in (0.5, 0.8, 1.0):
+        assert diagnosed(seed, None, actual) is None
+    found = diagnosed(seed, Fault(0, "locked"))
+    assert found is not None
+    assert found.fault.actuator == 0
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
+@pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
+def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
+    """Sticking, slipping and creeping alike, before and after a failure; the lock is a soft one."""
+    file = models.saved(tmp_path, "rubbing_arm", ("implicitfast", integrator))
+    arm = load_model(file, add_locks=True)
+    data = mujoco.MjData(arm)
+    mujoco.mj_forward(arm, data)
+    plant = Plant(arm, start=data)
+    nominal = model_of(plant, 1e-6, period_s=2e-3)
+    before, after = fault_model(nominal), fault_model(nominal, [fault] if fault else [])
+    frictionless = fault_model(replace(nominal, friction=None))
+    x, smooth, moved, expected, left_out = np.zeros(4), np.zeros(4), [], [], []
+    for tick in range(300):
+        if tick == 150 and fault is not None:
+            x = after.onset @ x
+            plant.lock(1) if fault.kind == "locked" else plant.release(1)
+        command = 1e-3 * np.array([np.sin(0.03 * tick), 1 - np.cos(0.05 * tick)])
+        plant.step(command, nominal.period_s)
+        x = (before if tick < 150 else after).step(x, command)
+        smooth = frictionless.step(smooth, command)
+        moved.append(plant.displacements())
+        expected.append(nominal.displacement @ x)
+        left_out.append(nominal.displacement @ smooth)
+    size = np.abs(moved).max()
+    error, without = np.abs(np.subtract(moved, expected)), np.abs(np.subtract(moved, left_out))
+    assert error.max() < 0.02 * size
+    assert error[:150].max() < 3e-3 * size  # Euler makes the dampers of joints alone implicit
+    assert without[:150].max() > 0.1 * size
+
+
+# What a weak actuator's commands still move it by at rest, against statics.
+
+SEEDS, NUMBERS = st.integers(0, 2**16), st.integers(1, 4)
+LEFT = st.floats(0.01, 1.0)
+
+
+@examples(30)
+@given(SEEDS, NUMBERS, LEFT)
+def test_a_coil_against_its_spring_moves_by_the_force_that_is_left(seed, n, left):
+    """The spring stays what it was, so that displacement is proportional to force."""
+    for k in range(n):
+        assert abs(static_share(carts(seed, n), Fault(k, "weak", left)) - left) < 1e-9
+
+
+@examples(30)
+@given(SEEDS, NUMBERS, LEFT)
+def test_a_servo_goes_where_it_is_told_within_the_compliance_of_its_load(seed, n, left):
+    """Of stiffness e k against a load s: e k / (s + e k), which of a stiff servo is almost one."""
+    plant = ServoCarts.random(n, seed)
+    for k in range(n):
+        others = np.where(np.arange(n) == k, 0.0, plant.kp)
+        s, kp = 1 / np.linalg.inv(plant.springs + np.diag(others))[k, k], plant.kp[k]
+        expected = left * (s + kp) / (s + left * kp)
+        share = static_share(plant.nominal(), Fault(k, "weak", left))
+        assert abs(share - expected) < 2e-3
+        assert left - 1e-9 <= share <= 1 and 1 - share < s / (left * kp) + 2e-3
+
+
+@examples(20)
+@given(SEEDS, st.lists(st.floats(0.0, 1.0), min_size=2, max_size=6, unique=True))
+def test_the_more_force_is_left_the_more_a_command_moves(seed, parts):
+    """From nothing, of an actuator without force, to one, of a healthy one."""
+    for nominal in (carts(seed), ServoCarts.random(2, seed).nominal()):
+        found = [static_share(nominal, Fault(0, "weak", e)) for e in (0.0, *sorted(parts), 1.0)]
+        assert found[0] == 0.0 and found[-1] == 1.0
+        assert (np.diff(found) >= -1e-9).all()
+        for kind in ("locked", "free"):
+            assert static_share(nominal, Fault(0, kind)) < 1e-6
+            assert used_share(nominal, Fault(0, kind)) == 0.0
+
+
+def test_a_mass_that_nothing_holds_is_moved_by_the_force_that_is_left():
+    """At rest its response has no limit: the ratio does, at frequencies that go to zero."""
+    plant = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [3.0]], [[1.0, 0.0]], 0)
+    floating = NominalModel(plant, np.eye(1, 2), np.ones(1), period_s=2e-3, step_s=1e-3)
+    assert abs(static_share(floating, Fault(0, "weak", 0.3)) - 0.3) < 1e-9
+
+
+@pytest.mark.parametrize("ticks_a_second", [2000, 1000, 500, 250])
+def test_what_nothing_brings_to_rest_has_moved_as_far_at_any_control_rate(ticks_a_second):
+    """In a hundred seconds, by 3 m/s^2 against a damper of 5 /s; a servo beside it is at rest."""
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.diag([0.0, -900.0]), np.diag([-5.0, -30.0])]])
+    plant = control.ss(A, np.vstack([np.zeros((2, 2)), np.diag([3.0, 900.0])]), np.eye(1, 4), 0)
+    slides = NominalModel(plant, np.eye(2, 4), np.ones(1), 1 / ticks_a_second, step_s=5e-4)
+    np.testing.assert_allclose(static_gain(slides), np.diag([3 / 5 / 1e-2, 1.0]), rtol=3e-3)
+
+
+def test_what_moves_less_than_half_of_what_it_is_told_is_not_used():
+    coil, servo = carts(0), ServoCarts.random(2, 0).nominal()
+    assert used_share(coil, Fault(0, "weak", WEAKEST + 0.01)) > WEAKEST
+    assert used_share(coil, Fault(0, "weak", WEAKEST - 0.01)) == 0.0
+    assert used_share(servo, Fault(0, "weak", WEAKEST - 0.01)) > 0.8

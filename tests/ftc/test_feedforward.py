@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import ftc
 from ftc import inverse_feedforward
 from ftc.fdi import NominalModel, fault_model
 from ftc.feedforward import WEIGHT
@@ -143,42 +142,3 @@ def test_what_no_output_sees_does_no_harm():
         for k in (3, 2)
     )
     np.testing.assert_allclose(spun, still, atol=1e-9 * np.abs(still).max())
-
-
-class _Still:
-    """A machine that does not move, with one actuator."""
-
-    def measure(self) -> ftc.Measurement:
-        return ftc.Measurement(np.zeros(1), np.zeros(1))
-
-    def apply(self, inputs: np.ndarray) -> None:
-        pass
-
-
-class _Own:
-    """A controller that a user brings: it knows of no feedforward."""
-
-    def start(self) -> "_Sent":
-        return _Sent(np.zeros(1))
-
-    def step(self, state, reference, measurement):
-        return _Sent(reference)
-
-
-class _Taking(_Own):
-    def step(self, state, reference, measurement, *, feedforward=None):
-        return _Sent(reference if feedforward is None else feedforward)
-
-
-class _Sent:
-    def __init__(self, inputs: np.ndarray) -> None:
-        self.inputs = inputs
-
-
-def test_feedforward_reaches_the_controllers_that_take_it():
-    path, ahead = np.full((3, 1), 1.0), np.array([[5.0], [6.0], [7.0]])
-    np.testing.assert_array_equal(ftc.run_loop(_Still(), _Taking(), path, ahead).inputs, ahead)
-    np.testing.assert_array_equal(ftc.run_loop(_Still(), _Taking(), path).inputs, path)
-    np.testing.assert_array_equal(ftc.run_loop(_Still(), _Own(), path, ahead).inputs, path)
-    with pytest.raises(ValueError, match="feedforward must have shape"):
-        ftc.run_loop(_Still(), _Taking(), path, ahead[:2])

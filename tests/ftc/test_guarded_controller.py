@@ -5,6 +5,7 @@ import re
 import signal
 import time
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import control
@@ -16,15 +17,17 @@ from ftc.fdi import NominalModel
 
 PERIOD_S, TICKS, BAD = 1e-3, 20, 7
 J = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
-_I, _O = np.eye(3), np.zeros((3, 3))
-PLANT = control.ss(
-    np.block([[_O, _I], [-100 * _I, -20 * _I]]), np.vstack([_O, 100 * _I]), np.hstack([J, 0 * J]), 0
-)
-NOMINAL = NominalModel(PLANT, np.eye(3, 6), np.full(2, 1e-3), PERIOD_S, PERIOD_S)
-TASK = ControlTask(
-    NOMINAL, J, (0, 1), Goal(), DirectDrive(), (np.full(3, -1.0), np.full(3, 1.0)), np.ones(2)
-)
 REFERENCE = np.random.default_rng(0).normal(size=(TICKS, 2))
+
+
+@cache
+def task() -> ControlTask:
+    one, none = np.eye(3), np.zeros((3, 3))
+    A, B = np.block([[none, one], [-100 * one, -20 * one]]), np.vstack([none, 100 * one])
+    plant = control.ss(A, B, np.hstack([J, 0 * J]), 0)
+    nominal = NominalModel(plant, np.eye(3, 6), np.full(2, 1e-3), PERIOD_S, PERIOD_S)
+    limits = (np.full(3, -1.0), np.full(3, 1.0))
+    return ControlTask(nominal, J, (0, 1), Goal(), DirectDrive(), limits, np.ones(2))
 
 
 class State(NamedTuple):
@@ -46,6 +49,7 @@ class Proportional:
 
     def step(self, state: State, reference: np.ndarray, measurement: Measurement) -> Any:
         """As the error is."""
+        assert measurement.output.dtype == measurement.displacement.dtype == float
         inputs = self.gain @ (reference - measurement.output)
         return self.bad(inputs) if state.tick == BAD else State(state.tick + 1, inputs)
 
@@ -55,14 +59,17 @@ class Proportional:
 
 
 class Still:
-    """A machine that does not move, whose sensors have noise."""
+    """A machine that does not move, whose sensors have noise, or count in whole numbers."""
 
-    def __init__(self) -> None:
-        self.rng = np.random.default_rng(1)
+    def __init__(self, *, counts: bool = False) -> None:
+        self.rng, self.type = np.random.default_rng(1), int if counts else float
 
     def measure(self) -> Measurement:
         """Noise."""
-        return Measurement(1e-3 * self.rng.normal(size=2), np.zeros(3))
+        output = 1e-3 * self.rng.normal(size=2)
+        return Measurement(
+            (output * 1e3).astype(int) if self.type is int else output, np.zeros(3, self.type)
+        )
 
     def apply(self, inputs: np.ndarray) -> None:
         """Nothing."""
@@ -72,8 +79,9 @@ def failing(bad: Any) -> type[Proportional]:
     return type("Failing", (Proportional,), {"bad": bad})
 
 
-def run(factory: Any, limit_s: float = 1.0) -> LoopRun:
-    return run_loop(Still(), GuardedController("my:own", factory, TASK, limit_s), REFERENCE)
+def run(factory: Any, limit_s: float = 1.0, machine: Any = None) -> LoopRun:
+    guarded = GuardedController("my:own", factory, task(), limit_s)
+    return run_loop(machine or Still(), guarded, REFERENCE)
 
 
 def hang(self: Any, inputs: Any) -> Any:
@@ -101,23 +109,17 @@ def leave(self: Any, inputs: Any) -> Any:
     raise SystemExit(3)
 
 
-def singular(self: Any, inputs: Any) -> Any:
-    return np.linalg.inv(np.zeros((2, 2)))
-
-
-HERE = "test_guarded_controller.py, line "
+HERE = r"\(test_guarded_controller.py, line \d+\)"
 
 
 @pytest.mark.parametrize(
     ("bad", "sentence"),
     [
-        (divide, rf"raised ZeroDivisionError: .* \({HERE}\d+\)"),
-        (singular, rf"raised LinAlgError: Singular matrix \({HERE}\d+\)"),
-        (leave, rf"raised SystemExit: 3 \({HERE}\d+\)"),
+        (divide, rf"raised ZeroDivisionError: .* {HERE}"),
+        (leave, rf"raised SystemExit: 3 {HERE}"),
         (lambda self, u: State(8, np.array([0.0, 1.0, np.nan])), "returned nan for drive 3"),
         (lambda self, u: State(8, [0.0, -np.inf, 1.0]), "returned -inf for drive 2"),
         (lambda self, u: State(8, u[:2]), r"returned shape \(2,\), expected \(3,\)"),
-        (lambda self, u: State(8, 1.0), r"returned shape \(\), expected \(3,\)"),
         (lambda self, u: State(8, None), "returned None, expected 3 numbers"),
         (lambda self, u: State(8, u * 1j), "returned array.*, expected 3 numbers"),
         (lambda self, u: u, "raised AttributeError: .*inputs.*"),
@@ -128,96 +130,60 @@ HERE = "test_guarded_controller.py, line "
 )
 def test_after_a_failure_the_last_inputs_are_held_and_a_sentence_says_why(bad, sentence):
     """Before it the run is bit for bit that of a controller that does not fail."""
-    sound, failed = run(Proportional), run(failing(bad), limit_s=0.05)
-    assert sound.state.failure is None
-    assert np.array_equal(failed.inputs[:BAD], sound.inputs[:BAD])
-    assert (failed.inputs[BAD:] == sound.inputs[BAD - 1]).all()
+    healthy, failed = run(Proportional), run(failing(bad), limit_s=0.05)
+    assert healthy.state.failure is None
+    assert np.array_equal(failed.inputs[:BAD], healthy.inputs[:BAD])
+    assert (failed.inputs[BAD:] == healthy.inputs[BAD - 1]).all()
     assert len(failed.measured) == TICKS
     assert failed.state.failure is not None
     assert re.fullmatch(rf"my:own {sentence}, at 0\.007 s", failed.state.failure)
 
 
-def no_start(task: ControlTask) -> Any:
-    return object()
-
-
-@pytest.mark.parametrize(
-    ("factory", "sentence"),
-    [
-        (lambda task: task.unknown, "raised AttributeError: .*'unknown'.*, at its start"),
-        (no_start, "raised AttributeError: 'object' .*'start'.*, at its start"),
-    ],
-)
-def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, sentence):
+@pytest.mark.parametrize(("factory", "missing"), [(lambda task: task.no, "no"), (id, "start")])
+def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, missing):
     done = run(factory)
     assert not done.inputs.any()
-    assert re.fullmatch(f"my:own {sentence}", done.state.failure or "")
+    sentence = f"my:own raised AttributeError: .*'{missing}'.*, at its start"
+    assert re.fullmatch(sentence, done.state.failure or "")
 
 
 def test_a_controller_gets_floats_whatever_a_sensor_counts_in():
-    class Counting(Still):
-        def measure(self) -> Measurement:
-            return Measurement(np.array([1, 2]), np.array([True, False, True]))
-
-    class Own(Proportional):
-        def step(self, state, reference, measurement):
-            assert measurement.output.dtype == measurement.displacement.dtype == float
-            return super().step(state, reference, measurement)
-
-    done = run_loop(Counting(), GuardedController("my:own", Own, TASK, 1.0), REFERENCE)
+    done = run(Proportional, machine=Still(counts=True))
     assert done.state.failure is None and done.inputs.any()
 
 
-def test_a_controller_alters_neither_the_record_nor_what_it_was_sent():
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
     """It gets copies, and copies are taken of what it returns."""
 
     class Overwriting(Proportional):
-        sent = np.zeros(3)
+        sent, calls = np.zeros(3), 0
 
         def step(self, state, reference, measurement):
+            self.calls += 1
             self.sent[:] = self.gain @ (reference - measurement.output)
             reference[:] = measurement.output[:] = measurement.displacement[:] = 99.0
+            if fails and self.calls > BAD:
+                self.sent[:] = np.nan
             return State(0, self.sent)
 
-    kept, done = REFERENCE.copy(), run(Overwriting)
-    np.testing.assert_array_equal(done.measured, run(Proportional).measured)
+    kept, done, usual = REFERENCE.copy(), run(Overwriting), run(Proportional)
+    np.testing.assert_array_equal(done.measured, usual.measured)
     assert np.array_equal(kept, REFERENCE)
-    assert np.array_equal(done.inputs, run(Proportional).inputs)
-
-    class Fails(Overwriting):
-        calls = 0
-
-        def step(self, state, reference, measurement):
-            state = super().step(state, reference, measurement)
-            self.calls += 1
-            if self.calls > BAD:
-                self.sent[:] = np.nan
-            return state
-
-    held = run(Fails).inputs
-    assert (held[BAD:] == done.inputs[BAD - 1]).all()
+    ticks = np.arange(TICKS)
+    expected = usual.inputs[np.minimum(ticks, BAD - 1) if fails else ticks]
+    np.testing.assert_array_equal(done.inputs, expected)
 
 
 def test_the_clock_is_stopped_between_steps():
     """However long a run takes: only single steps are limited."""
-    slow = failing(lambda self, u: time.sleep(0.1) or State(BAD, u))  # at all ticks from BAD on
+    slow = failing(lambda self, u: time.sleep(0.03) or State(BAD, u))  # at all ticks from BAD on
     before = signal.getsignal(signal.SIGALRM)
-    assert run(slow, limit_s=1.0).state.failure is None
+    assert run(slow, limit_s=0.3).state.failure is None
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
     assert signal.getsignal(signal.SIGALRM) is before
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"J": J[:, :2]}, r"J must have shape \(any, 3\)"),
-        ({"major": (0, 2)}, r"major must lie in 0\.\.1"),
-        ({"major": (0,)}, "major must have a row for each of the 2 outputs of nominal, got 1"),
-        ({"limits": (np.ones(3), np.zeros(3))}, "limits must be a lower and an upper limit"),
-        ({"reference_limit": np.ones(3)}, "reference_limit must have shape"),
-        ({"nominal": PLANT}, "nominal must be a NominalModel"),
-    ],
-)
-def test_a_task_that_does_not_fit_together_is_refused(change, said):
-    with pytest.raises((ValueError, TypeError), match=said):
-        replace(TASK, **change)
+def test_a_task_that_does_not_fit_together_is_refused():
+    with pytest.raises(ValueError, match="major must have a row for each of the 2 outputs"):
+        replace(task(), major=(0,))

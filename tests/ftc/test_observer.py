@@ -1,36 +1,138 @@
-"""The believed model beside the plant: what it learns, how fast it forgets."""
+"""The believed model beside the plant: its errors, the spectrum of residuals, and the alarm."""
 
 from dataclasses import replace
+from fractions import Fraction
+from unittest.mock import patch
 
 import control
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.signal
+from scipy.stats import binom
 
-from ftc.fdi import CERTAIN, Fault, Uncertainty
+from ftc.fdi import CERTAIN, Fault, Uncertainty, observer
 from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.observer import MEMORY_S, Observer, ObserverState
-from tests.cart_runs import Record, carts, outputs
+from ftc.fdi.observer import (
+    MEMORY_S,
+    ORDER,
+    Observer,
+    ObserverState,
+    Parameters,
+    ResidualTest,
+    Spectrum,
+)
+from ftc.fdi.uncertainty import UncertainModel
+from tests.ftc.carts import Record, carts, outputs
+from tests.ftc.spectra import spectrum_of
 
-NOMINAL, PERIOD_S = carts(1), 10e-3
+PERIOD_S = 10e-3
+WRONG = replace(
+    CERTAIN, gain=0.05, damping=0.2, offset=3.0, offset_rate=0.8, drift_rate=0.3, delay_s=1e-3
+)
+
+# A sample of carts, against the same written in covariances and sums of numpy.
 
 
-def watched(uncertainty: Uncertainty, y: np.ndarray, u: np.ndarray) -> ObserverState:
-    """After N samples of outputs (N, p) under commands (N, n), white noise from the start."""
-    bank = hypothesis_bank(NOMINAL, (), uncertainty, 2)
-    watch = Observer(bank.believed, FdiConfig(uncertainty=uncertainty), PERIOD_S)
-    state, before = watch.start(), np.zeros(2)
+def cart_observer(uncertainty: Uncertainty, *faults: Fault, **options) -> Observer:
+    bank = hypothesis_bank(carts(1), faults, uncertainty, 2)
+    return Observer(bank.believed, FdiConfig(uncertainty=uncertainty), PERIOD_S, **options)
+
+
+def watched(watch: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverState]:
+    """After each of N samples of outputs (N, p) under commands (N, n)."""
+    states, before = [watch.start()], np.zeros(2)
     for measured, command in zip(y, u, strict=True):
-        state, _ = watch.step(state, np.concatenate([command, before, [1.0]]), measured)
+        states.append(watch.step(states[-1], np.array([*command, *before, 1.0]), measured)[0])
         before = command
-    return state
+    return states[1:]
+
+
+def by_hand(
+    model, state: ObserverState, v, y: np.ndarray | None, learning_s, memory_s, largest
+) -> dict:
+    """The sample by the Kalman filter in Joseph's form, a Riccati step, and a mean of products."""
+    p, J = len(model.C), len(model.M) - 1
+    moving = np.concatenate([state.X[0], v])
+    X = np.array([model.A @ x + M @ moving for x, M in zip(state.X, model.M, strict=True)])
+    Y = np.array([model.C @ x + N @ moving for x, N in zip(state.X, model.N, strict=True)])
+    rates = np.repeat([WRONG.drift_rate, WRONG.offset_rate], [J, p])
+    walk = np.diag(rates**2 * PERIOD_S)
+    mean, P = state.parameters.mean, state.parameters.covariance
+    spectrum, found = state.spectrum.covariance, {"X": X, "residual": np.zeros(p)}
+    if y is None:
+        memory = np.stack([*state.memory[1:], np.zeros_like(Y)])
+        return found | {"memory": memory, "mean": mean, "P": P + walk, "spectrum": spectrum}
+    Y[0] = y - Y[0]
+    memory = np.stack([*state.memory[1:], Y])
+    white = np.einsum("qp,qcp->cp", state.whitening, memory[::-1])
+    G = np.vstack([white[1:], np.diag(state.whitening.sum(axis=0))])
+    S = np.eye(p) + G.T @ P @ G
+    e = white[0] - G.T @ mean
+    residual = np.linalg.solve(np.linalg.cholesky(S), e)
+    found |= {"memory": memory, "residual": residual}
+    known = state.spectrum.samples * PERIOD_S >= learning_s
+    if state.measured + 1 <= ORDER or (known and residual @ residual > largest):
+        return found | {"mean": mean, "P": P, "spectrum": spectrum}
+    K = np.linalg.solve(S, G.T @ P).T
+    without = np.eye(J + p) - K @ G.T
+    mean, P = mean + K @ e, without @ P @ without.T + K @ K.T
+    left = Y[0] - np.einsum("j,jp->p", mean[:J], Y[1:]) - mean[J:]
+    recent = np.stack([*state.spectrum.recent[1:], left])
+    share = 1 / min(state.spectrum.samples + 1, memory_s / PERIOD_S)
+    spectrum = (1 - share) * spectrum + share * recent[::-1] * left
+    return found | {"mean": mean, "P": P + walk, "spectrum": spectrum}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch):
+    """Also one that is not measured, one too large to learn from, and those after either."""
+    monkeypatch.setattr(observer, "MEMORY_S", 0.5)  # so that 150 samples forget
+    monkeypatch.setattr(observer, "LEARNING_S", 0.3)
+    record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
+    watch = cart_observer(WRONG, largest=9.0)
+    state, before, gated = watch.start(), np.zeros(2), 0
+    for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
+        v = np.concatenate([u, before, [1.0]])
+        given = None if sample in (60, 61, 90) else y + 30.0 * (sample == 120)
+        expected = by_hand(watch.model, state, v, given, 0.3, 0.5, 9.0)
+        samples, before = state.spectrum.samples, u
+        state, _ = watch.step(state, v, given)
+        gated += given is not None and state.spectrum.samples == samples
+        found = {
+            "X": state.X,
+            "residual": state.residual,
+            "memory": state.memory,
+            "mean": state.parameters.mean,
+            "P": state.parameters.covariance,
+            "spectrum": state.spectrum.covariance,
+        }
+        for name, value in expected.items():
+            tiny = 1e-9 * np.abs(value).max()
+            np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=tiny, err_msg=name)
+        if sample % 40 == 30:
+            state = watch.with_spectrum(state)
+    assert gated > 2 * ORDER
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_step_adds_its_variance_and_leaves_the_root_triangular(seed):
+    """Of some parameters, known or not: a step of zero, and a root with empty columns."""
+    rng = np.random.default_rng(seed)
+    root = np.tril(rng.normal(size=(6, 6))) * np.sign(rng.integers(0, 3, 6))
+    deviations = 10.0 ** rng.uniform(-3, 1, 6) * rng.integers(0, 2, 6)
+    after = Parameters(np.zeros(6), root).spread(deviations)
+    expected = root @ root.T + np.diag(deviations**2)
+    np.testing.assert_allclose(after.covariance, expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(np.triu(after.root, 1), 0.0)
 
 
 def test_what_drifts_stays_uncertain_as_by_the_riccati_equation():
     """A random walk of variance q a sample in unit noise: P = (q + sqrt(q^2 + 4 q)) / 2."""
     drifting = replace(CERTAIN, offset=3.0, offset_rate=0.8)
     q = 0.8**2 * PERIOD_S
-    state = watched(drifting, np.zeros((600, 2)), np.zeros((600, 2)))
+    state = watched(cart_observer(drifting), np.zeros((600, 2)), np.zeros((600, 2)))[-1]
     expected = (q + np.sqrt(q**2 + 4 * q)) / 2
     np.testing.assert_allclose(state.parameters.covariance, expected * np.eye(2), rtol=1e-6)
 
@@ -39,57 +141,39 @@ def test_the_spectrum_is_remembered_for_the_time_stated():
     """Of what was before a silence, e^-1 is left after so long."""
     N = round(MEMORY_S / PERIOD_S)
     y = np.vstack([np.random.default_rng(0).standard_normal((N, 2)), np.zeros((N, 2))])
-    u = np.zeros((2 * N, 2))
-    loud, quiet = (watched(CERTAIN, y[:n], u[:n]) for n in (N, 2 * N))
-    left = quiet.spectrum.covariance[0] / loud.spectrum.covariance[0]
+    states = watched(cart_observer(CERTAIN), y, np.zeros((2 * N, 2)))
+    left = states[-1].spectrum.covariance[0] / states[N - 1].spectrum.covariance[0]
     np.testing.assert_allclose(left, (1 - 1 / N) ** N, rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_the_motion_shows_is_learned(seed):
     """A gain of 5 % more, by commands that move both carts, within what is left uncertain."""
-    gains = replace(CERTAIN, gain=0.05)
-    sound = NOMINAL.plant
-    stronger = control.ss(sound.A, sound.B * [1.05, 1.0], sound.C, sound.D)
-    plant = replace(NOMINAL, plant=stronger)
-    record = Record.of(plant, 2, seed, samples=300, size=5e-2)
-    state = watched(gains, record.y, record.u)
+    healthy = carts(1).plant
+    stronger = control.ss(healthy.A, healthy.B * [1.05, 1.0], healthy.C, healthy.D)
+    record = Record.of(replace(carts(1), plant=stronger), 2, seed, samples=300, size=5e-2)
+    state = watched(cart_observer(replace(CERTAIN, gain=0.05)), record.y, record.u)[-1]
     mean, covariance = state.parameters.mean[:2], state.parameters.covariance[:2, :2]
     assert np.diag(covariance).max() < 0.01
     off = mean - [1.0, 0.0]
     assert off @ np.linalg.solve(covariance, off) < 20
 
 
-def test_at_rest_no_gain_is_learned():
-    gains = replace(CERTAIN, gain=0.05)
-    state = watched(gains, np.ones((100, 2)), np.zeros((100, 2)))
-    np.testing.assert_allclose(state.parameters.covariance[:2, :2], np.eye(2))
-    np.testing.assert_array_equal(state.parameters.mean[:2], 0.0)
-
-
-GAINS = replace(CERTAIN, gain=0.02)
-
-
-def strongest(left: np.ndarray, u: np.ndarray, believed: float = 0.5) -> list[float]:
-    """The most that cart 0, believed weak, may have of its force, while it has `left` (N,)."""
-    faults = (Fault(0, "weak", believed),)
-    bank = hypothesis_bank(NOMINAL, faults, GAINS, 2)
-    watch = Observer(bank.believed, FdiConfig(uncertainty=GAINS), PERIOD_S, weak=faults)
-    state, before, seen = watch.start(), np.zeros(2), []
-    y = outputs(NOMINAL, 2, u * np.column_stack([left, np.ones(len(u))]))
+def strongest(left: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The most that cart 0, believed weak by half, may have of its force, while it has `left`."""
+    weak = Fault(0, "weak", 0.5)
+    watch = cart_observer(replace(CERTAIN, gain=0.02), weak, weak=(weak,))
+    y = outputs(carts(1), 2, u * np.column_stack([left, np.ones(len(u))]))
     y += np.random.default_rng(0).standard_normal(y.shape)
-    for measured, command in zip(y, u, strict=True):
-        state, _ = watch.step(state, np.concatenate([command, before, [1.0]]), measured)
-        before = command
-        [(actuator, most)] = watch.strongest(state)
-        assert actuator == 0
-        seen.append(most)
-    [(_, doubted)] = watch.strongest(watch.doubting(state))
-    assert doubted >= 1.0  # at an alarm it may be sound, whatever was believed
-    return seen
+    states = watched(watch, y, u)
+    [(_, doubted)] = watch.strongest(watch.doubting(states[-1]))
+    assert doubted >= 1.0  # at an alarm it may be healthy, whatever was believed
+    seen = [watch.strongest(state) for state in states]
+    assert all(actuator == 0 for [(actuator, _)] in seen)
+    return np.array([most for [(_, most)] in seen])
 
 
-def test_without_motion_a_weak_actuator_may_be_sound_two_seconds_later():
+def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
     """From half of its force: evidence that is older counts for nothing."""
     seen = strongest(np.full(260, 0.5), np.zeros((260, 2)))
     assert np.diff(seen).min() > 0
@@ -97,16 +181,364 @@ def test_without_motion_a_weak_actuator_may_be_sound_two_seconds_later():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_weak_actuator_has_left_is_followed_and_no_sound_one_is_driven_harder(seed):
+def test_what_a_weak_actuator_has_left_is_followed(seed):
     """While it fails further, stays, comes back and becomes twice as strong as ever.
 
-    Commanded by the inverse of the most that it may have, or as a sound one, it does at most a
-    tenth more than a sound one.
+    Commanded by the inverse of the most that it may have, or as a healthy one, it does at most a
+    tenth more than a healthy one.
     """
-    rng = np.random.default_rng(seed)
-    u = np.cumsum(3e-2 * rng.standard_normal((700, 2)), axis=0)
+    u = np.cumsum(3e-2 * np.random.default_rng(seed).standard_normal((700, 2)), axis=0)
     left = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
-    seen = np.array(strongest(left, u))[50:]
+    seen = strongest(left, u)[50:]
     does = left[50:] / np.minimum(seen, 1.0)
     assert (does / np.maximum(1.0, left[50:])).max() < 1.1
     assert (seen - left[50:]).max() < 0.25
+
+
+# The filter of a model's errors, against least squares in one go.
+
+J, P = 4, 2
+seeds = pytest.mark.parametrize("seed", range(5))
+STEADY = replace(CERTAIN, offset=3.0)
+
+
+def measurements(seed: int, samples: int, true: np.ndarray | None = None):
+    """Regressors (N, J + p, p), whitened residuals (N, p), and parameters drawn from the prior."""
+    rng = np.random.default_rng(seed)
+    spread = np.concatenate([np.ones(J), np.full(P, STEADY.offset)])
+    true = spread * rng.standard_normal(J + P) if true is None else true
+    moving = rng.normal(size=(samples, J, P)) * 10.0 ** rng.uniform(-2, 0, (1, J, 1))
+    regressors = np.concatenate([moving, np.broadcast_to(np.eye(P), (samples, P, P))], axis=1)
+    white = np.einsum("r,nrp->np", true, regressors) + rng.standard_normal((samples, P))
+    return regressors, white, true
+
+
+def without_states(errors: int, outputs: int, rates: Uncertainty) -> Observer:
+    """An observer of a model of which the test says what it predicts."""
+    M, N = np.zeros((errors + 1, 0, 1)), np.zeros((errors + 1, outputs, 1))
+    none = np.zeros((0, 0)), M, np.zeros((outputs, 0)), N, np.zeros((0, 0))
+    model = UncertainModel(*none, 1, None, 0.0, errors + 1)
+    return Observer(model, FdiConfig(uncertainty=rates), 0.01)
+
+
+def updated(watch: Observer, parameters: Parameters, white, moving):
+    """As at a sample, without a spectrum; regressors of offsets are one."""
+    errors, p = moving.shape
+    predicted, memory = np.vstack([np.zeros(p), moving]), np.zeros((1, errors + 1, p))
+    plain, spectrum = np.ones((1, p)), Spectrum(white[None], white[None], 0)
+    before = ObserverState(0, moving, memory, parameters, spectrum, plain, plain, white, 1)
+    with patch.object(UncertainModel, "step", lambda *_: (predicted, moving)):
+        after, _ = watch.step(before, np.zeros(1), white)
+    return after.parameters, after.residual
+
+
+def tracked(regressors, white, rates: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:
+    watch, found, innovations = without_states(J, P, rates), Parameters.prior(J, P, STEADY), []
+    for H, e in zip(regressors, white, strict=True):
+        found, innovation = updated(watch, found, e, H[:J])
+        innovations.append(innovation)
+    return found, np.array(innovations)
+
+
+def solved_exactly(regressors, white) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance by the normal equations of all samples, in rational numbers.
+
+    The prior counts as further measurements.
+    """
+    H, e = regressors.transpose(0, 2, 1).reshape(-1, J + P), white.ravel()
+    rows = [[Fraction(x) for x in row] for row in np.column_stack([H, e]).tolist()]
+    sums = [
+        [sum((row[i] * row[j] for row in rows), Fraction()) for j in range(J + P + 1)]
+        for i in range(J + P)
+    ]
+    for i in range(J + P):
+        sums[i][i] += 1 if i < J else 1 / Fraction(STEADY.offset**2)
+        sums[i] += [Fraction(i == j) for j in range(J + P)]
+    for i in range(J + P):  # information is positive definite: no pivot is zero
+        sums[i] = [x / sums[i][i] for x in sums[i]]
+        for k in range(J + P):
+            if k != i:
+                sums[k] = [x - sums[k][i] * y for x, y in zip(sums[k], sums[i], strict=True)]
+    solved = np.array([row[J + P :] for row in sums], dtype=float)
+    return solved[:, 0], solved[:, 1:]
+
+
+@seeds
+def test_what_does_not_drift_is_estimated_as_by_the_normal_equations(seed):
+    regressors, white, _ = measurements(seed, 20)
+    found, _ = tracked(regressors, white)
+    mean, covariance = solved_exactly(regressors, white)
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-8)
+
+
+@seeds
+def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
+    """A motion that shows one direction far better than the others, as least squares has it.
+
+    A covariance that is updated by a difference is indefinite after three such samples.
+    """
+    regressors, white, true = measurements(seed, 8)
+    rng = np.random.default_rng([seed, 2])
+    size = 10.0 ** rng.uniform(0, 12, (8, 1, P))
+    moving = rng.normal(size=(J, 1)) * size + regressors[:, :J]
+    white += np.einsum("j,njp->np", true[:J], moving - regressors[:, :J])
+    regressors[:, :J] = moving
+    found, innovations = tracked(regressors, white, CERTAIN)
+    mean, covariance = solved_exactly(regressors, white)
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), deviation, rtol=1e-3)
+    assert np.abs((found.mean - mean) / deviation).max() < 1e-2
+    assert np.abs(innovations).max() < 6.0
+
+
+@pytest.mark.parametrize("drift", [STEADY, replace(STEADY, drift_rate=2.0, offset_rate=10.0)])
+def test_innovations_are_white_of_unit_variance(drift):
+    """Also of parameters that drift: the rate is a deviation after a second, of each."""
+    every = []
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 1])
+        regressors, _, true = measurements(seed, 100)
+        rate = np.repeat([drift.drift_rate, drift.offset_rate], [J, P])
+        walk = true + np.cumsum(rate * 0.1 * rng.standard_normal((100, J + P)), axis=0)
+        noise = rng.standard_normal((100, P))
+        white = np.einsum("nr,nrp->np", walk, regressors) + noise
+        every.append(tracked(regressors, white, drift)[1])
+    found = np.array(every)
+    np.testing.assert_allclose(found.var(axis=(0, 1)), 1.0, atol=5 * np.sqrt(2 / 4000))
+    for lag in (1, 2, 5):
+        products = (found[:, lag:] * found[:, :-lag]).mean(axis=(0, 1))
+        assert np.abs(products).max() < 5 / np.sqrt(40 * (100 - lag))
+
+
+@pytest.mark.parametrize("which", [0, J - 1, J])
+def test_a_parameter_is_followed_if_it_may_drift(which):
+    """A ramp of three standard deviations in 20 s."""
+    rng = np.random.default_rng(which)
+    regressors, white, _ = measurements(which, 2000, np.zeros(J + P))
+    regressors[:, :J] = rng.normal(size=(2000, J, P))
+    white = white + 3 * np.linspace(0, 1, 2000)[:, None] * regressors[:, which]
+    follows, _ = tracked(regressors, white, replace(STEADY, drift_rate=0.3, offset_rate=0.3))
+    stays, _ = tracked(regressors, white)
+    assert follows.mean[which] == pytest.approx(3.0, abs=0.4)
+    assert stays.mean[which] < 2.2
+
+
+@seeds
+def test_what_the_motion_does_not_show_keeps_its_prior(seed):
+    """Its covariance stays that of the prior, and the share of the rest is unmoved by it."""
+    regressors, white, _ = measurements(seed, 100)
+    rng = np.random.default_rng(seed)
+    hidden = np.linalg.qr(rng.normal(size=(J, J)))[0][:, 0]
+    regressors[:, :J] -= np.einsum("j,k,nkp->njp", hidden, hidden, regressors[:, :J])
+    found, _ = tracked(regressors, white)
+    direction = np.concatenate([hidden, np.zeros(P)])
+    np.testing.assert_allclose(found.covariance @ direction, direction, atol=1e-9)
+    assert abs(found.mean @ direction) < 1e-9
+    shown = np.linalg.eigvalsh(found.covariance[:J, :J])
+    assert shown[-1] == pytest.approx(1.0) and shown[-2] < 1.0
+
+
+# Spectra of residuals, and the filters that whiten them.
+
+LAGS = 6
+
+
+def coloured(seed: int, samples: int, outputs: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Gaussian processes (N, p) of random poles, and deviations (p,) of what drives them."""
+    rng = np.random.default_rng(seed)
+    deviation, found = 10.0 ** rng.uniform(-2, 2, outputs), []
+    for each in deviation:
+        radius, angle = rng.uniform(0.3, 0.95, 2), rng.uniform(0, np.pi, 2)
+        poles = radius * np.exp(1j * angle)
+        a = np.poly([*poles, *poles.conj()]).real
+        white = each * rng.standard_normal(samples + 500)
+        found.append(scipy.signal.lfilter([1.0], a, white)[500:])
+    return np.column_stack(found), deviation
+
+
+def filtered(weights: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    parts = [np.convolve(r, w, "valid") for r, w in zip(residuals.T, weights.T, strict=True)]
+    return np.column_stack(parts)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_process_becomes_white_noise_by_its_own_autoregression(seed):
+    """Another record of it, of unit variance: no product with any earlier sample is left."""
+    process, deviation = coloured(seed, 20_000)
+    weights = spectrum_of(process[:4000], LAGS).filter()
+    white = filtered(weights, process[4000:8000])
+    np.testing.assert_allclose(white.var(axis=0), 1.0, atol=0.1)
+    for lag in range(1, 2 * LAGS):
+        products = (white[lag:] * white[:-lag]).mean(axis=0)
+        assert np.abs(products).max() < 5 / np.sqrt(len(white))
+    weights = spectrum_of(process, LAGS).filter()
+    np.testing.assert_allclose(1 / weights[0], deviation, rtol=0.05)
+    left = filtered(weights * deviation, process)
+    np.testing.assert_allclose(np.sqrt((left**2).mean(axis=0)), deviation, rtol=0.05)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
+    """Its weights, but for the first, predict: they satisfy Toeplitz equations of the products."""
+    rng = np.random.default_rng(seed)
+    residuals = np.cumsum(rng.standard_normal((300, 2)), axis=0) % 3.0
+    spectrum = spectrum_of(residuals, LAGS)
+    for weights, c in zip(spectrum.filter().T, spectrum.covariance.T, strict=True):
+        toeplitz = scipy.linalg.toeplitz(c[:LAGS]) + 1e-4 * c[0] * np.eye(LAGS)  # the ridge
+        expected = np.linalg.solve(toeplitz, c[1:])
+        np.testing.assert_allclose(-weights[1:] / weights[0], expected, rtol=1e-9, atol=1e-11)
+
+
+def test_white_noise_is_left_alone_and_twice_of_it_weighed_half():
+    """But for what 20 000 samples leave uncertain, 1 / sqrt(N)."""
+    noise = np.random.default_rng(0).standard_normal((20_000, 3))
+    weights = spectrum_of(noise, LAGS).filter()
+    np.testing.assert_allclose(weights[0], 1.0, atol=0.03)
+    np.testing.assert_allclose(weights[1:], 0.0, atol=0.04)
+    twice = spectrum_of(2 * noise, LAGS).filter()
+    np.testing.assert_allclose(2 * twice, weights, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, np.pi])
+def test_what_can_be_predicted_exactly_is_weighed_a_hundredfold(turn):
+    """A constant, and sinusoids: their autocovariances are singular."""
+    lags = np.cos(turn * np.arange(LAGS + 1))[:, None]
+    weights = Spectrum(0 * lags, lags, 1000).filter()
+    assert np.isfinite(weights).all()
+    assert 20 < weights[0, 0] < 101
+
+
+def test_what_was_fitted_to_few_residuals_is_as_large_as_new_ones_are():
+    """Fitted to 100 samples of white noise, the filter leaves unit variance in the next ones."""
+    rng, squares = np.random.default_rng(1), []
+    for _ in range(60):
+        spectrum = spectrum_of(rng.standard_normal((100, 1)), 10)
+        new = rng.standard_normal(200)
+        left = np.convolve(new, spectrum.filter()[:, 0], mode="valid")
+        squares.append((left**2).mean())
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("slow", [0.02, 0.05, 0.2])
+def test_slow_inputs_are_noise_to_a_filter_that_is_decoupled_from_them(slow):
+    """Fifty times the noise, by a critically damped filter of second order: of unit variance.
+
+    Its gain is smaller: noise alone is less of it, and the likelihood pays for that.
+    """
+    noise = Spectrum(np.zeros((LAGS + 1, 1)), np.eye(LAGS + 1, 1), 10**6)
+    lags = slow * np.arange(LAGS + 1)
+    inputs = scipy.linalg.toeplitz(2500 * (1 + lags) * np.exp(-lags)) + np.eye(LAGS + 1)
+    plain, decoupled = noise.filter()[:, 0], noise.filter(slow=slow)[:, 0]
+    assert plain @ inputs @ plain > 1000
+    assert 0.6 < decoupled @ inputs @ decoupled < 1.001
+    assert decoupled[0] < plain[0] and (decoupled**2).sum() < (plain**2).sum()
+    # What is faster is still seen: at 30 times the corner, by half of its power and more.
+    fast = np.exp(1j * min(30 * slow, np.pi) * np.arange(LAGS + 1))
+    assert abs(fast @ decoupled) > 0.5 * abs(fast @ plain)
+
+
+# When residuals are more than noise: rates of false alarms, and what is seen how soon.
+
+TICK_S, DITHER_HZ = 4e-3, 20.0
+dithers = pytest.mark.parametrize("dither_hz", [None, DITHER_HZ])
+WINDOWS = ResidualTest(1, 0.01, TICK_S).windows
+LONGEST = WINDOWS[-1]
+
+
+def alarms(watch: ResidualTest, residuals: np.ndarray) -> np.ndarray:
+    """Windows (N,) in which each sample raised an alarm, 0 for none."""
+    recent, found = watch.start(), []
+    for residual in residuals:
+        recent = np.vstack([recent[1:], residual])
+        found.append(watch.alarm(recent))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@dithers
+def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz):
+    """Sums of the latest M residuals, plain and turned by the dither, over the deviation of M."""
+    rng = np.random.default_rng(seed)
+    test = ResidualTest(2, 0.2 * 3600 / PERIOD_S, PERIOD_S, dither_hz)
+    found = []
+    for _ in range(40):
+        offset = rng.normal(size=2) * rng.uniform(0, 0.3)
+        recent = rng.standard_normal((test.windows[-1], 2)) + offset
+        exceeding = []
+        for M in test.windows:
+            latest = recent[-M:][::-1]
+            chi2 = (latest.sum(axis=0) ** 2).sum() / M
+            angle = 2 * np.pi * (dither_hz or 0.0) * PERIOD_S * np.arange(M)
+            turned = np.exp(1j * angle) @ latest
+            swinging = dither_hz is not None and M * PERIOD_S * dither_hz >= 0.5
+            chi4 = 2 * (np.abs(turned) ** 2).sum() / M if swinging else 0.0
+            if chi2 > test.threshold or chi4 > test.demodulated_threshold:
+                exceeding.append(M)
+        found.append(test.alarm(recent))
+        assert found[-1] == min(exceeding, default=0)
+    assert len(set(found)) > 3
+
+
+@dithers
+@pytest.mark.parametrize("outputs", [2, 8])
+def test_the_rate_of_false_alarms_is_kept_and_not_by_far(outputs, dither_hz):
+    """Samples of white noise that are in alarm: at most as many as stated, and not below a third.
+
+    The latest samples of independent records, so that the count is binomial.
+    """
+    watch = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
+    rng = np.random.default_rng(outputs)
+    records = 4000
+    found = sum(watch.alarm(rng.standard_normal((LONGEST, outputs))) > 0 for _ in range(records))
+    assert found <= binom.ppf(0.999, records, 0.02)
+    assert found >= binom.ppf(0.001, records, 0.02 / 2)
+
+
+@pytest.mark.parametrize("outputs", [1, 3])
+@dithers
+def test_each_mean_has_its_share_of_false_alarms(outputs, dither_hz):
+    """A union bound shares the rate out evenly: by the quantile of simulated chi-squares."""
+    rng, share = np.random.default_rng(0), 0.01
+    tests = len(WINDOWS) + (0 if dither_hz is None else 5)
+    watch = ResidualTest(outputs, tests * share * 3600 / TICK_S, TICK_S, dither_hz)
+    squares = (rng.standard_normal((200_000, 2 * outputs)) ** 2).cumsum(axis=1)
+    assert (squares[:, outputs - 1] > watch.threshold).mean() == pytest.approx(share, rel=0.1)
+    both = (squares[:, -1] > watch.demodulated_threshold).mean()
+    assert both == pytest.approx(share, rel=0.1)
+
+
+@pytest.mark.parametrize(("shift", "longest"), [(20.0, 1), (3.0, 8), (0.6, 128)])
+def test_a_small_shift_is_seen_over_a_long_window_and_a_large_one_at_once(shift, longest):
+    """The mean of M samples of noise has the deviation 1 / sqrt(M)."""
+    found = alarms(ResidualTest(2, 0.01, TICK_S), np.tile([shift, 0.0], (LONGEST, 1)))
+    first = np.flatnonzero(found)[0]
+    assert longest / 4 < found[first] <= longest and first < longest
+
+
+def wave(hz: float, size: float, phase: float = 0.3) -> np.ndarray:
+    times = TICK_S * np.arange(3 * LONGEST)
+    return np.outer(np.sin(2 * np.pi * hz * times + phase), [size, -0.5 * size])
+
+
+@pytest.mark.parametrize("phase", np.linspace(0, np.pi, 4))
+def test_a_lock_in_sees_a_sinusoid_that_no_mean_sees(phase):
+    """Of its own frequency, in any phase: a little larger than the noise."""
+    swing = wave(DITHER_HZ, 1.2, phase)
+    assert not alarms(ResidualTest(2, 0.01, TICK_S), swing).any()
+    assert alarms(ResidualTest(2, 0.01, TICK_S, DITHER_HZ), swing)[-1] > 0
+
+
+@pytest.mark.parametrize("hz", [10.0, 27.0, 31.0, 45.0, 70.0])
+def test_a_lock_in_does_not_see_another_frequency(hz):
+    """Farther off than the reciprocal of its window, 0.5 s: but for its side lobes."""
+    assert not alarms(ResidualTest(2, 0.01, TICK_S, DITHER_HZ), wave(hz, 1.2)).any()
+
+
+def test_a_lock_in_alarms_by_its_mean_square_projection():
+    """A sinusoid of amplitude a has a demodulated energy of M a^2 / 2."""
+    watch = ResidualTest(1, 0.01, TICK_S, DITHER_HZ)
+    least = np.sqrt(2 * watch.demodulated_threshold / LONGEST)
+    swing = np.sin(2 * np.pi * DITHER_HZ * TICK_S * np.arange(LONGEST))[:, None]
+    assert watch.alarm(1.02 * least * swing) == LONGEST
+    assert watch.alarm(0.95 * least * swing) == 0

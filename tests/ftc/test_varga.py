@@ -10,7 +10,6 @@ from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault
 from ftc.fdi.bank import HypothesisBank, bank_of
 from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Verdict
 from ftc.fdi.decision import verdict as verdict_of
-from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.observer import Parameters, ResidualTest
 from ftc.fdi.separation import distances
 from ftc.fdi.uncertainty import uncertain_model
@@ -35,8 +34,8 @@ from tests.aircraft import (
     output_distance,
     sampled,
 )
-from tests.cart_runs import outputs_of, sample_of
-from tests.spectra import spectrum_of
+from tests.ftc.carts import outputs_of, sample_of
+from tests.ftc.spectra import spectrum_of
 
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
 PLANT = sampled()[:, :2]
@@ -210,41 +209,10 @@ def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
     return False
 
 
-def test_a_sound_aircraft_in_process_noise_raises_an_alarm_only_if_that_is_taken_for_white():
+def test_process_noise_raises_an_alarm_only_if_it_is_taken_for_white():
     """Its residuals drift; whitened by the spectrum of another flight they are noise."""
     y, bank = measured(LEFT[0], np.random.default_rng(0), True), input_fault_bank(PLANT, SIGMA)
     assert not names(judged(bank, y, 100, whitening(True)))
     assert alarms(0, True, WHITE)
     assert not alarms(0, True, whitening(True))
     assert not alarms(0, False, WHITE)
-
-
-def test_a_stuck_surface_stays_where_the_last_command_put_it():
-    """Locked at tick 5, it acts as if its command had been held from then on."""
-    sound = input_fault_model(PLANT, SIGMA)
-    stuck = input_fault_model(PLANT, SIGMA, [Fault(0, "locked")])
-    u = commands()[300:340]
-    x = sound.states(u[:5])[-1]
-    held = u[5:].copy()
-    held[:, 0] = u[4, 0]
-    assert outputs(stuck, u[5:], x) == pytest.approx(outputs(sound, held, x), rel=1e-12)
-
-
-def outputs(plant: FaultModel, u: np.ndarray, start: np.ndarray) -> np.ndarray:
-    return plant.states(u, start) @ plant.C.T
-
-
-def test_a_free_surface_does_nothing_and_hypotheses_add_to_what_is_known():
-    """The commands of a free actuator do not matter; a known loss is part of each hypothesis."""
-    free = input_fault_model(PLANT, SIGMA, [Fault(1, "free")])
-    other = commands() * [1, -3]
-    assert np.array_equal(outputs_of(free, commands()), outputs_of(free, other))
-    known = Fault(0, "weak", 0.5)
-    bank = input_fault_bank(PLANT, SIGMA, [known])
-    left = [each.effectiveness for each in bank.faults if each.kind == "weak"]
-    assert left == [0.375, 0.25, 0.125, 0.75, 0.5, 0.25, 1.0]  # the first one works again
-    for h, fault in enumerate(bank.faults, 1):  # a weak actuator may get weaker
-        also = [fault] if fault.actuator == 0 else [known, fault]
-        expected = input_fault_model(PLANT, SIGMA, also)
-        assert np.array_equal(bank.models.A[h], expected.A)
-        assert np.array_equal(bank.models.M[h, 0, :, 6:8], expected.B)

@@ -15,7 +15,7 @@ from fjh.study.errors import WrongInput
 from ftc.fdi import Fault
 from sim import ModelError, SimulationDiverged
 from tests.fjh.live.browser import free_port
-from tests.ftc.test_handover import diagnosis
+from tests.ftc.hexapod import diagnosis
 
 LEARNING = "It takes the first 0.8 s for the sound machine."
 

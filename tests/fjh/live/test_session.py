@@ -15,7 +15,7 @@ from fjh.live.session import Session
 from fjh.rig import Rig
 from fjh.rig.run import SOUND
 from ftc import SupervisorState
-from tests.ftc.test_handover import LSB_PERCENT
+from tests.ftc.hexapod import LSB_PERCENT
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 LEARNED = 1000

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ftc.fdi import Cost, Dither, designed_dither, ranked_sensors
 from prioritized import (
     ConstrainedSystem,
     Kinematics,
@@ -23,13 +22,9 @@ from prioritized import (
     viable_rates,
 )
 from prioritized._mechanism.names import Names
-from tests.ftc.test_excitation import LOOSE, mechanism, twins
 from tests.random_systems import bits
 
 PROCESSORS = range(12)
-
-
-# Mappings.
 
 
 def legs(seed: int) -> np.ndarray:
@@ -137,33 +132,3 @@ def test_braking_that_just_suffices_leaves_one_rate(x, a):
         period_s=T,
     )
     assert box.lower == box.upper or not box.viable.all()
-
-
-# Design of a diagnosis.
-
-
-def test_a_dither_is_the_same_however_its_freedom_is_given():
-    """Any columns that span it will do; the search begins with directions, not with coordinates."""
-    nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
-    J = rng.normal(size=(1, 4))
-    P = np.eye(4) - np.linalg.pinv(J) @ J
-    cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
-    found = [
-        designed_dither(nominal, P @ mix, [4.0, 16.0], cost, 0.5, LOOSE).dither
-        for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
-    ]
-    for each in found[1:]:
-        assert each.frequency_hz == found[0].frequency_hz
-        np.testing.assert_allclose(each.direction, found[0].direction, atol=1e-6)
-
-
-def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
-    """Each is of one of the twins and of the third mass, and separates as much."""
-    nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
-    for seed in PROCESSORS:
-        rng = np.random.default_rng(seed)
-        rows = [bits(rng, sign * np.eye(6)[k] + np.eye(6)[2]) for k in (0, 1) for sign in (1, -1)]
-        for order in (range(4), [3, 1, 0, 2]):
-            sensors = {str(k): (rows[k], 1e-5) for k in order}
-            ranked = ranked_sensors(nominal, sensors, step, 1.0)
-            assert [int(each.name) for each in ranked] == list(order)

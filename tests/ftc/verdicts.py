@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import cache
 from unittest.mock import patch
 
 import numpy as np
@@ -10,15 +11,19 @@ from ftc.fdi import CERTAIN, Fault, monitor
 from ftc.fdi.bank import HypothesisBank
 from ftc.fdi.decision import Verdict
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.monitor import MonitorState
-from tests.cart_runs import carts
+from ftc.fdi.monitor import Monitor, MonitorState
+from tests.ftc.carts import carts
 
-NOMINAL = carts(0, n=3)  # 5 ms a tick
 CONFIG = FdiConfig(uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0), sample_s=10e-3)
-USUAL = monitor(NOMINAL, config=CONFIG)
 TICKS = 2  # of a sample
 SHOCK = 140  # sample
 STATE = np.linspace(1, 2, 6) * 1e-3
+
+
+@cache
+def usual() -> Monitor:
+    """Of three carts, 5 ms a tick."""
+    return monitor(carts(0, n=3), config=CONFIG)
 
 
 class Guarded(HypothesisBank):
@@ -30,24 +35,21 @@ class Guarded(HypothesisBank):
         return super().start(onsets, prior, X, memory)
 
 
-def verdict(fault: Fault, actuator=1.0, kind=1.0, **others) -> Verdict:
+def verdict(fault: Fault, actuator: float = 1.0, kind: float = 1.0) -> Verdict:
     kinds = {"locked": (kind, 1 - kind, 0.0), "free": (1 - kind, kind, 0.0)}
     return Verdict(
-        **{
-            "fault": fault,
-            "actuator_confidence": actuator,
-            "kind_confidences": kinds.get(fault.kind, (0.0, 1 - kind, kind)),
-            "fault_free_confidence": 0.0,
-            "cause": None,
-            "inflation": 1.0,
-            "unexplained": 0.0,
-            "energy": 0.0,
-            "strain": 0.0,
-            "onset": SHOCK - 1,
-            "x": STATE,
-            "best": np.zeros(1),
-        }
-        | others
+        fault=fault,
+        actuator_confidence=actuator,
+        kind_confidences=kinds.get(fault.kind, (0.0, 1 - kind, kind)),
+        fault_free_confidence=0.0,
+        cause=None,
+        inflation=1.0,
+        unexplained=0.0,
+        energy=0.0,
+        strain=0.0,
+        onset=SHOCK - 1,
+        x=STATE,
+        best=np.zeros(1),
     )
 
 
@@ -56,7 +58,23 @@ UNSURE = replace(LOCKED, actuator_confidence=0.9)
 MISFIT = replace(LOCKED, inflation=31.0, unexplained=0.02)
 
 
-def flown(
+@cache
+def noise(ticks: int) -> np.ndarray:
+    return np.random.default_rng(0).standard_normal((ticks, 3))
+
+
+@cache
+def quiet(samples: int, offset: float, dither_hz: float | None) -> tuple[Monitor, list]:
+    """A monitor, and its states at the ticks of so many samples of noise alone."""
+    watch = replace(usual(), config=replace(CONFIG, dither_hz=dither_hz))
+    own = {each.name: getattr(usual().bank, each.name) for each in fields(HypothesisBank)}
+    vars(watch)["bank"], states = Guarded(**own), [watch.start()]
+    for y in noise(TICKS * samples):
+        states.append(watch.step(states[-1], watch.nominal.noise * (y + offset), np.zeros(3)))
+    return watch, states
+
+
+def judged(
     says: Callable[[int], Verdict],
     samples: int = 360,
     shock: int = SHOCK,
@@ -64,25 +82,28 @@ def flown(
     dither_hz: float | None = None,
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
-    config = replace(CONFIG, dither_hz=dither_hz)
-    watch = replace(USUAL, config=config)
-    own = {each.name: getattr(USUAL.bank, each.name) for each in fields(HypothesisBank)}
-    vars(watch)["bank"] = Guarded(**own)
-    rng, state, states = np.random.default_rng(0), watch.start(), {}
+    watch, before = quiet(min(samples, shock), offset, dither_hz)
+    states = {tick // TICKS - 1: before[tick + 1] for tick in range(TICKS, len(before) - 1, TICKS)}
+    state = before[-1]
 
     def said(bank, evidence, sample, *, disturbed):
         """What is given, with as many likelihoods as there are onsets."""
         return replace(says(sample), best=np.resize(says(sample).best, len(evidence.onsets)))
 
-    for tick in range(TICKS * samples + 1):
-        y = rng.standard_normal(3) + 50.0 * (tick // TICKS == shock) + offset
+    for tick in range(len(before) - 1, TICKS * samples + 1):
+        y = noise(TICKS * samples + 1)[tick] + 50.0 * (tick // TICKS == shock) + offset
         with patch("ftc.fdi.monitor.verdict", said):
-            state = watch.step(state, NOMINAL.noise * y, np.zeros(3))
+            state = watch.step(state, watch.nominal.noise * y, np.zeros(3))
         if tick and tick % TICKS == 0:
             states[tick // TICKS - 1] = state
             if state.diagnosis is not None and state.diagnosis.confirmed:
                 break
     return states
+
+
+def changes_at(sample: int, before: Verdict, after: Verdict, samples: int = 360):
+    """States where the verdict becomes another so many samples after the shock."""
+    return judged(lambda now: before if now < SHOCK + sample else after, samples)
 
 
 def named(states: dict[int, MonitorState]) -> dict[int, Fault]:

@@ -1,12 +1,13 @@
-"""Runs of carts on springs, as a bank of hypotheses sees them."""
+"""Carts on springs and on servos: their linear models, and runs as a diagnosis sees them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import control
 import numpy as np
 
-from ftc.fdi import Fault, NominalModel, fault_model
+from ftc.fdi import Diagnosis, Fault, NominalModel, fault_model
 from ftc.fdi.bank import Evidence, HypothesisBank
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.monitor import Monitor, MonitorState
@@ -15,6 +16,7 @@ from ftc.fdi.observer import Sample
 SAMPLES, ONSETS = 14, np.array([3, 6, 9])
 
 
+@cache
 def carts(seed: int, n: int = 2, noise: float = 1e-3) -> NominalModel:
     """Carts on springs of a few hertz, their positions mixed by as many sensors."""
     rng = np.random.default_rng(seed)
@@ -38,13 +40,13 @@ def sample_of(number: int, v: np.ndarray, y: np.ndarray, *, is_whole: bool = Tru
     return Sample(number, v, y, is_whole, before=None)  # type: ignore[arg-type]
 
 
-Signal = Callable[[int], np.ndarray]
-"""Of a tick, shape (3,)."""
+Signal = Callable[[int, np.ndarray], np.ndarray]
+"""Of the tick, and of what it changes (3,)."""
 
 
-def nothing(tick: int) -> np.ndarray:
-    """No signal."""
-    return np.zeros(3)
+def unchanged(tick: int, signal: np.ndarray) -> np.ndarray:
+    """Nothing happens."""
+    return signal
 
 
 def flown(
@@ -54,32 +56,49 @@ def flown(
     *,
     fault: Fault | None = None,
     fails: int | None = None,
-    force: Signal = nothing,
-    sensor: Signal = nothing,
+    act: Signal = unchanged,
+    read: Signal = unchanged,
 ) -> list[MonitorState]:
     """States of a monitor of three carts at each tick, to a confirmation.
 
     Random slow commands of 4 to 8 mm and the dither, from rest; the fault is there from the tick
-    `fails` on. Of a tick, `force` is in displacements that commands would cause, `sensor` in
-    deviations of noise.
+    `fails` on. `act` changes commands on their way, `read` what is read, in deviations of noise.
     """
     nominal, rng = watch.nominal, np.random.default_rng(seed)
-    plant = sound = fault_model(nominal)
+    plant = fault_model(nominal)
     phase, size = rng.uniform(0, 2 * np.pi, 3), rng.uniform(4e-3, 8e-3, 3)
     x, u, states = np.zeros(6), np.zeros(3), [watch.start()]
     for tick in range(ticks):
         if fault is not None and tick == fails:
             plant = fault_model(nominal, [fault])
             x = plant.onset @ x
-        y = plant.C @ x + rng.standard_normal(3) + sensor(tick)
+        y = read(tick, plant.C @ x) + rng.standard_normal(3)
         states.append(watch.step(states[-1], nominal.noise * y, u))
         if (found := states[-1].diagnosis) is not None and found.confirmed:
             break
         time_s = tick * nominal.period_s
         u = size * np.sin(2.2 * time_s * np.array([1.0, 0.8, 1.3]) + phase)
         u = u + 2e-3 * np.sin(2 * np.pi * (watch.config.dither_hz or 0.0) * time_s)
-        x = plant.step(x, u) + sound.B @ force(tick)
+        x = plant.step(x, act(tick, u))
     return states
+
+
+def watched(
+    watch: Monitor, y: np.ndarray, sent: np.ndarray
+) -> tuple[MonitorState, list[Diagnosis]]:
+    """The last state of a monitor that goes on after each confirmation, and all diagnoses.
+
+    Outputs (N, p), and the commands (N, n) that came before each of them.
+    """
+    state, named = watch.start(), []
+    for measured, u in zip(y, sent, strict=True):
+        state = watch.step(state, measured, u)
+        found = state.diagnosis
+        if found is not None and (not named or named[-1] is not found):
+            named.append(found)
+        if found is not None and found.confirmed:
+            watch, state = watch.believing(state)
+    return state, named
 
 
 @dataclass(frozen=True)
@@ -136,3 +155,58 @@ def gathered(
         evidence = bank.step(evidence, sample_of(sample, v, y), 1.5, whitening, decoupled)
         before = u
     return evidence
+
+
+@dataclass(frozen=True)
+class ServoCarts:
+    """Carts of masses (n,) between springs (n, n), each on a servo (stiffness, damping), loaded."""
+
+    mass: np.ndarray
+    springs: np.ndarray
+    kp: np.ndarray
+    kv: np.ndarray
+    load: np.ndarray
+
+    @classmethod
+    def random(cls, n: int, seed: int) -> "ServoCarts":
+        """Servos of 3 to 6 Hz, springs a fifth as stiff, loads that displace by millimetres."""
+        rng = np.random.default_rng(seed)
+        mass, coupling = rng.uniform(1, 2, n), rng.normal(size=(n, n))
+        kp = rng.uniform(400, 1500, n)
+        springs = 40 * np.eye(n) + 30 * coupling @ coupling.T
+        return cls(mass, springs, kp, 0.03 * kp, rng.uniform(0.5, 2, n))
+
+    def nominal(self) -> NominalModel:
+        """Displacements are commanded as the servos' targets, and measured to 20 um."""
+        n, zero = len(self.mass), np.zeros((len(self.mass),) * 2)
+        stiffness = (self.springs + np.diag(self.kp)) / self.mass[:, None]
+        A = np.block([[zero, np.eye(n)], [-stiffness, -np.diag(self.kv / self.mass)]])
+        B = np.vstack([zero, np.diag(self.kp / self.mass)])
+        seen = np.eye(n, 2 * n)
+        feedback = np.hstack([np.eye(n), np.diag(self.kv / self.kp)])
+        plant, noise = control.ss(A, B, seen, 0), np.full(n, 2e-5)
+        return NominalModel(plant, seen, noise, 2e-3, 1e-3, feedback, self.load / self.kp)
+
+    def run(self, fault: Fault, onset: int, sent: np.ndarray) -> np.ndarray:
+        """Positions (N, n) at each tick, cart by cart: Newton, force by force."""
+        n, step_s = len(self.mass), 1e-3
+        q, v, seen = np.zeros(n), np.zeros(n), []
+        strength, moving = np.ones(n), np.ones(n)
+        for tick, u in enumerate(sent):
+            if tick == onset:
+                if fault.kind == "locked":
+                    moving[fault.actuator] = 0.0
+                else:
+                    strength[fault.actuator] = fault.effectiveness
+                v = v * moving
+            seen.append(q)
+            for _ in range(2):
+                servo = strength * (self.kp * (u - q) - self.kv * v + self.load)
+                v = v + step_s * moving * (servo - self.load - self.springs @ q) / self.mass
+                q = q + step_s * v
+        return np.array(seen)
+
+
+def random_walk(n: int, ticks: int, rng: np.random.Generator) -> np.ndarray:
+    """Commands (ticks, n) of some millimetres."""
+    return np.cumsum(2e-4 * rng.standard_normal((ticks, n)), axis=0)

@@ -1,0 +1,271 @@
+"""The constant Jacobian in closed loop, and three ways to use the one at the present pose."""
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import minimize
+
+from experiments.jacobian import GROWN, RECORDED, VARIANTS, checks, growth_of
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import COLUMNS
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.curvature import (
+    Visited,
+    extra_percent,
+    follow,
+    goal_vector,
+    loop_gain_error,
+    optimum,
+)
+from fjh.rig.hexapod.detector import pointing_angles, secondary_motion
+from fjh.rig.hexapod.forward import forward_kinematics
+from fjh.rig.hexapod.rig import nominal_testbed
+from ftc import Goal
+from ftc.control import PreviousCommand
+from sim import NOMINAL, Plant, load_model
+
+GOALS = {column.name: column.goal for column in COLUMNS}
+
+
+@cache
+def machine():
+    return hexapod(load_model())
+
+
+def circle(radius_rad: float, turns: int = 1, backwards: bool = False) -> np.ndarray:
+    """From the centre out along alpha, around, and back; shape (T, 2)."""
+    out = np.linspace(0, 1, 20)[:, None] * [radius_rad, 0.0]
+    once = np.linspace(0, 2 * np.pi, 200)[:-1]
+    angle = np.concatenate([once + 2 * np.pi * k for k in range(turns)] + [[0.0]])
+    around = radius_rad * np.column_stack([np.cos(angle), np.sin(angle)])
+    path = np.vstack([out, around, out[::-1]])
+    return path * [1, -1] if backwards else path
+
+
+def variant(name: str, goal: Goal = GOALS[GROWN]) -> StrutMapping:
+    jacobian, form = VARIANTS[name]
+    return StrutMapping(machine(), goal, jacobian, form=form)
+
+
+def off(name: str, path: np.ndarray, goal: Goal = GOALS[GROWN]) -> float:
+    """Distance from the optimum in percent, on the geometry alone."""
+    return extra_percent(machine(), goal, follow(variant(name, goal), path))
+
+
+@pytest.mark.parametrize("name", ["W_a", "W_b", "W_d", "W_e"])
+def test_the_optimum_is_what_a_general_optimizer_finds(name):
+    """SLSQP on the struts themselves, pointing as an equality: it knows of no Jacobian."""
+    goal, wanted = GOALS[name], np.array([8e-3, -5e-3])
+    best = optimum(machine(), goal, wanted[None])
+    free = [k for k in range(6) if k not in goal.locked_at]
+
+    def visited(struts_mm: np.ndarray):
+        strut_m = np.zeros(6)
+        strut_m[free] = 1e-3 * struts_mm
+        pose = forward_kinematics(machine(), strut_m)
+        return strut_m, pose, secondary_motion(pose.rotation, pose.translation_m)
+
+    def cost(struts_mm: np.ndarray) -> float:
+        strut_m, pose, secondary = visited(struts_mm)
+        angles = pointing_angles(pose.rotation)
+        there = Visited(strut_m[None], angles[None], secondary[None])
+        return 1e6 * float(np.sum(goal_vector(goal, there) ** 2))
+
+    def pointing(struts_mm: np.ndarray) -> np.ndarray:
+        return 1e3 * (pointing_angles(visited(struts_mm)[1].rotation) - wanted)
+
+    rule = {"type": "eq", "fun": pointing}
+    start = 1e3 * variant("constant", goal).displacements(wanted, NOMINAL)[free]
+    options = {"ftol": 1e-10, "maxiter": 200}
+    found = minimize(cost, start, method="SLSQP", constraints=rule, options=options)
+    assert found.success
+    assert cost(1e3 * best.strut_m[0, free]) == pytest.approx(found.fun, rel=1e-3)
+    np.testing.assert_allclose(best.pointing_rad[0], wanted, atol=1e-12)
+    assert cost(start) > 0  # and the optimum is not where everything is zero
+    np.testing.assert_array_equal(best.strut_m[0, list(goal.locked_at)], 0.0)
+
+
+@pytest.mark.long
+def test_what_a_constant_jacobian_leaves_out_grows_with_the_square():
+    """Curvature: ten times the spiral is a hundred times the error, ten times relative to it."""
+    small, large = (off("constant", circle(radius)) for radius in (1e-4, 1e-3))
+    assert large / small == pytest.approx(10, rel=0.05)
+
+
+@pytest.mark.long
+def test_the_present_jacobian_on_displacements_errs_the_other_way():
+    """L = A_0 x + x'Hx/2 + ...: A_0 leaves the half out, A(x) x counts it twice."""
+    path = circle(1e-3)
+    gone = {name: follow(variant(name), path) for name in ("constant", "analytic", "relinearized")}
+    constant = gone["constant"].secondary - gone["relinearized"].secondary
+    analytic = gone["analytic"].secondary - gone["relinearized"].secondary
+    around = slice(40, -40)
+    # t_x and t_y, which W_e asks to be small, and for which there is no freedom left.
+    sums, each = (constant + analytic)[around, 1:3], constant[around, 1:3]
+    assert np.linalg.norm(sums) < 0.1 * np.linalg.norm(each)
+
+
+def test_one_gauss_newton_step_a_tick_stays_at_the_optimum():
+    """Where the struts' own length is the goal, the present Jacobian is exact.
+
+    L = J_m(x)^T lambda is what the least |l| asks, whatever the curvature.
+    """
+    path = circle(1e-2)[::20]
+    assert off("relinearized", path) < 1e-4 * min(off("constant", path), off("analytic", path))
+    own = GOALS["W_a"]
+    assert off("analytic", path, own) < 1e-4 * off("constant", path, own)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["W_d", "W_e"])
+def test_incremental_displacements_drift_by_the_area_that_is_encircled(name):
+    """Back at the start the struts are not: twice around is twice as far, backwards is backwards.
+
+    Pointing is closed by the detector; what drifts is the freedom that no sensor sees.
+    """
+    incremental = variant("incremental", GOALS[name])
+
+    def drift(path: np.ndarray) -> float:
+        visited = follow(incremental, np.vstack([path, np.zeros((3, 2))]))
+        np.testing.assert_allclose(visited.pointing_rad[-1], 0, atol=1e-10)
+        return visited.secondary[-1, 0]
+
+    once = drift(circle(1e-3))
+    assert np.abs(once) > 1e-7  # gamma, in rad
+    assert drift(circle(1e-3, turns=2)) == pytest.approx(2 * once, rel=0.02)
+    assert drift(circle(1e-3, backwards=True)) == pytest.approx(-once, rel=0.02)
+    assert drift(circle(2e-3)) == pytest.approx(4 * once, rel=0.02)
+    for steady in ("constant", "analytic", "relinearized"):
+        visited = follow(variant(steady, GOALS[name]), np.vstack([circle(1e-3), np.zeros((9, 2))]))
+        assert np.abs(visited.strut_m[-1]).max() < 1e-9
+
+
+def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
+    """Nothing to relinearize: one step is the whole way, but for the square of the tilt."""
+    goal, pointing = GOALS["W_e"], np.array([3e-5, -2e-5])
+    absolute = StrutMapping(machine(), goal, "constant")
+    gauss_newton = StrutMapping(machine(), goal, "constant", form="gauss_newton")
+    incremental = StrutMapping(machine(), goal, "constant", form="incremental")
+    wanted = absolute.displacements(pointing, NOMINAL)
+    before = absolute.displacements(np.array([1e-5, 1e-5]), NOMINAL)
+    pose = absolute.estimate(before, NOMINAL)
+    again = gauss_newton.displacements(pointing, pose, commanded=before)
+    np.testing.assert_allclose(again, wanted, rtol=1e-5)
+    last = PreviousCommand(np.array([1e-5, 1e-5]), before, np.zeros(6))
+    further = incremental.displacements(pointing, NOMINAL, last=last)
+    np.testing.assert_allclose(further, wanted, atol=1e-18)
+    for form, missing in ((incremental, "last"), (gauss_newton, "commanded")):
+        with pytest.raises(ValueError, match=f"{missing} must be given in {form.form} form"):
+            form.displacements(pointing, NOMINAL)
+
+
+def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
+    """The pose estimate knows where the stuck strut has put the payload; increments do not."""
+    goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at={0: 1e-4})
+    mapping = StrutMapping(machine(), goal, "analytic", form="gauss_newton")
+    pose, strut_m, wanted = NOMINAL, np.zeros(6), np.array([5e-5, 2e-5])
+    for _ in range(5):
+        pose = mapping.estimate(strut_m, pose)
+        strut_m = mapping.displacements(wanted, pose, strut_m)
+    there = forward_kinematics(machine(), strut_m + np.array([1e-4, 0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(pointing_angles(there.rotation), wanted, atol=1e-12)
+    assert strut_m[0] == 0.0
+    absolute = StrutMapping(machine(), goal, "analytic").displacements(wanted, pose)
+    np.testing.assert_allclose(strut_m, absolute, atol=2e-7)
+    with pytest.raises(ValueError, match=r'form must be "absolute" or "gauss_newton".*incremental'):
+        StrutMapping(machine(), goal, "analytic", form="incremental")
+
+
+def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
+    constant, slope = variant("constant"), []
+    strut_m = np.random.default_rng(5).uniform(-3e-3, 3e-3, (1, 6))
+    for e in 1e-7 * np.eye(2):
+        ahead, behind = (
+            forward_kinematics(machine(), strut_m[0] + sign * constant.major_gain() @ e)
+            for sign in (1, -1)
+        )
+        change = pointing_angles(ahead.rotation) - pointing_angles(behind.rotation)
+        slope.append(change / 2e-7)
+    error = np.linalg.norm(np.array(slope).T - np.eye(2), 2)
+    # The rates of the two angles are those of the twist but for the tilt itself, squared.
+    assert loop_gain_error(constant, strut_m) == pytest.approx(error, rel=0.2)
+    assert loop_gain_error(constant, np.zeros((1, 6))) < 1e-12
+
+
+def test_a_grown_machine_differs_in_strokes_and_coils_alone():
+    testbed = nominal_testbed()
+    scaled, model = testbed.scaled(stroke=100, spiral=300), testbed.model
+    grown, bench, joints = scaled.model, scaled.bench, testbed.model.actuator_trnid[:6, 0]
+    np.testing.assert_allclose(grown.jnt_range[joints], 100 * model.jnt_range[joints])
+    np.testing.assert_allclose(grown.actuator_forcerange, 100 * model.actuator_forcerange)
+    assert bench.spiral_radius_urad == 300 * testbed.bench.spiral_radius_urad
+    assert bench.amplifier_limit_a == 100 * testbed.bench.amplifier_limit_a
+    np.testing.assert_array_equal(grown.jnt_stiffness, model.jnt_stiffness)
+    plant = Plant(grown)
+    plant.step(0.01 * np.eye(6)[0], 1.0)
+    assert plant.displacements()[0] == pytest.approx(0.01, rel=0.01)
+    assert model.jnt_range[joints[0], 1] < 1e-3  # the original is as it was
+
+
+# The study.
+
+
+@pytest.fixture
+def tables(jacobian_study):
+    names = "tried", "variation", "runs", "costs"
+    return {name: pd.DataFrame(jacobian_study[name]) for name in names}
+
+
+def test_at_nominal_size_the_choice_of_jacobian_is_below_the_noise(tables):
+    runs = tables["runs"].query("spiral_factor == 1").set_index("name")
+    changes = runs[[name for name in runs.columns if "_change_" in name]]
+    noise = changes.loc[f"{GROWN}_x1_analytic_seed1"]
+    assert (changes.loc[f"{GROWN}_x1_constant_seed0"] < noise).all()
+    assert (changes.loc[f"{GROWN}_x1_analytic_seed0"] == 0).all()
+
+
+def test_geometry_alone_says_what_the_simulation_shows_once_it_shows(tables):
+    growth, runs = growth_of(tables["runs"]), tables["runs"].set_index("name")
+    extra = growth["extra_percent"].iloc[-1]
+    static = growth["static_extra_percent", "constant"].iloc[-1]
+    assert extra.constant == pytest.approx(static, rel=0.1)
+    assert static > 5
+    assert extra.relinearized < 0.2 * extra.analytic
+    assert (growth["e_visited_frobenius"].max(axis=1) < growth["e_box_frobenius"].min(axis=1)).all()
+    assert (growth["pointing_cost_percent", "constant"].abs() < 2).all()
+    for size, each in growth["extra_percent"].iterrows():  # of one seed and column
+        assert set(each.index) == set(VARIANTS)
+        for name, percent in each.items():
+            assert percent == runs.extra_percent[f"{GROWN}_x{size:g}_{name}_seed0"]
+    costs, sizes = tables["costs"], growth.index
+    assert len(costs)
+    assert costs.spiral_factor.between(sizes.min(), sizes.max()).all()
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "word"),
+    [
+        (0, "closure_residual_max_m", 2e-8, "closure residual over the size of the spiral"),
+        (-4, "static_extra_percent", 1.0, "of geometry and floor is 0.87"),
+    ],
+)
+def test_an_unsound_loop_fails_a_check(tables, row, column, value, word):
+    assert all(check.passed for check in checks(tables, 0.0))
+    runs = tables["runs"]
+    runs.loc[runs.index[row], column] = value
+    (sentence,) = [str(check) for check in checks(tables, 0.0) if not check.passed]
+    assert word in sentence
+
+
+def test_the_command_leaves_data_and_recordings(jacobian_folder, tables):
+    runs = tables["runs"]
+    sizes = zip(runs.stroke_factor, runs.spiral_factor, strict=True)
+    kept = (runs.column == GROWN) & np.array([size in RECORDED for size in sizes])
+    assert list(kept) == list(runs.data.notna())
+    for one in runs[kept].itertuples():
+        assert (jacobian_folder / str(one.recording)).is_file()
+        with np.load(jacobian_folder / str(one.data)) as data:
+            assert data["true_rad"].shape == data["desired_rad"].shape
+            assert data["strut_displacement_m"].shape[1] == 6

@@ -1,0 +1,120 @@
+"""The hexapod's controllers and its supervisor in a loop without physics."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.controller import controller_for, nominal_loops
+from fjh.rig.hexapod.fault_tolerance import HEAVE
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
+from ftc import Goal, Measurement, PrioritizedController, Supervisor
+from ftc.control import DisplacementForm
+from ftc.fdi import Diagnosis, Dither, Fault
+from sim import NOMINAL
+
+EQUAL = Goal(joint_weight=(1.0,) * 6)
+DESIRED = np.array([6e-5, -3e-5])
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+LSB_PERCENT = 100 / 2**15
+FADE = 100
+"""Ticks of a handover."""
+
+
+@cache
+def jacobian() -> np.ndarray:
+    return np.linalg.inv(hexapod(hexapod_rig().model).inverse_jacobian(NOMINAL))
+
+
+def pointing_of(displacements: np.ndarray) -> np.ndarray:
+    """By the linear model, (2,)."""
+    return jacobian()[MAJOR] @ displacements
+
+
+def supervisor(dither: Dither | None = None) -> Supervisor:
+    return _supervisor(dither)
+
+
+@cache
+def _supervisor(dither: Dither | None) -> Supervisor:
+    return hexapod_rig().supervisor(dither)
+
+
+@cache
+def testbed() -> Testbed:
+    bench, model = replace(TestbedConfig(), handover_s=0.1), hexapod_rig().model
+    return Testbed(model, bench, nominal_loops(model, bench))
+
+
+def controller(goal: Goal, form: DisplacementForm = "absolute") -> PrioritizedController[Any]:
+    return controller_for(testbed(), goal, jacobian="constant", form=form)
+
+
+def reading(output: np.ndarray) -> Measurement:
+    return Measurement(output, np.zeros(6))
+
+
+def steady(pilot, state, ticks: int, secondary_reference=None):
+    """The compensators see no error: what they ask stands still."""
+    for _ in range(ticks):
+        state = pilot.step(state, DESIRED, reading(DESIRED), secondary_reference)
+    return state
+
+
+def pulled(pilot, secondary_reference=None):
+    """Some way out, by an error that lasts a tenth of a second."""
+    state = pilot.start()
+    for _ in range(100):
+        state = pilot.step(state, DESIRED, reading(0.7 * DESIRED), secondary_reference)
+    return steady(pilot, state, 200, secondary_reference)
+
+
+@cache
+def out(form: DisplacementForm = "absolute"):
+    """State of the controller of the healthy machine, some way out."""
+    return pulled(controller(EQUAL, form))
+
+
+def diagnosis(fault: Fault, displacement_m: float = 0.0, *, confirmed: bool = False) -> Diagnosis:
+    return Diagnosis(fault, (fault.kind,), 1.0, 1.0, displacement_m, 0, 0, 10, confirmed=confirmed)
+
+
+@dataclass(frozen=True)
+class Script:
+    """A monitor that says what it is told to, tick after tick, and counts whom it came after."""
+
+    says: tuple[Diagnosis | None, ...]
+    after: int = 0
+    ticks: int = 1
+
+    @property
+    def nominal(self):
+        """Of the healthy machine."""
+        return hexapod_rig().nominal
+
+    def step(self, watch, measured, commanded_m):
+        """The next that it says."""
+        return replace(watch, ticks=watch.ticks + 1, diagnosis=self.says[watch.ticks])
+
+    def believing(self, watch):
+        """Itself, one failure later."""
+        return replace(self, after=self.after + 1), replace(watch, diagnosis=None)
+
+
+@cache
+def far_out(dither: Dither | None):
+    pilot = supervisor(dither)
+    return replace(pilot.start(), controller=pulled(pilot.first))
+
+
+def supervised(*says: Diagnosis | None, dither: Dither | None = None) -> list[Any]:
+    """The supervisor's states from far out, tick by tick, under a monitor that says this."""
+    states = [replace(far_out(dither), monitor=Script(says))]
+    for tick in range(len(says)):  # a sensor that repeats itself to the bit is stuck
+        seen = reading(DESIRED * (1 + 1e-9 * (tick % 2)))
+        states.append(supervisor(dither).step(states[-1], DESIRED, seen))
+    return states[1:]

@@ -1,0 +1,401 @@
+"""One mapping takes over from another: no command steps, no task is lost; actuators out of use."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.detector import pointing_angles
+from fjh.rig.hexapod.rig import hexapod_rig
+from ftc import (
+    DirectDrive,
+    Goal,
+    LocalGeometry,
+    LoopShape,
+    Measurement,
+    OracleController,
+    PrioritizedController,
+    PrioritizedMapping,
+    Stage,
+    compensator,
+    margins,
+    steps,
+)
+from ftc.control import DisplacementForm, UnstableLoop
+from ftc.controller import BumplessTransfer, ControllerState
+from ftc.fdi.fault_model import FaultModel
+from prioritized import ConstrainedSystem
+from sim import MODELS, Failure, Plant, jacobians, linearize, load_model
+from tests.ftc.hexapod import (
+    DESIRED,
+    EQUAL,
+    FADE,
+    LSB_PERCENT,
+    controller,
+    jacobian,
+    out,
+    pointing_of,
+    pulled,
+    reading,
+    steady,
+)
+
+GOALS = {
+    "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
+    "W_e, one locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at={2: -4e-6}),
+    "locked off centre": Goal(joint_weight=(1.0,) * 6, locked_at={0: 4e-6}),
+    "W_e, two locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at={1: -3e-6, 3: 1e-6}),
+}
+WITHOUT_2 = replace(EQUAL, locked_at={2: 0.0})
+ALL = np.ones(6)
+
+
+@pytest.mark.parametrize("form", ["absolute", "gauss_newton"])
+@pytest.mark.parametrize("name", GOALS)
+def test_no_surviving_actuator_steps_when_the_mapping_changes(name, form):
+    after, state = controller(GOALS[name], form), out(form)
+    survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
+    sent = state.inputs[survivors]
+    bumpless = steady(after, after.transfer(state), 1).inputs[survivors]
+    bare = steady(after, state, 1).inputs[survivors]
+    # The first tick of the fade, and the converters' last bit.
+    assert np.abs(bumpless - sent).max() <= 1.5 * LSB_PERCENT
+    if form == "absolute" or "locked" not in name:
+        assert np.abs(bare - sent).max() > 20 * LSB_PERCENT
+
+
+@pytest.mark.parametrize("name", GOALS)
+def test_what_is_left_of_the_former_mapping_fades_without_moving_the_task(name):
+    after = controller(GOALS[name])
+    survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
+
+    def surviving_m(state):
+        return after.drives.displacements(state.inputs)[survivors]
+
+    state = first = steady(after, after.transfer(out()), 1)
+    moved, J_m = [], jacobian()[np.ix_(MAJOR, survivors)]
+    for _ in range(FADE):
+        state = steady(after, state, 1)
+        moved.append(surviving_m(state) - surviving_m(first))
+    # Six struts' last bits, 10 nm each at most, through J_m.
+    assert np.abs(moved @ J_m.T).max() < 6e-8
+    for later in (state, steady(after, state, FADE)):
+        own = after.mapping.displacements(later.asked.demand, later.pose)[survivors]
+        np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
+    if name != "locked off centre":  # the least of all struts is the least of those left, too
+        assert np.abs(surviving_m(first) - own).max() > 1e-7
+
+
+@pytest.mark.parametrize(
+    ("part", "left"),
+    [(0.0, 1.0), (0.25, 0.5 + 0.125**0.5), (0.5, 0.5), (0.75, 0.5 - 0.125**0.5), (1, 0), (1.5, 0)],
+)
+def test_the_former_secondary_motion_fades_as_half_a_cosine(part, left):
+    """It begins and ends with no rate, so that no mode is struck, and does not come back."""
+    after, reference = controller(GOALS["W_b"]), np.array([1.0, 0, 0, -1.0, 0, 0]) * 1e-6
+    still = np.zeros(6)
+    owed = BumplessTransfer(np.zeros(2), reference, still, still, np.zeros(2))
+    owed = replace(owed, age_s=part * after.handover_s)
+    state = steady(after, replace(after.start(), bumpless_transfer=owed), 1)
+    np.testing.assert_allclose(state.asked.secondary_reference, left * reference, atol=1e-20)
+
+
+def test_a_handover_of_a_handover_owes_both_and_the_dither_goes_through():
+    first, second, third = map(controller, (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"]))
+    state = steady(second, second.transfer(out()), 100)
+    then = steady(third, third.transfer(state), 1)
+    assert np.delete(np.abs(then.inputs - state.inputs), 2).max() <= 2 * LSB_PERCENT
+    shaken = np.array([2e-6, -1e-6, 3e-6, 0.0, 1e-6, -2e-6])
+    state = pulled(first, shaken)
+    then = steady(second, second.transfer(state), 1, shaken)
+    assert np.abs(then.inputs - state.inputs).max() <= 1.5 * LSB_PERCENT
+
+
+def test_the_others_make_up_at_once_for_what_a_free_actuator_loses():
+    after, state = controller(WITHOUT_2), out()
+    commanded_m = after.drives.displacements(state.inputs)
+    lost = np.where(np.arange(6) == 2, commanded_m, 0.0)
+    now_m = after.drives.displacements(steady(after, after.transfer(state, lost), 1).inputs)
+    now_m[2] = 0.0
+    np.testing.assert_allclose(pointing_of(now_m), pointing_of(commanded_m), atol=6e-8)
+
+
+def test_a_weak_actuator_that_is_known_is_commanded_the_more():
+    """Twice the command at half the strength is the same displacement, pose and handover."""
+    aware = controller(replace(EQUAL, effectiveness={4: 0.5}))
+    expected, state = out(), pulled(aware)
+    twice = expected.inputs * [1, 1, 1, 1, 2, 1]
+    np.testing.assert_allclose(state.inputs, twice, atol=2 * LSB_PERCENT)
+    assert abs(state.inputs[4]) > 40 * LSB_PERCENT
+    # Six struts' last bits, 20 nm each at most, through J.
+    found, same = state.pose, expected.pose
+    np.testing.assert_allclose(found.translation_m, same.translation_m, atol=4e-8)
+    angles = pointing_angles(found.rotation), pointing_angles(same.rotation)
+    np.testing.assert_allclose(*angles, atol=2e-7)
+    owed = aware.transfer(state).bumpless_transfer
+    assert owed is not None
+    np.testing.assert_allclose(owed.demand, 0, atol=2e-7)
+    np.testing.assert_allclose(owed.secondary_reference, 0, atol=4e-8)
+
+
+@pytest.mark.long
+def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
+    """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
+    rig = hexapod_rig()
+    failures, path = [Failure(0, "locked", 3.0)], rig.control.testbed.bench.spiral_rad(3.3)
+    fault_unaware = rig.fly(rig.controller(EQUAL), path, failures=failures)
+    stuck_m = float(fault_unaware.displacement[3000, 0])
+    told = rig.reconfigured(EQUAL, Goal(EQUAL.joint_weight, locked_at={0: stuck_m}), 3.0)
+    run = rig.fly(told, path, failures=failures)
+    error = 1e6 * np.linalg.norm(run.error, axis=1)
+    assert error[3000:].max() < 1.3 * error[2500:3000].max()
+    step = np.abs(np.diff(run.inputs[2990:3010], axis=0))[:, 1:]
+    assert step.max() < 5 * LSB_PERCENT
+
+
+# An actuator out of use: its command stays or fades, and the others take over.
+
+LOST = {"locked": Goal(EQUAL.joint_weight, locked_at={2: -4e-6}), "without force": WITHOUT_2}
+
+
+def moving(pilot, state: ControllerState, ticks: int) -> list[ControllerState]:
+    """States while the detector reads errors of another size at each tick."""
+    rng, states = np.random.default_rng(0), []
+    for _ in range(ticks):
+        seen = reading(DESIRED * rng.uniform(0.8, 1.2))
+        state = pilot.step(state, DESIRED, seen, 1e-6 * jacobian()[0])
+        states.append(state)
+    return states
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        *((name, form) for name in LOST for form in ("absolute", "gauss_newton")),
+        ("without force", "incremental"),  # a lock off centre has no incremental form
+    ],
+)
+def test_a_command_that_is_kept_stays_to_the_bit(name, form: DisplacementForm):
+    """Whatever the others do, for longer than a handover takes; a second transfer keeps it, too."""
+    after, state = controller(LOST[name], form), out(form)
+    later = moving(after, after.transfer(state, keeps=ALL), FADE + 20)
+    later += moving(after, after.transfer(later[-1], keeps=ALL), 5)
+    assert abs(state.inputs[2]) > 20 * LSB_PERCENT
+    assert all(each.inputs[2] == state.inputs[2] for each in later)
+    assert np.ptp([each.inputs[0] for each in later]) > 20 * LSB_PERCENT
+
+
+@pytest.mark.parametrize("form", ["absolute", "gauss_newton", "incremental"])
+def test_another_falls_to_zero_as_half_a_cosine(form: DisplacementForm):
+    after = controller(WITHOUT_2, form)
+    kept = moving(after, after.transfer(out(form), keeps=ALL), 50)[-1]
+    fading = moving(after, after.transfer(kept), FADE + 10)
+    expected = 0.5 * (1 + np.cos(np.pi * np.minimum(np.arange(FADE + 10) / FADE, 1)))
+    found = np.array([each.inputs[2] for each in fading]) / kept.inputs[2]
+    np.testing.assert_allclose(found, expected, atol=LSB_PERCENT / abs(kept.inputs[2]))
+    assert fading[-1].inputs[2] == 0.0
+
+
+@pytest.mark.parametrize("left", [0.0, 0.3, 1.0])
+def test_the_others_take_over_what_a_weak_actuator_still_did(left):
+    """Statics: they and what is left of its force cause the same major task, tick by tick."""
+    after, start, second = controller(WITHOUT_2), out(), np.arange(6) == 2
+    u = after.drives.displacements(start.inputs)
+    lost = np.where(second, (1 - left) * u, 0.0)  # at the very moment of the failure
+    caused, state = [], after.transfer(start, lost, np.where(second, left, 0.0))
+    for _ in range(FADE + 2):
+        state = steady(after, state, 1)
+        sent = after.drives.displacements(state.inputs)
+        caused.append(pointing_of(np.where(second, left * sent, sent)))
+    assert state.inputs[2] == 0.0
+    np.testing.assert_allclose(caused, [pointing_of(u)] * len(caused), atol=8e-8)
+
+
+def test_a_second_failure_while_the_first_one_fades_moves_nothing():
+    """What is left of the first command fades with the second, unless both are kept."""
+    first, second = controller(WITHOUT_2), controller(replace(EQUAL, locked_at={2: 0.0, 5: 0.0}))
+    acting = np.array([0, 0, 0.3, 0, 0, 0.4])
+    state = out()
+    half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
+    kept = steady(second, second.transfer(half, keeps=ALL), 2 * FADE)
+    states = [half, kept, steady(second, second.transfer(kept, acting=acting), FADE + 2)]
+    left = np.where(acting, acting, 1.0)
+    caused = [pointing_of(left * second.drives.displacements(each.inputs)) for each in states]
+    np.testing.assert_allclose(caused, [caused[0]] * 3, atol=8e-8)
+    assert states[1].inputs[2] == pytest.approx(0.5 * state.inputs[2], abs=0.01 * state.inputs[2])
+    assert states[2].inputs[[2, 5]].tolist() == [0.0, 0.0]
+
+
+def tied_pilot(system: ConstrainedSystem, goal: Goal, *form) -> PrioritizedController:
+    mapping = PrioritizedMapping(LocalGeometry(system), goal, [0], [1], *form)
+    loop = control.ss([[1.0]], [[0.01]], [[5.0]], [[0.0]], 0.01)
+    return PrioritizedController([loop], mapping, DirectDrive(), handover_s=1.0)
+
+
+@pytest.mark.parametrize("form", ["absolute", "incremental"])
+def test_what_no_motion_follows_fades_once(form):
+    """Of actuators tied by a loop: a second handover, half way, continues the first one."""
+    tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
+    pilot = tied_pilot(tied, Goal((1.0,) * 3), form)
+    state = pilot.transfer(replace(pilot.start(), inputs=np.array([0.5, -0.5, 0.0])))
+    apart, still = [], Measurement(np.zeros(1), np.zeros(3))
+    for tick in range(160):
+        state = pilot.step(pilot.transfer(state) if tick == 50 else state, np.zeros(1), still)
+        apart.append(state.inputs[0] - state.inputs[1])
+    assert apart[0] == pytest.approx(1.0) and apart[-1] == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(np.diff(apart)).max() < 0.02
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_that_closed_loops_take_along_is_commanded_where_they_take_it(seed):
+    """Then its servo and the others agree, whether it is free, sound after all, or works again."""
+    rng = np.random.default_rng(seed)
+    C = rng.normal(size=(1, 4))
+    system = ConstrainedSystem(rng.normal(size=(2, 4)), C, np.arange(4))
+    pilot = tied_pilot(system, Goal((1.0,) * 4, free=(2,)))
+    state = pilot.transfer(replace(pilot.start(), inputs=rng.normal(size=4)))
+    for tick in range(160):
+        state = pilot.step(state, np.ones(1), Measurement(np.zeros(1), np.zeros(4)))
+        if tick == 0:  # before that what it was commanded fades
+            assert abs(C @ state.inputs) > 1e-3
+    np.testing.assert_allclose(C @ state.inputs, 0, atol=1e-9)
+    assert abs(state.inputs[2]) > 1e-2 and pilot.mapping.followed(np.zeros(4)) is not None
+
+
+# Two arms of twelve joints carry one load, in physics; the shoulder of the first locks.
+
+LOAD, ORIENTATION, JOINT = [3, 4, 5], [0, 1, 2], 1
+PERIOD_S, LOCK_TICK, TICKS = 1e-3, 1000, 1800
+SHAPE = LoopShape(crossover_hz=2.0, roll_off_hz=8.0, roll_off_damping=0.7)
+TIME_S = PERIOD_S * np.arange(TICKS)
+REFERENCE = 2e-3 * np.sin(np.pi * np.outer(TIME_S, [1.0, 0.8, 0.6]))
+"""Of the load's position, [m], shape (N, 3)."""
+LATE = slice(LOCK_TICK + 300, TICKS)
+"""When what the lock's impact has done is over."""
+TWELVE = Goal(joint_weight=(1.0,) * 12)
+
+
+@cache
+def arms():
+    """Model, Jacobians, linear plant."""
+    import mujoco
+
+    model = load_model(MODELS / "arms.xml")
+    data = mujoco.MjData(model)
+    return model, jacobians(model, data, site="payload", axes="base"), linearize(model, data)
+
+
+def arms_mapping(goal: Goal = TWELVE, **changed: Any) -> PrioritizedMapping:
+    own: dict[str, Any] = {name: getattr(arms()[1], name) for name in ("J_T", "J_C", "active")}
+    system = ConstrainedSystem(**(own | changed))
+    return PrioritizedMapping(LocalGeometry(system), goal, LOAD, ORIENTATION)
+
+
+def channel(row: int) -> control.StateSpace:
+    linear = arms()[2]
+    drive = linear.B @ arms_mapping().major_gain()[:, [row]]
+    return control.ss(linear.A, drive, linear.C_twist[[LOAD[row]]], 0)
+
+
+@cache
+def loops():
+    return [compensator(channel(row), SHAPE, PERIOD_S) for row in range(3)]
+
+
+def arms_controller(mapping: PrioritizedMapping) -> PrioritizedController:
+    return PrioritizedController(loops(), mapping, DirectDrive(), handover_s=0.3)
+
+
+def flown(before: PrioritizedMapping, after=None, ticks: int = TICKS, lock: bool = False):
+    """Positions of the load (N, 3), joints and commands (N, 12) of the closed loop in physics."""
+    first, second = arms_controller(before), arms_controller(after or before)
+    pilot = OracleController(first, second, LOCK_TICK if after else None)
+    plant, state, kept = Plant(arms()[0]), pilot.start(), []
+    for tick in range(ticks):
+        if lock and tick == LOCK_TICK:
+            Failure(JOINT, "locked").strike(plant)
+        position_m, joints = plant.pose().translation_m, plant.displacements()
+        state = pilot.step(state, REFERENCE[tick], Measurement(position_m, joints))
+        kept.append((position_m, joints, state.inputs))
+        plant.step(state.inputs, PERIOD_S)
+    return [np.array(column) for column in zip(*kept, strict=True)]
+
+
+@cache
+def healthy():
+    return flown(arms_mapping())
+
+
+@cache
+def reconfigured():
+    stuck_rad = float(healthy()[1][LOCK_TICK, JOINT])
+    known = arms_mapping(replace(TWELVE, locked_at={JOINT: stuck_rad}))
+    return flown(arms_mapping(), known, lock=True)
+
+
+@cache
+def predicted_m() -> np.ndarray:
+    """The same loop with the linear plant, shape (N, 3)."""
+    linear = arms()[2]
+    P = control.c2d(control.ss(linear.A, linear.B, linear.C_twist[LOAD], 0), PERIOD_S, "zoh")
+    model = FaultModel(P.A, P.B, P.C, np.eye(len(P.A)), np.zeros(len(P.A)))
+    stage = Stage(model, gain=arms_mapping().major_gain())
+    return np.array([tick.output for tick in steps([stage], P.C, loops(), REFERENCE)])
+
+
+def is_as_predicted(position_m: np.ndarray) -> bool:
+    ticks = slice(len(position_m))
+    error = np.linalg.norm(REFERENCE[ticks] - position_m)
+    off = np.linalg.norm(position_m - predicted_m()[ticks])
+    lag = np.linalg.norm(REFERENCE[ticks] - predicted_m()[ticks])
+    return bool(off < 0.03 * lag) and bool(error < 0.5 * np.linalg.norm(REFERENCE[ticks]))
+
+
+def test_the_load_follows_as_predicted_and_with_a_wrong_mapping_does_not():
+    assert is_as_predicted(healthy()[0])
+    J, columns = arms()[1], np.arange(arms()[1].J_T.shape[1])
+    columns[J.active[[0, 2]]] = J.active[[2, 0]]
+    wrong: list[dict[str, Any]] = [{"J_T": J.J_T[:, columns], "J_C": J.J_C[:, columns]}]
+    for factor in (-1.0, 0.8):
+        wrong.append({"J_T": J.J_T * np.where(np.arange(6) == 3, factor, 1.0)[:, None]})
+    for changed in wrong:
+        assert not is_as_predicted(flown(arms_mapping(**changed), ticks=400)[0])
+
+
+def test_the_stepped_loop_is_the_linear_one_of_python_control():
+    """Where nothing saturates and nothing fails."""
+    linear = arms()[2]
+    B = linear.B @ arms_mapping().major_gain()
+    P = control.c2d(control.ss(linear.A, B, linear.C_twist[LOAD], 0), PERIOD_S, "zoh")
+    L = P * control.append(*(each.discrete for each in loops()))
+    T = control.feedback(L, np.eye(L.noutputs))
+    expected = np.asarray(control.forced_response(T, TIME_S, REFERENCE.T).outputs).T
+    np.testing.assert_allclose(predicted_m(), expected, rtol=1e-8, atol=1e-14)
+
+
+def test_compensators_have_the_crossover_asked_for_and_margins():
+    for row, one in enumerate(loops()):
+        found = margins(control.c2d(channel(row), PERIOD_S, "zoh") * one.discrete)
+        assert found.crossover_hz == pytest.approx(SHAPE.crossover_hz, rel=1e-3)
+        assert found.phase_margin_deg > 45.0
+        assert found.gain_margin_db > 6.0
+    with pytest.raises(UnstableLoop, match="crossover of 80"):
+        compensator(channel(0), replace(SHAPE, crossover_hz=80.0, roll_off_hz=400.0), PERIOD_S)
+
+
+def test_with_the_joint_locked_the_load_follows_as_before():
+    """J_m M = I whatever has failed and is known; unknown, the lock costs the position."""
+
+    def rms_error_m(run) -> np.ndarray:
+        return np.sqrt(((REFERENCE - run[0])[LATE] ** 2).mean(axis=0))
+
+    before = rms_error_m(healthy())
+    np.testing.assert_allclose(rms_error_m(reconfigured()), before, rtol=0.1)
+    joint = reconfigured()[1][LOCK_TICK:, JOINT]
+    assert abs(joint[0]) > 1e-4 and np.abs(joint - joint[0]).max() < 1e-6
+    lost = rms_error_m(flown(arms_mapping(), lock=True))
+    assert (np.abs(lost / before - 1)).max() > 0.3

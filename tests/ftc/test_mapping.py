@@ -1,0 +1,231 @@
+"""From a major task to the actuators: limits, compiled ticks, gains."""
+
+from collections.abc import Callable
+from copy import copy
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
+from ftc import Goal, PrioritizedMapping, mapping_for
+from ftc.control import PreviousCommand
+from prioritized import ConstrainedSystem
+from sim import MODELS, NOMINAL, Mechanism, load_model
+from tests.ftc.serial import MAJOR, SECONDARY, limited, serial
+from tests.profiles import examples
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+# Limits of displacements.
+
+
+@examples(40)
+@given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
+def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_at):
+    """An independent bounded solver finds the same error, stuck actuators included."""
+    own, demand = serial(seed), np.random.default_rng(seed + 1).normal(size=2)
+    mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_at=locked_at))
+    found_m, residual = mapping.tick(demand, own.nominal)
+    assert np.abs(found_m).max() <= 0.5
+    assert not found_m[list(locked_at)].any()
+    standing_m = found_m.copy()
+    standing_m[list(locked_at)] = list(locked_at.values())
+    achieved = mapping.major_motion(standing_m, own.nominal)
+    assert residual is not None
+    np.testing.assert_allclose(residual, demand - achieved, atol=1e-9)
+    J = own.system.J_T[MAJOR]
+    offset = J[:, list(locked_at)] @ list(locked_at.values())
+    J_m = np.delete(J, list(locked_at), axis=1)
+    best = lsq_linear(J_m, demand - offset, (-0.5, 0.5), method="bvls", tol=1e-14)
+    assert np.linalg.norm(residual) == pytest.approx(np.sqrt(2 * best.cost), abs=1e-7)
+
+
+@given(SEEDS)
+def test_limits_that_are_not_reached_change_nothing(seed):
+    """Nor does an infinite limit beside one: many arms have joints that turn without end."""
+    own, rng = serial(seed), np.random.default_rng(seed + 1)
+    demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
+    unlimited = limited(own, None)
+    free = unlimited.displacements(demand, own.nominal, secondary_reference=reference_m)
+    found, residual = unlimited.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_array_equal(found, free)
+    assert residual is None
+    wide = np.where(np.arange(5) % 2, np.inf, 2 * np.abs(free).max())
+    box = (-wide, wide)
+    mapping = PrioritizedMapping(own, Goal((1.0,) * 5), MAJOR, SECONDARY, limits=box)
+    found, residual = mapping.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_allclose(found, free, atol=1e-10)
+    assert residual is not None and np.abs(residual).max() < 1e-10
+
+
+@given(SEEDS)
+def test_a_secondary_goal_beyond_the_limits_costs_the_major_task_nothing(seed):
+    own, rng = serial(seed), np.random.default_rng(seed + 1)
+    mapping, demand = limited(own), rng.normal(size=2)
+    _, alone = mapping.tick(demand, own.nominal)
+    _, beside = mapping.tick(demand, own.nominal, secondary_reference=10 * rng.normal(size=5))
+    np.testing.assert_allclose(beside, alone, atol=1e-8)
+
+
+@given(SEEDS)
+def test_scaled_demands_keep_their_direction(seed):
+    own, demand = serial(seed), 5 * np.random.default_rng(seed + 1).normal(size=2)
+    _, residual = limited(own, when_limited="scaled").tick(demand, own.nominal)
+    achieved = demand - residual
+    assert abs(np.linalg.det([achieved, demand])) < 1e-8
+    assert 0 <= achieved @ demand <= demand @ demand + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"limits": (np.ones(5), np.zeros(5))}, "limits must be a lower and an upper limit"),
+        (
+            {"limits": (np.zeros(5), np.ones(5)), "form": "incremental"},
+            'form must be "absolute" or "gauss_newton" with limits',
+        ),
+    ],
+)
+def test_limits_without_sense_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        PrioritizedMapping(serial(0), Goal(), MAJOR, SECONDARY, **options)
+
+
+# A tick in one compiled call is the mapping by its objects, on five robots.
+
+ROBOTS = {"arm": (3, 4, 5), "hand": (3, 4), "arms": (3, 4, 5), "platform": (3, 4)}
+"""Bundled ones and their major rows, beside the hexapod."""
+
+
+@cache
+def mechanism(name: str) -> Mechanism:
+    return Mechanism(load_model(MODELS / f"{name}.xml"), site="payload")
+
+
+def by_objects(mapping: PrioritizedMapping[Any]) -> PrioritizedMapping[Any]:
+    """The same mapping without compiled ticks."""
+    other = copy(mapping)
+    vars(other).update(_ticks=[None, None])
+    return other
+
+
+def goal_of(rng: np.random.Generator, n: int, rows: int, *, fails: bool) -> Goal:
+    """Random weights, and perhaps an actuator that stands, off centre or not."""
+    secondary = tuple(rng.uniform(0.5, 2.0, rows)) if rng.random() < 0.5 else None
+    standing = {int(rng.integers(n)): float(rng.choice([0.0, 1e-4]))} if fails else {}
+    return Goal(tuple(rng.uniform(0.5, 2.0, n)), secondary, locked_at=standing)
+
+
+Ticks = tuple[PrioritizedMapping[Any], Callable[[], tuple[Any, ...]]]
+"""A mapping, and random arguments of its tick."""
+
+
+def robot_ticks(name: str, rng: np.random.Generator) -> Ticks:
+    """Of a bundled robot."""
+    model, major = mechanism(name), ROBOTS[name]
+    n = len(model.nominal.displacements)
+    goal = goal_of(rng, n, 6 - len(major), fails=name != "hand" and rng.random() < 0.5)
+    sides = rng.uniform(2e-3, 2e-2, (2, n))
+    limits = (-sides[0], sides[1]) if rng.random() < 0.6 else None
+    mapping = mapping_for(model, goal, major, limits)
+
+    def tick() -> tuple[Any, ...]:
+        commanded = 5e-3 * rng.normal(size=n)
+        pose = mapping.estimate(commanded, mapping.nominal)
+        reference = 1e-3 * rng.normal(size=n) if rng.random() < 0.5 else None
+        return 1e-3 * rng.normal(size=len(major)), pose, commanded, None, reference
+
+    return mapping, tick
+
+
+def hexapod_ticks(rng: np.random.Generator) -> Ticks:
+    """Of the hexapod, in all forms, with limits or not."""
+    model = load_model()
+    form = str(rng.choice(["absolute", "incremental", "gauss_newton"]))
+    goal = goal_of(rng, 6, 4, fails=form != "incremental" and rng.random() < 0.5)
+    limits = None if form == "incremental" or rng.random() < 0.4 else (np.full(6, -3e-5), 3e-5)
+    jacobian = str(rng.choice(["constant", "analytic"]))
+    how: Any = {"form": form, "limits": limits, "stiffness": strut_and_payload_stiffness(model)}
+    mapping = StrutMapping(hexapod(model), goal, jacobian, **how)  # pyright: ignore[reportArgumentType]
+
+    def tick() -> tuple[Any, ...]:
+        pose, demand = NOMINAL.moved(1e-4 * rng.normal(size=6)), 1e-4 * rng.normal(size=2)
+        commanded, before = 1e-5 * rng.normal(size=(2, 6))
+        last = PreviousCommand(1e-4 * rng.normal(size=2), before, 1e-6 * rng.normal(size=6))
+        reference = 1e-5 * rng.normal(size=6) if rng.random() < 0.5 else None
+        return demand, pose, commanded, last, reference
+
+    return mapping, tick
+
+
+@pytest.mark.parametrize(
+    ("mappings", "ticks"), [(6, 10), pytest.param(40, 50, marks=pytest.mark.long)]
+)
+@pytest.mark.parametrize("name", ["hexapod", *ROBOTS])
+def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mappings, ticks):
+    """Ten thousand of them, if it is to take long."""
+    rng, compiled = np.random.default_rng(0), 0
+    for _ in range(mappings):
+        mapping, draw = hexapod_ticks(rng) if name == "hexapod" else robot_ticks(name, rng)
+        for _ in range(ticks):
+            demand, pose, *rest = draw()
+            found, lacking = mapping.tick(demand, pose, *rest)
+            expected, known = by_objects(mapping).tick(demand, pose, *rest)
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * size)
+            assert (lacking is None) == (known is None)
+            if lacking is not None and known is not None:
+                np.testing.assert_allclose(lacking, known, atol=1e-9 * np.abs(demand).max())
+        compiled += mapping._ticks[mapping.limits is not None] is not None
+    assert compiled == mappings
+
+
+def test_limits_that_hold_the_task_back_leave_what_the_achieved_task_lacks():
+    """By the Jacobian of the posture: what is not reached is demanded less J times what moves."""
+    model, rows, limits = (
+        mechanism("arm"),
+        list(ROBOTS["arm"]),
+        (np.full(7, -1e-4), np.full(7, 1e-4)),
+    )
+    mapping = mapping_for(model, Goal((1.0,) * 7), rows, limits)
+    demand = np.array([1e-2, 0.0, 0.0])
+    found, lacking = mapping.tick(demand, mapping.nominal, np.zeros(7))
+    assert lacking is not None
+    J = model.jacobians(mapping.nominal).J_T[rows]
+    np.testing.assert_allclose(lacking, demand - J @ found, atol=1e-15)
+    assert (np.abs(found) <= 1e-4).all() and np.abs(lacking).max() > 1e-3
+
+
+def test_next_to_a_singularity_the_objects_decide():
+    """A strut parallel to all others: the payload may shift, and no rank of it is clear."""
+    machine = hexapod(load_model())
+    parallel = type(machine)(machine.top_m - [0.0, 0.0, 1.0], machine.top_m)
+    mapping = StrutMapping(machine, Goal((1.0,) * 6), "analytic")
+    pose = parallel.posture(NOMINAL)
+    step = mapping._step(np.zeros(2), pose, None, None, None)
+    assert mapping._moved(mapping._ticks[0], pose, step, None) is None
+
+
+@pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
+def test_the_secondary_gain_is_what_a_reference_moves(weights):
+    """A small reference at the nominal pose moves the commands by the gain, the task not at all."""
+    goal = Goal(
+        joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,
+        secondary_weight=(1.0,) * 4 if "secondary" in weights else None,
+        locked_at={weights["off"]: 0.0} if "off" in weights else {},
+    )
+    mapping = mapping_for(mechanism("arm"), goal, (0, 1))
+    gain, still = mapping.secondary_gain(), np.zeros(2)
+    system = ConstrainedSystem.of(mechanism("arm").jacobians(mapping.nominal))
+    assert np.linalg.matrix_rank(gain, 1e-9) == 5 - ("off" in weights) - ("secondary" in weights)
+    np.testing.assert_allclose(system.kinematics().J[[0, 1]] @ gain, 0.0, atol=1e-12)
+    for wish in 1e-3 * np.eye(7):
+        moved = mapping.displacements(still, mapping.nominal, np.zeros(7), None, wish)
+        np.testing.assert_allclose(moved, gain @ wish, atol=1e-12)

@@ -1,0 +1,178 @@
+"""What follows from a diagnosis: another goal, and whether to go over to a controller for it."""
+
+import copy
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from fjh.rig import Rig
+from fjh.rig.hexapod.rig import hexapod_rig
+from ftc import DirectDrive, Goal, goal_after
+from ftc.fdi import Fault
+from ftc.reconfiguration import Case, Outlook, lost_displacement
+from sim import Failure
+from tests.ftc.hexapod import EQUAL, diagnosis
+
+STILL = np.zeros(12)
+
+
+def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
+    nominal = hexapod_rig().nominal
+    known = [
+        diagnosis(Fault(0, "locked"), 3e-6),
+        diagnosis(Fault(2, "free"), 9e-6),
+        diagnosis(Fault(5, "weak", 0.6), 1e-6),
+    ]
+    goal = goal_after(EQUAL, known, nominal, "locked")
+    assert goal.locked_at == {0: 3e-6, 2: 0.0} and goal.effectiveness == pytest.approx({5: 0.6})
+    assert goal.joint_weight == EQUAL.joint_weight
+    commanded_m = np.full(6, 2e-6)
+    locked, free, weak = (
+        lost_displacement(nominal, each, [each.fault], commanded_m) for each in known
+    )
+    np.testing.assert_array_equal(locked, 0.0)
+    assert free[2] == pytest.approx(2e-6, rel=1e-2)  # no more than it was commanded
+    assert weak[5] == 0.0  # it is already where it will be, or further
+
+
+def test_a_weak_coil_is_commanded_more_with_care():
+    """Twice as much at the most; what has less than half of its force is left alone."""
+    nominal, commanded_m = hexapod_rig().nominal, np.full(6, 8e-6)
+    most = diagnosis(Fault(5, "weak", 0.501), 4e-6, confirmed=True)
+    goal = goal_after(EQUAL, [most], nominal, "locked")
+    assert goal.effectiveness == pytest.approx({5: 0.501})
+    assert not lost_displacement(nominal, most, [most.fault], commanded_m).any()
+    gone = diagnosis(Fault(5, "weak", 0.4), 4e-6)
+    assert goal_after(EQUAL, [gone], nominal, "locked").locked_at == {5: 0.0}
+    lost = lost_displacement(nominal, gone, [gone.fault], commanded_m)
+    assert lost[5] == pytest.approx(4e-6 - 0.4 * 8e-6, rel=1e-2)
+
+
+# Predicted errors.
+
+
+@cache
+def outlook(duration_s: float = 0.4) -> tuple[Rig, Any, Outlook]:
+    """The rig, its controller, and a circle ahead."""
+    rig = Rig.hexapod()
+    path = rig.path("circle", duration_s=0.4)[: round(duration_s / rig.period_s)]
+    still = np.zeros((3 * len(path), 6))
+    ahead = Outlook(rig.nominal, np.zeros(2), path, secondary=still, unused=still)
+    return rig, rig.controller(), ahead
+
+
+@pytest.mark.parametrize("kind", ["locked", "free", "weak"])
+def test_the_predicted_error_is_that_of_the_linear_loop(kind):
+    """The controller, stepped against the model, errs as the closed loop in matrices does."""
+    rig, controller, ahead = outlook()
+    pilot, left = copy.copy(controller), 0.5 if kind == "weak" else 0.0
+    pilot.drives = DirectDrive()  # converters round
+    found = ahead.rms(pilot, pilot.start(), Case(1.0, [Fault(2, kind, left)], STILL))
+    told = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
+    expected = rig.predict(ahead.references, **told).rms_after / rig.nominal.noise
+    assert found == pytest.approx(np.linalg.norm(expected), rel=1e-6)
+
+
+def test_what_the_model_is_off_now_stays():
+    """A reading that is 3 urad from the model's is 3 urad from it all the time, and integrated."""
+    rig, pilot, ahead = outlook()
+    resting = replace(ahead, references=np.zeros((1, 2)), output=np.array([3e-6, 0.0]))
+    found = resting.rms(pilot, pilot.start(), Case(1.0, [], STILL))
+    assert found == pytest.approx(3e-6 / rig.nominal.noise[0])
+
+
+def test_a_coil_taken_for_a_seventh_of_itself_becomes_unstable():
+    """A healthy one, commanded seven times as much, errs more and more: to stay costs less."""
+    rig, healthy, ahead = outlook()
+    wrong = rig.controller(Goal(joint_weight=(1.0,) * 6, effectiveness={0: 1 / 7}))
+    long = replace(ahead, references=np.tile(ahead.references, (3, 1)))
+    case = Case(1.0, [], STILL)
+    driven, calm = (long.rms(each, each.start(), case) for each in (wrong, healthy))
+    assert driven > 2 * calm
+
+
+@given(part=st.floats(0.0, 2.0))
+def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
+    """What is returned then lies between what was enough and the error to its end."""
+    _, pilot, short = outlook(0.04)
+    case = Case(1.0, [Fault(2, "free")], STILL)
+    whole = short.rms(pilot, pilot.start(), case)
+    found = short.rms(pilot, pilot.start(), case, part * whole)
+    assert part * whole * (1 - 1e-12) <= found <= whole if part < 1 else found == whole
+
+
+# Decisions by errors that are given.
+
+
+@dataclass(frozen=True)
+class Table(Outlook):
+    """Errors that are given, by controller and case, and which of them were asked for."""
+
+    errors: dict = None  # type: ignore[assignment]
+    asked: list = None  # type: ignore[assignment]
+
+    def rms(self, pilot, state, case, enough=np.inf):
+        """From the table, as little of it as is enough."""
+        self.asked.append((pilot, case.probability))
+        return min(self.errors[pilot, case.probability], enough)
+
+
+def goes_over(*cases: tuple[float, float, float]) -> tuple[bool, list]:
+    """Whether it does, and what was predicted; cases of probability and error to stay and to go."""
+    errors = {("stays", p): stays for p, stays, _ in cases}
+    errors |= {("goes", p): goes for p, _, goes in cases}
+    table = Table(**vars(outlook()[2]), errors=errors, asked=[])
+    stays: Any = ("stays", None)
+    goes: Any = ("goes", None)
+    decided = table.goes_over(stays, goes, [Case(p, [], STILL) for p, *_ in cases])
+    return decided, table.asked
+
+
+COSTS = st.floats(1e-3, 1e3)
+
+
+@example(p=0.9, costs=(0.1, 0.1, 1.0, 1.0))  # smaller than noise of two rows
+@example(p=0.9, costs=(0.1, 0.1, 2.0, 2.0))
+@given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
+def test_it_goes_over_if_the_expected_error_is_no_larger(p, costs):
+    found, _ = goes_over((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
+    staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
+    assert found == (going <= max(staying, np.sqrt(2)))
+
+
+def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
+    assert not goes_over((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
+
+
+def test_what_cannot_be_is_not_predicted_and_does_not_count():
+    """Nor are more cases of staying, once those before them cost as much as to go."""
+    decided, asked = goes_over((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
+    assert decided and asked == [("goes", 1.0), ("stays", 1.0)]
+    decided, asked = goes_over((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
+    assert decided and ("stays", 0.1) not in asked
+
+
+@pytest.mark.long
+def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
+    """The references of the last second, the latest first, and two cases that are all there is."""
+    rig, seen = Rig.hexapod(), []
+
+    def declined(self: Outlook, _stays: Any, _goes: Any, cases: list[Case]) -> bool:
+        seen.append((self, cases))
+        return False
+
+    monkeypatch.setattr(Outlook, "goes_over", declined)
+    path = rig.path("circle", duration_s=2.5)
+    run = rig.fly(rig.supervisor(), path, failures=[Failure(1, "locked", 1.5)])
+    ahead, cases = seen[0]
+    assert len(ahead.references) * rig.period_s == pytest.approx(1.0, rel=0.02)
+    named = int(np.searchsorted(run.time_s, run.diagnoses[0].time_s))
+    latest = path[named - 10 : named + 1]
+    assert np.abs(latest - ahead.references[0]).max(axis=1).min() < 1e-12
+    assert sum(case.probability for case in cases) == pytest.approx(1.0)
+    assert [len(case.faults) for case in cases] == [1, 0]

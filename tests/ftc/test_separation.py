@@ -1,0 +1,415 @@
+"""Which failures look alike, without simulated noise: steady states and transients."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import control
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from fjh.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.prediction import linear_run
+from ftc.fdi import (
+    CERTAIN,
+    KINDS,
+    Cause,
+    Dither,
+    Fault,
+    NominalModel,
+    Uncertainty,
+    fault_model,
+    fault_responses,
+    isolability,
+    separation,
+    separations,
+)
+from ftc.fdi.bank import HypothesisBank, hypothesis_bank
+from ftc.fdi.fault_model import FaultModel
+from ftc.fdi.separation import ALIKE, distances
+from ftc.fdi.uncertainty import TYPICAL
+from tests.ftc.carts import outputs_of
+from tests.ftc.machines import LOOSE, mechanism, random_dither
+
+seeds = pytest.mark.parametrize("seed", range(3))
+servos = pytest.mark.parametrize("servo", [False, True])
+
+# Steady states under a dither, of random mechanisms.
+
+
+def signatures(nominal: NominalModel, dither: Dither) -> NDArray[np.complex128]:
+    """What each failure of one actuator changes of the steady phasor, shape (9, p)."""
+    u = dither.amplitude * np.array(dither.direction)
+    found = fault_responses(nominal, [dither.frequency_hz], 1.0)
+    of_part = dict(zip(found.parts.tolist(), range(1, 1 + len(found.parts)), strict=True))
+    locked, free = found.change[0, :, 0], found.change[0, :, of_part[1.0]]
+    half = found.change[0, :, of_part[0.5]] if 0.5 in of_part else free / 2
+    changes = (np.stack([locked, free, half], axis=1) @ u).reshape(-1, len(nominal.noise))
+    return changes.astype(complex)
+
+
+@servos
+@seeds
+def test_a_signature_is_the_change_of_the_simulated_steady_state(seed, servo):
+    """The phasor of simulated outputs over the last 10 periods, by least squares."""
+    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
+    faults = separations(nominal, dither, 1.0).faults
+    assert [fault.kind for fault in faults] == list(KINDS) * 3
+    ticks = np.arange(round(4.0 / nominal.period_s))
+    commanded = np.array([dither.at(tick * nominal.period_s) for tick in ticks])
+    angle = 2 * np.pi * dither.frequency_hz * nominal.period_s * ticks
+    late = slice(-round(10 / dither.frequency_hz / nominal.period_s), None)
+    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)[late]
+
+    def demodulated(*failed: Fault) -> np.ndarray:
+        y = outputs_of(fault_model(nominal, failed), commanded)
+        return np.array([1, 1j]) @ np.linalg.lstsq(waves, y[late], rcond=None)[0]
+
+    changes = np.array([demodulated(fault) - demodulated() for fault in faults])
+    found = signatures(nominal, dither)
+    np.testing.assert_allclose(found, changes, atol=1e-6 * np.abs(changes).max())
+
+
+def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -> tuple:
+    """States and commands of a run in which the failure comes at rest, and then the dither."""
+    before = 20
+    times = np.arange(round(time_s / nominal.period_s)) * nominal.period_s
+    commanded = np.vstack([np.zeros((before, 3)), [dither.at(time) for time in times]])
+    return before, fault_model(nominal, [fault]).states(commanded)[:-1], commanded
+
+
+NIGHT = [pytest.mark.long, pytest.mark.night]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("row", [0, *(pytest.param(k, marks=NIGHT) for k in (4, 8))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=NIGHT) for k in (1, 2))])
+@pytest.mark.parametrize(
+    ("servo", "tolerance"), [(False, 0.02), pytest.param(True, 0.1, marks=NIGHT)]
+)
+def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
+    row, seed, servo, tolerance, monkeypatch
+):
+    """The transient fades in the sum; what is left is the energy of a sinusoid, T / 2 |a|^2.
+
+    With any time of onset, as there, an explanation that begins at the end explains no more than no
+    failure does. Between the losses of a servo's force, both interpolate, in other places.
+    """
+    nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
+    monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
+    found = separations(nominal, dither, time_s)
+    onset, states, commanded = struck(nominal, found.faults[row], dither, time_s)
+    bank, outputs = hypothesis_bank(nominal), states @ fault_model(nominal).C.T
+    each_tick = nominal.period_s, 1
+    expected, from_none = distances(bank, found.faults[row], onset, outputs, commanded, each_tick)
+    nearest = np.minimum(found.distance[row], found.from_none[row]).reshape(-1, 3)
+    others = np.arange(3) != found.faults[row].actuator
+    slack = tolerance * from_none
+    # Which loss still counts as weak differs: weak and free go together.
+    np.testing.assert_allclose(nearest[others, 0], expected[others, 0], atol=slack)
+    lost = nearest[others, 1:].min(axis=1), expected[others, 1:].min(axis=1)
+    np.testing.assert_allclose(*lost, atol=slack)
+    assert found.from_none[row] == pytest.approx(from_none, rel=tolerance)
+
+
+@servos
+@seeds
+def test_a_separation_grows_with_amplitude_and_root_of_time(seed, servo):
+    """Noise averages out, an error of the model does not."""
+    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
+
+    def apart(scale: float, time_s: float, *uncertainty: Uncertainty) -> np.ndarray:
+        larger = replace(dither, amplitude=scale * dither.amplitude)
+        return separations(nominal, larger, time_s, *uncertainty).distance
+
+    exact, loose = apart(1.0, 1.0), apart(1.0, 1.0, LOOSE)
+    tiny = 1e-9 * exact.max()
+    np.testing.assert_allclose(apart(3.0, 1.0), 3 * exact, atol=tiny)
+    np.testing.assert_allclose(apart(1.0, 9.0), 3 * exact, atol=tiny)
+    for longer in (apart(3.0, 1.0, LOOSE), apart(1.0, 9.0, LOOSE)):
+        assert (longer >= loose - tiny).all() and (longer <= 3 * loose + tiny).all()
+    assert (loose <= exact + tiny).all()
+    endless = apart(1e6, 1.0, LOOSE)
+    np.testing.assert_allclose(apart(1e7, 1.0, LOOSE), endless, rtol=0.05, atol=0.05)
+
+
+def drawn(
+    nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
+) -> NDArray[np.complex128]:
+    """Signatures of a machine with errors, shape (9, p)."""
+    n, k = nominal.actuators, nominal.plant.nstates // 2
+    plant = nominal.plant
+    more = spread.stiffness * rng.normal(size=(n, 1)) * nominal.displacement
+    more[:, k:] = 0.0
+    dampers, gains = spread.damping * rng.normal(size=n), spread.gain * rng.normal(size=n)
+    rows = nominal.displacement[:, :k]
+    A = plant.A - plant.B @ more
+    A[k:, k:] = A[k:, k:] @ (np.eye(k) + np.linalg.pinv(rows) * dampers @ rows)
+    feedback = nominal.feedback
+    if feedback is not None:
+        feedback = feedback + more
+        feedback[:, k:] *= 1 + dampers[:, None]
+        A = A - plant.B * gains @ feedback
+    B = plant.B * (1 + gains)
+    machine = replace(nominal, plant=control.ss(A, B, plant.C, 0), feedback=feedback)
+    late = np.exp(-2j * np.pi * dither.frequency_hz * spread.delay_s * rng.normal())
+    return late * signatures(machine, dither)
+
+
+@pytest.mark.parametrize(
+    ("seed", "servo"),
+    [
+        (0, False),
+        pytest.param(0, True, marks=pytest.mark.long),
+        pytest.param(1, False, marks=pytest.mark.long),
+        pytest.param(1, True, marks=pytest.mark.long),
+    ],
+)
+def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, servo):
+    """Means and covariances of phasors of machines with random errors, and of noise; no calculus.
+
+    Gains, springs and damping of each machine are drawn, and its own change is taken.
+    """
+    nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
+    draws, rng = 200, np.random.default_rng(seed)
+    small = Uncertainty(0.01, 0.01, 0.05, delay_s=1e-4)
+    rows = [0, 1, 5, 8]
+    phasors = np.stack([drawn(nominal, dither, small, rng)[rows] for _ in range(draws)])
+    values = np.concatenate([phasors.real, phasors.imag], axis=-1)
+    by_noise = 2 * nominal.period_s / T * np.eye(2)
+    found = separations(nominal, dither, T, small)
+    nearest = signatures(nominal, dither)[rows]
+    means = np.concatenate([nearest.real, nearest.imag], axis=-1)
+    for i, first in enumerate(rows):
+        for j, second in enumerate(rows):
+            if found.faults[second].kind == "weak" or i == j:
+                continue
+            S = np.kron(np.eye(2), by_noise)
+            S = S + (np.cov(values[:, i].T) + np.cov(values[:, j].T)) / 2
+            gap = means[i] - means[j]
+            expected = np.sqrt(gap @ np.linalg.solve(S, gap))
+            assert found.distance[first, second] == pytest.approx(expected, rel=0.15)
+
+
+def response(model: FaultModel, dither: Dither) -> np.ndarray:
+    """Whitened outputs per command, by one matrix inverse."""
+    z = np.exp(2j * np.pi * dither.frequency_hz * 2e-3)
+    return model.C @ np.linalg.inv(z * np.eye(len(model.A)) - model.A) @ model.B
+
+
+@seeds
+def test_a_released_servo_takes_the_error_of_its_stiffness_with_it(seed):
+    """Free, it is the same machine whatever its stiffness was: only the change was another."""
+    nominal, dither = mechanism(seed, servo=True), random_dither(seed)
+    u, step = dither.amplitude * np.array(dither.direction), 1e-6
+    found = fault_responses(nominal, [dither.frequency_hz], 1.0, Uncertainty(stiffness=0.01))
+    for k in range(3):
+        A = nominal.plant.A - step * np.outer(nominal.plant.B[:, k], nominal.displacement[k])
+        stiffer = replace(nominal, plant=control.ss(A, nominal.plant.B, nominal.plant.C, 0))
+        before, after = (response(fault_model(each), dither) for each in (nominal, stiffer))
+        expected = -0.01 / step * (after - before) @ u
+        error = found.errors[0, k, -1, k] @ u
+        np.testing.assert_allclose(error, expected, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
+@seeds
+def test_the_nearest_loss_of_force_is_found(seed, servo, tolerance):
+    """A fine grid of losses has none that is nearer, or much nearer where a servo's interpolate."""
+    nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
+    found = separations(nominal, dither, T)
+    u, size = dither.amplitude * np.array(dither.direction), np.sqrt(T / nominal.period_s / 2)
+
+    def change(fault: Fault) -> np.ndarray:
+        failed = response(fault_model(nominal, [fault]), dither)
+        return (failed - response(fault_model(nominal), dither)) @ u
+
+    happens = [change(fault) for fault in found.faults]
+    for other in range(3):
+        weak = [change(Fault(other, "weak", 1 - lost)) for lost in np.linspace(0.01, 0.95, 95)]
+        between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * size * np.sqrt(2)
+        for row, own in enumerate(happens):
+            grid = size * np.linalg.norm(own - weak, axis=1).min()
+            slack = tolerance * found.from_none[row]
+            assert grid - between - slack <= found.distance[row, 3 * other + 2] <= grid + slack
+
+
+def test_a_free_actuator_at_a_vibration_absorber_looks_locked():
+    """At its frequency an absorber holds the mass to which it is attached still, as a lock does."""
+    h, absorber, spring = 1e-3, 3000.0, 4000.0
+    coupled, leak = 1500.0, 1e-3
+    first, second = (
+        [spring + coupled + absorber, -coupled, -absorber],
+        [-coupled, spring + coupled, 0],
+    )
+    K = np.array([first, second, [-absorber, 0.0, absorber]])
+    A = np.block([[np.zeros((3, 3)), np.eye(3)], [-K, -leak * np.eye(3)]])
+    B = np.vstack([np.zeros((3, 2)), spring * np.eye(3, 2)])
+    plant = control.ss(A, B, np.eye(1, 6, 1), 0)
+    nominal = NominalModel(plant, np.eye(2, 6), np.full(1, 1e-5), 2 * h, h)
+    hz = 2 / h * np.arcsin(np.sqrt(absorber) * h / 2) / (2 * np.pi)  # of the stepped equations
+
+    def kinds_apart(at_hz: float) -> float:
+        return separations(nominal, Dither(1e-3, at_hz, (1.0, 1.0)), 1.0).distance[0, 1]
+
+    assert kinds_apart(hz) < 0.1
+    assert min(kinds_apart(0.8 * hz), kinds_apart(1.2 * hz)) > 10.0
+
+
+def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
+    assert norm.cdf(-ALIKE / 2) == pytest.approx(1e-3, rel=0.01)
+
+
+# Transients: the hexapod on its spiral, whose strut fails after 1.5 s.
+
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+ONSET = 1500
+
+
+@cache
+def angles() -> NominalModel:
+    return hexapod_rig().nominal
+
+
+@cache
+def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.ndarray, np.ndarray]:
+    """The loop on a part of the spiral from 6 s on."""
+    rig = hexapod_rig()
+    path = rig.control.testbed.bench.spiral_rad((ticks + 1) * rig.period_s, begin_s=6.0)
+    states, commanded = linear_run(rig, path, dither, faults, ONSET)
+    return states[:ticks], commanded[:ticks]
+
+
+@cache
+def apart(
+    dither: Dither,
+    fault: Fault,
+    ticks: int,
+    uncertainty: Uncertainty = CERTAIN,
+    *,
+    gauges: bool = False,
+) -> tuple[np.ndarray, float]:
+    """From each failure, and from none, after so many ticks of a failure."""
+    rig, flown = hexapod_rig(), dithered(ONSET + ticks, dither, fault)
+    seen = angles()
+    if gauges:
+        seen = nominal_model(rig.model, rig.control.testbed.bench, strut_sensors=True)
+    return isolability(seen, fault, ONSET, *flown, uncertainty)
+
+
+@pytest.mark.parametrize("strut", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_antipodal_struts_look_alike_without_a_heave(strut):
+    """J_m has opposite columns there, and W_a drives both alike; a heave drives them against it."""
+    lock, opposite = Fault(strut, "locked"), strut + 3
+    still, sure = apart(STILL, lock, 500)
+    assert still[opposite, 0] < 4 < 40 < sure
+    assert np.delete(still, [strut, opposite], axis=0).min() > 40
+    shaken, _ = apart(DITHER, lock, 500)
+    assert np.delete(shaken, strut, axis=0).min() > 25
+
+
+@pytest.mark.long
+def test_a_turn_about_the_line_of_sight_tells_no_antipodal_struts_apart():
+    """Of the null directions of J_m it matters which: it moves both of a pair as W_a does."""
+    turn, _ = apart(replace(DITHER, direction=(1.0, -1.0) * 3), Fault(0, "locked"), 500)
+    assert turn[3].min() < 7
+
+
+def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
+    found, _ = apart(STILL, Fault(2, "free"), 100, gauges=True)
+    assert np.delete(found, 2, axis=0).min() > 100
+
+
+def test_the_distance_from_no_failure_is_that_of_the_outputs():
+    """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
+    fault = Fault(0, "free")
+    states, commanded = dithered(1700, DITHER, fault)
+    healthy = fault_model(angles())
+    distance = (states - healthy.states(commanded)[:-1]) @ healthy.C.T
+    _, found = apart(DITHER, fault, 200)
+    assert 0.9 < found / np.linalg.norm(distance) < 1.0
+
+
+def test_an_uncertain_model_tells_less():
+    fault = Fault(2, "locked")
+    sure, from_none = apart(DITHER, fault, 100)
+    unsure, from_none_unsure = apart(DITHER, fault, 100, TYPICAL)
+    assert sure[2, KINDS.index("locked")] == unsure[2, KINDS.index("locked")] == 0.0
+    others = np.delete(np.arange(6), 2)
+    assert (unsure[others] < sure[others] + 1e-6).all()
+    assert 0 < from_none_unsure < from_none
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
+    """Of the same evidence: as many onsets a second, and noise of the same density."""
+    found = []
+    for period_s in (5e-4, 1e-3, 2e-3):
+        plant = mechanism(1)
+        density = np.sqrt(2e-3 / period_s)
+        seen = replace(plant, period_s=period_s, step_s=5e-4, noise=density * plant.noise)
+        fault, times = Fault(1, kind, 0.5 * (kind == "weak")), np.arange(0.0, 0.6, period_s)
+        commanded = 1e-3 * np.sin(np.outer(times, [10.0, 25.0, 40.0]))
+        onset = round(0.3 / period_s)
+        before = fault_model(seen).states(commanded[:onset])
+        after = fault_model(seen, [fault])
+        failed = after.states(commanded[onset:], after.onset @ before[-1])
+        states = np.vstack([before[:-1], failed[:-1]])
+        far, from_none = isolability(seen, fault, onset, states, commanded, LOOSE)
+        found.append([*np.delete(far, 1, axis=0).ravel(), from_none])
+    for other in (found[0], found[2]):
+        np.testing.assert_allclose(other, found[1], rtol=0.05)
+
+
+@pytest.mark.parametrize("hz", [1.0, 8.0, 20.0, 35.0])
+def test_pointing_does_not_see_the_heave_and_sees_each_strut_that_leaves_it(hz):
+    """By the threefold symmetry, at any frequency; the six signatures are 60 degrees apart."""
+    nominal = angles()
+    machine = fault_model(nominal)
+    z = np.exp(2j * np.pi * hz * nominal.period_s)
+    by_strut = nominal.plant.C @ np.linalg.solve(z * np.eye(12) - machine.A, machine.B)
+    assert np.abs(by_strut @ np.array(HEAVE)).max() < 1e-6 * np.abs(by_strut).max()
+    if hz < 10:
+        turns = np.sort(np.degrees(np.arctan2(by_strut[1].real, by_strut[0].real)))
+        np.testing.assert_allclose(np.diff(turns), 60, atol=1.0)
+
+
+STRUT_1 = np.eye(6)[0]
+EVENTS: dict[str, tuple[Cause, Callable[[np.ndarray, np.ndarray], np.ndarray], float]] = {
+    "offset of 1 um": (Cause("offset", 0), lambda s, u: u + 1e-6 * (s >= 0) * STRUT_1, 1.0),
+    "drift of 10 um/s": (
+        Cause("offset", 0),
+        lambda s, u: u + 1e-5 * np.maximum(s, 0) * STRUT_1,
+        1.0,
+    ),
+    "supply of 80 %": (Cause("supply"), lambda s, u: u * (1 - 0.2 * (s >= 0)), 1.0),
+    "scale of 1.2": (Cause("scale"), lambda s, u: u, 1.2),
+}
+
+
+SHORT = "supply of 80 %"
+
+
+@cache
+def typical_bank() -> HypothesisBank:
+    return hypothesis_bank(angles(), (), TYPICAL, 4)
+
+
+@pytest.mark.parametrize(
+    "event", [pytest.param(each, marks=[pytest.mark.long] * (each != SHORT)) for each in EVENTS]
+)
+def test_what_is_no_failure_is_far_from_every_failure(event):
+    """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
+    cause, commands, scale = EVENTS[event]
+    until, nominal = ONSET + 200, angles()
+    since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
+    commanded = dithered(until)[1]
+    healthy, bank = fault_model(nominal), typical_bank()
+    moved = healthy.states(commands(since_s, commanded))[:-1] @ healthy.C.T
+    outputs = moved * np.where(since_s < 0, 1.0, scale)
+    period = nominal.period_s, 4
+    found, from_none = distances(bank, cause, ONSET, outputs, commanded, period, TYPICAL)
+    assert 40 < found.min() < from_none

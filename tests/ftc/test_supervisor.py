@@ -1,0 +1,355 @@
+"""What a supervisor believes and does: diagnoses are flown around, settled and withdrawn."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fjh.rig import Rig
+from fjh.rig.events import Event
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.rig import hexapod_rig
+from ftc import Goal, Measurement
+from ftc.fdi import Cause, Diagnosis, Fault, fault_model
+from sim import Failure
+from tests.ftc.hexapod import (
+    DESIRED,
+    DITHER,
+    LSB_PERCENT,
+    Script,
+    diagnosis,
+    pointing_of,
+    reading,
+    supervised,
+    supervisor,
+)
+
+# Under a monitor that says what it is told to.
+
+FADE = 500
+"""Ticks of a handover."""
+
+
+def goal_of(state) -> Goal:
+    return state.current.mapping.goal
+
+
+def after(state) -> int:
+    """After how many settled failures this state's monitor watches."""
+    return state.monitor.after
+
+
+def displacements(states) -> np.ndarray:
+    """Commanded, (N, 6)."""
+    drives = supervisor().first.drives
+    return np.array([drives.displacements(state.inputs) for state in states])
+
+
+def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
+    pilot = supervisor(DITHER)
+    state = pilot.start()
+    once, again = (pilot.step(state, DESIRED, reading(np.zeros(2))) for _ in range(2))
+    np.testing.assert_array_equal(once.inputs, again.inputs)
+    assert state.ticks == state.watch.ticks == 0
+    locked = [Fault(k, "locked") for k in (0, 3, 1)]
+    assert pilot.is_possible(locked)
+    assert not pilot.is_possible([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
+    assert pilot.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
+
+
+def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
+    weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
+    other = diagnosis(Fault(4, "free"))
+    state = supervisor().start()
+    assert state.standing == []
+    state = replace(state, confirmed=(weak, locked))
+    assert state.standing == [locked]
+    assert replace(state, watch=replace(state.watch, diagnosis=other)).standing == [locked, other]
+
+
+def test_what_is_named_is_flown_around_and_what_is_settled_stays():
+    """Another strut after it: both are flown around, and the monitor goes on from the first."""
+    named = diagnosis(Fault(1, "locked"), 3e-6)
+    settled, other = replace(named, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
+    sound, first, known, both = supervised(None, named, settled, other)
+    assert sound.current is supervisor().first and sound.diagnoses == ()
+    assert goal_of(first).locked_at == goal_of(known).locked_at == {1: 3e-6}
+    assert (first.confirmed, first.diagnoses, after(first)) == ((), (named,), 0)
+    assert (known.confirmed, known.diagnoses, after(known)) == ((settled,), (named, settled), 1)
+    assert goal_of(both).locked_at == {1: 3e-6, 4: 0.0}
+    assert (both.confirmed, both.standing) == ((settled,), [settled, other])
+    assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
+
+
+def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
+    named = diagnosis(Fault(1, "locked"), 3e-6)
+    first, withdrawn = supervised(named, None)
+    assert goal_of(first).locked_at == {1: 3e-6}
+    assert goal_of(withdrawn) == supervisor().first.mapping.goal
+    assert (withdrawn.diagnoses, withdrawn.confirmed, after(withdrawn)) == ((named,), (), 0)
+
+
+def test_the_others_make_up_at_once_for_what_a_named_one_loses():
+    (commanded_m,) = displacements(supervised(None))
+    (now_m,) = displacements(supervised(diagnosis(Fault(2, "free"), float(commanded_m[2]))))
+    assert now_m[2] == commanded_m[2] and abs(commanded_m[2]) > 1e-6
+    now_m[2] = 0.0  # which is all that is left of what it is told
+    np.testing.assert_allclose(pointing_of(now_m), pointing_of(commanded_m), atol=6e-8)
+
+
+def test_the_supervisor_dithers_by_its_own_clock():
+    pilot = supervisor(DITHER)
+    state = replace(pilot.start(), monitor=Script((None,) * 9))
+    for tick in range(9):
+        state = pilot.step(state, DESIRED, reading(DESIRED))
+        np.testing.assert_array_equal(
+            state.controller.asked.secondary_reference, DITHER.at(tick * 1e-3)
+        )
+    for current in (pilot.first, pilot.reconfigured([diagnosis(Fault(1, "locked"))])):
+        assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == "constant"
+
+
+def test_commands_stand_while_the_task_is_lost():
+    """Four locked struts leave nothing to point with: that is confirmed before anything stops."""
+    locked = [diagnosis(Fault(k, "locked"), confirmed=True) for k in (0, 3, 1)]
+    last = diagnosis(Fault(4, "locked"))
+    again = diagnosis(Fault(0, "weak", 1.0), confirmed=True)
+    states = supervised(*locked, last, replace(last, confirmed=True), None, again, None)
+    assert [state.task_lost for state in states] == [False] * 4 + [True] * 2 + [False] * 2
+    assert states[3].current is states[2].current
+    for state in states[4:6]:
+        np.testing.assert_array_equal(state.inputs, states[3].inputs)
+        assert state.current is states[2].current
+    assert states[4].confirmed[-1].fault == last.fault and states[4].watch.diagnosis is None
+    assert [after(state) for state in states] == [1, 2, 3, 3, 4, 4, 5, 5]
+    assert set(goal_of(states[7]).locked_at) == {1, 3, 4}
+
+
+@pytest.mark.parametrize(("kind", "keeps"), [("locked", True), ("free", False)])
+def test_a_locked_actuator_keeps_its_command_and_a_free_one_loses_it(kind, keeps):
+    """So that nothing jumps, whenever the lock opens or the force returns."""
+    named = diagnosis(Fault(2, kind), 3e-6)
+    says = (None,) * 5 + (named,) * FADE + (replace(named, confirmed=True),) + (None,) * FADE
+    command = displacements(supervised(*says))[:, 2]
+    assert abs(command[4]) > 1e-6
+    assert np.abs(np.diff(command[5:])).max() < 0.01 * abs(command[4]) + 1e-8
+    assert command[-1] == (command[5] if keeps else 0.0)
+
+
+@pytest.mark.parametrize("confirmed", [False, True])
+def test_one_that_works_again_is_used_once_that_is_confirmed(confirmed):
+    again = diagnosis(Fault(2, "weak", 1.0))
+    last = replace(again, confirmed=True) if confirmed else None
+    *_, waits, last = supervised(diagnosis(Fault(2, "free"), confirmed=True), again, last)
+    assert waits.current.mapping.unused[2] and last.current.mapping.unused[2] != confirmed
+    assert bool(last.standing) != confirmed
+
+
+def test_one_out_of_use_gets_a_quarter_of_the_dither():
+    """One that works again is seen by it, and hardly felt before the others know."""
+    failed = diagnosis(Fault(2, "free"), confirmed=True)
+    about = replace(DITHER, offset=(1e-5,) * 6)
+    says = (*(None,) * 5, failed, *(None,) * (FADE + 100))
+    last = displacements(supervised(*says, dither=about))[-100:, 2]
+    assert np.ptp(last) == pytest.approx(2 * 0.25 * DITHER.amplitude, rel=0.1)
+    assert abs(last.mean()) < 1e-8
+
+
+def pointing(*says: Diagnosis | None) -> np.ndarray:
+    """Of the linear healthy machine under a monitor that says this, (N, 2)."""
+    nominal, pilot = hexapod_rig().nominal, supervisor()
+    model, x = fault_model(nominal), np.zeros(12)
+    state, seen = replace(pilot.start(), monitor=Script(says)), []
+    for _ in says:
+        y = nominal.noise * (model.C @ x)
+        state = pilot.step(state, DESIRED, reading(y))
+        x = model.A @ x + model.B @ pilot.first.drives.displacements(state.inputs)
+        seen.append(y)
+    return np.array(seen)
+
+
+@cache
+def undisturbed(ticks: int) -> np.ndarray:
+    return pointing(*(None,) * ticks)
+
+
+@pytest.mark.parametrize("strut", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 5))])
+def test_a_wrong_name_of_a_healthy_actuator_hardly_moves_the_pointing(strut):
+    """By less than 2 urad, where its command, which fades, is worth 30 and more."""
+    wrong = diagnosis(Fault(strut, "free"))
+    says = (None,) * 600 + (wrong,) * 400 + (replace(wrong, confirmed=True),) + (None,) * 600
+    change = 1e6 * np.abs(pointing(*says) - undisturbed(len(says)))
+    assert 0 < change.max() < 2
+
+
+@pytest.mark.long
+def test_an_alarm_that_is_not_confirmed_leaves_no_trace_in_the_commands():
+    """The detector jumps for a twentieth of a second: no strut is named, to the bit."""
+    pilot, nominal = supervisor(DITHER), hexapod_rig().nominal
+    model, x = fault_model(nominal), np.zeros(12)
+    state, alone, rng = pilot.start(), pilot.first.start(), np.random.default_rng(0)
+    for tick in range(1150):
+        shock = 30 * rng.standard_normal(2) * (1000 <= tick < 1050)
+        seen = reading((model.C @ x + rng.standard_normal(2) + shock) * nominal.noise)
+        state = pilot.step(state, DESIRED, seen)
+        alone = pilot.first.step(alone, DESIRED, seen, DITHER.at(tick * 1e-3))
+        np.testing.assert_array_equal(state.inputs, alone.inputs)
+        x = model.A @ x + model.B @ pilot.first.drives.displacements(alone.inputs)
+    assert state.watch.alarm_ticks and state.watch.alarm_ticks[0] >= 1000
+    assert (state.diagnoses, state.confirmed) == ((), ())
+    assert state.current is pilot.first
+
+
+def test_the_status_says_what_is_believed_and_done():
+    start, locked = supervisor().start(), Diagnosis.told(Fault(2, "locked"), 1e-6)
+    assert "believed sound" in start.status
+    confirmed = replace(start, confirmed=(locked,))
+    assert confirmed.status == "strut3 is locked; the other actuators do the task."
+    doubt = replace(locked, confirmed=False, kinds=("locked", "free"))
+    named = replace(start, watch=replace(start.watch, diagnosis=doubt))
+    assert "strut3 is locked or free, not yet confirmed" in named.status
+    assert "the major task is lost" in replace(confirmed, task_lost=True).status
+    assert "expected to cost less" in replace(confirmed, refused=locked).status
+    again = Diagnosis.told(Fault(2, "weak", 1.0))
+    works = replace(start.watch, diagnosis=replace(again, confirmed=False))
+    assert "strut3 seems to work again" in replace(confirmed, watch=works).status
+    learns = replace(start, watch=replace(start.watch, relearns=3))
+    assert "learned as part of the machine" in learns.status
+    causes = {
+        None: "something slow",
+        Cause("offset", 3): "an offset of strut4",
+        Cause("supply"): "a change of what all commands do",
+        Cause("scale"): "a change of the sensors' scale",
+    }
+    for cause, words in causes.items():
+        caused = replace(start, watch=replace(start.watch, causes=(cause,)))
+        assert f"explained by {words}, which is no failure" in caused.status
+    assert replace(start, confirmed=(locked, again)).status == start.status
+
+
+# In physics.
+
+
+@cache
+def rig(seed: int | None = None) -> Rig:
+    return Rig.hexapod() if seed is None else Rig.hexapod(mismatch="all", seed=seed)
+
+
+@pytest.mark.long
+def test_a_second_failure_soon_after_the_first_is_found_too():
+    """A fifth of a second later: the first diagnosis is not settled yet."""
+    own, pilot = hexapod_rig(), supervisor(DITHER)
+    failures = [Failure(1, "locked", 7.0), Failure(5, "free", 7.2)]
+    path = own.control.testbed.bench.spiral_rad(2.0, begin_s=6.3)
+    run = own.fly(pilot, path, failures=failures, begin_s=6.3, seed=3)
+    state = run.state
+    found = {(each.fault.actuator, each.fault.kind) for each in state.standing}
+    assert found == {(1, "locked"), (5, "free")}
+    assert not state.task_lost and not state.watch.unexplained
+    # A lock is no reason for any other strut to step; its own command stays.
+    named = next(each.tick for each in state.diagnoses if each.fault.actuator == 1)
+    step = np.abs(np.diff(run.inputs, axis=0))
+    usual = step[500:600].max()
+    assert np.delete(step[named - 1 : named + 1], 1, axis=1).max() < 1.5 * usual
+    error = 1e6 * np.linalg.norm(run.error, axis=1)
+    assert error[-300:].max() < 1.5 * error[500:700].max()
+
+
+class Dead:
+    """Coil 2 has no current for two seconds, more than it takes to be confirmed."""
+
+    def sent(self, tick, inputs):
+        """Of the period."""
+        return np.where((np.arange(6) == 1) & (1300 <= tick < 3300), 0.0, inputs)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("what", [Dead(), [Event("lock_released", 1.3, 1)]], ids=["coil", "lock"])
+def test_an_actuator_that_works_again_is_given_back_without_a_step(what):
+    run = rig(3).fly(rig(3).supervisor(), rig(3).path("circle", duration_s=6.0), events=what)
+    named = run.diagnoses[0]
+    assert named.actuator == "strut2" and named.withdrawn_s is not None
+    ended_s = 3.3 if isinstance(what, Dead) else 1.4
+    assert ended_s + 1.0 < named.withdrawn_s < ended_s + 2.0  # a second to confirm it
+    assert 1 not in [each.fault.actuator for each in run.state.standing]
+    assert not run.state.current.mapping.unused[1]
+    back = round(named.withdrawn_s / rig(3).period_s)
+    steps = np.abs(np.diff(run.inputs, axis=0)).max(axis=1)
+    assert steps[back - 1 : back + 2].max() < 3 * np.quantile(steps[: back - 200], 0.99)
+
+
+@pytest.mark.long
+def test_what_another_run_has_learned_lets_a_failure_at_once_be_named():
+    """A lock 0.3 s after the start, within 0.3 s; else it is learned as part of the machine."""
+    own = rig(5)
+    pilot = own.supervisor()
+    learned = own.fly(pilot, own.path("circle", duration_s=2.0), seed=1).state
+    path, lock = own.path("circle", duration_s=1.2), [Failure(3, "locked", 0.3)]
+    seen = own.fly(pilot.calibrated(learned), path, failures=lock).diagnoses
+    assert [each.actuator for each in seen] == ["strut4"] and seen[0].time_s < 0.6
+    assert not own.fly(pilot, path, failures=lock).diagnoses
+    again = own.fly(pilot.calibrated(learned), path)
+    assert not again.diagnoses and not again.state.watch.alarm_ticks
+    with pytest.raises(ValueError, match=r"^state must be of a run without a failure, longer than"):
+        pilot.calibrated(pilot.start())
+    failed = [Failure(3, "locked", 1.1)]
+    run = own.fly(pilot, own.path("circle", duration_s=1.5), failures=failed)
+    with pytest.raises(ValueError, match=r"got: strut4 is locked"):
+        pilot.calibrated(run.state)
+
+
+# A pilot that takes over in flight.
+
+
+@cache
+def pilots():
+    """A supervisor, and one of another goal."""
+    other = rig().supervisor(goal=Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)))
+    return {"same goal": rig().supervisor(), "another goal": other}
+
+
+@cache
+def after_a_lock():
+    """A state 0.15 s after a strut was locked, and a tick that follows, the same for everybody."""
+    path = rig().path("circle", duration_s=1.05)
+    run = rig().fly(pilots()["same goal"], path, failures=[Failure(3, "locked", 0.9)])
+    assert [each.fault.actuator for each in run.state.standing] == [3]
+    return run.state, path[-1], reading(run.measured[-1])
+
+
+@pytest.mark.parametrize("name", ["same goal", "another goal"])
+def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
+    """Against the tick that the former one would have done; with a bare mapping they would."""
+    pilot, (state, reference, seen) = pilots()[name], after_a_lock()
+    transferred = pilot.transfer(state)
+    for each in ("standing", "diagnoses", "confirmed", "withdrawn", "ticks", "task_lost"):
+        assert getattr(transferred, each) == getattr(state, each), each
+    assert transferred.watch is state.watch and transferred.sensors is state.sensors
+    assert 3 in goal_of(transferred).locked_at
+    assert goal_of(transferred).joint_weight == pilot.first.mapping.goal.joint_weight
+    goes_on = pilots()["same goal"].step(state, reference, seen).inputs
+
+    def stepped(begun) -> float:
+        change = np.abs(pilot.step(begun, reference, seen).inputs - goes_on)
+        return np.delete(change, 3).max()
+
+    # The first tick of the fade, and the converters' last bit.
+    assert stepped(transferred) <= 2 * LSB_PERCENT
+    bare = replace(state, current=pilot.reconfigured(state.standing))
+    assert name == "same goal" or stepped(bare) > 10 * LSB_PERCENT
+
+
+def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
+    path, pilot, other = rig().path("circle", duration_s=0.3), rig().controller(), pilots()
+    run, other = rig().fly(pilot, path), other["another goal"]
+    taken_over = other.transfer(run.state)
+    assert taken_over.is_learning and taken_over.ticks == 0
+    assert not taken_over.diagnoses and not taken_over.standing
+    assert taken_over.current is other.first
+    seen = Measurement(run.measured[-1], np.zeros(6))
+    goes_on = pilot.step(run.state, path[-1], seen).inputs
+    change = other.step(taken_over, path[-1], seen).inputs - goes_on
+    assert np.abs(change).max() <= 1.5 * LSB_PERCENT
+    bare = other.step(replace(taken_over, controller=run.state), path[-1], seen).inputs
+    assert np.abs(bare - goes_on).max() > LSB_PERCENT * 10
