@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fjh.rig import Rig
 from fjh.rig.bodies import model_name
 from fjh.rig.units import by_unit, said
 from sim.mjcf import drives
+from tests.fjh.rigs import rig
 
 _ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
 
@@ -34,13 +34,14 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
     assert size > 9e5 or "e" not in number
 
 
-def test_a_model_is_called_as_its_file_says_or_as_its_file():
+@pytest.mark.parametrize(
+    ("stated", "name"),
+    [(' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x")],
+)
+def test_a_model_is_called_as_its_file_says_or_as_its_file(stated, name):
     """In one line, whatever XML can hold; what MuJoCo calls a model without a name is no name."""
-    for stated, name in (
-        (' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x"),
-    ):  # fmt: skip
-        model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
-        assert model_name(model, Path("some/file.xml")) == name
+    model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
+    assert model_name(model, Path("some/file.xml")) == name
 
 
 TRANSMISSIONS = """
@@ -68,10 +69,4 @@ TRANSMISSIONS = """
 def test_an_actuator_that_turns_a_joint_moves_by_an_angle_all_others_by_a_length():
     known = drives(mujoco.MjModel.from_xml_string(TRANSMISSIONS))
     assert [drive.unit for drive in known] == ["rad", "m", "rad", "m", "m"]
-
-
-@pytest.mark.long
-def test_the_hexapods_struts_are_lengths_and_its_pointing_is_angles():
-    rig = Rig.hexapod()
-    assert set(rig.units) == {"m"}
-    assert set(rig.row_units) == {"rad"}
+    assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}
