@@ -30,7 +30,7 @@ def event(name: str, time_s: float = ONSET * 1e-3) -> Event:
 
 @pytest.fixture(scope="module")
 def gantry() -> Rig:
-    return rig_of("gantry", major=(3, 4, 5), size=1e-3, crossover=0.7)
+    return rig_of("load_on_slides", major=(3, 4, 5), size=1e-3, crossover=0.7)
 
 
 @cache
@@ -281,7 +281,7 @@ def test_an_actuator_that_rubs_stands_while_it_is_pushed_less_than_its_friction(
 
 def test_ten_times_the_damping_takes_ten_times_the_force_to_move(gantry):
     """Of the servo's damper, as nothing else damps z: its force at a speed."""
-    changed = mujoco.MjModel.from_xml_path(str(TEST_MODELS / "gantry.xml"))
+    changed = mujoco.MjModel.from_xml_path(str(TEST_MODELS / "load_on_slides.xml"))
     hook: Any = events_of(gantry, [event("damped", 0.0)])[0]
     hook.plant(0, changed, mujoco.MjData(changed))
     drag = []

@@ -103,7 +103,7 @@ def test_the_prediction_of_a_controller_that_is_never_told_is_what_happens(kind)
 @pytest.mark.long
 def test_where_joints_rub_errors_are_as_predicted_before_and_after_a_lock():
     """Friction is most of the error; without it the prediction is far off."""
-    one, cut = rig_of("rubbing", major=(3, 5)), 500
+    one, cut = rig_of("rubbing_arm", major=(3, 5)), 500
     path, lock = one.path("circle", duration_s=1.0, turn_s=1.0), [Failure("elbow", "locked", 0.5)]
     run = one.fly(one.controller(), path, failures=lock)
     predicted = one.predict(path, failures=lock, told=False)

@@ -148,7 +148,7 @@ def test_a_robot_starts_where_it_is_told_to():
 
 def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_out():
     """The finger follows on its spring, the cup stays: both are in the physics alone."""
-    one = rig_of("desk", site="tool", major=(3, 5), joint_weight=(1.0, 4.0))
+    one = rig_of("arm_and_cup", site="tool", major=(3, 5), joint_weight=(1.0, 4.0))
     assert one.actuators == ("m1", "m2") and one.goal.joint_weight == (1.0, 4.0)
     assert one.left_out == ("finger", "cup") and "finger, cup" in one.warnings[0]
     path = one.path("circle", duration_s=1.0)
@@ -159,7 +159,9 @@ def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_o
     assert np.ptp(run.qpos[:, cup : cup + 3], axis=0).max() < 1e-4
     body = int(one.model.site("tool").bodyid[0])
     for site in (Body(body), body):
-        assert rig_of("desk", site=site, major=(5,), crossover=0.7).actuators == one.actuators
+        assert (
+            rig_of("arm_and_cup", site=site, major=(5,), crossover=0.7).actuators == one.actuators
+        )
 
 
 @pytest.mark.long

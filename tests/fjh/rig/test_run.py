@@ -193,7 +193,7 @@ def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():
 @pytest.mark.long
 def test_a_healthy_robot_that_rubs_is_not_suspected():
     """From the first test of the residuals on, at 0.8 s."""
-    one = rig_of("rubbing", major=(3, 5))
+    one = rig_of("rubbing_arm", major=(3, 5))
     run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
     assert not run.diagnoses
     assert any("dry friction of shoulder, elbow, belt" in each for each in one.warnings)
