@@ -112,16 +112,3 @@ def test_without_a_stop_the_current_is_the_limit_and_without_current_there_is_no
     assert -lower[0] == pytest.approx(amplifier.limit_a * 20.0 / 126e3)
     assert upper[0] == pytest.approx(-lower[0], rel=1e-4)
     np.testing.assert_array_equal(displacement_limits(model, amplifier, 0.0), np.zeros((2, 6)))
-
-
-@pytest.mark.parametrize(
-    ("amplifiers", "currents_a", "error", "said"),
-    [
-        (PLAIN, [1.0, 2.0], ValueError, "current_limit_a must be one number or 6, got shape"),
-        (PLAIN, -1.0, ValueError, "current_limit_a must not be negative"),
-        (None, 1.0, TypeError, "amplifier must be a Amplifier"),
-    ],
-)
-def test_currents_of_another_number_or_sign_are_refused(model, amplifiers, currents_a, error, said):
-    with pytest.raises(error, match=said):
-        displacement_limits(model, amplifiers, currents_a)

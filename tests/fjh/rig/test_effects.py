@@ -1,8 +1,7 @@
 """Events by name: each does to the machine what its sentence says, from its time on, no earlier."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from fjh.rig import Rig, Run
-from fjh.rig.events import EVENTS, Event, effects
+from fjh.rig.events import EVENTS, Event
 from fjh.rig.events.hooks import events_of
 from fjh.study.errors import WrongInput
 from sim import Failure
@@ -98,29 +97,6 @@ def test_every_robot_has_each_event_or_says_why_not(name):
             continue
         assert 5 <= differ(run, without)[0] < 50, each
         assert np.isfinite(run.true).all()
-
-
-WITHOUT_SIZE = {
-    "sag": partial(effects.supply, mean=1.0),
-    "ripple": partial(effects.supply, ripple=0.0),
-    "strong": partial(effects.scaled_force, gain=1.0),
-    "rubbing": partial(effects.rubbing, part=0.0),
-    "damped": partial(effects.damped, times=1.0),
-    "push": partial(effects.pushed, parts=0.0),
-    "tilt": partial(effects.tilting_floor, rad_per_s=0.0),
-    "heavier": partial(effects.scaled_mass, factor=1.0),
-    "noisy": partial(effects.noisy, times=1.0),
-    "scale": partial(effects.scaled, factor=1.0),
-    "late": partial(effects.late, ticks=0),
-    "dropped": partial(effects.missing, part=0.0),
-}
-
-
-@pytest.mark.parametrize("name", WITHOUT_SIZE)
-def test_an_event_of_no_size_changes_nothing(name, monkeypatch, quiet):
-    kind = replace(EVENTS[name], effect=WITHOUT_SIZE[name])
-    monkeypatch.setitem(EVENTS, name, kind)
-    assert not differ(blind_flight(rig("hexapod"), [event(name)]), quiet).size
 
 
 @pytest.mark.parametrize("name", ["locked", "free", "weak", "loose"])
