@@ -68,9 +68,13 @@ SETTINGS: dict[str, tuple[Setting, dict[str, Any]]] = {
     "limit without windup": (Setting(HELD, failures=LOCK, duration_s=1.0), {"bench": LIMITED}),
 }
 """Each with a difference that the prediction must notice."""
+IN_SHORT = ("healthy", "lock known", "lock on the way", "floor", "off centre", "limit and lock")
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize(
+    "name",
+    [each if each in IN_SHORT else pytest.param(each, marks=pytest.mark.long) for each in SETTINGS],
+)
 def test_the_linear_model_predicts_every_tick_of_a_run(name):
     """Within 0.01 urad of MuJoCo, of errors up to 50 urad: 0.006 urad was measured at the most.
 

@@ -98,7 +98,7 @@ def test_a_rig_reads_its_model_once(name, monkeypatch):
     for each in (Mechanism, JacobianReader, Plant):
         monkeypatch.setattr(each, "__init__", counted(each.__init__, each.__name__))
     monkeypatch.setattr(Plant, "settle", counted(Plant.settle, "settle"))
-    one = rig.__wrapped__(name)
+    one = rig.__wrapped__(name, **({} if name == "hexapod" else {"crossover": 0.7}))
     assert made["JacobianReader"] == 1
     assert made["Mechanism"] == (name != "hexapod")
     one.fly(one.supervisor("none"), np.zeros((2, 2)))
@@ -218,7 +218,10 @@ def assert_same(run: Run, other: Run) -> None:
 @pytest.mark.parametrize(
     "name", ["hexapod", pytest.param("arm", marks=[pytest.mark.long, pytest.mark.night])]
 )
-@pytest.mark.parametrize("how", COPIES)
+@pytest.mark.parametrize(
+    "how",
+    ["pickled", *(pytest.param(how, marks=pytest.mark.long) for how in ("copied", "deep"))],
+)
 def test_a_copy_flies_the_same_to_the_bit(how, name, made):
     """The rig, the pilot, both at once; and a run is copied with the state of its pilot."""
     one, pilot = rig(name), pilot_of(name, made)

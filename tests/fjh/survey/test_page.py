@@ -106,6 +106,7 @@ def test_the_page_of_a_matrix_has_every_sentence_and_its_names_are_no_markup(tmp
     assert (again / "survey.html").read_text() == (out / "survey.html").read_text()
 
 
+@pytest.mark.long
 def test_the_page_prints_what_the_command_says(tmp_path, monkeypatch, capfd):
     page = (Path(__file__).parents[3] / "docs" / "survey.md").read_text()
     (matrix,) = (content for language, content in blocks(page) if language == "none")
