@@ -19,7 +19,7 @@ from experiments.app.cli import main
 from experiments.recover import hexapod_basis, plan
 from experiments.recover.row import row_of
 from experiments.recover.tables import goals
-from experiments.table1 import BY_NAME, CONFIGURATIONS, printed
+from experiments.table1 import CONFIGURATIONS
 from experiments.table1 import checks as table1_checks
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.rig import pursuing
@@ -216,9 +216,6 @@ def test_our_columns_are_those_without_another_controller(compared):
     alone = own.fly(own.controller(), path, failures=column.failures)
     with np.load(compared["out"] / "W_d.npz") as data:
         assert np.array_equal(data["true_rad"], alone.true)
-    columns = pd.DataFrame(compared["columns"])
-    ours, same = (printed(each, *BY_NAME, cut=True) for each in (columns[:6], columns))
-    pd.testing.assert_frame_equal(ours, same)
 
 
 @pytest.mark.long

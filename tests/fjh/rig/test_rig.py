@@ -2,7 +2,6 @@
 
 import gc
 import pickle
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from copy import copy, deepcopy
@@ -18,7 +17,7 @@ from fjh.rig import Rig, Run
 from fjh.study.errors import WrongInput
 from ftc import OracleController
 from ftc.fdi import Diagnosis, Fault
-from sim import Bench, Body, Failure, JacobianReader, Mechanism, Plant
+from sim import Bench, Body, Failure
 from tests.arms import ARMS
 from tests.fjh.rigs import ARM, path_of, rig, rig_of
 
@@ -81,32 +80,6 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
         first = one.actuators[0]  # the file calls its coil1
         assert run.diagnoses[0].actuator == first and not run.task_lost
         assert f"{first} was named free at" in run.status
-
-
-@BOTH
-def test_a_rig_reads_its_model_once(name, monkeypatch):
-    """Counted: pilots, verdicts and flights share what was read; a flight has its own plant."""
-    made = Counter[str]()
-
-    def counted(what: Callable[..., Any], called: str) -> Callable[..., Any]:
-        def counting(*given: Any, **named: Any) -> Any:
-            made[called] += 1
-            return what(*given, **named)
-
-        return counting
-
-    for each in (Mechanism, JacobianReader, Plant):
-        monkeypatch.setattr(each, "__init__", counted(each.__init__, each.__name__))
-    monkeypatch.setattr(Plant, "settle", counted(Plant.settle, "settle"))
-    one = rig.__wrapped__(name, **({} if name == "hexapod" else {"crossover": 0.7}))
-    assert made["JacobianReader"] == 1
-    assert made["Mechanism"] == (name != "hexapod")
-    one.fly(one.supervisor("none"), np.zeros((2, 2)))
-    made.clear()
-    one.fly(one.supervisor("none"), np.zeros((2, 2)))
-    one.controller()
-    one.classified([Fault(1, "loose")])
-    assert made == {"Plant": 1}
 
 
 @BOTH
