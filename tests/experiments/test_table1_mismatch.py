@@ -36,7 +36,7 @@ def test_every_column_has_a_plant_of_its_own():
     assert not mismatched_rigs(without, 7, quick=False)
 
 
-def test_the_drift_of_the_detectors_zero_is_not_charged_and_the_floor_is_expected():
+def test_drift_of_the_detectors_zero_is_not_charged_to_the_controller():
     one, path = rig("hexapod"), TestbedConfig().spiral_rad(0.3)
     drawn, run = one.drawn("all", 3), one.fly(one.controller(), path)
     perfect = replace(run, true=path - drawn.machine.zero_rad(300))

@@ -88,7 +88,7 @@ def test_a_task_converges_and_its_error_falls_at_every_step(mobile, way):
     assert (np.diff(errors) < 0).all() and len(errors) < 20
 
 
-def test_of_two_tasks_that_conflict_mink_lets_both_give_way_and_here_the_lower_one(mobile):
+def test_of_conflicting_tasks_the_lower_one_gives_way_in_mink_both(mobile):
     model, data = mobile
     high, low = (above(model, data, "tool", 0, 0, way) for way in (0.01, -0.01))
     theirs = [asked_of_mink("tool", high), asked_of_mink("tool", low, cost=0.5)]
@@ -99,7 +99,7 @@ def test_of_two_tasks_that_conflict_mink_lets_both_give_way_and_here_the_lower_o
     assert abs(high.translation_m[2] - data.site("tool").xpos[2]) < 1e-8
 
 
-def test_what_must_hold_and_cannot_is_missed_without_a_word_there_and_here_with_a_status(mobile):
+def test_what_cannot_hold_has_a_status_here_and_none_in_mink(mobile):
     """A tool that no joint can lift: frozen joints and a pose as constraints."""
     model, data = mobile
     frozen = mink.DofFreezingTask(model, dof_indices=list(range(3, 9)))
@@ -138,7 +138,7 @@ def test_the_origin_takes_the_straight_line_and_there_a_screw():
     assert abs(step_of_mink(model, data, [task]).q[1]) > 0.05
 
 
-def test_beyond_its_range_a_joint_returns_also_where_mink_finds_no_solution(mobile):
+def test_beyond_its_range_a_joint_returns_where_mink_finds_no_solution(mobile):
     model, data = mobile
     _, high = ranges(model).joint.T
     data.qpos[4] = high[4] + 0.1
@@ -154,7 +154,7 @@ def test_beyond_its_range_a_joint_returns_also_where_mink_finds_no_solution(mobi
         step_of_mink(model, data, [posture], limits=limits)
 
 
-def test_far_from_a_range_velocity_and_acceleration_alone_limit_and_near_it_less():
+def test_a_range_limits_the_rate_near_it_and_not_far_from_it():
     model = model_of("xy_table")  # x has a range, y has none
     data = mujoco.MjData(model)
     ik = Ik(model, [PostureTask(target=[9.0, 9.0])], Limits(velocity=3.0))
@@ -195,7 +195,7 @@ def test_coupled_joints_keep_their_ratio():
     np.testing.assert_allclose(data.joint("right_knee").qpos, 0.15, atol=1e-9)
 
 
-def test_a_beam_that_turns_one_end_up_does_not_run_the_other_into_the_floor():
+def test_a_beam_that_turns_does_not_run_its_other_end_into_the_floor():
     """Mink looks at the end that is near now, and the next one goes through the floor."""
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 0.1"/><body pos="0 0 0.12">

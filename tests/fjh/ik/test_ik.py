@@ -153,7 +153,7 @@ def test_a_quadruped_steps_with_its_trunk_as_a_variable(locked):
         assert 1e-4 < missed(trunk, model, data) < 0.05
 
 
-def test_variables_are_named_where_there_are_no_actuators_or_none_moves_a_task():
+def test_variables_are_named_where_no_actuator_moves_a_task():
     bare = mujoco.MjSpec.from_file(str(MODELS / "quadruped.xml"))
     for actuator in list(bare.actuators):
         bare.delete(actuator)
@@ -239,7 +239,7 @@ BENT, STRETCHED = (-0.3, 0.6, -0.3), (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("bend", [1e-1, 1e-2, 1e-4, 1e-7])
-def test_near_a_singular_pose_damping_bounds_the_rates_and_says_what_it_costs(bend):
+def test_near_a_singular_pose_damping_bounds_the_rates_at_a_stated_cost(bend):
     model, data = three_links(-bend / 2, bend, 0.0)
     target = data.site("payload").xpos - [1e-3, 0.0, 0.0]
     tip = FrameTask("payload", rows=[3, 5], target=target, weight=1.0, damping=0.02)
@@ -254,7 +254,7 @@ def test_near_a_singular_pose_damping_bounds_the_rates_and_says_what_it_costs(be
 
 
 @pytest.mark.long
-def test_before_a_target_out_of_reach_a_hand_comes_to_rest_unless_its_damping_is_none_at_all():
+def test_out_of_reach_a_hand_rests_unless_its_damping_is_zero():
     """Without damping the arm, at its stretch, swings at the limit of its joints."""
     model, speeds = model_of("humanoid"), {}
     for damping in (None, 0.0):
@@ -327,7 +327,7 @@ def test_near_a_target_that_can_be_reached_nothing_is_damped_to_the_bit(name, fr
 
 
 @pytest.mark.parametrize("kind", [FrameTask, CenterOfMassTask, RelativeFrameTask])
-def test_a_task_whose_rows_vanish_where_all_joints_are_zero_is_judged_where_the_robot_stands(kind):
+def test_a_task_is_judged_where_the_robot_stands_not_at_zero(kind):
     """By numpy from rows apart; at the stretch itself a status; without a motion a refusal."""
     model, data = three_links(*BENT)
     if kind is CenterOfMassTask:
@@ -372,7 +372,7 @@ def test_what_an_ik_has_looked_up_of_a_task_cannot_be_set_any_more(task, name, v
     task.gain = 0.5
 
 
-def test_the_same_question_has_the_same_answer_to_the_bit_whatever_came_before():
+def test_the_same_question_has_the_same_answer_whatever_came_before():
     model, tool, answers = model_of("mobile"), FrameTask("tool"), []
     ik = Ik(model, [tool, PostureTask(target=model.qpos0)], Limits(velocity=1.0))
     for seed, size, way in ((5, 0.1, 0.1), (6, 0.2, -0.2), (5, 0.1, 0.1)):
@@ -437,7 +437,7 @@ def test_a_solution_that_is_kept_says_the_same_after_further_steps(name, frame):
         ("quadruped", LEGS[0], {"pinned": list(LEGS[1:]), "active": ["root"]}),
     ],
 )
-def test_a_state_in_which_the_loop_goes_on_is_the_same_as_one_after_another(name, frame, given):
+def test_a_step_in_place_is_the_same_as_one_into_a_new_state(name, frame, given):
     """With and without feet that are pinned, and a joint that is stuck."""
     model = model_of(name)
     here = assemble(model, bent(model, 3, 0.1))

@@ -24,7 +24,7 @@ def asked(target: float) -> FrameTask:
 
 
 @SEEDS
-def test_ranges_rates_and_accelerations_hold_while_the_tool_chases_what_it_cannot_reach(seed):
+def test_limits_hold_while_the_tool_chases_what_it_cannot_reach(seed):
     rng, model = np.random.default_rng(seed), model_of("mobile")
     data, (low, high), tool = mujoco.MjData(model), ranges(model).joint.T, FrameTask("tool")
     speed, hard = rng.uniform(0.5, 3.0), rng.uniform(2.0, 20.0)
@@ -104,7 +104,7 @@ def test_a_passive_joint_of_a_loop_stays_in_its_range():
 
 
 @pytest.mark.parametrize("dt", [pytest.param(0.005, marks=pytest.mark.long), 0.05])
-def test_a_passive_joint_is_braked_before_its_range_with_what_all_joints_may(dt):
+def test_a_passive_joint_is_braked_before_its_range(dt):
     model, before, rocker = model_of("four_bar"), np.zeros(3), []
     data = assemble(model)
     ik = Ik(model, [TURN_ON], Limits(velocity=1.0, acceleration=3.0))
@@ -116,7 +116,7 @@ def test_a_passive_joint_is_braked_before_its_range_with_what_all_joints_may(dt)
     assert 0.29 < max(rocker) < 0.3 + 1e-6
 
 
-def test_where_a_loop_lets_nothing_return_so_fast_it_goes_no_farther_and_stays_closed():
+def test_where_a_loop_cannot_return_so_fast_it_goes_no_farther():
     """The rocker is far beyond its range, and the crank that would bring it back is slow."""
     text = (TEST_MODELS / "four_bar.xml").read_text()
     model = mujoco.MjModel.from_xml_string(text.replace("-0.3 0.3", "-0.05 0.05"))
@@ -262,7 +262,7 @@ def test_without_these_limits_most_arms_hit_what_is_in_their_way():
     assert sum(nearer > 0.02 for nearer in found) >= 4
 
 
-def test_geoms_that_begin_too_near_part_by_half_of_what_is_missing_in_each_tick():
+def test_geoms_too_near_part_by_half_of_what_is_missing_in_each_tick():
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="0.305 0 0"/>
         <body><joint type="slide" axis="1 0 0" name="x"/><geom name="block" size="0.2"/>
@@ -278,7 +278,7 @@ def test_geoms_that_begin_too_near_part_by_half_of_what_is_missing_in_each_tick(
 
 @pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
 @pytest.mark.parametrize("gain", [0.25, 1.0])
-def test_the_way_to_the_margin_shrinks_by_the_gain_of_the_distances_in_every_tick(start_m, gain):
+def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
     """From above it and from below it, as a geometric sequence."""
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="ball" pos="0 0 0.1">

@@ -38,7 +38,7 @@ def test_the_converter_sends_the_nearest_code_and_none_beyond_its_range():
     np.testing.assert_array_equal(codes, [-32768, -32768, 32767, 32767, 32767])
 
 
-def test_beyond_its_limit_the_amplifier_gives_no_more_current_and_no_more_force():
+def test_beyond_its_limit_the_amplifier_gives_no_more_current():
     weak = replace(PLAIN, limit_a=3.0)
     fine = weak.displacements(weak.inputs(np.linspace(0, 5, 200) * STEP_M))
     np.testing.assert_allclose(np.unique(fine), np.arange(6) * STEP_M, atol=1e-18)
@@ -103,9 +103,7 @@ def test_a_locked_strut_rests_away_from_its_centre_without_current(model, amplif
     assert np.abs(plant.coil_force_n()).max() == 0.0
 
 
-def test_without_a_stop_the_current_is_the_limit_and_without_current_there_is_no_motion(
-    model, amplifier
-):
+def test_without_a_stop_the_current_limits_and_without_current_all(model, amplifier):
     endless = copy.copy(model)
     endless.jnt_limited[endless.actuator_trnid[0, 0]] = False
     lower, upper = displacement_limits(endless, amplifier)

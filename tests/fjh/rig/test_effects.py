@@ -106,7 +106,7 @@ def test_a_failure_is_the_same_as_an_event(name):
     assert of_one_event(name).failures == as_failure.failures
 
 
-def test_full_input_is_the_end_of_the_converter_and_the_strut_goes_to_its_stop():
+def test_full_input_is_the_end_of_the_converter_and_of_the_stroke():
     one = rig("hexapod")
     hook: Any = events_of(one, [event("hard_over", 0.0)])[0]
     sent = hook.sent(0, np.full(6, 3.0))
@@ -181,7 +181,7 @@ def test_two_actuators_lock_at_once_and_a_lock_comes_after_a_bump():
     assert after[0].time_s == pytest.approx(0.6)
 
 
-def test_without_its_spring_a_strut_sags_as_far_as_flexures_and_other_struts_let_it():
+def test_without_its_spring_a_strut_sags_as_far_as_flexures_let_it():
     """Its coil goes on, so it is not the same as a loose one; its preload is gone, as there."""
     moved = {name: of_one_event(name).displacement[:, 2] for name in ("spring_lost", "loose")}
     assert all(np.ptp(each[ONSET:]) > 20e-6 for each in moved.values())
@@ -246,7 +246,7 @@ def test_a_heavier_load_answers_more_slowly(gantry):
     assert z["noisy"] / z["lighter"] == pytest.approx(0.8, rel=0.02)
 
 
-def test_an_actuator_that_rubs_stands_while_it_is_pushed_less_than_its_friction(gantry):
+def test_an_actuator_that_rubs_stands_below_its_friction(gantry):
     """Friction is half of what moves the path; a third does not break away, but MuJoCo's creeps."""
     moved, how = {}, {"ticks": 100, "hz": 0.0, "peak": gantry.size / 3}
     for name in ("rubbing", "noisy"):

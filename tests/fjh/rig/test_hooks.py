@@ -22,7 +22,7 @@ def test_a_time_is_at_the_first_tick_after_it(time_s, tick):
     assert tick_of(time_s, 1e-3) == tick
 
 
-def test_times_count_from_the_first_tick_of_the_path_and_what_was_is_before_the_lead_in():
+def test_times_count_from_the_first_tick_of_the_path():
     one, reading = rig("hexapod"), Reading(np.ones(2), np.ones(6))
     for time_s, first in ((5.03, 70), (5.0, 0), (3.0, 0)):
         hook: Any = events_of(one, [Event("silent", time_s)], begin_s=5.0, lead_in_s=0.04)[0]
@@ -80,7 +80,7 @@ def test_a_hook_does_to_the_machine_what_it_is_asked_to(name):
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_inputs_that_are_changed_in_place_are_like_others_and_no_memory_of_the_pilot(name):
+def test_inputs_changed_in_place_are_no_memory_of_the_pilot(name):
     class InPlace:
         def sent(self, tick: int, inputs: np.ndarray) -> np.ndarray:
             inputs *= 1.01
@@ -105,6 +105,6 @@ def test_inputs_that_are_changed_in_place_are_like_others_and_no_memory_of_the_p
         ("slow", "strut33", 'no actuator or joint "strut33"; did you mean "strut3"'),
     ],
 )
-def test_an_event_of_no_such_name_or_actuator_is_refused_with_what_is_meant(name, actuator, said):
+def test_an_unknown_event_or_actuator_is_refused_with_the_nearest(name, actuator, said):
     with pytest.raises((ValueError, WrongInput), match=said):
         blind_flight(rig("hexapod"), [Event(name, 0.0, actuator)], ticks=2)

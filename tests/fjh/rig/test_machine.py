@@ -98,7 +98,7 @@ def test_a_coarser_physics_step_is_further_from_the_linear_model(rig, linear):
     assert errors[1] == pytest.approx(2 * errors[0], rel=0.2)
 
 
-def test_the_payload_rests_at_its_nominal_pose_whatever_springs_and_weights(rig):
+def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(rig):
     models = [rig.drawn(ALL, seed).machine.model for seed in range(3)]
     for model in models:
         plant = Plant(model)

@@ -72,7 +72,7 @@ def many(machine: str) -> list[dict[str, np.ndarray]]:
 @pytest.mark.parametrize(
     ("machine", "name"), [(machine, name) for machine in DRAWN for name in DRAWN[machine]]
 )
-def test_a_size_fills_its_range_and_is_drawn_alike_alone_and_with_the_others(machine, name):
+def test_a_size_fills_its_range_and_is_drawn_alike_with_and_without_others(machine, name):
     everything = EVERYTHING[machine]
     drawn, size = np.array([plant[name] for plant in many(machine)]), getattr(everything, name)
     assert np.abs(drawn).max() <= size * (1 + 1e-9)

@@ -116,7 +116,7 @@ def test_where_joints_rub_errors_are_as_predicted_before_and_after_a_lock():
 
 
 @pytest.mark.long
-def test_a_controller_that_learns_late_is_predicted_between_one_informed_at_once_and_never():
+def test_learning_late_is_predicted_between_at_once_and_never():
     """At once and never are its limits, exactly; with a dither, too, which then costs more."""
     one, path = rig("platform"), path_of("platform", 1.2)
     failures = [Failure(1, "locked", FAILED_S), Failure(2, "weak", 0.3)]
@@ -133,7 +133,7 @@ def test_a_controller_that_learns_late_is_predicted_between_one_informed_at_once
 
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "kind"), [("hand", "free"), ("platform", "locked")])
-def test_a_supervisor_that_finds_a_failure_goes_on_as_the_linear_model_says(name, kind):
+def test_a_supervisor_that_names_a_failure_goes_on_as_predicted(name, kind):
     """From the tick at which it named it: closed loops carry what is free, and nothing jumps."""
     one, path = rig(name), path_of(name, 2.4)
     dither = rig_dither(one, "default")
@@ -157,7 +157,7 @@ def test_two_failures_of_one_tick_both_change_the_plant_in_either_order():
     assert np.abs(one_way - single).max() > 0.01 * np.abs(single).max()
 
 
-def test_a_strut_that_comes_loose_leaves_its_range_and_nothing_is_predicted():
+def test_a_loose_strut_leaves_its_range_and_nothing_is_predicted():
     one, path = rig("hexapod"), path_of("hexapod", 0.6)
     failures = [Failure("strut1", "loose", 0.1)]
     run = one.fly(one.controller(), path, failures=failures)

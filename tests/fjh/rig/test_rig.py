@@ -83,7 +83,7 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
 
 
 @BOTH
-def test_a_path_that_is_demanded_through_the_inverse_leaves_the_loops_little(name):
+def test_feedforward_through_the_inverse_leaves_the_loops_little(name):
     """Feedforward is an argument of either rig, and the prediction knows it."""
     options = {} if name == "hexapod" else {"crossover": 0.7}
     rms = {}
@@ -119,7 +119,7 @@ def test_a_robot_starts_where_it_is_told_to():
         Rig.of_mjcf(ARM, major=[3, 4, 5], pinned=["foot"])
 
 
-def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_out():
+def test_a_robot_among_other_things_flies_as_predicted():
     """The finger follows on its spring, the cup stays: both are in the physics alone."""
     one = rig_of("arm_and_cup", site="tool", major=(3, 5), joint_weight=(1.0, 4.0))
     assert one.actuators == ("m1", "m2") and one.goal.joint_weight == (1.0, 4.0)

@@ -103,7 +103,7 @@ IN_SHORT = [(LOST[0], "supervisor"), (LOST[3], "guarded")]
         for each in product(LOST, ("supervisor", "guarded"))
     ],
 )
-def test_without_a_reading_the_commands_stand_and_the_error_stays_that_of_the_path(what, pilot):
+def test_without_a_reading_the_commands_stand(what, pilot):
     """Bit by bit, from 50 ms after the last reading that changed; the integrators stand still."""
     run = flown("hexapod", what, pilot=pilot)
     held = run.inputs[STRUCK + 50 :]
@@ -115,7 +115,7 @@ def test_without_a_reading_the_commands_stand_and_the_error_stays_that_of_the_pa
 
 
 @pytest.mark.parametrize("pilot", ["supervisor", pytest.param("guarded", marks=pytest.mark.long)])
-def test_after_one_missing_reading_the_flight_goes_on_as_if_there_had_been_one(pilot):
+def test_after_one_missing_reading_the_flight_goes_on_as_without(pilot):
     sound, run = (flown("hexapod", what, pilot=pilot) for what in ("none", "one NaN"))
     assert (run.inputs[STRUCK] == run.inputs[STRUCK - 1]).all()
     assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
@@ -133,7 +133,7 @@ def test_after_one_missing_reading_the_flight_goes_on_as_if_there_had_been_one(p
         *(pytest.param(what, marks=pytest.mark.long) for what in ("repeated", "spike")),
     ],
 )
-def test_a_reading_that_is_missing_now_and_then_costs_little_and_raises_no_alarm(what):
+def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
     run, sound = flown("hexapod", what), flown("hexapod", "none")
     assert rms(run) < 1.2 * rms(sound)
     assert not run.state.watch.alarm_ticks and not run.diagnoses
@@ -152,7 +152,7 @@ def test_after_a_gap_control_goes_on_and_the_gap_raises_no_alarm():
 
 @pytest.mark.long
 @pytest.mark.parametrize("what", ["150 ms", "bursts"])
-def test_a_sensor_that_comes_back_costs_no_more_than_with_a_controller_that_checks_nothing(what):
+def test_a_sensor_that_comes_back_costs_no_more_than_without_checks(what):
     """It is used at once; and bursts of 20 ms, in every 70, are no sensor that is stuck."""
     run, nothing = flown("hexapod", what), flown("hexapod", what, pilot="nothing")
     assert rms(run) < 1.01 * rms(nothing)
@@ -172,7 +172,7 @@ def test_encoders_stand_in_for_the_sensor_of_the_task(what):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_encoders_that_fail_do_not_hurt_a_controller_that_does_not_use_them(name):
+def test_encoders_that_fail_do_not_hurt_who_does_not_use_them(name):
     sound, run = flown(name, "none"), flown(name, "encoders")
     np.testing.assert_array_equal(run.inputs, sound.inputs)
     assert ("encoders" in run.status) == (name == "arm")  # the hexapod does not look at them

@@ -59,6 +59,6 @@ def test_the_gauges_read_the_struts_with_the_noise_that_is_stated():
     np.testing.assert_allclose(np.corrcoef(errors.T), np.eye(6), atol=0.04)
 
 
-def test_the_spiral_starts_at_the_centre_and_ends_after_eight_turns_at_its_radius():
+def test_the_spiral_goes_from_the_centre_in_eight_turns_to_its_radius():
     path = spiral(np.array([0.0, 1.0, 16.0]), radius_rad=1e-4, turns=8, duration_s=16)
     np.testing.assert_allclose(path, [[0, 0], [-1e-4 / 16, 0], [1e-4, 0]], atol=1e-15)

@@ -45,7 +45,7 @@ def test_a_model_is_called_as_its_file_says_or_as_its_file(stated, name):
     assert model_name(model, Path("some/file.xml")) == name
 
 
-def test_an_actuator_that_turns_a_joint_moves_by_an_angle_all_others_by_a_length():
+def test_an_actuator_of_hinges_moves_by_an_angle_others_by_a_length():
     known = drives(mujoco.MjModel.from_xml_path(str(TEST_MODELS / "transmissions.xml")))
     assert [drive.unit for drive in known] == ["rad", "m", "rad", "m", "m"]
     assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}

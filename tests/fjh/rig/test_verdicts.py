@@ -73,7 +73,7 @@ def test_failures_are_what_a_condition_says(condition):
     assert {failure.time_s for failure in failures_of(condition, 0.5)} <= {0.5}
 
 
-def test_conditions_are_in_the_order_of_an_atlas_and_of_actuators_locked_before_free():
+def test_conditions_are_in_the_order_of_an_atlas():
     atlas = failure_atlas(ConstrainedSystem(np.ones((1, 3)), None, range(3)), [0])
     assert every_condition(3) == tuple("".join(LETTERS[c] for c in row) for row in atlas.codes)
     expected = [[0, 0], [1, 0], [2, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 1], [2, 2]]

@@ -67,7 +67,7 @@ def hexarotor(file: Path, turns: str) -> Path:
     )
 
 
-def test_a_hexarotor_hovers_without_a_rotor_only_if_some_neighbours_turn_alike(tmp_path):
+def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
     """Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
     for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
@@ -138,7 +138,7 @@ TENDONS = """
 
 
 @pytest.mark.parametrize("near", [0.002, 0.1])
-def test_a_robot_whose_force_is_gone_has_lost_the_task_although_its_speed_is_there(tmp_path, near):
+def test_a_robot_whose_force_is_gone_has_lost_the_task(tmp_path, near):
     """Tendons a and b are nearly parallel, and alone when c is limp."""
     (tmp_path / "tendons.xml").write_text(TENDONS.format(near=near))
     found = of_robot(tmp_path / "tendons.xml", site="tip", axes=None, major="3,4")
@@ -184,7 +184,7 @@ def test_of_few_actuators_every_condition_is_counted():
     assert list(found.left_out()) == []
 
 
-def test_the_arm_keeps_pointing_with_any_joint_locked_and_with_none_free_but_the_last():
+def test_the_arm_points_with_any_joint_locked_and_none_free_but_the_last():
     """A free joint turns the camera by itself, except the last, whose axis is the line of sight."""
     start = of_robot(ARM, 3).start
     assert start.survived[start.singles[:, 0]].all()

@@ -85,7 +85,7 @@ def shown_by_markdown(text: str) -> str:
 
 
 @pytest.mark.long
-def test_the_page_of_a_matrix_has_every_sentence_and_its_names_are_no_markup(tmp_path, capfd):
+def test_the_page_of_a_matrix_is_whole_and_its_names_are_no_markup(tmp_path, capfd):
     file = tmp_path / "rotors.csv"
     quoted = [f'"{name.replace(chr(34), 2 * chr(34))}"' for name in HOSTILE]
     file.write_text(f"{','.join(quoted)}\n1,1,1,1,1,1,1\n0,1,2,3,4,5,6\n")
