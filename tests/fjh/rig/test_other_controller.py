@@ -175,6 +175,7 @@ SENTENCE = (
 )
 
 
+@pytest.mark.night
 def test_its_columns_stand_beside_ours_in_every_file(compared, faults_of_figures):
     out, columns = compared["out"], compared["columns"]
     assert [each["name"] for each in columns] == [*(each.name for each in COLUMNS), *THEIRS]
@@ -193,6 +194,7 @@ def test_its_columns_stand_beside_ours_in_every_file(compared, faults_of_figures
         assert len(scalars(out / column["recording"], "/task/true")[0]) > 0
 
 
+@pytest.mark.night
 def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
     """Its inputs stay as they were last sent; the two sound columns pass."""
     assert compared["code"] == 1
@@ -210,6 +212,7 @@ def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
     assert len([each for each in found if not each.passed]) == 2
 
 
+@pytest.mark.night
 def test_our_columns_are_those_without_another_controller(compared):
     column, path = COLUMNS[3], TestbedConfig().spiral_rad(SHORT_S)
     own = pursuing(rig("hexapod"), column.goal, jacobian="analytic")
