@@ -459,6 +459,7 @@ TOOL, POSTURE = (lambda **given: FrameTask("payload", **given)), PostureTask
 @pytest.mark.parametrize(
     "make, error, words",
     [
+        (lambda arm: Ik(arm, WRONG), ValueError, "tasks must be a list of tasks"),
         (lambda arm: Ik(arm, [[]]), ValueError, "one at least in each level"),
         (lambda arm: Ik(arm, 2 * [TOOL()]), ValueError, "none twice"),
         (lambda arm: Ik(arm, [FrameTask("payloads")]), ModelError, 'did you mean "payload"'),
