@@ -76,8 +76,9 @@ def test_a_joint_beyond_its_range_returns_at_once_or_as_fast_as_it_may(beyond):
     slow = Ik(model, [asked(2.0 * beyond)], Limits(velocity=0.1))
     slowly = slow.step(data, DT)[0]
     np.testing.assert_allclose(slowly, -np.sign(beyond) * min(0.1, abs(at_once)))
-    answer = slow.with_failures(locked=["x"]).solve(data, DT)
-    assert answer.qvel[0] == 0.0 and answer.is_led_back
+    for locked in (["x"], ["x", "up"]):
+        answer = slow.with_failures(locked=locked).solve(data, DT)
+        assert answer.qvel[0] == 0.0 and answer.is_led_back
 
 
 def test_without_ranges_a_joint_goes_beyond():
