@@ -38,10 +38,9 @@ class Arm:
         ends = [np.array(_offset(row)) for row in self.rows[1:]] + [np.array([0, 0, self.flange])]
         bodies = ""
         for k, (row, mass, end) in enumerate(zip(self.rows, self.mass, ends, strict=True), 1):
-            turned = " ".join(f"{each:.9g}" for each in _quaternion(row[1]))
             inertia = mass * (float(end @ end) / 12 + _THICKNESS_M**2 / 2)
             bodies += (
-                f'<body pos="{_listed(_offset(row))}" quat="{turned}">'
+                f'<body pos="{_listed(_offset(row))}" euler="{row[1]} 0 0">'
                 f'<inertial pos="{_listed(end / 2)}" mass="{mass}" '
                 f'diaginertia="{inertia:.6g} {inertia:.6g} {inertia:.6g}"/>'
                 f'<joint name="joint{k}" axis="0 0 1" armature="{_ARMATURE}" {joint}/>'
@@ -64,11 +63,6 @@ class Arm:
 def _offset(row: tuple[float, float, float]) -> tuple[float, float, float]:
     a, alpha, d = row[0], np.deg2rad(row[1]), row[2]
     return a, -float(np.sin(alpha)) * d, float(np.cos(alpha)) * d
-
-
-def _quaternion(alpha_deg: float) -> tuple[float, ...]:
-    half = np.deg2rad(alpha_deg) / 2
-    return float(np.cos(half)), float(np.sin(half)), 0.0, 0.0
 
 
 def _listed(values: Sequence[float] | np.ndarray) -> str:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fjh.rig import Rig
 from fjh.rig.bodies import model_name
 from fjh.rig.units import by_unit, said
 from sim.mjcf import drives
+from tests.fjh.rigs import rig
+from tests.robots import TEST_MODELS
 
 _ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
 
@@ -34,44 +35,17 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
     assert size > 9e5 or "e" not in number
 
 
-def test_a_model_is_called_as_its_file_says_or_as_its_file():
+@pytest.mark.parametrize(
+    ("stated", "name"),
+    [(' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x")],
+)
+def test_a_model_is_called_as_its_file_says_or_as_its_file(stated, name):
     """In one line, whatever XML can hold; what MuJoCo calls a model without a name is no name."""
-    for stated, name in (
-        (' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x"),
-    ):  # fmt: skip
-        model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
-        assert model_name(model, Path("some/file.xml")) == name
+    model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
+    assert model_name(model, Path("some/file.xml")) == name
 
 
-TRANSMISSIONS = """
-<mujoco>
-  <worldbody>
-    <site name="ground"/>
-    <body><joint name="turn"/><geom size="0.1"/>
-      <body><joint name="other" axis="1 0 0"/><geom size="0.1"/>
-        <body><joint name="shift" type="slide"/><geom size="0.1"/><site name="tip"/></body>
-      </body></body>
-  </worldbody>
-  <tendon>
-    <fixed name="sum"><joint joint="turn" coef="1"/><joint joint="other" coef="2"/></fixed>
-    <fixed name="mixed"><joint joint="turn" coef="1"/><joint joint="shift" coef="2"/></fixed>
-    <spatial name="cable"><site site="ground"/><site site="tip"/></spatial>
-  </tendon>
-  <actuator>
-    <motor joint="turn"/><motor joint="shift"/>
-    <motor tendon="sum"/><motor tendon="mixed"/><motor tendon="cable"/>
-  </actuator>
-</mujoco>
-"""
-
-
-def test_an_actuator_that_turns_a_joint_moves_by_an_angle_all_others_by_a_length():
-    known = drives(mujoco.MjModel.from_xml_string(TRANSMISSIONS))
+def test_an_actuator_of_hinges_moves_by_an_angle_others_by_a_length():
+    known = drives(mujoco.MjModel.from_xml_path(str(TEST_MODELS / "transmissions.xml")))
     assert [drive.unit for drive in known] == ["rad", "m", "rad", "m", "m"]
-
-
-@pytest.mark.long
-def test_the_hexapods_struts_are_lengths_and_its_pointing_is_angles():
-    rig = Rig.hexapod()
-    assert set(rig.units) == {"m"}
-    assert set(rig.row_units) == {"rad"}
+    assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}

@@ -13,7 +13,9 @@ from fjh.rig.conditions import (
     every_condition,
     failed,
     failures_of,
+    few_failures,
     in_words,
+    with_failures,
 )
 from fjh.rig.verdicts import KEPT, names_of, verdicts
 from prioritized import ConstrainedSystem, failure_atlas
@@ -29,8 +31,7 @@ def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, direction
     stiffness = np.diag(rng.uniform(0, 1, 6).round()) if springs else None
     system = ConstrainedSystem(J_T, J_C, range(4), stiffness=stiffness)
     major = list(range(directions))
-    atlas = failure_atlas(system, major)
-    found = verdicts(atlas)
+    found = verdicts(failure_atlas(system, major))
     assert np.sum([each.holds for each in found], axis=0).tolist() == [1] * 81
     assert np.sum([each.by_failures for each in found], axis=0).tolist() == [1, 8, 24, 32, 16]
     rigid = ConstrainedSystem(J_T, J_C, range(4))
@@ -75,3 +76,6 @@ def test_failures_are_what_a_condition_says(condition):
 def test_conditions_are_in_the_order_of_an_atlas():
     atlas = failure_atlas(ConstrainedSystem(np.ones((1, 3)), None, range(3)), [0])
     assert every_condition(3) == tuple("".join(LETTERS[c] for c in row) for row in atlas.codes)
+    expected = [[0, 0], [1, 0], [2, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 1], [2, 2]]
+    assert few_failures(2).tolist() == expected
+    assert with_failures(3, 2)[[0, 4, 8]].tolist() == [[1, 1, 0], [1, 0, 1], [0, 1, 1]]

@@ -2,16 +2,17 @@
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fjh.rig import Rig
 from fjh.rig.dither import MEASURED_S, rig_dither
 from fjh.rig.mjcf import robot_rig
-from fjh.rig.options import RobotOptions
+from fjh.rig.options import RobotOptions, Sensing
 from fjh.survey.isolation import (
     SENSES,
     alike_columns,
@@ -24,14 +25,18 @@ from fjh.survey.subject import matrix_subject, robot_subject
 from ftc import tracking
 from ftc.control.compensator import minimal
 from ftc.fdi import DEFAULT_CONFIG, separations
-from sim import HEXAPOD_MJCF, Mechanism, Plant, load_model
+from sim import MODELS, Mechanism, Plant, load_model
 from tests.random_systems import SEEDS
 
 KNOWN = MEASURED_S, DEFAULT_CONFIG.uncertainty
 
 TOLERANCE = 1e-9
-HAND = HEXAPOD_MJCF.with_name("hand.xml")
 PLACING = RobotOptions(major=(3, 4))
+
+
+@cache
+def placing(name: str, sense: Sensing = "both") -> Rig:
+    return robot_rig(MODELS / f"{name}.xml", replace(PLACING, sense=sense))
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 7))
@@ -87,10 +92,9 @@ def test_rotors_on_one_arm_look_alike(tmp_path):
 @pytest.mark.long
 def test_what_is_told_apart_is_what_the_library_says_of_each_rig():
     """The command's own rig for these sensors, its designed dither, and separations."""
-    hand = robot_rig(HAND, replace(PLACING, sense="both"))
     for sense in SENSES:
-        ours, row = told_apart(hand, sense)
-        rig = robot_rig(HAND, replace(PLACING, sense=sense))
+        ours, row = told_apart(placing("hand"), sense)
+        rig = placing("hand", sense)
         design = rig_dither(rig, "designed")
         assert design is not None
         np.testing.assert_allclose(
@@ -104,7 +108,7 @@ def test_what_is_told_apart_is_what_the_library_says_of_each_rig():
 @pytest.mark.long
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
-    hand = robot_rig(HAND, replace(PLACING, sense="both"))
+    hand = placing("hand")
     design, row = told_apart(hand, "joints")
     assert row["further_sensors"]
     watched, before = with_sensors(hand, "joints").watched, row["isolable"]
@@ -123,8 +127,7 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
 @pytest.mark.long
 def test_sensors_of_a_survey_are_those_of_the_library():
     """Built from `ftc` and `sim` alone, as on docs/diagnosis-design.md."""
-    rig = robot_rig(HAND, replace(PLACING, sense="both"))
-    model = load_model(HAND)
+    rig, model = placing("hand"), load_model(MODELS / "hand.xml")
     noise = [rig.noise] * 2 + [rig.encoder_noise] * 4
     track = tracking(
         Mechanism(model, axes=None),
@@ -146,31 +149,11 @@ def test_sensors_of_a_survey_are_those_of_the_library():
 @pytest.mark.long
 def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
     """All legs move alike, and with an exact model every sensor tells all twelve failures apart."""
-    rig = robot_rig(HEXAPOD_MJCF.with_name("platform.xml"), replace(PLACING, sense="both"))
     for sense in SENSES:
-        design, row = told_apart(rig, sense)
+        design, row = told_apart(placing("platform"), sense)
         assert row["isolable_with_exact_model"] == 12
         np.testing.assert_allclose(design.dither.direction, np.ones(4), atol=1e-3)
         assert design.separations.alike_actuators() == ((0, 1, 2, 3),)
-
-
-def refused(file: Path, options: RobotOptions) -> str:
-    """Why nothing is said of a robot's sensors."""
-    rows, settings = isolation_of(robot_subject(file, options, None, None), "on", None)
-    assert rows.empty
-    return settings["isolation_refused"]
-
-
-@pytest.mark.long
-def test_of_many_actuators_a_sentence_says_that_sensors_are_left_out(tmp_path):
-    """A train of thirteen slides."""
-    body = '<body><joint name="j{0}" type="slide" axis="1 {0} 0"/><geom size=".1"/>'
-    train = "".join(body.format(k) for k in range(13)) + '<site name="payload"/>' + 13 * "</body>"
-    motors = "".join(f'<position joint="j{k}" kp="9"/>' for k in range(13))
-    file = tmp_path / "train.xml"
-    file.write_text(f"<mujoco><worldbody>{train}</worldbody><actuator>{motors}</actuator></mujoco>")
-    said = "it takes minutes for 13 actuators, more than 12"
-    assert refused(file, RobotOptions(major=(3,))) == said
 
 
 @pytest.mark.parametrize(
@@ -178,9 +161,27 @@ def test_of_many_actuators_a_sentence_says_that_sensors_are_left_out(tmp_path):
     [
         ("hand", {"major": (2, 3, 4)}, "leaves no motion"),
         ("humanoid", {"site": "left_hand"}, "is a torque motor"),
+        pytest.param(
+            "train",
+            {"major": (3,)},
+            "it takes minutes for 13 actuators, more than 12",
+            marks=pytest.mark.long,
+        ),
     ],
 )
-def test_where_nothing_can_be_said_a_sentence_says_why(name, task, said):
-    """A task that leaves no motion, torque motors."""
-    found = refused(HEXAPOD_MJCF.with_name(f"{name}.xml"), RobotOptions(**task))
-    assert "\n" not in found and said in found
+def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(tmp_path, name, task, said):
+    """A task that leaves no motion, torque motors, a train of thirteen slides."""
+    file = MODELS / f"{name}.xml"
+    if name == "train":
+        body = '<body><joint name="j{0}" type="slide" axis="1 {0} 0"/><geom size=".1"/>'
+        cars = "".join(body.format(k) for k in range(13)) + '<site name="payload"/>'
+        motors = "".join(f'<position joint="j{k}" kp="9"/>' for k in range(13))
+        file = tmp_path / "train.xml"
+        file.write_text(
+            f"<mujoco><worldbody>{cars}{13 * '</body>'}</worldbody>"
+            f"<actuator>{motors}</actuator></mujoco>"
+        )
+    subject = robot_subject(file, RobotOptions(**task), None, None)
+    rows, settings = isolation_of(subject, "on", None)
+    assert rows.empty
+    assert said in settings["isolation_refused"] and "\n" not in settings["isolation_refused"]

@@ -1,0 +1,42 @@
+"""Models of the tests of inverse kinematics, each compiled once a process, and what moves them."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from fjh.ik import Ik
+from sim import MODELS, Pose, TaskFunction, assemble, load_model
+from tests.robots import TEST_MODELS
+
+DT = 0.01
+
+
+@cache
+def model_of(name: str) -> mujoco.MjModel:
+    if (MODELS / f"{name}.xml").exists():
+        return load_model(MODELS / f"{name}.xml")
+    return mujoco.MjModel.from_xml_path(str(TEST_MODELS / f"{name}.xml"))
+
+
+def bent(model: mujoco.MjModel, seed: int, size: float = 0.3) -> mujoco.MjData:
+    """A random state near that of the model, loops closed."""
+    data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    mujoco.mj_integratePos(model, data.qpos, rng.normal(scale=size, size=model.nv), 1.0)
+    return assemble(model, data)
+
+
+def shifted(pose: Pose, *way: float) -> Pose:
+    return Pose(pose.rotation, pose.translation_m + way)
+
+
+def moved(ik: Ik, data: mujoco.MjData, ticks: int, dt: float = DT) -> mujoco.MjData:
+    """The state after so many ticks."""
+    for _ in range(ticks):
+        data = ik.advance(data, ik.step(data, dt), dt)
+    return data
+
+
+def missed(task: TaskFunction, model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """By how much at most the task is not met."""
+    return float(np.abs(task.on(model).error(model, data)).max())

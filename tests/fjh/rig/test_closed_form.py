@@ -1,0 +1,69 @@
+"""The hexapod's Jacobian as printed, and failures of models against all motions they allow."""
+
+from itertools import product
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.linalg
+
+from fjh.rig.hexapod import paper
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import MAJOR, SECONDARY
+from prioritized import ConstrainedSystem
+from sim import MODELS, NOMINAL, Pose, jacobians, load_model
+
+
+def system_of(model: mujoco.MjModel, axes: str | None = None) -> ConstrainedSystem:
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes=axes)
+    return ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+
+
+def test_the_jacobian_of_the_model_is_eq_39_signs_included(model):
+    kin = system_of(model, "base").kinematics()
+    np.testing.assert_allclose(kin.J, paper.JACOBIAN, atol=6e-4)
+    assert kin.J[1, 0] == pytest.approx(1.00455, abs=5e-6)  # printed as 1.004
+    assert np.linalg.cond(kin.J) == pytest.approx(paper.CONDITION_NUMBER, abs=0.005)
+    A = hexapod(model).inverse_jacobian(NOMINAL)
+    np.testing.assert_allclose(A @ kin.J, np.eye(6), atol=1e-12)
+    # The paper's Diag[10, 10, 1, 1] must fall on the translations across the line of sight.
+    np.testing.assert_allclose(kin.J[SECONDARY], paper.JACOBIAN[[3, 4, 5, 2]], atol=6e-4)
+    np.testing.assert_allclose(kin.J[MAJOR], paper.JACOBIAN[[0, 1]], atol=6e-4)
+
+
+def test_a_locked_strut_loses_its_column_along_which_a_free_one_moves(model):
+    """Six struts, six degrees of freedom: here, and only here, dropping the column is right."""
+    system = system_of(model, "base")
+    J = system.kinematics().J
+    locked = system.with_failures(locked=[0]).kinematics()
+    np.testing.assert_allclose(locked.J, J[:, 1:], atol=1e-10)
+    assert locked.self_motion.shape == (6, 0)
+    assert locked.active_constraint.shape == (0, 5)
+    free = system.with_failures(free=[2]).kinematics()
+    assert free.self_motion.shape == (6, 1)
+    column = J[:, 2] / np.linalg.norm(J[:, 2])
+    assert abs(column @ free.self_motion[:, 0]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["fjh", "arm", "arms", "hand", "platform"])
+def test_kinematics_agree_with_every_motion_that_the_loops_allow(name):
+    """For any motion that the failed mechanism can make v = J rates, whatever failed."""
+    system = system_of(load_model(MODELS / f"{name}.xml"))
+    N = system.J_T.shape[1]
+    for locked, free in product([[], [0], [1, 2]], [[], [3]]):
+        kin = system.with_failures(locked, free).kinematics()
+        stuck = np.eye(N)[system.active[locked]]
+        closures = np.vstack([np.reshape(system.J_C, (-1, N)), stuck])
+        motions = scipy.linalg.null_space(closures, rcond=1e-9)
+        left = system.J_T @ motions - kin.J @ motions[kin.active]
+        left -= kin.self_motion @ (kin.self_motion.T @ left)  # eq. (12)
+        np.testing.assert_allclose(left, 0, atol=1e-7)
+        np.testing.assert_allclose(kin.active_constraint @ motions[kin.active], 0, atol=1e-8)
+
+
+def test_a_pose_that_moves_and_moves_stays_on_the_manifold():
+    rng = np.random.default_rng(0)
+    pose = Pose(np.eye(3), np.zeros(3))
+    for _ in range(1000):
+        pose = pose.moved(0.1 * rng.normal(size=6))
+    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)

@@ -1,0 +1,265 @@
+"""Runs in which sensors fail, and what a supervisor may cost under any weakness."""
+
+from collections.abc import Callable
+from functools import cache
+from itertools import product
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.recover.row import Holding
+from fjh.rig import Rig, Run
+from ftc import GuardedController
+from ftc.fdi import LEARNING_S
+from sim import Failure
+from sim.mjcf import drives
+from tests.fjh.rigs import path_of, rig, rig_of
+
+STRUCK, TICKS = 900, 1150
+"""The diagnosis has learned what the plant is like after 800 ticks."""
+UNKNOWN = np.full(2, np.nan)
+
+Change = Callable[[int, Any, Any], Any]
+
+
+class Sensors:
+    """From a tick on the readings are others, made of the tick, what is read, and the last one."""
+
+    def __init__(self, change: Change) -> None:
+        self.change, self.last = change, None
+
+    def measured(self, tick: int, reading: Any) -> Any:
+        """As `events` of a rig."""
+        if tick < STRUCK:
+            self.last = reading
+            return reading
+        changed = self.change(tick - STRUCK, reading, self.last)
+        self.last = reading if changed is None else changed
+        return changed
+
+
+def output(value: Change) -> Change:
+    return lambda tick, reading, last: reading._replace(output=value(tick, reading, last))
+
+
+TENTH = np.random.default_rng(0).random(TICKS) < 0.1
+CHANGES: dict[str, Change] = {
+    "none": lambda tick, reading, last: reading,
+    "one NaN": output(lambda tick, r, last: r.output if tick else UNKNOWN),
+    "50 ms": output(lambda tick, r, last: r.output if tick >= 50 else UNKNOWN),
+    "150 ms": output(lambda tick, r, last: r.output if tick >= 150 else UNKNOWN),
+    "bursts": output(lambda tick, r, last: last.output if tick % 70 < 20 else r.output),
+    "row stuck": output(lambda tick, r, last: np.array([last.output[0], r.output[1]])),
+    "stuck": output(lambda tick, r, last: last.output),
+    "silent": lambda tick, reading, last: None,
+    "another shape": output(lambda tick, r, last: np.zeros(3)),
+    "dropped": output(lambda tick, r, last: UNKNOWN if TENTH[tick] else r.output),
+    "repeated": output(lambda tick, r, last: last.output if TENTH[tick] else r.output),
+    "spike": output(lambda tick, r, last: r.output + 0.1 * (tick == 0)),
+    "encoders": lambda tick, r, last: r._replace(displacement=np.nan * r.displacement),
+    "encoder stuck": lambda tick, r, last: r._replace(
+        displacement=np.where(np.arange(len(last[1])) == 1, last[1], r[1])
+    ),
+}
+
+
+def holding(one: Rig) -> Holding:
+    """A pilot that checks nothing and never reconfigures."""
+    inner = one.controller()
+    return Holding(inner, inner, None, secondary=one.supervisor().secondary)
+
+
+@cache
+def flown(name: str, what: str, sense: Any = "both", pilot: str = "supervisor") -> Run:
+    one = rig(name, "all") if name == "hexapod" else rig(name, sense=sense)
+    path = one.path("circle", duration_s=TICKS * one.period_s, turn_s=0.5)
+    inner = one.controller()
+    flies = {
+        "supervisor": lambda: one.supervisor("default" if name == "hexapod" else "none"),
+        "nothing": lambda: holding(one),
+        "guarded": lambda: GuardedController("my:own", lambda task: inner, one.task),
+    }
+    return one.fly(flies[pilot](), path, events=Sensors(CHANGES[what]), seed=1)
+
+
+def error(run: Run) -> np.ndarray:
+    return np.linalg.norm(run.desired - run.true, axis=1)
+
+
+def rms(run: Run, since: int = STRUCK) -> float:
+    return float(np.sqrt((error(run)[since:] ** 2).mean()))
+
+
+LOST = ("row stuck", "stuck", "silent", "another shape")
+IN_SHORT = [(LOST[0], "supervisor"), (LOST[3], "guarded")]
+
+
+@pytest.mark.parametrize(
+    ("what", "pilot"),
+    [
+        pytest.param(*each, marks=() if each in IN_SHORT else pytest.mark.long)
+        for each in product(LOST, ("supervisor", "guarded"))
+    ],
+)
+def test_without_a_reading_the_commands_stand(what, pilot):
+    """Bit by bit, from 50 ms after the last reading that changed; the integrators stand still."""
+    run = flown("hexapod", what, pilot=pilot)
+    held = run.inputs[STRUCK + 50 :]
+    assert (held == held[0]).all()
+    assert error(run).max() < 2.1 * np.linalg.norm(run.desired, axis=1).max()
+    assert not run.diagnoses
+    assert "since 0.90" in run.status and "the commands are held" in run.status
+    assert run.state.sensors.task.lost and run.state.sensors.task.losses == 1
+
+
+@pytest.mark.parametrize("pilot", ["supervisor", pytest.param("guarded", marks=pytest.mark.long)])
+def test_after_one_missing_reading_the_flight_goes_on_as_without(pilot):
+    sound, run = (flown("hexapod", what, pilot=pilot) for what in ("none", "one NaN"))
+    assert (run.inputs[STRUCK] == run.inputs[STRUCK - 1]).all()
+    assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
+    step = np.linalg.norm(np.diff(run.desired, axis=0), axis=1).max()
+    assert np.abs(run.true - sound.true).max() < 2 * step  # of the path, in the tick lost
+    assert np.isnan(run.measured[STRUCK]).all()
+    assert "the sensor of the task is usable (1 missing)" in run.status
+    assert not run.diagnoses and "sensor" in run.status
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        *("one NaN", "dropped"),
+        *(pytest.param(what, marks=pytest.mark.long) for what in ("repeated", "spike")),
+    ],
+)
+def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
+    run, sound = flown("hexapod", what), flown("hexapod", "none")
+    assert rms(run) < 1.2 * rms(sound)
+    assert not run.state.watch.alarm_ticks and not run.diagnoses
+    sensors = run.state.sensors.task
+    assert sensors.missing + sensors.repeated > 0 and sensors.usable and not sensors.losses
+
+
+def test_after_a_gap_control_goes_on_and_the_gap_raises_no_alarm():
+    run, sound = flown("hexapod", "50 ms"), flown("hexapod", "none")
+    held = run.inputs[STRUCK - 1 : STRUCK + 50]
+    assert (held == held[0]).all() and not (run.inputs[-1] == held[0]).all()
+    np.testing.assert_allclose(error(run)[-50:], error(sound)[-50:], atol=3e-6)
+    assert not run.state.watch.alarm_ticks
+    assert "usable again (50 missing; lost 1 times)" in run.status
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("what", ["150 ms", "bursts"])
+def test_a_sensor_that_comes_back_costs_no_more_than_without_checks(what):
+    """It is used at once; and bursts of 20 ms, in every 70, are no sensor that is stuck."""
+    run, nothing = flown("hexapod", what), flown("hexapod", what, pilot="nothing")
+    assert rms(run) < 1.01 * rms(nothing)
+    assert not run.diagnoses and "repeats one value" not in run.status
+    assert run.state.sensors.task.losses == (what == "150 ms")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("what", ["stuck", "another shape"])
+def test_encoders_stand_in_for_the_sensor_of_the_task(what):
+    """With a task's sensor alone the commands are held."""
+    sound = rms(flown("arm", "none"))
+    assert rms(flown("arm", what)) < 10 * sound < 0.05 * rms(flown("arm", what, "task"))
+    said = "the task is estimated from the encoders"
+    assert said in flown("arm", what).status and said not in flown("arm", what, "task").status
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_encoders_that_fail_do_not_hurt_who_does_not_use_them(name):
+    sound, run = flown(name, "none"), flown(name, "encoders")
+    np.testing.assert_array_equal(run.inputs, sound.inputs)
+    assert ("encoders" in run.status) == (name == "arm")  # the hexapod does not look at them
+
+
+@pytest.mark.long
+def test_an_encoder_that_is_stuck_is_no_actuator_that_is_locked():
+    run = flown("arm", "encoder stuck")
+    assert not run.diagnoses
+    assert "the set of encoders repeats one value since 0.90" in run.status
+
+
+@pytest.mark.long
+def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():
+    """What was taken for the robot without a failure has been compared with nothing."""
+    one = rig("arm")
+    pilot = one.supervisor(dither=None)
+    short, longer = (one.fly(pilot, path_of("arm", LEARNING_S + more)) for more in (-0.1, 0.1))
+    learning = f"it takes the first {LEARNING_S:g} s for the robot without a failure"
+    assert short.undiagnosed == learning
+    assert longer.undiagnosed == "the sensors read what the model without a failure predicts"
+
+
+@pytest.mark.long
+def test_a_healthy_robot_that_rubs_is_not_suspected():
+    """From the first test of the residuals on, at 0.8 s."""
+    one = rig_of("rubbing_arm", major=(3, 5))
+    run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
+    assert not run.diagnoses
+    assert any("dry friction of shoulder, elbow, belt" in each for each in one.warnings)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("actuator", ["shoulder", "elbow"])
+def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(actuator):
+    """It sags by its load, then goes where it is told: there is no command to double."""
+    one, onset_s = rig_of("three_links", major=(5,)), 1.1
+    path = one.path("circle", duration_s=onset_s + 1.0)
+    weak = [Failure(actuator, "weak", onset_s, 0.5)]
+    run, nothing_done = (
+        one.fly(each, path, failures=weak) for each in (one.supervisor(), one.controller())
+    )
+    assert [(each.actuator, each.kind) for each in run.diagnoses] == [(actuator, "weak")]
+    since = round(onset_s / one.period_s)
+    assert rms(run, since) <= 1.1 * rms(nothing_done, since)
+
+
+class Strength:
+    """One actuator has these parts of its force from these times [s] on."""
+
+    def __init__(self, one: Rig, which: int, parts: dict[float, float]) -> None:
+        among = None if one.part is None else one.part.actuators
+        self.ids = list(drives(one.model, among=among)[which].ids)
+        self.parts = {round(at_s / one.period_s): part for at_s, part in parts.items()}
+        self.now = 1.0
+
+    def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
+        """Of the plant's model."""
+        part = self.parts.get(tick, self.now)
+        for parameters in (model.actuator_gainprm, model.actuator_biasprm):
+            parameters[self.ids, :3] *= part / self.now
+        self.now = part
+
+
+PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2: 0.7, 2.2: 1.4}]
+"""Of an actuator's force: from which times on it is multiplied by which parts."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        *(("hexapod", parts) for parts in PARTS),
+        ("arm", PARTS[0]),
+        *(pytest.param("arm", parts, marks=pytest.mark.night) for parts in PARTS[1:]),
+    ],
+    ids=str,
+)
+def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
+    """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""
+    one = rig(name, crossover=0.7) if name == "arm" else rig(name)
+    one = one.drawn("all", 4)
+    path = one.path("circle", duration_s=3.2, turn_s=1.5)
+    ours, theirs = (
+        one.fly(each, path, events=Strength(one, 1, parts))
+        for each in (one.supervisor(), holding(one))
+    )
+    for since_s in parts:
+        error, bound = (rms(run, round(since_s / one.period_s)) for run in (ours, theirs))
+        assert error < max(1.05 * bound, bound + one.noise)

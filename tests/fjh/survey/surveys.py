@@ -1,0 +1,57 @@
+"""Surveys of robots and matrices, without the command."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fjh.rig.examined import Examined
+from fjh.rig.options import RobotOptions, rows_of
+from fjh.survey.conditions import Survey, condition_frame, surveyed
+from fjh.survey.subject import matrix_subject, robot_subject
+
+
+@cache
+def of_robot(
+    file: Path,
+    postures: int = 0,
+    seed: int = 0,
+    *,
+    lower: str | None = None,
+    upper: str | None = None,
+    site: str = "payload",
+    axes: str | None = "base",
+    major: str = "0,1",
+) -> Survey:
+    options = RobotOptions(site=site, axes=axes, major=rows_of("major", major))
+    subject = robot_subject(file, options, lower, upper)
+    return surveyed(subject, postures, seed, lambda done, total: None)
+
+
+def of_matrix(
+    file: Path,
+    *,
+    lower: str | None = None,
+    upper: str | None = None,
+    major: str | None = None,
+    hold: str | None = None,
+) -> Survey:
+    subject = matrix_subject(file, lower, upper, major, hold)
+    return surveyed(subject, 0, 0, lambda done, total: None)
+
+
+def conditions(found: Survey) -> pd.DataFrame:
+    return condition_frame(found).set_index("failed")
+
+
+def speeds(examined: Examined) -> np.ndarray:
+    """The worst speeds, which were computed."""
+    assert examined.left.worst_speed is not None
+    return examined.left.worst_speed
+
+
+def written(file: Path, B: Any) -> Path:
+    np.savetxt(file, B, delimiter=",")
+    return file

@@ -1,0 +1,105 @@
+"""The survey as a recording: of motions that are really lost, each in a cell."""
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fjh.recording.properties import properties_of
+from fjh.survey import recording
+from fjh.survey.page import headline
+from fjh.survey.recording import losses, title, write_losses
+from sim import MODELS
+from tests.fjh.survey.surveys import of_robot
+from tests.robots import TEST_MODELS
+from tests.rrd import entities, notes, scalars
+
+SURVEYED = {
+    "arm": (MODELS / "arm.xml", "0,1"),
+    "platform": (MODELS / "platform.xml", "3,4"),
+    "ropes": (TEST_MODELS / "ropes.xml", "3,4"),
+}
+"""An arm with a free joint each, a platform with a lost turn, and an arm of ropes."""
+
+
+def survey(name: str) -> Any:
+    file, major = SURVEYED[name]
+    return of_robot(file, axes=None, major=major)
+
+
+def write(found: Any, folder: Path) -> None:
+    verdict = headline(found.subject, found.start)
+    write_losses(found.subject, found.start, "fjh survey", verdict, folder)
+
+
+def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """How far the payload is from the start along the way, by MuJoCo alone, shape (T, 6)."""
+    data, poses = mujoco.MjData(model), []
+    site = model.site("payload").id
+    for data.qpos[:] in qpos:
+        mujoco.mj_kinematics(model, data)
+        poses.append((data.site_xmat[site].reshape(3, 3).copy(), data.site_xpos[site].copy()))
+    (R, x), *_ = poses
+    turns = [Rotation.from_matrix(each @ R.T).as_rotvec() for each, _ in poses]
+    return np.hstack([turns, [place - x for _, place in poses]])
+
+
+@pytest.mark.parametrize("name", SURVEYED)
+def test_the_motion_is_along_the_direction_that_is_lost(name, monkeypatch, tmp_path):
+    """The pose of the site along the recorded joints; a locked joint moves, a held one rests."""
+    found, written = survey(name), {}
+    monkeypatch.setattr(recording, "MOST", 99)
+    monkeypatch.setattr(recording, "condition_scene", lambda *driven, **_: driven)
+    monkeypatch.setattr(recording, "write_scenes", lambda *of, pages: written.update(of[2]))
+    write(found, tmp_path)
+    model, lost = found.subject.robot.scene.own, losses(found.subject, found.start)
+    assert len(written) == len(lost) > 0
+    active = found.subject.system.active
+    for loss, (_, _, qpos, (plot,)) in zip(lost, written.values(), strict=True):
+        way = moved(model, qpos)
+        size = way @ loss.direction
+        np.testing.assert_allclose(way, np.outer(size, loss.direction), atol=2e-3 * size.max())
+        shown = 1e-6 * plot.values
+        np.testing.assert_allclose(shown[:, int(loss.drifts)], size, atol=2e-3 * size.max())
+        assert not shown[:, 1 - loss.drifts].any() and size.max() > 1e-4
+        rates = loss.velocities[active]
+        for codes in found.start.codes[loss.rows]:
+            failing = np.flatnonzero(codes)
+            assert (codes[failing] == (2 if loss.drifts else 1)).all()
+            assert np.abs(rates[failing]).max() > 1e-3 * np.abs(rates).max()
+            if loss.drifts:
+                assert not np.delete(rates, failing).any()
+
+
+def test_every_lost_direction_of_the_survey_has_a_cell_with_its_failures(tmp_path):
+    found = survey("platform")
+    write(found, tmp_path)
+    file = tmp_path / "survey.rrd"
+    cells = [entity for entity in entities(file) if entity.endswith("/along")]
+    assert len(cells) == len(losses(found.subject, found.start)) == 1
+    _, values = scalars(file, cells[0])
+    assert np.ptp(values, axis=0)[0] > 1 and not np.ptp(values, axis=0)[1]
+    lost = {row for loss in losses(found.subject, found.start) for row in loss.rows}
+    said = [row for row in found.start.singles.ravel() if found.start.lost(row).size]
+    assert lost == set(said)
+    assert "motor1 locked, motor2 locked, motor3 locked or motor4 locked: turn z is lost" in notes(
+        file
+    )
+    known = properties_of(file)
+    assert (known["study"], known["robot"]) == ("survey", "planar platform on four legs")
+    assert known["verdict"] == headline(found.subject, found.start)
+
+
+def test_more_directions_than_a_screen_holds_are_in_further_recordings(tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, "MOST", 3)
+    found = survey("arm")
+    lost = losses(found.subject, found.start)
+    write(found, tmp_path)
+    files = sorted(tmp_path.glob("*.rrd"))
+    cells = [sum(entity.endswith("/along") for entity in entities(file)) for file in files]
+    assert sum(cells) == len(lost) and max(cells) == 3 and len(files) == -(-len(lost) // 3)
+    said = "\n".join(notes(file) for file in files)
+    assert all(title(found.subject, found.start, loss, most=99) in said for loss in lost)

@@ -1,0 +1,117 @@
+"""What is surveyed: matrices in files as people write them, limits, and what is refused."""
+
+import numpy as np
+import pytest
+
+from experiments.app.cli import main
+from fjh.study.errors import WrongInput
+from fjh.survey.subject import matrix_subject
+from prioritized import ConstrainedSystem
+from sim import MODELS
+from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
+from tests.robots import TEST_MODELS
+
+B = np.random.default_rng(3).normal(size=(3, 5))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    {
+        "bare.csv": "1,2,0\n0,1,3\n",
+        "header.csv": "a,b,c\n1,2,0\n0,1,3\n",
+        "names.csv": "x,1,2,0\ny,0,1,3\n",
+        "both.csv": ",a,b,c\nx,1,2,0\ny,0,1,3\n",
+        "corner.csv": "a,b,c\nx,1,2,0\ny,0,1,3\n",
+        "blanks.txt": "# from somewhere\n1 2 0\n\n0 1 3\n",
+        "semicolons.csv": "a;b;c\n1;2;0\n0;1;3\n",
+        "tabs.tsv": "\ufeffa\tb\tc\n1\t2\t0\n0\t1\t3\n",
+    }.items(),
+)
+def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    subject = matrix_subject(tmp_path / name, None, None, None, None)
+    np.testing.assert_array_equal(subject.system.J_T, [[1, 2, 0], [0, 1, 3]])
+    has_header, has_names = "a" in text[:8] and "b" in text[:8], "x," in text
+    assert subject.actuators == (tuple("abc") if has_header else ("u1", "u2", "u3"))
+    assert subject.rows == (tuple("xy") if has_names else ("row 0", "row 1"))
+    assert subject.major == (0, 1)
+    if has_names:
+        assert matrix_subject(tmp_path / name, None, None, "y", None).major == (1,)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b,c\n", "has no numbers"),
+        ("1,2\n3\n", "row 2, column 2 must be a number below"),
+        ("1,2\n3,4,5\n", "cannot be read: Error tokenizing"),
+        ("1,2\n3,x\n", "row 2, column 2 must be a number"),
+        ("1,2,inf\n", "row 1, column 3 must be a number"),
+        ("nan,1\nnan,2\n", "row 1, column 1 must be a number"),
+        ("1,2\nx,3\n", "row 2, column 1 must be a number"),
+        ("1,,2\n", "row 1, column 2 must be a number"),
+        ("a,a\n1,2\n", "names of columns must differ"),
+        ("x,1,2\nx,3,4\n", "names of rows must differ"),
+        ("a,b,c,d\n1,2\n", "the first row has 4 names for 2 columns"),
+        ("a,b\n1,2,3\n", "the first row has 2 names for 3 columns"),
+        pytest.param(f"a,b\n1,{'2' * 100_000}\n", "row 1, column 2 must be a number", id="huge"),
+        pytest.param("1," * 200 + "1\n", "1 to 200 rows", id="wide"),
+    ],
+)
+def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, text, said):
+    (tmp_path / "B.csv").write_text(text)
+    with pytest.raises(WrongInput, match=said) as refused:
+        matrix_subject(tmp_path / "B.csv", None, None, None, None)
+    assert "B.csv" in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--matrix", "empty.csv"], "has no numbers"),
+        (["--lower", "1", "--upper", "-1"], "--lower of u1 is above its --upper: 1 > -1"),
+        (["--lower", "nan"], "--lower must be 1 or 5 numbers below"),
+        (["--upper", "missing.csv"], "--upper: there is no file"),
+        (["--upper", "L.csv"], "with 3"),
+        (["--hold", "1"], "--hold must be 2 numbers"),
+        (["--hold", "1,x"], "--hold: there is no file"),
+        (["--major", "2"], "--major must be different rows from 0 to 1 or of row 0,row 1"),
+        (["--major", "0,0"], "--major must be different rows"),
+        (["--site", "tip"], "--site is for a robot"),
+        (["--postures", "-1"], "'--postures': Input should be greater"),
+        ([str(MODELS / "arm.xml")], "one of them is surveyed at a time"),
+    ],
+)
+def test_what_a_matrix_cannot_be_asked_is_refused(tmp_path, capsys, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path / "B.csv", B[:2])
+    written(tmp_path / "L.csv", np.ones((1, 3)))
+    (tmp_path / "empty.csv").touch()
+    assert main(["survey", "--matrix", "B.csv", *words, "--out", "out"]) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()
+    assert main(["survey", "--hold", "1"]) == 2
+    assert "--hold is for a matrix" in capsys.readouterr().err
+
+
+def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
+    file = written(tmp_path / "B.csv", B)
+    upper = written(tmp_path / "U.csv", np.arange(1.0, 6.0)[None])
+    column = written(tmp_path / "V.csv", np.arange(1.0, 6.0)[:, None])
+    found = [of_matrix(file, lower="-1", upper=str(each)).start for each in (upper, column)]
+    np.testing.assert_array_equal(speeds(found[0]), speeds(found[1]))
+    kin = ConstrainedSystem(B, None, range(5)).kinematics()
+    radius = kin.attainable(range(3), (-1, range(1, 6))).radius
+    assert speeds(found[0])[0] == pytest.approx(radius)
+
+
+def test_velocity_actuators_limit_rates_and_gears_count():
+    file, words = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
+    found = of_robot(file, **words)
+    subject, healthy = found.subject, conditions(found).loc["sound"]
+    assert np.isnan(healthy.worst_speed_m_per_s) and healthy.speed_left == 1.0
+    np.testing.assert_allclose(subject.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
+    assert subject.sources["rates"] is not None and subject.torques is not None
+    np.testing.assert_allclose(subject.torques[1], [np.inf, np.inf, 7])
+    given = of_robot(file, lower="-2", upper="2", **words).subject
+    np.testing.assert_array_equal(given.rates, [[-2] * 3, [2] * 3])
