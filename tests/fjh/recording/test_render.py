@@ -87,25 +87,13 @@ def test_every_view_of_a_recording_shows_something_at_once(viewer, request, stud
     assert set(expected.split()) <= seen and empty == set()
 
 
-def one_line(path: Path, view: rrb.View) -> None:
-    """A recording whose screen is this view, beside which there is a line."""
-    time_s = np.arange(10.0)
-    about = RecordingInfo("empty", "empty", "notes", {"seed": 0})
-    with recording_file(path, about, screen(rrb.Horizontal(view))) as recording:
-        log_series(recording, time_column(time_s), "x", ["a [1]"], time_s[:, None])
-
-
-@drawn
-def test_an_empty_view_is_found_out(viewer, tmp_path):
-    """The check can fail: a view of what is not there."""
-    one_line(tmp_path / "empty.rrd", rrb.TimeSeriesView(origin="nothing"))
-    assert empty_views(viewer, tmp_path / "empty.rrd")[1] == {"/nothing"}
-
-
 @drawn
 def test_no_notice_of_the_viewer_lies_over_a_picture(tmp_path):
     """An empty screen is empty, even where the viewer greets with what it listens to."""
-    one_line(tmp_path / "empty.rrd", rrb.TextDocumentView(origin="nothing", name="nothing"))
+    view = rrb.TextDocumentView(origin="nothing", name="nothing")
+    about = RecordingInfo("empty", "empty", "notes", {"seed": 0})
+    with recording_file(tmp_path / "empty.rrd", about, screen(rrb.Horizontal(view))) as recording:
+        log_series(recording, time_column(np.arange(3.0)), "x", ["a [1]"], np.zeros((3, 1)))
     with headless_viewer((800, 600)) as client:
         show(client, tmp_path / "empty.rrd", None)
         corner = pixels(photograph(client))[60:300, 450:]
