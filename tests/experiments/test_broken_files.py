@@ -41,6 +41,7 @@ READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
     "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", BESIDE | CUT_OFF),
     "recording of a run": ("made.rrd", "review {folder} --out {out}/it.rrd", CONTENTS | CUT_OFF),
     "index of a run": ("made.json", "review {folder} --out {out}/it.rrd", BESIDE | CONTENTS | JSON),
+    "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", NO_FILES),
     "animate": ("made.npz", "animate {file} --out {out}/it.gif", SOME | CUT_OFF),
     "render": ("made.rrd", "render {file} --out {out}/it.png", NO_FILES),
     "results": ("result.json", "results {folder}", BESIDE | CONTENTS | JSON),

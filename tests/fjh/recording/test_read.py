@@ -81,6 +81,13 @@ def test_arrays_that_are_no_run_are_refused(tmp_path, signal, spoil, said):
     assert str(refused.value).startswith(f"{path} is not a complete run: ")
 
 
+def test_a_single_tick_is_no_run(tmp_path):
+    arrays = {name: values[:1] for name, values in hexapod_arrays(made_run()).items()}
+    write_arrays(tmp_path / "run.npz", arrays)
+    with pytest.raises(WrongInput, match=r"run\.npz is not a complete run: .*two ticks at least"):
+        read_run(tmp_path / "run.npz")
+
+
 @pytest.mark.parametrize(
     "spoilt",
     [
