@@ -41,7 +41,7 @@ READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
     "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", BESIDE | CUT_OFF),
     "recording of a run": ("made.rrd", "review {folder} --out {out}/it.rrd", CONTENTS | CUT_OFF),
     "index of a run": ("made.json", "review {folder} --out {out}/it.rrd", BESIDE | CONTENTS | JSON),
-    "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", NO_FILES),
+    "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", BESIDE),
     "animate": ("made.npz", "animate {file} --out {out}/it.gif", SOME | CUT_OFF),
     "render": ("made.rrd", "render {file} --out {out}/it.png", NO_FILES),
     "results": ("result.json", "results {folder}", BESIDE | CONTENTS | JSON),
@@ -94,5 +94,6 @@ def test_a_file_that_cannot_be_used_is_named_in_one_sentence(
     assert said[:-1].isprintable()
     # A machine of a sound format is refused by what it lacks, and rows by how they were to be used.
     assert name in said or kind == "no machine" or "--resume" in said
+    assert kind != "bomb" or "unpacks to" in said  # before it is unpacked
     assert contents(tmp_path) == {"in"} and EXECUTED not in contents(folder)
     assert contents(folder) == before
