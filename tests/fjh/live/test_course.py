@@ -55,7 +55,7 @@ def test_the_first_ticks_are_those_of_the_rig_of_that_path(name, path, duration_
 
 
 @pytest.mark.parametrize("path", [name for name in COURSES if name != REST])
-def test_the_demands_of_the_arm_are_those_of_a_path_that_is_known_beforehand(path):
+def test_the_demands_of_the_arm_are_those_of_a_path_known_beforehand(path):
     """Half a second before its end they are the same whatever follows, to a thousandth."""
     one, its = rig("arm"), of("arm", path)
     demands = one.feedforward_demands(its.desired)

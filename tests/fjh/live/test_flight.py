@@ -109,7 +109,7 @@ def test_an_event_that_has_ended_does_nothing_more():
     assert not differs[:40].any() and differs[41:80].any() and not differs[80:].any()
 
 
-def test_a_flight_ends_after_its_ticks_and_knows_of_the_last_what_still_is_so():
+def test_a_flight_ends_after_its_ticks_and_keeps_what_still_is_broken():
     """A repair in time is forgotten, and what was made of an actuator since is not."""
     one = rig()
     path = one.path("circle", duration_s=0.1)
@@ -197,7 +197,7 @@ def test_a_pilot_says_what_it_believes(learned):
 
 
 @pytest.mark.long
-def test_a_sensor_that_stands_still_is_said_beside_what_is_believed_of_actuators():
+def test_a_sensor_that_stands_still_is_said_beside_the_actuators():
     path = rig().path("circle", duration_s=1.1)
     run = rig().fly(rig().supervisor(), path, events=[Event("all_stuck", 1.0)])
     assert says(run.state).startswith("All actuators are believed sound; the sensor of the task ")

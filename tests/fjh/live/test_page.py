@@ -53,7 +53,7 @@ def test_machines_that_diverge_are_replaced_and_the_page_says_why(page, monkeypa
     assert "these are new machines" in page._panel.said
 
 
-def test_new_machines_that_are_asked_for_just_before_a_frame_are_drawn_in_it(page):
+def test_new_machines_asked_for_just_before_a_frame_are_drawn_in_it(page):
     page.advance(0.01, until=np.inf)
     page._clicks.put(page._panel._restart)
     page.advance(0.0, until=np.inf)
@@ -70,7 +70,7 @@ def test_a_weight_that_is_slid_is_that_of_its_actuator(page):
     assert page.session.goal.joint_weight == (1.0, 1.0, 7.5, 1.0, 1.0, 1.0)
 
 
-def test_neither_a_tunnel_to_the_internet_nor_a_port_of_another_program_is_opened(page):
+def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):
     """When a client clicks on sharing, viser asks this method, which opens none."""
     server = page._server
     assert server.request_share_url() is None and server._share_tunnel is None

@@ -112,7 +112,7 @@ def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
         assert changes == expected
 
 
-def test_a_failure_has_the_first_diagnosis_since_and_no_false_alarm_before_it(kept):
+def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
     _, rig, run = kept
     diagnoses = Diagnosed("motor2", "weak", 0.05, None), Diagnosed("motor2", "locked", 0.2, None)
     view = view_of(rig, replace(run, diagnoses=diagnoses))

@@ -101,7 +101,7 @@ def test_no_notice_of_the_viewer_lies_over_a_picture(tmp_path):
 
 
 @drawn
-def test_the_spiral_grows_the_hexapod_moves_and_its_failed_strut_is_magenta(viewer, table1_folder):
+def test_the_spiral_grows_the_hexapod_moves_and_its_lock_is_magenta(viewer, table1_folder):
     shares, machines = [], []
     for name, time_s in (("W_e", 2.0), ("W_e", 6.0), ("W_e", 15.5), ("W_a", 15.5)):
         show(viewer, table1_folder / f"{name}.rrd", time_s)

@@ -125,7 +125,7 @@ def test_all_columns_of_table_1_stand_in_its_order(table1, table1_folder, tmp_pa
 
 @pytest.mark.long
 @pytest.mark.night
-def test_the_review_of_a_tracked_run_has_the_numbers_that_the_study_printed(made_once, tmp_path):
+def test_the_review_of_a_tracked_run_has_the_numbers_of_its_table(made_once, tmp_path):
     """Digit by digit, before and after the failure."""
     words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
     arm, fails = str(MODELS / "arm.xml"), ("--fail", "joint2:locked@0.3")
