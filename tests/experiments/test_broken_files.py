@@ -87,7 +87,7 @@ def test_a_file_that_cannot_be_used_is_named_in_one_sentence(
         file.unlink(missing_ok=True)
     kinds[kind](file)
     before = contents(folder)
-    given = words.format(file=file, folder=folder, out=tmp_path / "out")
+    given = words.format(file=f"in/{name}", folder="in", out="out")
     assert main(shlex.split(given)) == 2
     said = capfd.readouterr().err
     assert said.startswith("fjh: ") and said.count("\n") == 1 and len(said) < 2100
