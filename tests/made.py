@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -67,11 +67,12 @@ def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
     return replace(made_run(), **known)
 
 
-def keep_made(folder: Path, name: str = "made") -> None:
+def keep_made(folder: Path, name: str = "made", *, locked: bool = True, **parameters: Any) -> None:
     """`made.npz` and `made.rrd`, as any study of the hexapod writes a run; strut 1 is locked."""
-    run = replace(made_run(), failures=(Failure(0, "locked"),))
+    run = replace(made_run(), failures=(Failure(0, "locked"),) * locked)
+    about = replace(ABOUT, parameters={**ABOUT.parameters, **parameters})
     arrays = hexapod_arrays(run)
-    write_run(folder / f"{name}.rrd", hexapod(), run, ABOUT, arrays=arrays, known="known")
+    write_run(folder / f"{name}.rrd", hexapod(), run, about, arrays=arrays, known="known")
 
 
 def made_view(

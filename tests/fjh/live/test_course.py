@@ -6,20 +6,11 @@ import numpy as np
 import pytest
 
 from fjh.live.course import COURSES, REST, Course, course
-from fjh.rig import Rig
-from sim import HEXAPOD_MJCF
+from tests.fjh.live.robots import NAMES, rig
 
-NAMES = ("hexapod", "arm")
-MOVING = [name for name in COURSES if name != REST]
 SETTLED_S = 1.0
 """After which what was demanded before a path began no longer shows."""
-
-
-@cache
-def rig(name: str) -> Rig:
-    if name == "hexapod":
-        return Rig.hexapod()
-    return Rig.of_mjcf(HEXAPOD_MJCF.with_name(f"{name}.xml"), major=[3, 4, 5])
+of_each_robot = pytest.mark.parametrize("name", NAMES)
 
 
 @cache
@@ -28,22 +19,21 @@ def of(name: str, path: str) -> Course:
 
 
 @pytest.mark.parametrize("path", COURSES)
-@pytest.mark.parametrize("name", NAMES)
+@of_each_robot
 def test_a_course_begins_at_rest_and_repeats_with_its_cycle(name, path):
     its = of(name, path)
-    start = len(its.desired) - its.cycle
-    first, _ = its.at(np.arange(1))
+    first, demands = its.at(np.arange(1))
     np.testing.assert_array_equal(first, 0.0)
-    ticks = start + np.arange(2 * its.cycle)
-    desired, demands = its.at(ticks)
-    np.testing.assert_array_equal(desired[: its.cycle], desired[its.cycle :])
-    if demands is not None:
-        np.testing.assert_array_equal(demands[: its.cycle], demands[its.cycle :])
-    assert desired.any() == (path != REST)
+    assert (demands is None) == (its.demands is None) == (name == "hexapod")
+    ticks = len(its.desired) - its.cycle + np.arange(2 * its.cycle)
+    for values in its.at(ticks)[: 1 if name == "hexapod" else 2]:
+        assert values is not None
+        np.testing.assert_array_equal(values[: its.cycle], values[its.cycle :])
+    assert its.desired.any() == (path != REST)
 
 
 @pytest.mark.parametrize("path", COURSES)
-@pytest.mark.parametrize("name", NAMES)
+@of_each_robot
 def test_what_repeats_is_what_a_longer_path_would_have_gone_on_with(name, path):
     """The cycle before the one that is kept: no seam shows, in what is desired or demanded."""
     one, its = rig(name), of(name, path)
@@ -56,35 +46,31 @@ def test_what_repeats_is_what_a_longer_path_would_have_gone_on_with(name, path):
         np.testing.assert_allclose(before_demands[kept], demands[kept], atol=2e-3 * one.size)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("path", ["circle", "spiral"])
-def test_the_first_ticks_are_those_of_the_rig_of_that_path(name, path):
+@of_each_robot
+@pytest.mark.parametrize(("path", "duration_s"), [("circle", 3.0), ("spiral", 8.0)])
+def test_the_first_ticks_are_those_of_the_rig_of_that_path(name, path, duration_s):
     one, its = rig(name), of(name, path)
-    duration_s = {"circle": 3.0, "spiral": 8.0}[path]
     expected = one.path(path, duration_s=duration_s)
     np.testing.assert_allclose(its.desired[: len(expected)], expected, atol=1e-12 * one.size)
 
 
-@pytest.mark.parametrize("path", MOVING)
-def test_the_demands_of_the_arm_are_those_of_a_path_that_is_known_beforehand(path):
+@pytest.mark.parametrize("path", [name for name in COURSES if name != REST])
+def test_the_demands_of_the_arm_are_those_of_a_path_known_beforehand(path):
     """Half a second before its end they are the same whatever follows, to a thousandth."""
     one, its = rig("arm"), of("arm", path)
-    ticks = len(its.desired)
     demands = one.feedforward_demands(its.desired)
     assert demands is not None and its.demands is not None
-    kept = ticks - round(SETTLED_S / one.period_s)
+    kept = len(its.desired) - round(SETTLED_S / one.period_s)
     np.testing.assert_allclose(its.demands[:kept], demands[:kept], atol=1e-3 * one.size)
 
 
-@pytest.mark.parametrize("path", COURSES)
-def test_the_hexapod_of_the_paper_is_demanded_nothing_beforehand(path):
-    its = of("hexapod", path)
-    assert its.demands is None and its.at(np.arange(3))[1] is None
+def largest_step(desired: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(desired, axis=0), axis=1).max(initial=0.0))
 
 
 @pytest.mark.parametrize("former", ["circle", "spiral", REST])
 @pytest.mark.parametrize("path", ["circle", "spiral", REST])
-@pytest.mark.parametrize("name", NAMES)
+@of_each_robot
 def test_a_change_of_path_has_no_jump(name, path, former):
     """No tick moves farther than the fastest of both paths, and what the fade of 1 s adds.
 
@@ -95,22 +81,16 @@ def test_a_change_of_path_has_no_jump(name, path, former):
     now = course(one, path, was, at)
     before, _ = was.at(at + np.arange(-3, 0))
     after, _ = now.at(np.arange(2 * len(now.desired)))
-    motion = largest_step(np.concatenate([before, after]))
     fastest = largest_step(of(name, path).desired) + largest_step(was.desired)
+    motion = largest_step(np.concatenate([before, after]))
     assert motion <= fastest + 15 / 8 * 2 * one.size * one.period_s
     np.testing.assert_allclose(after[0], was.at(at + np.arange(1))[0][0], atol=1e-12 * one.size)
-    start = len(now.desired) - now.cycle
-    expected = of(name, path)
-    np.testing.assert_allclose(now.desired[start:], expected.desired[-now.cycle :], atol=0)
-
-
-def largest_step(desired: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(desired, axis=0), axis=1).max(initial=0.0))
+    np.testing.assert_array_equal(now.desired[-now.cycle :], of(name, path).desired[-now.cycle :])
 
 
 def test_a_change_to_steps_goes_to_rest_first():
     """Steps are jumps of their own; until the first of them the fade is smooth."""
-    one, was = rig("hexapod"), of("hexapod", "circle")
+    one, was = rig(), of("hexapod", "circle")
     now = course(one, "steps", was, 2500)
     switch = round(1.0 / one.period_s)
     assert largest_step(now.desired[:switch]) < 0.02 * one.size

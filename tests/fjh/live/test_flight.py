@@ -1,8 +1,7 @@
 """A flight tick by tick is the one that is planned beforehand; what was struck can be repaired."""
 
 from collections.abc import Sequence
-from dataclasses import fields
-from functools import cache
+from dataclasses import fields, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -14,21 +13,15 @@ from fjh.rig.events import Event
 from fjh.rig.events.effects import Effect
 from fjh.rig.events.hooks import Hooks
 from fjh.rig.run import SOUND
-from sim import HEXAPOD_MJCF, Failure, Pose
+from ftc.fdi import Diagnosis, Fault
+from sim import Failure, Pose
+from tests.fjh.live.robots import NAMES, rig
 
-SEED, ON_THE_WAY = 3, 0.61
-STRUCK = (("strut2", "weak", 0.3), ("strut5", "locked", 0.5))
+SEED = 3
 HAPPENED = (("hum", 0.2), ("bump", 0.4), ("sag", 0.45))
 
 
-@cache
-def rig(name: str) -> Rig:
-    if name == "hexapod":
-        return Rig.hexapod()
-    return Rig.of_mjcf(HEXAPOD_MJCF.with_name(f"{name}.xml"), major=[3, 4, 5])
-
-
-def flown(one: Rig, pilot: Any, path: np.ndarray, struck: Sequence[Any] = STRUCK) -> Flight:
+def flown(one: Rig, pilot: Any, path: np.ndarray, struck: Sequence[Any]) -> Flight:
     """By clicks: what is to happen at a time happens between two ticks."""
     flight, period_s = Flight(one, pilot, len(path), SEED), one.period_s
     demands = one.feedforward_demands(path)
@@ -56,45 +49,69 @@ def assert_same(one: Run, other: Run) -> None:
             assert ours == theirs, field.name
 
 
-def compared(one: Rig, pilot: Any, struck: Sequence[Any], duration_s: float) -> None:
-    path = one.path("circle", duration_s=duration_s)
-    failures = [Failure(*each) for each in struck]
-    events = [Event(*each) for each in HAPPENED]
+LATER = [(1, "weak", 0.3), (4, "locked", 1.2)]
+
+
+@pytest.mark.parametrize(
+    ("name", "pilot", "struck", "duration_s"),
+    [
+        ("hexapod", "controller", [(1, "weak", 0.3), (4, "locked", 0.5)], 0.61),
+        *(pytest.param(each, "supervisor", LATER, 2.0, marks=pytest.mark.long) for each in NAMES),
+    ],
+)
+def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, struck, duration_s):
+    one = rig(name)
+    pilot, path = getattr(one, pilot)(), one.path("circle", duration_s=duration_s)
+    struck = [(one.actuators[k], kind, at_s) for k, kind, at_s in struck]
+    failures, events = [Failure(*each) for each in struck], [Event(*each) for each in HAPPENED]
     planned = one.fly(pilot, path, failures=failures, events=events, seed=SEED)
     assert_same(flown(one, pilot, path, struck).run(0), planned)
     assert planned.failures and len(planned.events) == len(HAPPENED)
 
 
-def test_a_controller_flies_by_clicks_as_it_does_by_plan_bit_for_bit():
-    compared(rig("hexapod"), rig("hexapod").controller(), STRUCK, ON_THE_WAY)
+def held_at(reference: np.ndarray, ticks: int, *clicks: Any) -> Run:
+    """The hexapod where its reference stands, with what is clicked before some ticks."""
+    flight = Flight(rig(), rig().controller(), ticks, SEED)
+    for k in range(ticks):
+        for at, what, *given in clicks:
+            if at == k:
+                getattr(flight, what)(*given)
+        flight.step(reference, None)
+    return flight.run(0)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_a_supervisor_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name):
-    one = rig(name)
-    later = [(one.actuators[k], kind, at) for k, kind, at in ((1, "weak", 0.3), (4, "locked", 1.2))]
-    compared(one, one.supervisor(), later, 2.0)
+FAR, KINDS = np.full(2, 1e-5), get_args(Kind)
 
 
-def test_what_is_struck_and_repaired_between_two_ticks_leaves_no_trace():
-    one = rig("hexapod")
-    path = one.path("circle", duration_s=0.3)
-    runs, kinds = [], get_args(Kind)
-    for clicks in ((), (*kinds[1:], kinds[0])):
-        flight = Flight(one, one.controller(), len(path), SEED)
-        for k, reference in enumerate(path):
-            for kind in clicks if k == 150 else ():
-                flight.make(2, kind)
-            flight.step(reference, None)
-        runs.append(flight.run(0))
-    np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
-    np.testing.assert_array_equal(runs[0].inputs, runs[1].inputs)
+@pytest.mark.parametrize(
+    ("clicks", "others"),
+    [
+        # Struck in every way, and repaired, between two ticks.
+        ([], [(50, "make", 2, kind) for kind in (*KINDS[1:], KINDS[0])]),
+        # An event that was not begun is ended, and one is begun twice.
+        ([(20, "begin", "sag")], [(0, "end", "sag"), *[(20, "begin", "sag")] * 2]),
+    ],
+)
+def test_what_is_undone_between_two_ticks_leaves_no_trace(clicks, others):
+    one, other = held_at(FAR, 100, *clicks), held_at(FAR, 100, *others)
+    np.testing.assert_array_equal(one.qpos, other.qpos)
+    np.testing.assert_array_equal(one.inputs, other.inputs)
 
 
-def test_a_flight_ends_after_its_ticks_and_knows_of_the_last_what_still_is_so():
+def test_an_event_that_has_ended_does_nothing_more():
+    """The hum is on the readings of its ticks alone."""
+    calm, hum = (
+        held_at(0 * FAR, 120),
+        held_at(0 * FAR, 120, (40, "begin", "hum"), (80, "end", "hum")),
+    )
+    read = [run.measured - run.true for run in (calm, hum)]
+    differs = np.any(np.abs(read[1] - read[0]) > 1e-6, axis=1)
+    assert not differs[:40].any() and differs[41:80].any() and not differs[80:].any()
+
+
+def test_a_flight_ends_after_its_ticks_and_keeps_what_still_is_broken():
     """A repair in time is forgotten, and what was made of an actuator since is not."""
-    one = rig("hexapod")
+    one = rig()
     path = one.path("circle", duration_s=0.1)
     flight = Flight(one, one.controller(), len(path), SEED)
     clicks: dict[int, tuple[int, Kind]]
@@ -108,48 +125,11 @@ def test_a_flight_ends_after_its_ticks_and_knows_of_the_last_what_still_is_so():
         flight.step(reference, None)
     assert flight.left == 0
     late = flight.run(50)
-    assert [(each.actuator, each.kind) for each in late.failures] == [
-        (1, "weak"),
-        (2, "free"),
-        (3, "weak"),
-    ]
+    still = [(each.actuator, each.kind) for each in late.failures]
+    assert still == [(1, "weak"), (2, "free"), (3, "weak")]
     assert late.events == () and [each.name for each in flight.run(0).events] == ["bump"]
     np.testing.assert_array_equal(late.time_s, np.arange(50, 100) * one.period_s)
     np.testing.assert_array_equal(late.true, flight.run(0).true[50:])
-
-
-def test_an_event_that_has_ended_does_nothing_more():
-    """The hum is on the readings of its ticks alone."""
-    one = rig("hexapod")
-    read = []
-    for begun in (False, True):
-        flight = Flight(one, one.controller(), 120, SEED)
-        for k in range(120):
-            if begun and k == 40:
-                flight.begin("hum")
-            if begun and k == 80:
-                flight.end("hum")
-            flight.step(np.zeros(2), None)
-        run = flight.run(0)
-        read.append(run.measured - run.true)
-    differs = (np.abs(read[1] - read[0]) > 1e-6).any(axis=1)
-    assert not differs[:40].any() and differs[41:80].any() and not differs[80:].any()
-
-
-def test_an_event_that_was_not_begun_can_be_ended_and_one_begun_twice_is_one():
-    one = rig("hexapod")
-    runs = []
-    for times in (1, 2):
-        flight = Flight(one, one.controller(), 60, SEED)
-        flight.end("sag")
-        for k in range(60):
-            if k == 20:
-                for _ in range(times):
-                    flight.begin("sag")
-            flight.step(np.full(2, 1e-5), None)
-        runs.append(flight.run(0))
-    np.testing.assert_array_equal(runs[0].inputs, runs[1].inputs)
-    np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
 
 
 def test_hooks_add_effects_in_their_order_and_take_the_one_that_ends():
@@ -170,7 +150,7 @@ def test_hooks_add_effects_in_their_order_and_take_the_one_that_ends():
 @pytest.mark.long
 def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
-    one = rig("hexapod")
+    one = rig()
     path, pilot = one.path("circle", duration_s=1.4), one.supervisor()
     flight = Flight(one, one.controller(), len(path), SEED)
     for k, reference in enumerate(path):
@@ -182,5 +162,42 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     run = flight.run(0)
     (named,) = run.diagnoses
     assert (named.actuator, named.kind) == ("strut4", "locked") and 1.1 < named.time_s < 1.4
-    assert run.status == f"{named}."
-    assert flight.belief.startswith("strut4 is locked")
+    assert run.status == f"{named}." and flight.belief.startswith("strut4 is locked")
+
+
+# What a pilot says that it believes.
+
+
+@pytest.fixture(scope="module")
+def learned() -> Any:
+    """A supervisor's state when it knows the sound machine."""
+    return rig().fly(rig().supervisor(dither=None), rig().path("circle", duration_s=0.9)).state
+
+
+def says(state: Any) -> str:
+    flight = Flight(rig(), rig().controller(), 1, 0)
+    flight.state = state
+    return flight.belief
+
+
+def test_a_pilot_says_what_it_believes(learned):
+    """Learning, all sound, a failure with its kind; what it learns anew is no first second."""
+    new = rig().supervisor(dither=None).start()
+    assert says(rig().controller().start()).startswith("Does not diagnose")
+    assert says(new).startswith("It takes the first 0.8 s")
+    assert says(learned) == "All actuators are believed sound."
+    relearning = replace(learned, watch=replace(new.watch, relearns=1))
+    assert relearning.is_learning
+    assert says(relearning).startswith("All actuators are believed sound; what no failure explains")
+    found = Diagnosis(Fault(1, "locked"), ("locked",), 1.0, 1.0, 0.0, 0, 0, 10, confirmed=False)
+    named = replace(learned, watch=replace(learned.watch, diagnosis=found))
+    assert says(named).startswith("strut2 is locked, not yet confirmed; ")
+    sure = replace(learned, confirmed=(replace(found, confirmed=True),))
+    assert says(sure).startswith("strut2 is locked; ")
+
+
+@pytest.mark.long
+def test_a_sensor_that_stands_still_is_said_beside_the_actuators():
+    path = rig().path("circle", duration_s=1.1)
+    run = rig().fly(rig().supervisor(), path, events=[Event("all_stuck", 1.0)])
+    assert says(run.state).startswith("All actuators are believed sound; the sensor of the task ")

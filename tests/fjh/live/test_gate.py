@@ -2,7 +2,6 @@
 
 import socket
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -13,16 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
-from fjh.live.page import LocalServer, Page
-from fjh.rig import Rig
-from tests.fjh.live.browser import free_port
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory) -> Iterator[Page]:
-    server = LocalServer(free_port())
-    yield Page(server, Rig.hexapod(), tmp_path_factory.mktemp("out"), seed=0)
-    server.stop()
+from fjh.live.page import Page
 
 
 def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> ClientConnection:

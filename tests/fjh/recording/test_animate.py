@@ -1,17 +1,14 @@
 """Runs as an animation: frames of the viewer, from shortly before the first failure."""
 
-import os
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from experiments.app.cli import main
 from fjh.recording import animate
-from fjh.recording.render import DRIVER
 from fjh.recording.view import Change
-from fjh.study.files import write_arrays
-from tests.made import keep_made, made_view
+from tests.fjh.recording.conftest import NEEDS_DRIVER
+from tests.made import made_view
 
 
 @pytest.mark.parametrize("incidents", [[], [Change("strut1", "locked", 0.3)]])
@@ -27,15 +24,11 @@ def test_the_frames_begin_shortly_before_the_failure_and_run_forward(incidents):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(
-    DRIVER is None and "CI" not in os.environ, reason="Mesa's Vulkan driver is not installed"
-)
-def test_two_runs_are_columns_of_a_small_animation_that_repeats(tmp_path, monkeypatch):
-    for name in ("one", "other"):
-        keep_made(tmp_path, name)
+@NEEDS_DRIVER
+def test_two_runs_are_columns_of_a_small_animation_that_repeats(made, kept, tmp_path, monkeypatch):
     monkeypatch.setattr(animate, "FRAMES", 3)
     out = tmp_path / "new" / "run.gif"
-    runs = [str(tmp_path / f"{name}.npz") for name in ("one", "other")]
+    runs = [str(made / "made.npz"), str(kept.file.with_suffix(".npz"))]
     assert main(["animate", *runs, "--out", str(out)]) == 0
     assert [path.name for path in out.parent.iterdir()] == ["run.gif"]
     assert out.stat().st_size * animate.FRAMES < 1.5e6
@@ -49,22 +42,3 @@ def test_two_runs_are_columns_of_a_small_animation_that_repeats(tmp_path, monkey
     for column in np.array_split(frame, 2, axis=1):
         red, green, blue = np.moveaxis(column, -1, 0)
         assert ((red > 150) & (blue > 80) & (green < 0.6 * blue)).sum() > 100  # what has failed
-
-
-@pytest.mark.parametrize(
-    ("runs", "out", "said"),
-    [
-        ("run.npz", "run.png", "must end in .gif"),
-        ("other.npz", "a.gif", "is not a run of the hexapod"),
-        ("missing.npz", "a.gif", "there is no file"),
-        ("run.npz run.npz run.npz", "a.gif", "one run or two, got 3"),
-    ],
-)
-def test_what_cannot_be_animated_is_one_sentence(capsys, tmp_path, runs, out, said):
-    keep_made(tmp_path, "run")
-    write_arrays(tmp_path / "other.npz", {"x": np.zeros(3)})
-    places = [str(tmp_path / name) for name in runs.split()]
-    assert main(["animate", *places, "--out", str(tmp_path / "new" / out)]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("fjh: ") and told.count("\n") == 1 and said in told
-    assert not (tmp_path / "new").exists()

@@ -18,6 +18,9 @@ ROOT = Path(__file__).parents[2]
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 SAID = "fjh: interrupted: no file was left half-written\n"
 EVERY = pytest.mark.parametrize("number", CODES)
+ONE_BY_DAY = pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.long) for each in [15, 1])]
+)
 
 
 def heard() -> None:
@@ -38,17 +41,6 @@ def started(*command: str) -> subprocess.Popen[str]:
     )
 
 
-def ended(process: subprocess.Popen[str], number: int, said: str = SAID) -> None:
-    """It ends by the signal, with this sentence alone, and leaves no worker."""
-    _, error = process.communicate(timeout=60)
-    assert error == said
-    assert process.returncode == CODES[signal.Signals(number)]
-    with pytest.raises(ProcessLookupError):
-        for _ in range(200):  # Python's own tracker of resources takes a moment
-            os.killpg(process.pid, 0)
-            time.sleep(0.05)
-
-
 def at(moment: str) -> subprocess.Popen[str]:
     """A command that has reached a line, and waits there."""
     process = started("-c", moment)
@@ -57,7 +49,18 @@ def at(moment: str) -> subprocess.Popen[str]:
     return process
 
 
-STUB = """
+def ended(process: subprocess.Popen[str], number: int) -> None:
+    """It ends by the signal, with the sentence alone, and leaves no worker."""
+    _, error = process.communicate(timeout=60)
+    assert error == SAID
+    assert process.returncode == CODES[signal.Signals(number)]
+    with pytest.raises(ProcessLookupError):
+        for _ in range(200):  # Python's own tracker of resources takes a moment
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
+
+
+IMPORTING = """
 import sys, time, types
 class Slow(types.ModuleType):
     def __getattr__(self, name):
@@ -69,48 +72,55 @@ experiments.__main__.run()
 """
 """The packages' imports stand in the way for a second; here a stub stands in for them."""
 
-RUN = """
-import sys
+RUNNING = """
+import sys, time
 import experiments.__main__
 from experiments.app import cli
-from tests.made import made_study
-{setting}
-def make(**options):
+def measure(*, on_progress):
     {work}
-cli.PAPER["measure"], cli.study = "", lambda name: made_study(name, make)
+cli.PAPER["measure"], cli.study = "", lambda _: measure
 sys.argv[1:] = ["measure", "--out", {out!r}]
 experiments.__main__.run()
 """
 
 
-@EVERY
+def running(out: Path, work: str) -> subprocess.Popen[str]:
+    """A study that does this work, and says when it does."""
+    return at(RUNNING.format(work=work, out=str(out)))
+
+
+@ONE_BY_DAY
 def test_during_the_imports(number):
-    process = at(STUB)
+    process = at(IMPORTING)
     process.send_signal(number)
     ended(process, number)
 
 
-def running(out: Path, setting: str, work: str) -> subprocess.Popen[str]:
-    """A study that does this work, and says when it does."""
-    return at(RUN.format(setting=setting, work=work, out=str(out)))
+def test_nohup_is_respected():
+    """A signal that the process was started to ignore does nothing."""
+    process = at(f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{IMPORTING}")
+    process.send_signal(signal.SIGHUP)
+    time.sleep(0.2)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    ended(process, signal.SIGTERM)
 
 
-@EVERY
-def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
-    """`timeout` sends a signal twice, and a person presses Ctrl-C as often as it takes."""
-    process = running(
-        tmp_path / "out",
-        "import time",
-        """
+CLEARING = """
     try:
         print("here", flush=True)
         time.sleep(60)
     finally:
         print("clearing", flush=True)
-        time.sleep(1)
+        time.sleep(0.3)
         print("cleared", flush=True)
-""",
-    )
+"""
+
+
+@ONE_BY_DAY
+def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
+    """`timeout` sends a signal twice, and a person presses Ctrl-C as often as it takes."""
+    process = running(tmp_path / "out", CLEARING)
     process.send_signal(number)
     assert process.stdout and process.stdout.readline() == "clearing\n"
     for each in CODES:
@@ -120,19 +130,29 @@ def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@EVERY
-def test_an_error_that_a_signal_causes_is_the_signal(number, tmp_path):
-    """A library that is interrupted may say anything."""
-    work = """
+FAILING = """
     try:
         print("here", flush=True)
         time.sleep(60)
     except BaseException:
         raise RuntimeError("no compiled object yet") from None
 """
-    process = running(tmp_path / "out", "import time", work)
+
+
+@pytest.mark.long
+@EVERY
+def test_an_error_that_a_signal_causes_is_the_signal(number, tmp_path):
+    """A library that is interrupted may say anything."""
+    process = running(tmp_path / "out", FAILING)
     process.send_signal(number)
     ended(process, number)
+
+
+PARALLEL = """
+    from fjh.study.workers import in_parallel
+    print("here", flush=True)
+    in_parallel(print, [{"sep": " ", "end": "", "flush": True}] * 100000, lambda *_: None)
+"""
 
 
 def workers(process: subprocess.Popen[str]) -> int:
@@ -144,19 +164,12 @@ def workers(process: subprocess.Popen[str]) -> int:
 
 
 @pytest.mark.long
+@pytest.mark.night
 @EVERY
 @pytest.mark.parametrize("later_s", [0.0, 0.3])
 @pytest.mark.parametrize("whom", [os.kill, os.killpg])
 def test_while_workers_start(number, later_s, whom, tmp_path):
-    setting = """
-import time
-from fjh.study.workers import in_parallel
-"""
-    work = """
-    print("here", flush=True)
-    in_parallel(print, [{"sep": " ", "end": "", "flush": True}] * 100000, lambda *_: None)
-"""
-    process = running(tmp_path / "out", setting, work)
+    process = running(tmp_path / "out", PARALLEL)
     deadline = time.monotonic() + 60
     while not workers(process) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -166,23 +179,13 @@ from fjh.study.workers import in_parallel
     assert not (tmp_path / "out").exists()
 
 
-def test_nohup_is_respected():
-    """A signal that the process was started to ignore does nothing."""
-    process = at(f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{STUB}")
-    process.send_signal(signal.SIGHUP)
-    time.sleep(0.2)
-    assert process.poll() is None
-    process.send_signal(signal.SIGTERM)
-    ended(process, signal.SIGTERM)
-
-
 @pytest.mark.long
+@pytest.mark.night
 @EVERY
 @pytest.mark.parametrize("after_s", [1.0, 3.0])
 def test_a_real_study(number, after_s, tmp_path):
-    out = tmp_path / "out"
-    process = started("-m", "experiments", "table1", "--out", str(out))
+    process = started("-m", "experiments", "table1", "--out", str(tmp_path / "out"))
     time.sleep(after_s)
     os.killpg(process.pid, number)
     ended(process, number)
-    assert not list(out.glob("*"))
+    assert not list((tmp_path / "out").glob("*"))

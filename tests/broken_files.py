@@ -1,0 +1,160 @@
+"""Files that a reader may be given and cannot use: one corpus for all readers.
+
+Each entry makes a file at a path; of the same path there may be a sound file before.
+"""
+
+import io
+import os
+import pickle
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.lib.format import write_array_header_1_0 as write_header
+
+from fjh.study.spelling import LARGEST_FILE
+
+Spoil = Callable[[Path], object]
+EXECUTED = "executed"
+"""A folder that appears in the working folder if what a file holds was executed."""
+
+
+class Evil:
+    """An object whose reading makes a folder."""
+
+    def __reduce__(self):
+        return os.mkdir, (EXECUTED,)
+
+
+def written(content: bytes) -> Spoil:
+    """Another content."""
+    return lambda path: path.write_bytes(content)
+
+
+def _huge(path: Path) -> None:
+    path.touch()
+    os.truncate(path, LARGEST_FILE + 1)
+
+
+NO_FILES: dict[str, Spoil] = {
+    "missing": lambda path: None,
+    "pipe": os.mkfifo,
+    "folder": Path.mkdir,
+    "symbolic loop": lambda path: path.symlink_to(path),
+    "endless": lambda path: path.symlink_to("/dev/zero"),
+    "huge": _huge,
+}
+"""What is not read at all, nor waited for."""
+
+CONTENTS: dict[str, Spoil] = {
+    "empty": written(b""),
+    "text": written(b"neither data nor MJCF"),
+    "not UTF-8": written(b"\x80\xff\xfe\n"),
+    "zeros": written(b"\0" * 300 + b"\n"),
+    "pickled": written(pickle.dumps(Evil())),
+}
+"""What is no file of any format."""
+
+
+def without_its_last(count: int) -> Spoil:
+    """A sound file that was not written to its end."""
+    return lambda path: os.truncate(path, max(0, path.stat().st_size - count))
+
+
+CUT_OFF: dict[str, Spoil] = {
+    f"without its last {count} bytes": without_its_last(count) for count in (1, 30, 1000)
+}
+
+
+def _flipped(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(bytes(content))
+
+
+def saved(array: object) -> bytes:
+    """An array as NumPy writes it; objects are pickled."""
+    file = io.BytesIO()
+    np.save(file, np.asarray(array), allow_pickle=True)
+    return file.getvalue()
+
+
+def _declared(*shape: int) -> bytes:
+    """A header, and none of what it declares."""
+    file = io.BytesIO()
+    write_header(file, {"shape": shape, "fortran_order": False, "descr": "<f8"})
+    return file.getvalue()
+
+
+def packed(**entries: bytes) -> Spoil:
+    """An `.npz` of these entries."""
+
+    def make(path: Path) -> None:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+            for name, content in entries.items():
+                file.writestr(f"{name}.npy", content)
+
+    return make
+
+
+def _bomb(path: Path) -> None:
+    """It says of itself that it unpacks to more than may be read."""
+    packed(time_s=_declared(LARGEST_FILE // 8) + bytes(1000))(path)
+    content = path.read_bytes()  # its directory is believed
+    at = content.rindex(b"PK\x01\x02") + 24
+    path.write_bytes(content[:at] + (LARGEST_FILE + 1).to_bytes(4, "little") + content[at + 4 :])
+
+
+ARRAYS: dict[str, Spoil] = {
+    "objects": packed(time_s=saved(np.array([Evil()], dtype=object))),
+    "beyond memory": packed(time_s=_declared(10**13)),
+    "cut off": packed(time_s=_declared(100)),
+    "negative": packed(time_s=_declared(-1)),
+    "no array": packed(time_s=b"hello"),
+    "nothing of a run": packed(time_s=saved(np.zeros(3))),
+    "one array": written(saved([1.0])),
+    "bomb": _bomb,
+    "a flipped byte": _flipped,
+    **CUT_OFF,
+}
+"""Of `.npz` files."""
+
+
+def _path(time_s: np.ndarray, desired: np.ndarray) -> Spoil:
+    return packed(time_s=saved(time_s), desired=saved(desired))
+
+
+PATHS: dict[str, Spoil] = {
+    "another number of rows": _path(np.arange(3.0), np.zeros((3, 3))),
+    "descending times": _path(-np.arange(3.0), np.zeros((3, 2))),
+    "complex numbers": _path(np.arange(3.0), np.full((3, 2), 1j)),
+    "NaN inside": _path(np.arange(3.0), np.full((3, 2), np.nan)),
+    "no ticks": _path(np.zeros(0), np.zeros((0, 2))),
+}
+"""Of `.npz` files with a path."""
+
+JSON: dict[str, Spoil] = {
+    "nested without end": written(b"[" * 200_000),
+    "endless number": written(b'{"a":' + b"9" * 6000 + b"}"),
+    "half": written(b'{"columns": '),
+}
+"""Of JSON files."""
+
+TABLES: dict[str, Spoil] = {
+    "NaN": written(b"1,nan\n1,1\n"),
+    "infinite": written(b"1,inf\n1,1\n"),
+    "ragged": written(b"1,1\n1\n"),
+    "of words": written(b"a,b\nc,d\n"),
+}
+"""Of CSV files."""
+
+MODELS: dict[str, Spoil] = {
+    "no machine": written(b"<mujoco/>"),
+    "half": written(b"<mujoco><worldbody>"),
+    "another format": written(b"<html></html>"),
+    "NaN": written(
+        b'<mujoco><worldbody><body><geom size="nan"/><joint/></body></worldbody></mujoco>'
+    ),
+}
+"""Of MJCF files."""

@@ -1,0 +1,314 @@
+"""The command line: wrong words in one sentence, help, completion, and what it leaves."""
+
+import json
+import os
+import re
+import shlex
+import socket
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+
+from experiments.app.cli import app_of, main
+from experiments.studies import LINES, PAPER, ROBOT, command_of, study
+from fjh.study.option import words_of
+from sim import HEXAPOD_MJCF, MODELS
+from tests import rrd
+from tests.made import keep_made
+
+ROOT = Path(__file__).parents[2]
+SHOWN = [*ROBOT, "live", "review", "render", "animate", "results", "paper"]
+DIGITS = "9" * 5000
+
+
+@cache
+def commands() -> dict[str, Any]:
+    """All commands, by name."""
+    group = typer.main.get_group(app_of(*LINES))
+    return vars(group.commands["paper"])["commands"] | group.commands
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory) -> Path:
+    """A folder with a run, a file that is taken, a link that leads nowhere, an empty folder."""
+    folder = tmp_path_factory.mktemp("kept")
+    keep_made(folder)
+    (folder / "taken").write_text("mine")
+    (folder / "dangling").symlink_to("nowhere")
+    (folder / "empty").mkdir()
+    return folder
+
+
+@pytest.fixture
+def place(kept, monkeypatch):
+    """That is the working folder, and nothing is added to it or changed."""
+    monkeypatch.chdir(kept)
+    before = {path: path.lstat().st_mtime_ns for path in kept.rglob("*")}
+    yield kept
+    assert {path: path.lstat().st_mtime_ns for path in kept.rglob("*")} == before
+
+
+@pytest.fixture
+def refused(capfd, place):
+    """The sentence on standard error, alone and without a traceback."""
+
+    def sentence(*words: str, code: int = 2) -> str:
+        assert main([*words]) == code
+        out, said = capfd.readouterr()
+        assert said.startswith("fjh: ") and said.count("\n") == 1 and len(said) < 2100
+        assert said[:-1].isprintable() and not out
+        return said
+
+    return sentence
+
+
+# Words, and what the sentence names: the argument, or the name that was meant.
+REFUSED = [
+    ("table7", "table7"),
+    ("tabel1", "table1"),
+    ("goals much", "much"),
+    ("systems --seed x", "--seed"),
+    ("table1 --seed -1", "--seed"),
+    ("table1 --seed 4294967296", "--seed"),
+    ("table1 --sed 3", "--seed"),
+    ("table1 --jacobian analitic", "analytic"),
+    ("table1 --fast", "--fast"),
+    # Where results are to be written.
+    ("table1 --out taken", "taken"),
+    ("table1 --out taken/below", "taken/below"),
+    ("table1 --out dangling", "dangling"),
+    (f"table1 --out {'x' * 300}", "too long"),
+    ("live --out taken", "taken"),
+    ("live --out taken/below", "below"),
+    ("review made.npz --out review.txt", ".rrd"),
+    ("render made.rrd --out a.jpg", ".png"),
+    ("animate made.npz --out a.png", ".gif"),
+    # Names of a robot's parts, failures and events.
+    ("track ARM --site paylaod", "payload"),
+    ("track ARM --axes bse", "base"),
+    ("track ARM --pinned paylaod:point", "payload"),
+    ("track ARM --fail joint44:locked@1", "joint4"),
+    ("recover --model ARM --site paylaod", "payload"),
+    ("survey ARM --site paylaod", "payload"),
+    ("track --fail strt1:locked@1", "strut1"),
+    ("track --fail strut1:loked@1", "locked"),
+    ("track --event slow:strt1@3", "strut1"),
+    ("track --event hardover:strut1@3", "hard_over"),
+    ("track --path spirl", "spiral"),
+    ("track --dither desinged", "designed"),
+    ("track --controller json:lods", "loads"),
+    *((f"track ARM --{option} {DIGITS}", "") for option in ("keyframe", "site", "pinned")),
+    # Numbers that no robot has any use for, by their options.
+    *((f"track ARM --noise={value}", "noise") for value in ("1e300", "1e-300", "-1", "nan")),
+    *((f"track ARM --size={value}", "size") for value in ("1e300", "1e-300", "0", "inf")),
+    *((f"track ARM --joint-weight={value}", "joint_weight") for value in ("1e200", "nan", "1,x")),
+    *((f"track ARM --secondary-weight={value}", "secondary_") for value in ("1e200", "1,inf")),
+    *((f"track ARM --servo={value}", "servo") for value in ("1e9", "1e-9")),
+    *((f"track ARM --crossover={value}", "crossover") for value in ("1e300", "1e-300")),
+    *((f"track ARM --period={value}", "period") for value in ("1e9", "1e-9")),
+    *((f"track ARM --turn={value}", "turn") for value in ("1e300", "1e-300", "nan")),
+    *((f"track ARM --duration={value}", "duration") for value in ("1e300", "1e-300")),
+    *((f"track ARM --major={value}", "major") for value in (DIGITS, "0,0", "-1")),
+    (f"track ARM --seed {DIGITS}", "seed"),
+    # The page, and what is shown of runs.
+    ("live ARM --site tools --major 3,4,5", "tools"),
+    ("live ARM --site payload --major 3,9", "major must be"),
+    ("live --site tool", "--site needs a MODEL.xml"),
+    ("live --port 0", "--port"),
+    ("live --port 70000", "--port"),
+    ("live --port many", "--port"),
+    ("review empty --out a.rrd", "empty"),
+    ("review made.npz made.npz --out a.rrd", "made.npz"),
+    ("review made.npz --model ARM --out a.rrd", "another machine"),
+    ("render made.rrd --size big --out a.png", "--size"),
+    ("animate made.npz made.npz made.npz --out a.gif", "one run or two"),
+]
+
+
+@pytest.mark.parametrize(("words", "named"), REFUSED, ids=lambda each: each[:50])
+def test_wrong_words_are_one_sentence_that_names_them(refused, words, named):
+    arm = str(MODELS / "arm.xml")
+    assert named in refused(*[arm if word == "ARM" else word for word in words.split()])
+
+
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [
+        ("track", "arm.xml"),
+        ("review", "made.npz"),
+        ("render --out a.png", "made.rrd"),
+        ("animate --out a.gif", "made.npz"),
+    ],
+)
+def test_a_mistyped_file_is_answered_with_its_neighbour(refused, words, near):
+    folder = MODELS if near == "arm.xml" else Path()
+    assert near in refused(*words.split(), str(folder / near.replace("a", "ae")))
+
+
+@pytest.mark.parametrize("command", SHOWN)
+def test_an_empty_path_is_not_the_current_folder(refused, command):
+    for words in (["--out", ""], ["--out="]):
+        assert "--out is empty" in refused(command, *words)
+    assert f"after {command} is empty" in refused(command, "")
+
+
+def test_the_sentence_commands_no_terminal(refused):
+    refused("track", "a\x1b[2J\nb.xml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ('<site name="base"', '<site name="foot"', 'site named "base"'),
+        ('<site name="payload"', '<site name="top"', 'site named "payload"'),
+        ('name="coil2"', 'name="motor2"', 'actuator named "coil2"'),
+        ('"tip6"', '"end6"', 'body named "tip6"'),
+        ('"strut5"', '"leg5"', 'joint named "strut5"'),
+        ('"stem1"', '"rod1"', 'body named "stem1"'),
+        # Nothing is missing, but it cannot point.
+        ("<weld ", "<weld active='false' ", "six degrees of freedom"),
+        ('gainprm="126000"', 'gainprm="0"', "has gain 0"),
+        ('damping="110"', 'damping="110000"', "alpha loop is unstable"),
+        ("</actuator>", '<motor name="coil7" joint="top_twist1"/></actuator>', "has 7"),
+        ('joint1="strut2"', 'joint1="strut3"', '"lock2"'),
+        pytest.param(  # which the processes see that compute in parallel
+            *('timestep="1.25e-4"', 'timestep="3e-4"', "0.0003 s does not divide"),
+            marks=[pytest.mark.long, pytest.mark.night],
+        ),
+    ],
+)
+def test_a_hexapod_that_will_not_do_is_refused(refused, tmp_path_factory, old, new, named):
+    text = HEXAPOD_MJCF.read_text()
+    assert old in text
+    file = tmp_path_factory.mktemp("machine") / "it.xml"
+    file.write_text(text.replace(old, new))
+    assert named in refused("table1", "--model", str(file), "--out", "out")
+
+
+@pytest.mark.long
+def test_a_port_that_is_taken_is_one_sentence(refused):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert f"--port {port}: another program listens there" in refused("live", f"--port={port}")
+
+
+@pytest.mark.long
+@pytest.mark.night
+def test_a_diverging_machine_stops_with_its_time_and_state(capsys, tmp_path):
+    out, file = tmp_path / "out", tmp_path / "machine.xml"
+    slow = HEXAPOD_MJCF.read_text().replace('timestep="1.25e-4"', 'timestep="1e-3"')
+    file.write_text(slow.replace('damping="110"', 'damping="2000"'))
+    assert main(["table1", "--quick", "--model", str(file), "--out", str(out)]) == 1
+    message = capsys.readouterr().err
+    with np.load(out / "diverged.npz") as saved:
+        assert f"{float(saved['time_s']):.4f} s" in message
+        assert saved["state"].size > 50 and np.isfinite(saved["state"]).all()
+    assert [each.name for each in out.iterdir()] == ["diverged.npz"]
+
+
+# Help and completion.
+
+
+@pytest.mark.parametrize("name", [*LINES, "report"])
+def test_help_says_how_long_which_files_which_options_and_an_example(capsys, place, name):
+    assert main([*command_of(name)[1:], "--help"]) == 0
+    text = re.sub(r"\s+", " ", capsys.readouterr().out)
+    idle = {"--seed N", "--quick"} if name == "figures" else set()
+    assert not [option for option in idle if option in text]
+    for option in {"--out FOLDER", "--seed N", "--quick", "--quiet", "--help"} - idle:
+        assert option in text
+    assert f"[default: results/{name}]" in text and f"Writes {name}.json" in text
+    assert re.search(r"\d s|minute", text)
+    example = re.search(rf"Example: (fjh (?:paper )?{name}.*?) (Arguments|Options):", text)
+    assert example
+    words = shlex.split(example[1])
+    words = words[words.index(name) + 1 :]
+    given = [str(MODELS / "arm.xml") if word.endswith(".xml") else word for word in words]
+    commands()[name].make_context(name, given)  # raises what the command would complain of
+    assert name == "report" or len((study(name).__doc__ or "").split("\n\n")) > 1  # for the report
+
+
+def test_the_list_of_commands_has_whole_sentences_and_the_exit_codes(capsys, place):
+    assert main(["--help"]) == 0
+    whole = capsys.readouterr().out
+    hidden = [name for name, each in commands().items() if each.hidden]
+    assert hidden == [*PAPER] and set(commands()) == {*SHOWN, *PAPER, "report"}
+    assert main(["paper"]) == 0
+    for text, lines in ((whole, ROBOT), (capsys.readouterr().out, PAPER)):
+        for line in lines.values():
+            assert line in re.sub(r"\s+", " ", text)
+    for code in (0, 1, 2, 130):
+        assert re.search(rf"^ +{code} +\w", whole, re.MULTILINE)
+    assert main([]) == 0
+    assert capsys.readouterr().out == whole
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("fjh ", SHOWN),
+        ("fjh paper sys", ["systems"]),
+        *(
+            pytest.param(words, offered, marks=pytest.mark.long)  # options are those of a study
+            for words, offered in (
+                ("fjh table1 --jacobian ", ["analytic", "constant"]),
+                ("fjh paper jacobian --lo", ["--loop"]),
+            )
+        ),
+    ],
+)
+def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, offered):
+    typed = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "experiments"],
+        env=os.environ | typed | {"_FJH_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == offered
+    # What makes it fast: none of the packages that take their time is imported.
+    assert "typer" in done.stderr
+    for slow in ("mujoco", "matplotlib", "numpy", "scipy", "rerun", "distributed", "pyarrow"):
+        assert "--" in words or not re.search(rf"\| +{slow}$", done.stderr, re.MULTILINE), slow
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("table1", {"jacobian": "constant", "quick": True, "seed": 3}),
+        ("survey", {"major": "x,y", "sensors": "off", "postures": 0}),
+        ("track", {"crossover": 0.5, "joint_weight": "1.0,2.0", "fail": ["a:free@1", "b:free@2"]}),
+        ("sweep", {"workers": 2, "resume": True}),
+    ],
+)
+def test_the_words_of_options_are_read_as_these_options(name, given):
+    """Those of a dataclass among the parameters, too; what is as by default is left out."""
+    words = words_of(study(name), given)
+    assert len(words) <= 2 + 2 * len(given)
+    read = commands()[name].make_context(name, words).params
+    assert {key: read[key] for key in given} == given
+
+
+@pytest.mark.long
+@pytest.mark.night
+def test_a_quick_table_has_no_numbers_of_the_papers_length_beside_it(capsys, tmp_path):
+    words = ["table1", "--quick", "--configuration", "demand-limit", "--seed", "5"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    printed, page = capsys.readouterr().out, (tmp_path / "table1.md").read_text()
+    summary = json.loads((tmp_path / "table1.json").read_text())
+    assert (summary["seed"], summary["configuration"]) == (5, "demand-limit")
+    for column in summary["columns"]:
+        assert f"{column['alpha_rms_urad']:.4f}" in printed
+        predicted = column["predicted_alpha_rms_urad"]
+        assert column["alpha_rms_urad"] == pytest.approx(predicted, rel=0.05)
+    for shown in (printed, page, rrd.notes(tmp_path / "W_a.rrd")):
+        assert "9.8167" not in shown and "2.4476" not in shown

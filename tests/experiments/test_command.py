@@ -1,0 +1,94 @@
+"""A study as a command: what a person at a terminal and what a script sees."""
+
+import io
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import typer
+
+from experiments.app.command import command
+from fjh.study.errors import Unsound
+from fjh.study.result import Check, Result, Shown
+from tests.made import made_study
+
+HEIGHTS = pd.DataFrame({"hill": ["Hohe <Acht> [km]"], "m": [747.0]})
+SOUND = Result(
+    {"seed": 3},
+    {"heights": HEIGHTS},
+    [Check("height [m]", "hill", 7.25, 8.0)],
+    [Shown("Heights [m]", HEIGHTS, "hill m:.2f", "Above [urad].")],
+    ["So it is."],
+)
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Results are written below an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+def run(result: Result, *words: str) -> None:
+    """A study of this result as `fjh measure` runs it."""
+
+    def make(*, times: int, on_progress, seed: int, quick: bool) -> Result:
+        for k in range(times):
+            on_progress(k + 1, times)
+        return result
+
+    study_app = typer.Typer()
+    study_app.command()(command(made_study("measure", make)))
+    study_app(list(words), standalone_mode=False)
+
+
+def test_tables_legends_and_notes_are_printed_with_their_units(capsys):
+    run(SOUND)
+    out, err = capsys.readouterr()
+    for word in ("Heights [m]", "Hohe <Acht> [km]", "747.00", "Above [urad].", "So it is."):
+        assert word in out
+    assert err == ""
+
+
+def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, tmp_path):
+    place = tmp_path / "a folder of so long a name that eighty columns are not wide enough for it"
+    run(SOUND, "--out", str(place))
+    checked, written, following = capsys.readouterr().out.splitlines()[-3:]
+    assert checked == "All checks passed (1)."
+    assert written == f"Files are in {place}; open {place / 'measure.md'} first."
+    assert following == "Next: fjh paper report --quick"
+    run(SOUND, "--quick")
+    assert capsys.readouterr().out.splitlines()[-1] == "Next: fjh paper measure"
+
+
+def test_a_recording_is_looked_at_next(capsys, tmp_path):
+    recorded = replace(SOUND, records=[lambda folder: (folder / "it.rrd").write_text("")])
+    run(recorded, "--out", str(tmp_path / "two words"))
+    following = capsys.readouterr().out.splitlines()[-1].removeprefix("Next: ")
+    assert shlex.split(following) == ["rerun", str(tmp_path / "two words" / "it.rrd")]
+    assert Path(shlex.split(following)[1]).is_file()
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_every_failed_check_is_named_and_raised_in_every_mode(capsys, quiet):
+    nan = float("nan")
+    wrong = [Check(f"{what} [m]", "hill", nan, 8.0) for what in ("height", "depth")]
+    with pytest.raises(Unsound, match=r"a check failed: hill: height .m. is nan, expected below 8"):
+        run(replace(SOUND, checks=[*SOUND.checks, *wrong]), *["--quiet"] * quiet)
+    out = " ".join(capsys.readouterr().out.split())
+    named = [f"hill: {what} [m] is nan" in out for what in ("height", "depth")]
+    assert named == [not quiet] * 2 and ("2 of 3 checks failed" in out) == (not quiet)
+    assert Path("results/measure/measure.json").is_file()
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys, quiet):
+    screen = io.StringIO()
+    screen.isatty = lambda: True
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", screen)
+    run(SOUND, "--times", "3", *["--quiet"] * quiet)
+    assert ("measure" in screen.getvalue()) == (not quiet)
+    assert not quiet or (screen.getvalue(), capsys.readouterr().out) == ("", "")

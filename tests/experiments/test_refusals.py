@@ -1,0 +1,44 @@
+"""What stops a command: somebody's input, or a mistake of the program."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import argument_checks as check
+from experiments.app import cli
+from experiments.app.refusals import TRACEBACK
+from tests.made import made_study
+
+
+@pytest.fixture
+def measure(tmp_path, monkeypatch):
+    """The words of a command of a study that does this."""
+
+    def words_of(perform: Callable[..., Any]) -> list[str]:
+        study = made_study("measure", lambda **_: perform())
+        monkeypatch.setattr(cli, "PAPER", {"measure": ""})
+        monkeypatch.setattr(cli, "study", lambda _: study)
+        return ["measure", "--out", str(tmp_path / "out")]
+
+    yield words_of
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_refusal_of_the_library_is_a_sentence(capfd, measure):
+    """One place makes it of whatever check raises, wherever in the project."""
+    assert cli.main(measure(lambda: check.array("joint_weight", [1e200]))) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("fjh: joint_weight must be smaller than") and said.count("\n") == 1
+
+
+def test_a_mistake_of_the_program_is_reported_as_one(capfd, measure, monkeypatch):
+    """Nobody's input is blamed; a variable shows the traceback."""
+    words = measure(lambda: int("no number"))
+    assert cli.main(words) == 1
+    said = capfd.readouterr().err
+    assert said.startswith("fjh: this is a mistake of the program") and said.count("\n") == 1
+    assert "ValueError in test_refusals.py" in said and TRACEBACK in said
+    monkeypatch.setenv(TRACEBACK, "1")
+    with pytest.raises(ValueError, match="no number"):
+        cli.main(words)

@@ -1,0 +1,46 @@
+"""Runs that several modules read back."""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import fjh
+from fjh.recording.render import DRIVER
+from fjh.rig import Rig, Run
+from sim import MODELS
+from tests.made import keep_made
+
+# On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
+NEEDS_DRIVER = pytest.mark.skipif(
+    DRIVER is None and "CI" not in os.environ, reason="Mesa's Vulkan driver is not installed"
+)
+
+
+class Kept(NamedTuple):
+    """A recording, its rig and its run."""
+
+    file: Path
+    rig: Rig
+    run: Run
+
+
+@pytest.fixture(scope="session")
+def kept(tmp_path_factory) -> Kept:
+    """An arm, of no file of `models/`, whose second motor locks on the way; and its recording."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "own.xml").write_text((MODELS / "arm.xml").read_text() + "\n")
+    rig = fjh.Rig.of_mjcf(folder / "own.xml", major=[3, 4], size=0.02, crossover=0.7)
+    path = rig.path("circle", duration_s=0.3, turn_s=0.3)
+    run = rig.fly(rig.controller(), path, failures=[fjh.Failure("motor2", "locked", 0.1)])
+    fjh.record(folder / "new" / "run.rrd", rig, run)
+    return Kept(folder / "new" / "run.rrd", rig, run)
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory) -> Path:
+    """The folder of a run of the hexapod that no simulation made."""
+    folder = tmp_path_factory.mktemp("made")
+    keep_made(folder)
+    return folder

@@ -1,0 +1,40 @@
+"""The file of a recording: its identity, its times, and what its writer complains of."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rerun.blueprint as rrb
+
+from fjh.recording.file import RecordingInfo, log_series, recording_file, screen, time_column
+from fjh.study.files import published
+
+
+def test_recordings_that_differ_are_two_to_the_viewer():
+    """It merges those of one identity."""
+    one = RecordingInfo("table1-W_a-seed0", "W_a", "notes", {"seed": 0})
+    assert one.identity == replace(one).identity
+    assert one.identity != replace(one, notes="others").identity
+    assert one.identity != replace(one, properties={"seed": 1}).identity
+    assert re.fullmatch(r"[\w-]+", replace(one, recording_id="a/b c.d").identity)
+
+
+def test_what_the_writer_complains_of_is_an_error_and_leaves_nothing(tmp_path):
+    """Strict mode: three times and two values would else be a warning, and no data."""
+    about = RecordingInfo("x", "x", "notes", {"seed": 0})
+    nothing = screen(rrb.Horizontal(rrb.TextDocumentView(origin="notes")))
+    with (
+        pytest.raises(ValueError, match="length"),
+        published(tmp_path, index="x.rrd") as staging,
+        recording_file(staging / "x.rrd", about, nothing) as recording,
+    ):
+        log_series(recording, time_column(np.arange(3.0)), "x", ["a [1]"], np.zeros((2, 1)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_times_are_whole_nanoseconds():
+    """Float seconds would be cut: 0.003 s is 2,999,999 ns then."""
+    ticks = np.arange(16000)
+    stamps = time_column(ticks * 1e-3).as_arrow_array().cast("int64").to_numpy()
+    np.testing.assert_array_equal(stamps, ticks * 1_000_000)

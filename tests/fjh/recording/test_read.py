@@ -1,0 +1,165 @@
+"""A run read back, from files that anybody may have written: it is a run, or a sentence says why.
+
+What is no file of its format is refused in tests/experiments/test_broken_files.py.
+"""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fjh.recording import read as reading
+from fjh.recording.read import read_run
+from fjh.recording.view import PUBLISHED, Change, view_of
+from fjh.rig.hexapod.columns import hexapod_arrays
+from fjh.study.errors import WrongInput
+from fjh.study.files import write_arrays
+from tests import rrd
+from tests.made import made_run
+
+
+def test_a_run_read_back_is_shown_as_it_was(kept):
+    file, rig, run = kept
+    read, view = read_run(file.with_suffix(".npz")).view, view_of(rig, run)
+    assert (read.stated, read.factor) == (view.stated, view.factor)
+    for name, values in view.arrays.items():
+        np.testing.assert_array_equal(read.arrays[name], values)
+    displacements, qpos = (run.arrays[name][[0, 299]] for name in ("task", "qpos"))
+    own, other = (each.motion(displacements, qpos, 3.0) for each in (read, view))
+    np.testing.assert_array_equal(own.position_m, other.position_m)
+
+
+def test_a_run_comes_back_from_its_data_with_failures_and_parameters(
+    table1, table1_folder, runs, recover_folder
+):
+    kept = read_run(table1_folder / "W_e.npz")
+    np.testing.assert_array_equal(kept.view.arrays["true"], runs["W_e"]["true_rad"])
+    assert kept.view.stated.incidents == [Change("strut1", "locked", 0.0)]
+    assert (kept.view.stated.known, kept.view.stated.diagnoses) == ("corrected", [])
+    assert kept.study == "table1"
+    assert kept.parameters["detector_noise_m"] == table1["bench"]["detector_noise_m"]
+    found = read_run(recover_folder / "locked.npz").view
+    (failure,) = found.failures
+    diagnosis = found.diagnosis_of(failure)
+    assert diagnosis is not None
+    assert failure.time_s < diagnosis.time_s < failure.time_s + 0.3
+    assert (diagnosis.actuator, diagnosis.kind) == ("strut1", "locked")
+    rms_urad = 1e6 * np.sqrt((kept.view.error**2).mean(axis=0))
+    assert f"| here | {rms_urad[0]:.4f}" in rrd.notes(table1_folder / "W_e.rrd")
+
+
+SHAPE = "must be float64 of shape"
+
+
+@pytest.mark.parametrize(
+    ("signal", "spoil", "said"),
+    [
+        *((signal, lambda values: values[:-1], SHAPE) for signal in PUBLISHED.values()),
+        ("secondary", lambda values: values[:-1], SHAPE),
+        ("strut_input_percent", lambda values: values[:, :4], "(400, 6), got float64"),
+        ("true_rad", lambda values: values.T.copy(), "(400, 2), got float64 of shape (2, 400)"),
+        ("true_rad", lambda values: values * np.nan, "true_rad must be at most 1e+06"),
+        ("secondary", lambda values: values + 1e300, "secondary must be at most 1e+06"),
+        ("measured_rad", lambda values: values - 1e7, "measured_rad must be at most 1e+06"),
+        ("desired_rad", lambda values: values.astype(np.float32), "(400, 2), got float32"),
+        ("desired_rad", lambda values: values.astype(complex), "(400, 2), got complex128"),
+        ("closure_residual_m", lambda values: values + np.inf, "must be at most 1e+06 everywhere"),
+        ("time_s", lambda values: values[::-1].copy(), "time_s must increase"),
+        ("time_s", lambda values: 0 * values, "time_s must increase"),
+        ("time_s", lambda values: values**2, "time_s must increase in equal steps"),
+        ("time_s", lambda values: values[3], "time_s must be float64"),
+    ],
+)
+def test_arrays_that_are_no_run_are_refused(tmp_path, signal, spoil, said):
+    arrays = hexapod_arrays(made_run())
+    write_arrays(path := tmp_path / "run.npz", arrays | {signal: spoil(arrays[signal])})
+    with pytest.raises(WrongInput, match=re.escape(said)) as refused:
+        read_run(path)
+    assert str(refused.value).startswith(f"{path} is not a complete run: ")
+
+
+def test_a_single_tick_is_no_run(tmp_path):
+    arrays = {name: values[:1] for name, values in hexapod_arrays(made_run()).items()}
+    write_arrays(tmp_path / "run.npz", arrays)
+    with pytest.raises(WrongInput, match=r"run\.npz is not a complete run: .*two ticks at least"):
+        read_run(tmp_path / "run.npz")
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"actuators": None},
+        {"actuators": ["motor1", "motor2"]},
+        {"robot": 3},
+        {"hexapod": True},
+        {"bodies": [["elsewhere"]] * 7},
+        {"rows": ["x"]},
+        {"major": [3, 9]},
+        {"major": [3]},
+        {"major": []},
+        {"row_units": ["m"]},
+        {"limits": [[None], [None]]},
+        {"limits": [["a"] * 7] * 2},
+        {"input_units": []},
+        {"incidents": [{"actuator": "z", "kind": "locked", "time_s": 0.1}]},
+        {"incidents": [{"actuator": "motor1", "kind": 3, "time_s": 0.1}]},
+        {"incidents": [{"actuator": "motor1", "kind": "locked", "time_s": -1.0}]},
+        {"incidents": [{"actuator": "motor1", "kind": "locked", "time_s": "soon"}]},
+        {"incidents": [{"actuator": "motor1", "kind": "locked"}]},
+        {"diagnoses": [3]},
+        {"diagnoses": [{"actuator": "motor1", "kind": "locked", "time_s": float("nan")}]},
+    ],
+)
+def test_what_a_recording_states_of_its_run_is_checked(kept, monkeypatch, spoilt):
+    properties, results = reading.groups_of(kept.file)
+    stated = json.dumps(json.loads(properties["flight"]) | spoilt)
+    monkeypatch.setattr(reading, "groups_of", lambda _: [{"flight": stated}, results])
+    with pytest.raises(WrongInput, match=r"run\.npz and run\.rrd are not a run: [^\n]*$"):
+        read_run(kept.file.with_suffix(".npz"))
+
+
+@pytest.mark.parametrize("stated", ["", "[]", "3", '{"robot": "arm"}'])
+def test_a_recording_of_an_earlier_version_is_one_sentence(made, monkeypatch, stated):
+    found = [{"flight": stated, "marks": "[]"}, {}]
+    monkeypatch.setattr(reading, "groups_of", lambda path: found)
+    with pytest.raises(WrongInput, match=r"made\.rrd was recorded by an earlier version"):
+        read_run(made / "made.npz")
+
+
+def test_a_robots_run_without_its_recording_is_one_sentence(kept, tmp_path):
+    shutil.copy(kept.file.with_suffix(".npz"), tmp_path)
+    with pytest.raises(WrongInput, match=r"run\.npz cannot be read without run\.rrd[^\n]*$"):
+        read_run(tmp_path / "run.npz")
+
+
+@pytest.mark.parametrize("robot", ["hexapod", "arm"])
+def test_a_recording_of_another_run_is_noticed(kept, made, tmp_path, robot):
+    """Its marks and parameters would be told of this one."""
+    file, name = (made / "made.rrd", "true_rad") if robot == "hexapod" else (kept.file, "true")
+    with np.load(file.with_suffix(".npz")) as arrays:
+        changed = dict(arrays) | {name: arrays[name] + 1e-12}
+    write_arrays(tmp_path / f"{file.stem}.npz", changed)
+    shutil.copy(file, tmp_path)
+    said = rf"{file.name} is not the recording of {file.stem}\.npz"
+    with pytest.raises(WrongInput, match=said):
+        read_run(tmp_path / f"{file.stem}.npz")
+
+
+def test_a_robot_is_drawn_with_its_own_file_wherever_that_is_now(kept, tmp_path):
+    for suffix in (".npz", ".rrd"):
+        shutil.copy(kept.file.with_suffix(suffix), tmp_path)
+    assert kept.rig.file is not None
+    machine = Path(kept.rig.file)
+    elsewhere = machine.rename(tmp_path / "elsewhere.xml")
+    try:
+        other = machine.parent / "other.xml"
+        other.write_text(elsewhere.read_text() + "\n")
+        for given in (None, other):
+            with pytest.raises(WrongInput, match=r"run of another machine.* --model FILE"):
+                read_run(tmp_path / "run.npz", given)
+        assert len(read_run(tmp_path / "run.npz", elsewhere).view.time_s) == 300
+    finally:
+        elsewhere.rename(machine)

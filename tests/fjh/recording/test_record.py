@@ -1,0 +1,266 @@
+"""A run recorded by one call: what is read back equals the run, and MuJoCo's kinematics."""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from fjh.recording.properties import properties_of
+from fjh.recording.read import read_run
+from fjh.recording.record import record, results_of
+from fjh.recording.view import Change, view_of
+from fjh.rig import Diagnosed
+from fjh.rig.events import Event
+from fjh.rig.hexapod import paper
+from fjh.study.errors import OutputError
+from fjh.study.result import Check
+from tests import rrd
+from tests.made import ABOUT, made_run, made_view
+
+EVERY = 5
+"""Ticks a row of a signal: 200 Hz."""
+HEXAPOD = {
+    "/task/desired": ("desired_rad", 1e6),
+    "/task/true": ("true_rad", 1e6),
+    "/task/measured": ("measured_rad", 1e6),
+    "/actuators/input": ("strut_input_percent", 1.0),
+    "/actuators/displacement": ("strut_displacement_m", 1e6),
+    "/secondary/true": ("secondary", 1e6),
+    "/secondary/estimated": ("secondary_estimated", 1e6),
+    "/closure/residual": ("closure_residual_m", 1e9),
+}
+ARM = {"/task/true": ("true", 1e6), "/actuators/displacement": ("displacement", 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("robot", "entity"), [("hexapod", each) for each in HEXAPOD] + [("arm", each) for each in ARM]
+)
+def test_a_recording_holds_the_signals_of_the_run_to_the_bit(kept, made, robot, entity):
+    """Each line has a name with its unit."""
+    file = made / "made.rrd" if robot == "hexapod" else kept.file
+    name, factor = (HEXAPOD if robot == "hexapod" else ARM)[entity]
+    times, values = rrd.scalars(file, entity)
+    with np.load(file.with_suffix(".npz")) as arrays:
+        ours = factor * arrays[name][::EVERY]
+        np.testing.assert_array_equal(values, ours.reshape(values.shape))
+        np.testing.assert_array_equal(times, np.rint(1e9 * arrays["time_s"][::EVERY]))
+    names = rrd.static(file, entity, "SeriesLines:names")
+    assert len(names) == values.shape[1]
+    assert all(re.search(r"\[(u|n)?(rad|m|%)\]$", each) for each in names)
+
+
+def test_error_and_arrays_are_those_of_the_run(kept):
+    file, _, run = kept
+    _, error = rrd.scalars(file, "/task/error")
+    np.testing.assert_array_equal(error, 1e6 * (run.desired - run.true)[::EVERY])
+    with np.load(file.with_suffix(".npz")) as arrays:
+        assert set(arrays) == set(run.arrays)
+        for name, values in run.arrays.items():
+            np.testing.assert_array_equal(arrays[name], values)
+
+
+def test_missing_samples_of_a_sensor_are_missing_and_read_back_so(kept, tmp_path):
+    _, rig, run = kept
+    measured = run.measured.copy()
+    measured[100:150] = np.nan
+    record(tmp_path / "lost.rrd", rig, replace(run, measured=measured))
+    _, shown = rrd.scalars(tmp_path / "lost.rrd", "/task/measured")
+    np.testing.assert_array_equal(shown, 1e6 * measured[::EVERY])
+    read = read_run(tmp_path / "lost.npz", rig.file).view
+    np.testing.assert_array_equal(read.arrays["measured"], measured)
+
+
+def test_bodies_are_where_mujoco_puts_them_at_the_angles_of_the_run(kept):
+    file, rig, run = kept
+    times, places = rrd.rows(file, "/machine/bodies/camera", "Transform3D:translation")
+    assert len(set(times)) == 8  # 25 Hz; at the first time there is also the pose of the file
+    data, expected = mujoco.MjData(rig.model), []
+    for tick in times[-7:] // 1_000_000:
+        data.qpos[:] = run.qpos[tick]
+        mujoco.mj_forward(rig.model, data)
+        expected.append(data.body("camera").xpos.copy())
+    np.testing.assert_allclose(np.array(places)[-7:, 0], expected, atol=1e-7)
+
+
+def test_the_spot_is_drawn_piece_by_piece(made):
+    """A piece ends where the spot is at its time, and begins where the one before it ended."""
+    run = made_run()
+    for entity, angles in (("desired", run.desired), ("reached", run.true)):
+        file = made / "made.rrd"
+        times, pieces = rrd.rows(file, f"/plane/{entity}", "LineStrips2D:strips")
+        ends = np.array(pieces)[:, 0]
+        there = 1e6 * angles[times // 1_000_000] * [1, -1]
+        np.testing.assert_allclose(ends[:, 1], there, rtol=1e-6, atol=1e-5)
+        np.testing.assert_array_equal(ends[1:, 0], ends[:-1, 1])
+
+
+def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
+    times, labels = rrd.rows(kept.file, "/machine/labels/failure_0/text", "Points3D:labels")
+    assert (times.tolist(), labels) == ([100_000_000], [["motor2 locked"]])
+    for geom, expected in (("link1/geom_2", []), ("link2/geom_4", [(100_000_000, 0xE7298AFF)])):
+        entity = f"/machine/visual_geometries/{geom}"
+        times, colors = rrd.rows(kept.file, entity, "Capsules3D:colors")
+        changes = [(int(t), color) for t, (color,) in zip(times, colors, strict=True) if t]
+        assert changes == expected
+
+
+def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
+    _, rig, run = kept
+    diagnoses = Diagnosed("motor2", "weak", 0.05, None), Diagnosed("motor2", "locked", 0.2, None)
+    view = view_of(rig, replace(run, diagnoses=diagnoses))
+    ((bodies, words),) = view.failing
+    assert list(bodies) == ["link2"]
+    assert [time_s for time_s, _ in words] == [0.1, 0.2]
+    assert words[1][1] == "motor2 locked, diagnosed as locked after 100 ms"
+    assert view.diagnosis_of(view.failures[0]) == Change("motor2", "locked", 0.2)
+    unfound = view_of(rig, replace(run, diagnoses=diagnoses[:1]))
+    assert unfound.diagnosis_of(unfound.failures[0]) is None
+
+
+def test_every_event_is_a_line_over_every_plot_and_in_the_list(kept, tmp_path):
+    _, rig, run = kept
+    named = Diagnosed("motor2", "free", 0.15, 0.18), Diagnosed("motor2", "locked", 0.2, None)
+    file = tmp_path / "a.rrd"
+    record(file, rig, replace(run, diagnoses=named, events=(Event("stuck", 0.05),)))
+    when = {"stuck": 50, "motor2 locked": 100, "diagnosis: motor2 free": 150}
+    when |= {"motor2 cleared": 180, "diagnosis: motor2 locked": 200}
+    times, texts = rrd.rows(file, "/events", "TextLog:text")
+    assert {text: at // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == when
+    _, states = rrd.rows(file, "/state/motor2_taken_for", "StateChange:state")
+    assert [state for (state,) in states] == ["sound", "free", "sound", "locked"]
+    for panel in ("task/error", "actuators/input", "secondary/true"):
+        drawn = {each for each in rrd.entities(file) if each.startswith(f"/{panel}/event_")}
+        assert len(drawn) == 4  # failure, diagnoses, what was cleared, something else
+        lines = [rrd.scalars(file, each) for each in drawn]
+        assert {t // 1_000_000 for times, _ in lines for t in times} == set(when.values())
+        _, values = rrd.scalars(file, f"/{panel}")
+        for _, ends in lines:
+            assert np.nanmin(ends) < values.min() and np.nanmax(ends) > values.max()
+
+
+def test_another_ending_is_refused_and_nothing_written(kept, tmp_path):
+    _, rig, run = kept
+    with pytest.raises(OutputError, match=r"path .*run\.npz must end in \.rrd"):
+        record(tmp_path / "run.npz", rig, run)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.long
+def test_who_records_keeps_his_settings_of_matplotlib():
+    """A notebook's figures still appear, in its own style."""
+    code = """
+import matplotlib
+matplotlib.use("svg")
+before = dict(matplotlib.rcParams)
+import fjh
+fjh.record
+print([name for name, value in matplotlib.rcParams.items() if value != before[name]])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+# Results as properties of the recording.
+
+LOCK = Change("strut2", "locked", 0.1)
+
+
+def results(*incidents: Change, diagnoses: Sequence[Change] = (), **about):
+    return results_of(replace(ABOUT, **about), made_view(*incidents, diagnoses=diagnoses))
+
+
+def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run():
+    """Their sums of squares add up; and rows add up to all."""
+    held, error = results(LOCK), made_run().error
+    before, after = 100 * held["rms_before_rad"] ** 2, 300 * held["rms_after_rad"] ** 2
+    assert before + after == pytest.approx((error**2).sum())
+    both = np.hypot(held["rms_after_alpha_rad"], held["rms_after_beta_rad"])
+    assert held["rms_after_rad"] == pytest.approx(both)
+
+
+@pytest.mark.parametrize(("failed_s", "absent"), [(None, "after"), (0.0, "before")])
+def test_a_run_that_nothing_divides_has_one_error(failed_s, absent):
+    failures = [] if failed_s is None else [replace(LOCK, time_s=failed_s)]
+    held = results(*failures, predicted=((1e-6, 1e-6), (1e-6, 1e-6)))
+    assert not [name for name in held if f"rms_{absent}" in name]
+    present = "before" if absent == "after" else "after"
+    assert held[f"predicted_rms_{present}_rad"] == pytest.approx(np.sqrt(2) * 1e-6)
+
+
+def test_the_first_failure_is_diagnosed_or_not():
+    held = results(LOCK, diagnoses=[Change("strut2", "locked", 0.15)])
+    assert held["failures"] == "strut2 locked at 0.1 s"
+    assert (held["actuator"], held["kind"], held["failed_s"]) == ("strut2", "locked", 0.1)
+    assert (held["named_s"], held["named_kind"]) == (pytest.approx(0.05), "locked")
+    assert not {"named_s", "named_kind"} & set(results(LOCK))
+    healthy = results()
+    assert healthy["failures"] == "none" and not {"actuator", "kind", "failed_s"} & set(healthy)
+
+
+def test_rows_of_several_units_have_no_sum():
+    view = made_view()
+    view = replace(view, stated=replace(view.stated, row_units=["rad", "m"]))
+    names = {name for name in results_of(ABOUT, view) if name.startswith("rms")}
+    assert names == {"rms_before_alpha_rad", "rms_before_beta_m"}
+
+
+def test_the_first_check_that_failed_is_said():
+    passed, failed = Check("gap [m]", "here", 0.0, 1.0), Check("gap [m]", "there", 2.0, 1.0)
+    assert results(checks=[passed])["checks"] == "passed"
+    assert results(checks=[passed, failed])["checks"] == str(failed)
+
+
+def test_properties_come_back_from_the_recording(made):
+    held = properties_of(made / "made.rrd")
+    assert (held["seed"], held["study"], held["checks"]) == (0, "made", "passed")
+    assert held["failures"] == "strut1 locked, known at 0 s"
+    assert held["rms_after_alpha_rad"] == made_run().rms()[0]
+
+
+# What the studies leave.
+
+
+def test_recordings_of_table_1_state_bench_results_and_the_papers_numbers(table1, table1_folder):
+    for column in table1["columns"]:
+        told = rrd.notes(table1_folder / column["recording"])
+        alpha, beta = paper.TABLE_I_URAD[column["name"]]
+        assert f"| paper | {alpha:.4f} | {beta:.4f} |" in told
+        assert f"| here | {column['alpha_rms_urad']:.4f} | {column['beta_rms_urad']:.4f} |" in told
+        assert ("strut 1 locked" in told) == bool(column["locked"])
+    held = rrd.properties(table1_folder / "W_a.rrd")
+    for name, value in table1["bench"].items():
+        assert name not in held if value is None else np.all(np.equal(held[name], value)), name
+    for name, version in table1["versions"].items():
+        assert held[f"version_{name.replace('-', '_')}"] == version
+
+
+STUDIES = ("table1", "release", "recover", "systems", "jacobian", "goals")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("study", STUDIES)
+def test_every_recording_of_a_study_is_whole_small_and_self_describing(request, study):
+    """By the viewer's own check, too; each has an application of its own with one screen."""
+    files = sorted(request.getfixturevalue(f"{study}_folder").glob("*.rrd"))
+    applications = {RrdReader(path).recordings()[0].application_id for path in files}
+    assert len(applications) == len(files) > 0
+    for path in files:
+        held = rrd.properties(path)
+        assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(held), path
+        assert "| parameter | value |" in rrd.notes(path)
+        assert len(RrdReader(path).blueprints()) == 1
+        # Of a mechanism in up to ten conditions; the same flight scatters by 0.3 %.
+        assert path.stat().st_size < (8e6 if study == "systems" else 3.1e6)
+    rerun = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    done = subprocess.run(
+        [str(rerun), "rrd", "verify", *map(str, files)], capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
