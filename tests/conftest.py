@@ -4,7 +4,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from filelock import FileLock
@@ -28,7 +28,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 AT_LENGTH = {
     *(f"{name}_folder" for name in LINES),
-    *("crew", "compared"),
+    *("scheduler", "compared"),
 }
 """Fixtures that run a study or a cluster."""
 
@@ -118,16 +118,22 @@ def fjh(*words: str) -> Callable[[Path], int]:
     return command
 
 
-@pytest.fixture(scope="session")
-def table1_folder(made_once):
-    """All of Table I at full length, made by the command."""
-    return made_once("table1", fjh("table1"))
+def folder_of(study: str, *words: str) -> Any:
+    """A fixture: the folder of a study, made by its command with these words."""
+
+    @pytest.fixture(scope="session", name=f"{study}_folder")
+    def folder(made_once: Make) -> Path:
+        return made_once(study, fjh(study, *words))
+
+    return folder
 
 
-@pytest.fixture(scope="session")
-def release_folder(made_once):
-    """The released strut at full length, made by the command."""
-    return made_once("release", fjh("release"))
+table1_folder = folder_of("table1")
+release_folder = folder_of("release")
+systems_folder = folder_of("systems")
+recover_folder = folder_of("recover", "--quick")
+jacobian_folder = folder_of("jacobian", "--loop", "--quick")
+goals_folder = folder_of("goals", "--quick")
 
 
 @pytest.fixture(scope="session")
@@ -137,39 +143,15 @@ def release(release_folder):
 
 
 @pytest.fixture(scope="session")
-def recover_folder(made_once):
-    """Failures in flight, a few: made by the command."""
-    return made_once("recover", fjh("recover", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def systems_folder(made_once):
-    """Every mechanism in every condition, made by the command."""
-    return made_once("systems", fjh("systems"))
-
-
-@pytest.fixture(scope="session")
 def systems(systems_folder):
     """`systems.json`."""
     return json.loads((systems_folder / "systems.json").read_text())
 
 
 @pytest.fixture(scope="session")
-def jacobian_folder(made_once):
-    """The study of the Jacobian, in the loop too, short: made by the command."""
-    return made_once("jacobian", fjh("jacobian", "--loop", "--quick"))
-
-
-@pytest.fixture(scope="session")
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def goals_folder(made_once):
-    """The four secondary goals, short: made by the command."""
-    return made_once("goals", fjh("goals", "--quick"))
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import fjh
+from tests.conftest import fjh, folder_of
 
 AT_NIGHT = {f"{name}_folder" for name in ("table1", "release", "goals", "recover")}
 """Studies that take 30 to 60 s of a core: by day they run at the size of the `short_` fixtures."""
@@ -22,108 +22,89 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.night)
 
 
+HERE = ("--workers", "2")
+SHORT_SWEEP = Path(__file__).with_name("short_sweep.toml")
+FAILING = ("--path", "spiral", "--duration", "4", "--fail", "strut1:locked@2")
+
+track_folder = folder_of("track", "--quick", *FAILING)
+survey_folder = folder_of("survey", "--quick")
+figures_folder = folder_of("figures")
+uncorrected_folder = folder_of("uncorrected", "--quick")
+limits_folder = folder_of("limits", "--quick")
+force_folder = folder_of("force", "--quick")
+sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *HERE)
+
+
 @pytest.fixture(scope="session")
-def short(made_once):
-    """Makes a study smaller than its --quick, for which names of its modules are changed."""
+def smaller(made_once):
+    """Makes a study smaller than its --quick, by other values of names in its modules."""
 
-    def made(name: str, **changed: Any) -> Path:
+    def made(name: str, values: dict[str, Any], *words: str) -> Path:
         def make(folder: Path) -> int:
-            with pytest.MonkeyPatch.context() as smaller:
-                for place, value in changed.items():
-                    smaller.setattr(f"experiments.{place.replace('__', '.')}", value)
-                return fjh(name, "--quick")(folder)
+            with pytest.MonkeyPatch.context() as patch:
+                for place, value in values.items():
+                    patch.setattr(f"experiments.{place}", value)
+                return fjh(name, "--quick", *words)(folder)
 
-        return made_once(f"short_{name}", make)
+        return made_once(f"smaller_{name}", make)
 
     return made
 
 
 @pytest.fixture(scope="session")
-def short_table1_folder(short):
+def short_table1_folder(smaller):
     """A second of the spiral."""
     from experiments.table1 import CONFIGURATIONS
     from fjh.rig.hexapod.testbed import TestbedConfig
 
     bench = TestbedConfig(quick_duration_s=1.0)
-    return short("table1", table1__CONFIGURATIONS=CONFIGURATIONS | {"calibrated": bench})
+    return smaller("table1", {"table1.CONFIGURATIONS": CONFIGURATIONS | {"calibrated": bench}})
 
 
 @pytest.fixture(scope="session")
-def short_release_folder(short):
-    """A second of the spiral, two stiffnesses."""
+def short_release_folder(smaller):
+    """A second of the spiral, the first and the last stiffness."""
     from experiments.release import RATIOS
     from fjh.rig.hexapod.rig import nominal_testbed
     from fjh.rig.hexapod.testbed import TestbedConfig
 
     testbed = nominal_testbed(TestbedConfig(quick_duration_s=1.0))
-    ratios = RATIOS[:: len(RATIOS) - 1]
-    ends = {
-        "release__nominal_testbed": lambda: testbed,
-        "release__RATIOS": (*ratios[:1], 0, 0, ratios[1]),
-    }
-    return short("release", **ends)
+    ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # of which --quick takes every third
+    values = {"release.nominal_testbed": lambda: testbed, "release.RATIOS": ratios}
+    return smaller("release", values)
 
 
 @pytest.fixture(scope="session")
-def short_goals_folder(short):
+def short_goals_folder(smaller):
     """The stroke of the hexapod, and the singularity of the arm."""
     from experiments.goals import GOALS
 
-    return short("goals", goals__GOALS=GOALS[1::2])
+    return smaller("goals", {"goals.GOALS": GOALS[1::2]})
 
 
 @pytest.fixture(scope="session")
-def short_recover_folder(short):
+def short_recover_folder(smaller):
     """A case of each sort."""
     from experiments.recover.plan import QUICK
 
-    few = [
-        (sort, mismatch, factor, 1) for sort, mismatch, factor, _ in QUICK if factor in (1.0, 0.3)
-    ]
-    return short("recover", recover__plan__QUICK=few)
+    few = [(*block[:3], 1) for block in QUICK if block[2] in (0.3, 1.0)]
+    return smaller("recover", {"recover.plan.QUICK": few})
+
+
+FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
+"""Failure conditions of every verdict; the fifth leaves the linear model where it is singular."""
 
 
 @pytest.fixture(scope="session")
-def track_folder(made_once):
-    """The hexapod on two seconds of its spiral, a strut stuck halfway."""
-    words = ("--path", "spiral", "--duration", "4", "--fail", "strut1:locked@2")
-    return made_once("track", fjh("track", "--quick", *words))
+def atlas_folder(smaller):
+    """A few failure conditions simulated."""
+    return smaller("atlas", {"sweep.representatives": lambda: [*FLOWN]}, *HERE)
 
 
 @pytest.fixture(scope="session")
-def survey_folder(made_once):
-    """What failures leave the hexapod."""
-    return made_once("survey", fjh("survey", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def figures_folder(made_once):
-    """Machine, loops and failures drawn."""
-    return made_once("figures", fjh("figures"))
-
-
-@pytest.fixture(scope="session")
-def uncorrected_folder(made_once):
-    """The first seconds of three explanations."""
-    return made_once("uncorrected", fjh("uncorrected", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def limits_folder(made_once):
-    """Limits in the loop, short."""
-    return made_once("limits", fjh("limits", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def force_folder(made_once):
-    """Forces with strut 1 failing, short."""
-    return made_once("force", fjh("force", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def crew():
-    """A client of a Dask cluster of two workers."""
-    from distributed import Client, LocalCluster
+def scheduler():
+    """The address of a Dask cluster of two workers."""
+    from distributed import LocalCluster
 
     here = LocalCluster(
         n_workers=2,
@@ -132,58 +113,5 @@ def crew():
         dashboard_address="127.0.0.1:0",
         silence_logs=logging.CRITICAL + 1,
     )
-    with here, Client(here) as client:
-        yield client
-
-
-@pytest.fixture(scope="session")
-def scheduler(crew):
-    """Its address."""
-    return crew.scheduler_info()["address"]
-
-
-DESIGN = """
-layout = "latin-hypercube"
-runs = 30
-duration_s = 0.2
-[vary]
-settling_s = 0.1
-struts = ["SSSSSS", "SLSSSS"]
-failure_time_s = [0.0, 0.1]
-known = [true, false]
-roll_off_hz = { from = 20, to = 30 }
-"""
-"""A few short runs, some of which fail in flight, told and not told."""
-
-
-@pytest.fixture(scope="session")
-def sweep_design(made_once):
-    """A design file."""
-
-    def make(folder: Path) -> int:
-        folder.mkdir()
-        return (folder / "short.toml").write_text(DESIGN) != len(DESIGN)
-
-    return made_once("design", make) / "short.toml"
-
-
-@pytest.fixture(scope="session")
-def sweep_folder(sweep_design, made_once):
-    """That sweep."""
-    return made_once("sweep", fjh("sweep", "--design", str(sweep_design), "--workers", "2"))
-
-
-FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
-"""Failure conditions of every verdict; the fifth leaves the linear model where it is singular."""
-
-
-@pytest.fixture(scope="session")
-def atlas_folder(made_once):
-    """A few failure conditions simulated."""
-
-    def make(folder: Path) -> int:
-        with pytest.MonkeyPatch.context() as few:
-            few.setattr("experiments.sweep.representatives", lambda: [*FLOWN])
-            return fjh("atlas", "--quick", "--workers", "2")(folder)
-
-    return made_once("atlas", make)
+    with here:
+        yield here.scheduler_address

@@ -63,6 +63,12 @@ def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
     assert abs(hexapod(model).displacements(pose)[0]) > 1e-6
 
 
+def test_in_orbit_nothing_needs_the_preload(model):
+    plant = Plant(weightless(model))
+    plant.settle(0.1)
+    assert np.abs(plant.displacement()).max() == np.abs(plant.data.qfrc_passive).max() == 0.0
+
+
 @pytest.mark.parametrize("kind", ["free", "loose"])
 def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
     """Z (Z^T K Z)^-1 Z^T B u: constraint softness must not leak a stiff spring into a soft motion.

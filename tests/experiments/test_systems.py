@@ -121,12 +121,13 @@ def test_servos_are_fast_and_near_critical_damping(name):
 
 
 @each_name
-def test_servos_reach_an_admissible_displacement_and_the_payload_goes_with_it(name):
+@pytest.mark.parametrize("seed", range(4))
+def test_servos_reach_an_admissible_displacement_and_the_payload_goes_with_it(name, seed):
     """Settled after 0.3 s; the loops curve by STROKE^2, a thousandth of the motion.
 
     The payload moves by J_T along the closed motion, to its curvature.
     """
-    plant, command = Plant(model_of(name)), admissible(name, seed=3)
+    plant, command = Plant(model_of(name)), admissible(name, seed)
     for _ in range(300):
         plant.step(command, PERIOD_S)
         assert plant.closure_residual_m() < CLOSURE_LIMIT_M
@@ -147,8 +148,8 @@ def test_a_joint_locked_in_flight_stays_and_a_released_one_feels_no_force(name, 
     swing(locked, command, 0.06)
     locked.lock(k)
     where = locked.displacements()[k]
-    for _ in range(50):
-        assert swing(locked, command, 2 * PERIOD_S) < CLOSURE_LIMIT_M
+    for _ in range(100):
+        assert swing(locked, command, PERIOD_S) < CLOSURE_LIMIT_M
         assert abs(locked.displacements()[k] - where) < 1e-6
     released = Plant(model_of(name))
     swing(released, command, 0.06)

@@ -212,7 +212,7 @@ def test_the_titles_of_figures_4_to_6_state_the_errors_of_their_runs(runs):
     assert all(panel.get_title(loc="left") == f"RMS {rms:.2f} µrad" for panel, rms in panels)
     left, right = figure_result(made).axes
     for line, name in zip(left.lines, ("W_a_uncorrected", "W_a", "W_e"), strict=True):
-        size = np.hypot(*titled_rms(runs[name]))
+        size = np.linalg.norm(titled_rms(runs[name]))
         assert str(line.get_label()).endswith(f"RMS {size:.1f} µrad")
     for line, name in zip(right.lines, ("W_d", "W_e"), strict=True):
         peak_um = abs(1e6 * runs[name]["secondary"][:, 1]).max()

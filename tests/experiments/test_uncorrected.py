@@ -105,6 +105,12 @@ def test_shaking_and_damping_leave_the_callers_model_alone(model):
     assert plant.model.opt.gravity.tolist() == model.opt.gravity.tolist()
 
 
+def test_a_floor_of_another_length_than_the_path_is_refused():
+    rig = hexapod_rig(floor_m_per_s2=np.zeros((50, 3)))
+    with pytest.raises(ValueError, match="floor_m_per_s2 must have shape"):
+        rig.fly(rig.controller(), TestbedConfig().spiral_rad(0.1))
+
+
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
     criterion = 50e-6
     acceleration = floor_acceleration(16000, 1e-3, criterion, [3])
