@@ -113,7 +113,7 @@ def test_every_simulated_force_is_the_mappings(tables):
     assert trials.closure_residual_max_m.max() < 5e-9
 
 
-def test_torques_of_the_sound_hexapod_are_those_of_the_printed_theorems(data, lines):
+def test_torques_of_the_healthy_hexapod_are_those_of_the_printed_theorems(data, lines):
     """Eqs. (34) and (36) with the closed-form Jacobian, and Theorem 9."""
     J, asked = np.linalg.inv(lines), data["asked_wrench"]
     J_m, J_s = J[MAJOR], J[SECONDARY]
@@ -161,9 +161,7 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
         assert np.abs(lock[:, 0] - strut[:, 0]).max() > 3.0
 
 
-def test_a_free_strut_is_asked_for_nothing_and_the_rest_of_a_wrench_moves_the_payload(
-    tables, data, lines
-):
+def test_a_free_strut_bears_nothing_and_what_is_lacking_moves_the_payload(tables, data, lines):
     """Eq. (9). Springs of the orthogonal hexapod do not couple: a secondary lack moves it aside.
 
     A mapping that lets the spring bear it lacks less, and tilts.
@@ -185,9 +183,7 @@ def test_a_free_strut_is_asked_for_nothing_and_the_rest_of_a_wrench_moves_the_pa
         np.testing.assert_allclose(simulated, data[f"{part}_predicted"], atol=0.5e-6)
 
 
-def test_sound_or_locked_the_hexapod_holds_all_of_a_prescribed_wrench_and_stands_still(
-    tables, data
-):
+def test_healthy_or_locked_the_hexapod_holds_a_whole_prescribed_wrench(tables, data):
     """Without torques its springs alone would let it move by 10 um and more."""
     held = tables["prescribed"].set_index("condition")
     for condition in ("sound", "strut 1 locked"):
@@ -210,7 +206,7 @@ def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
     assert [round(off_percent.min()), round(off_percent.max())] == [39, 96]
 
 
-def test_the_platform_spends_its_internal_force_and_presses_with_the_same_wrench(tables, data):
+def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, data):
     """Against every other internal force, and against none."""
     kin = sound_system(PLATFORM_MJCF, PLATFORM_TASK).kinematics()
     C = kin.active_constraint[0]

@@ -151,7 +151,7 @@ def test_the_clearance_is_that_of_a_sphere_beside_a_cylinder(seed):
 
 
 @given(seeds)
-def test_the_retreat_is_down_the_gradient_of_what_is_missing_to_the_safe_clearance(seed):
+def test_the_retreat_is_down_the_gradient_of_the_missing_clearance(seed):
     pose = random_pose(seed)
 
     def potential(t_m: np.ndarray) -> float:
@@ -164,7 +164,7 @@ def test_the_retreat_is_down_the_gradient_of_what_is_missing_to_the_safe_clearan
 
 
 @given(seeds, st.sampled_from([range(7), range(3, 7), (1, 2, 5, 6)]))
-def test_the_gradient_of_manipulability_is_its_slope_along_the_simulated_joints(seed, moving):
+def test_the_gradient_of_manipulability_is_its_slope_along_the_joints(seed, moving):
     """The closed form knows the joints' axes; MuJoCo turns the joints."""
     model = load_model(ARM_MJCF)
     data, moving = mujoco.MjData(model), list(moving)
@@ -194,7 +194,7 @@ def test_a_reading_of_the_rolled_detector_is_turned_back(seed):
 
 
 @given(seeds)
-def test_pointing_does_not_notice_any_desired_displacement_but_by_its_curvature(model, seed):
+def test_desired_displacements_change_the_pointing_by_curvature_alone(model, seed):
     """J_m of the answer is what was asked; what the payload does beyond is of second order."""
     rng, geometry = np.random.default_rng(seed), hexapod(model)
     weights = tuple(rng.uniform(1, HEAVIEST, 6))
@@ -214,7 +214,7 @@ def test_pointing_does_not_notice_any_desired_displacement_but_by_its_curvature(
 
 
 @given(seeds)
-def test_a_weighted_pseudo_inverse_is_least_squares_and_exact_only_in_the_limit(seed):
+def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
     """Its error falls with the square of the weight, and never ends; the mapping has none."""
     rng = np.random.default_rng(seed)
     J, W1, W2, w = rng.normal(size=(6, 5)), rng.uniform(1, 3, 5), rng.uniform(1, 3, 4), 7.0
@@ -247,7 +247,7 @@ def test_a_weight_beyond_the_digits_of_the_machine_loses_the_goal():
     assert np.abs(near - exact).max() < 1e-9 and np.abs(far - exact).max() > 0.01
 
 
-def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gain(model):
+def test_the_strut_pseudo_inverse_spares_a_locked_strut_and_loses_gain(model):
     goal = Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0), locked_at={0: 0.0})
     geometry = hexapod(model)
     J = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
@@ -268,7 +268,7 @@ def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gai
 
 
 @given(seeds)
-def test_the_tracker_reads_how_far_the_camera_is_turned_in_the_cameras_own_axes(seed):
+def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
     """Turned by a rotation vector w across its line of sight it reads -sin|w| w/|w|."""
     rng = np.random.default_rng(seed)
     to_target, camera = np.append(rng.uniform(-0.5, 0.5, 2), 0.0), Rotation.random(rng=rng)
@@ -282,7 +282,7 @@ def test_the_tracker_reads_how_far_the_camera_is_turned_in_the_cameras_own_axes(
     )
 
 
-def test_servos_sent_ahead_by_their_lag_turn_at_constant_rates_as_if_they_had_none():
+def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
     """Without a lag joints follow the mean of the held commands: half a period, half a step ahead.
 
     Once their start has died away; the lag, damping over stiffness, is seven times as long.
@@ -357,9 +357,7 @@ def test_what_another_seed_changes_is_the_largest_between_any_two(frames):
     assert noise.difference_peak_urad == stroke.difference_peak_urad.max()
 
 
-def test_a_detector_that_rolls_with_the_payload_and_is_not_turned_back_would_be_noticed(
-    monkeypatch, model, study
-):
+def test_a_rolled_detector_that_is_not_turned_back_would_be_noticed(monkeypatch, model, study):
     """The goal rolls the payload by half a milliradian, 4 mrad off the axis: 2 urad."""
     monkeypatch.setattr(physics, "unrolled", lambda measurement, pose: measurement)
     pursued, *_ = strategies(0, quick=True)
@@ -407,7 +405,7 @@ def test_the_data_give_the_errors_of_the_table(frames, study):
 
 
 @pytest.mark.parametrize("key", CHANGES)
-def test_a_pursued_goal_that_changes_the_pointing_more_than_a_seed_fails_a_check(frames, key):
+def test_a_goal_that_changes_the_pointing_more_than_a_seed_fails_a_check(frames, key):
     for goal, limit in frames["another_seed"].set_index("goal")[key].items():
         spoilt = frames["angles"].copy()
         its = spoilt[(spoilt.goal == goal) & (spoilt.name == "pursued")]

@@ -89,7 +89,7 @@ def test_the_multilinear_forms_are_the_series_and_symmetric():
 
 
 @given(seeds)
-def test_every_estimate_bounds_its_taylor_coefficient_everywhere_on_every_ray(seed):
+def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
     """At five points of any ray, by the series of the hexapod as it stands there."""
     rng = np.random.default_rng(seed)
     geometry, corner = random_hexapod(rng), rng.choice([-1.0, 1.0], 6)
@@ -219,7 +219,7 @@ def test_nothing_in_the_box_exceeds_its_certificate(seed):
 
 @pytest.mark.long
 @each_norm
-def test_the_supremum_is_attained_where_it_is_said_to_be_and_another_search_finds_no_more(norm):
+def test_the_supremum_is_attained_and_another_search_finds_no_more(norm):
     """DIRECT (Jones et al. 1993) divides the box and starts from no corner."""
     found = varied(norm)
     there = relative_change(machine(), found.at_strut_m, norm)

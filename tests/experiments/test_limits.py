@@ -86,7 +86,7 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
         np.testing.assert_allclose(rates[moving], expected, atol=1e-9)
 
 
-def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_allow():
+def test_the_redistributed_pseudo_inverse_does_not_give_the_least_error():
     """Rates (-1.5, 2) are both fixed at (-1, 1), error (0.5, 1); that of (-0.5, 1) is (0, 1)."""
     J_m, v = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 2.0])
     limits = -np.ones(2), np.ones(2)
@@ -98,7 +98,7 @@ def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_all
 
 
 @pytest.mark.long
-def test_out_of_reach_strict_priority_misses_by_the_least_and_the_others_by_more(model):
+def test_out_of_reach_strict_priority_misses_least_and_others_by_more(model):
     """The oracle is the distance from the outline of what is attainable."""
     testbed = Testbed(model, BENCH, loops=())  # pyright: ignore[reportArgumentType]
     stuck = [Condition(stuck=True, heave=True)]
@@ -120,7 +120,7 @@ def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
 
 
 @pytest.mark.long
-def test_the_arms_joints_stay_within_their_range_and_the_elbow_where_it_locks():
+def test_joints_of_the_arm_keep_their_range_and_the_elbow_its_lock():
     views = line_of_sight(np.linspace(0, 40, 401), 40.0)
     np.testing.assert_allclose(np.linalg.norm(views, axis=1), 1)
     np.testing.assert_allclose(views[[0, -1]], [[0, 0, 1]] * 2, atol=1e-12)
@@ -132,7 +132,7 @@ def test_the_arms_joints_stay_within_their_range_and_the_elbow_where_it_locks():
 
 
 @pytest.mark.long
-def test_near_a_singularity_the_demand_stays_bounded_but_the_amplifiers_saturate(model):
+def test_near_a_singularity_the_demand_is_bounded_but_amplifiers_saturate(model):
     """One pointing direction is lost at the nominal pose, and back with a gain of 1e-5 beside it.
 
     An exact mapping spends all that limits allow on it: they do not replace damping.

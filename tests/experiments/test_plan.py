@@ -110,7 +110,7 @@ def plan_tick(case: Case) -> int:
     return round((case.happens_s - case.begin_s) / BENCH.control_period_s)
 
 
-def test_every_event_has_its_cases_and_those_of_one_draw_differ_in_it_alone():
+def test_every_event_has_cases_and_those_of_one_draw_differ_in_it_alone():
     cases = eventful(1)[1:]
     assert len(cases) == 12 * len(EVENTS) and len(EVENTS) >= 30
     assert [case.events[0].name for case in cases] == [n for n in EVENTS for _ in range(12)]

@@ -30,7 +30,7 @@ def spirals(study):
     return {spiral["name"]: spiral for spiral in study.summary["spirals"]}
 
 
-def test_a_free_strut_with_its_spring_is_nearly_a_strut_locked_at_its_centre(model):
+def test_a_free_strut_with_its_spring_is_nearly_one_locked_at_its_centre(model):
     """The spring is two thousand times stiffer than what the flexures put up against it."""
     system = elastic_system(model)
     free = system.with_failures(free=[0]).kinematics()
@@ -142,7 +142,7 @@ def test_the_peak_sensitivity_is_what_brings_a_loop_to_its_margin():
         assert 2 * np.sin(np.deg2rad(loop.phase_margin_deg) / 2) >= 1 / peak
 
 
-def test_motion_is_the_linear_models_and_springs_with_dampers_are_not_quasi_static(spirals):
+def test_motion_is_the_linear_models_and_not_quasi_static_with_dampers(spirals):
     failing = pd.DataFrame(spirals.values()).dropna(subset="kind")
     assert (failing.motion_mismatch_linear_model_percent < 0.1).all()
     # With the spring, modes of 31 Hz follow a spiral of 0.5 Hz; without, a time constant of half a
@@ -156,7 +156,7 @@ def test_motion_is_the_linear_models_and_springs_with_dampers_are_not_quasi_stat
         np.testing.assert_allclose(known[f"{angle}_rms_urad"], expected, rtol=0.005)
 
 
-def test_at_rest_the_elastic_mapping_says_where_the_payload_is_at_every_stiffness(study):
+def test_at_rest_the_elastic_mapping_is_right_at_every_stiffness(study):
     sweep = study.tables["sweep"]
     assert list(sweep.suspension_over_swing) == list(RATIOS)
     # What is left is the struts that still have a coil: they are forces against springs, and

@@ -37,7 +37,7 @@ from sim.plant import FailureKind
 
 
 @pytest.mark.long
-def test_a_case_repeats_to_the_bit_and_its_row_has_only_columns_of_the_dataset():
+def test_a_case_repeats_to_the_bit_and_its_row_has_known_columns():
     one, two = plan.hexapod_failures([], 2, 0.1, 5)
     row = row_of(one)
     assert row_of(one) == row
@@ -84,9 +84,10 @@ def test_a_plant_is_learned_long_enough_to_raise_no_alarm_thereafter():
 def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch):
     """Without an alarm the supervised controller sends the commands of the unaware one."""
     [case] = plan.hexapod_failures([], 1, 0.1, 0)
-    run = supervised(exact_rig(), case)
-    assert run.state.watch.alarm_ticks == ()
-    np.testing.assert_array_equal(run.inputs, unaware(exact_rig(), case).inputs)
+    for rig in (exact_rig(), case.rig()):
+        run = supervised(rig, case)
+        assert run.state.watch.alarm_ticks == ()
+        np.testing.assert_array_equal(run.inputs, unaware(rig, case).inputs)
     watch = replace(run.state.watch, alarm_ticks=(5,))
     for moved in (0.0, 1e-12):
         state = replace(run.state, watch=watch)
@@ -97,7 +98,7 @@ def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch):
         assert row["commands_changed"] == (moved > 0)
 
 
-def test_a_controller_that_does_nothing_holds_its_commands_where_a_reading_is_no_number():
+def test_a_controller_that_does_nothing_holds_its_commands_on_nan():
     controller = exact_rig().controller()
     holding = Holding(controller, controller, None)
     state = holding.step(holding.start(), np.full(2, 1e-6), Measurement(np.zeros(2), np.zeros(6)))
@@ -292,7 +293,7 @@ def test_a_dither_keeps_to_its_size_and_moves_the_task_as_designed(name, sense):
 
 
 @pytest.mark.long
-def test_encoders_resolve_the_path_as_well_as_the_task_sensor_whatever_the_units():
+def test_encoders_resolve_the_path_as_the_task_sensor_does_in_any_unit():
     """Metres of the hand's path are no radians of its joints; a noise that is given is both."""
     rig, _ = designed("hand", "joints")
     gain = rig.mapping(rig.goal).major_gain()
@@ -304,7 +305,7 @@ def test_encoders_resolve_the_path_as_well_as_the_task_sensor_whatever_the_units
 
 
 @pytest.mark.long
-def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
+def test_a_dither_has_the_frequency_asked_for_or_is_none():
     design = rig_dither(designed("platform", "both")[0], "7")
     assert design is not None and design.dither.frequency_hz == 7.0
     whole = robot_rig(

@@ -70,7 +70,7 @@ def test_what_goes_wrong_in_a_process_is_raised(function, given, error, said):
 
 
 @pytest.mark.long
-def test_processes_end_with_their_block_and_calls_are_taken_when_there_is_room():
+def test_processes_end_with_their_block_and_take_calls_when_there_is_room():
     taken = []
     calls = (taken.append(k) or {"number": k} for k in range(100))
     with processes(1) as pool:
@@ -271,7 +271,7 @@ def test_a_folder_that_cannot_be_locked_is_one_sentence(tmp_path):
 
 
 @pytest.mark.long
-def test_a_scheduler_gives_the_same_rows_and_workers_of_another_release_none(
+def test_a_scheduler_gives_the_same_rows_another_release_none(
     scheduler, whole, monkeypatch, tmp_path
 ):
     how = {"name": "many", "folder": tmp_path, "on_progress": nothing}

@@ -294,9 +294,7 @@ def test_the_tables_are_those_of_the_rows(study, rows):
     assert [each["name"] for each in summary["influence"]] == ["roll_off_hz"]
 
 
-def test_an_interrupted_sweep_goes_on_to_the_same_bytes_and_a_finished_one_is_read(
-    sweep_folder, scheduler, tmp_path, capsys
-):
+def test_an_interrupted_sweep_goes_on_to_the_same_bytes(sweep_folder, scheduler, tmp_path, capsys):
     """On a Dask cluster, as in processes."""
 
     def interrupt(done: int, total: int) -> None:
@@ -318,7 +316,7 @@ def test_an_interrupted_sweep_goes_on_to_the_same_bytes_and_a_finished_one_is_re
 
 
 @pytest.mark.parametrize("column", [PREDICTED[0], INPUT_PEAK[3]])
-def test_runs_without_prediction_or_with_saturated_amplifiers_are_not_compared(rows, column):
+def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
     none = beside_model(rows.assign(**{column: np.nan if column in PREDICTED else 100.0}))
     assert not none.compared.any() and prediction(none).compared[0] == 0
     assert checks(none) == []
@@ -392,7 +390,7 @@ def test_what_the_library_calls_possible_points_and_nothing_else_does(atlas):
     np.testing.assert_allclose(none, np.sqrt((desired_urad**2).mean(axis=0)), rtol=1e-3)
 
 
-def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_has(model, atlas):
+def test_the_only_disagreement_is_at_a_singularity_of_the_nominal_pose(model, atlas):
     """Beside it the lost direction is within reach, at a price: by the machine's own geometry."""
     found = disagreements(atlas)
     assert found.explained.all()

@@ -122,7 +122,7 @@ def test_servos_are_fast_and_near_critical_damping(name):
 
 @each_name
 @pytest.mark.parametrize("seed", range(4))
-def test_servos_reach_an_admissible_displacement_and_the_payload_goes_with_it(name, seed):
+def test_servos_reach_admissible_displacements_and_move_the_payload(name, seed):
     """Settled after 0.3 s; the loops curve by STROKE^2, a thousandth of the motion.
 
     The payload moves by J_T along the closed motion, to its curvature.
@@ -175,7 +175,7 @@ def test_a_released_joint_of_the_arm_coasts(k):
     assert plant.displacements()[k] == pytest.approx(0.2, abs=1e-5)
 
 
-def test_the_humanoid_has_29_joints_on_a_floating_base_and_is_its_own_mirror_image():
+def test_the_humanoid_floats_has_29_joints_and_is_its_own_mirror_image():
     model = load_model(MODELS / "humanoid.xml")
     assert (model.nv, model.nu) == (35, 29)
     data = mujoco.MjData(model)

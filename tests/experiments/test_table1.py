@@ -80,7 +80,7 @@ def test_translation_across_the_line_of_sight_falls_by_more_than_twenty(table1):
         assert peaks[0][axis] > 20.0 * peaks[1][axis]  # section 4.2.2
 
 
-def test_a_lock_without_correction_costs_what_linear_theory_says_not_what_the_paper_saw(table1):
+def test_an_uncorrected_lock_costs_what_theory_says_not_what_the_paper_saw(table1):
     """Loop gain with row 1 of the mapping lost: errors 1.39 and 1.15 times the sound ones."""
     A = np.linalg.inv(paper.JACOBIAN)
     J_m = np.linalg.inv(A)[:2]
@@ -136,7 +136,7 @@ def test_the_jacobian_may_be_taken_as_constant_here(table1):
 
 
 @pytest.mark.parametrize("name", CORRECTED)
-def test_the_controllers_estimate_of_the_secondary_motion_is_near_the_truth(runs, name):
+def test_the_controllers_estimate_of_secondary_motion_is_near_the_truth(runs, name):
     """Each of gamma, t_x, t_y, t_z on its own: 2 % of its motion and 0.1 um or 0.1 urad.
 
     That of a controller which does not know of the lock is far off.
@@ -176,7 +176,7 @@ def test_a_run_alone_gives_the_same_bits_as_beside_others(runs):
     np.testing.assert_array_equal(alone.measured, runs["W_d"]["measured_rad"][:ticks])
 
 
-def test_each_column_says_where_its_errors_come_from_and_constants_have_units(table1):
+def test_columns_say_where_errors_come_from_and_constants_have_units(table1):
     """Fitted levels, the same errors by construction, or predicted."""
     origins = [column["origin"] for column in table1["columns"]]
     assert origins == ["fitted", *["= W_a"] * 4, "predicted"]

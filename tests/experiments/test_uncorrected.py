@@ -248,7 +248,7 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
 
 
 @pytest.mark.long
-def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite():
+def test_an_unstable_loop_has_no_predicted_error_and_a_finite_run():
     candidate = Candidate("resonance", CANDIDATES["resonance"])
     testbed = candidate.testbed
     assert predicted(testbed, candidate, "W_d") is None
@@ -257,7 +257,7 @@ def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite():
     assert pole_radius(open_loop(rig, rig.goal)) < 1
 
 
-def test_the_data_have_the_errors_of_the_table_and_one_recording_shows_them(study, runs):
+def test_the_data_have_the_errors_of_the_table_and_one_recording(study, runs):
     simulated = runs.set_index(["candidate", "column"])
     for candidate in study.summary["candidates"]:
         data = study.arrays(candidate["data"])

@@ -49,7 +49,7 @@ def test_a_result_beside_itself_in_any_order_has_not_changed():
 
 
 @pytest.mark.parametrize(("factor", "changed"), [(1 + 1e-8, 0), (1 + 1e-5, 1), (1.066, 1)])
-def test_under_the_same_settings_more_than_other_processors_round_is_a_change(factor, changed):
+def test_with_the_same_settings_more_than_rounding_is_a_change(factor, changed):
     found = compared(TABLE1, spoilt("W_b", "alpha_measured_rms_urad", factor))
     assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
 
@@ -68,7 +68,7 @@ def test_what_is_small_beside_the_largest_of_its_name_is_noise_of_a_seed():
     assert not len(compared(TABLE1, other).changed)
 
 
-def test_a_word_that_changed_is_no_noise_and_a_new_constant_is_no_other_draw():
+def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
     one = {"seed": 0, "status": "exact", "x": None, "y": 1.0, "rules": {"gain": 1.0}}
     found = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
     assert set(found.changed.place) == {"status", "x"}

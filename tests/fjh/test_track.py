@@ -92,9 +92,7 @@ LOCKS = [
 
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "how", "within_s"), LOCKS)
-def test_a_lock_is_named_and_the_error_is_that_of_a_controller_that_learns_of_it_then(
-    model, how, within_s
-):
+def test_a_lock_is_named_and_costs_what_it_costs_who_learns_of_it_then(model, how, within_s):
     """By the dither, of any robot; the delay costs what the lock does meanwhile."""
     failed = FAILS[model]
     one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **how)
@@ -171,7 +169,7 @@ def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
 
 
 @pytest.mark.long
-def test_what_the_run_costs_without_diagnosis_is_what_a_run_without_one_costs():
+def test_the_cost_without_diagnosis_is_that_of_a_run_without_one():
     """Seed, failures, events and noise are the same: the same numbers to the bit."""
     fly = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
@@ -189,9 +187,7 @@ def test_what_the_run_costs_without_diagnosis_is_what_a_run_without_one_costs():
 
 
 @pytest.mark.long
-def test_what_the_diagnosis_cannot_tell_apart_is_said_before_the_flight_and_after_it(
-    capfd, monkeypatch
-):
+def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd, monkeypatch):
     """With the option that would, which then does: half a second is enough for it."""
     unseen: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
     with monkeypatch.context() as changed:
@@ -232,7 +228,7 @@ def test_a_run_that_named_what_had_not_failed_is_not_compared():
 
 
 @pytest.mark.long
-def test_a_prediction_that_is_off_and_a_controller_that_fails_fail_the_command():
+def test_a_prediction_that_is_off_and_a_failing_controller_fail_the_run():
     one, rig, run = tracked(ARM, duration=0.4), rig_of_arm(), flown()
     found = {**one.settings, **one.found}
     assert all(check.passed for check in checks(found)) and len(checks(found)) == 2
@@ -261,7 +257,7 @@ def panda(folder: Path, upper: str = "1.7628") -> Path:
 
 
 @pytest.mark.long
-def test_no_command_leaves_a_limit_that_binds_and_six_other_joints_do_the_task(tmp_path):
+def test_no_command_leaves_a_limit_that_binds_and_other_joints_do_the_task(tmp_path):
     """Within 1 % of the path; commands beyond the range, which the servo clips, do far worse."""
     quiet: dict[str, Any] = TO_THE_HAND | {
         "size": 2e-3,
@@ -350,8 +346,11 @@ def test_events_are_said_recorded_and_held_to_no_linear_model(tmp_path):
     events = ["hard_over:joint2@0.3", "bump@0.2", "late@0.35"]
     pushed = tracked(ARM, duration=0.4, event=events, diagnosis="off", fail=["motor4:locked@0.32"])
     found, run = pushed.found, run_of(pushed)
-    assert [tuple(each.values()) for each in pushed.settings["events"]] == [
-        *(("bump", None, 0.2), ("hard_over", "motor2", 0.3), ("late", None, 0.35))
+    keys, stated = ("name", "actuator", "time_s"), pushed.settings["events"]
+    assert [[each[key] for key in keys] for each in stated] == [
+        ["bump", None, 0.2],
+        ["hard_over", "motor2", 0.3],
+        ["late", None, 0.35],
     ]
     said = "bump at 0.2 s, motor2 hard_over at 0.3 s, motor4 locked at 0.32 s, late at 0.35 s"
     assert f"after {said} the RMS error is" in found["verdict"]
@@ -398,7 +397,7 @@ LOG = pd.DataFrame({"time_s": [1.0], "what": ["motor locked"], "meaning": [""]})
 NAMED = pd.DataFrame({"what": ["motor diagnosed locked"], "meaning": ["after 0.100 s"]})
 
 
-def test_the_verdict_says_what_failed_what_it_cost_what_is_left_and_what_was_diagnosed():
+def test_the_verdict_says_what_failed_what_it_cost_and_what_is_left():
     cost = "crane: after motor locked at 1 s the RMS error is 6 µrad and 80 µm, 3 µrad and 40 µm"
     can = "before; the remaining actuators can do the major task; motor diagnosed locked after"
     assert verdict(FOUND, LOG, NAMED) == f"{cost} {can} 0.100 s."
@@ -506,9 +505,7 @@ def test_the_hexapod_refuses_an_option_that_would_do_nothing(capfd, tmp_path):
     assert others == {"size", "feedforward"}
 
 
-def test_a_path_beyond_the_stated_ranges_names_the_actuators_at_their_limits(
-    capfd, tmp_path, monkeypatch
-):
+def test_a_path_beyond_the_ranges_names_the_actuators_at_their_limits(capfd, tmp_path, monkeypatch):
     """A text that is no failure is refused before a file is read."""
     words = "--site hand --major 1,3,5 --crossover 0.5 --size 0.05 --turn 8"
     file = str(panda(tmp_path, "0.0002"))
