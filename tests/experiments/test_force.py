@@ -6,7 +6,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import pandas as pd
 import pytest
 
 from experiments.force import (
@@ -20,9 +19,6 @@ from experiments.force import (
     Condition,
     Gauges,
     answer,
-    checks,
-    draw,
-    examine,
     exert,
     known_system,
     payload_stiffness,
@@ -32,7 +28,7 @@ from experiments.force import (
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from prioritized import ConstrainedSystem, force_mapping
+from prioritized import force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, jacobians, load_model
 from tests.experiments.results import Results
 from tests.force_theorems import theorem_7, theorem_8
@@ -227,56 +223,6 @@ def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, 
     assert (used.weighed_rms_n < 0.9 * without.weighed_rms_n).all()
     assert (used.hot_motor_rms_n / without.hot_motor_rms_n).max() < 0.5
     assert without.least_squeeze_n["squeezed"] < 0 < used.least_squeeze_n["squeezed"]
-
-
-def failed(tables) -> list[str]:
-    return [str(check) for check in checks(tables) if not check.passed]
-
-
-def tables_with(tables, condition: Condition, system: ConstrainedSystem):
-    """The tables, of the hexapod in one condition under a mapping that knows this system."""
-    rows, _ = examine(condition, system, draw(np.random.default_rng(0), 1))
-    columns = {name: tables[name].columns for name in rows}
-    return tables | {name: pd.DataFrame(rows[name], columns=columns[name]) for name in rows}
-
-
-@pytest.mark.parametrize(
-    ("happens", "believed"),
-    [
-        (Condition("locked"), Condition()),
-        (Condition(), Condition("locked")),
-        (Condition("free"), Condition()),
-        (Condition(), Condition("free")),
-        (Condition("free"), Condition("locked")),
-        (Condition("locked"), Condition("free")),
-        (Condition("loose"), Condition("locked")),
-        (Condition("locked", 1), Condition("locked")),
-    ],
-    ids=lambda condition: str(condition).replace(" ", "_"),
-)
-def test_a_mapping_that_knows_of_another_failure_fails_a_check(tables, happens, believed):
-    """But for one that takes a healthy strut as free: it leaves its coil alone, and is exact."""
-    exact = (happens, believed) == (Condition(), Condition("free"))
-    assert exact == (not failed(tables_with(tables, happens, known_system(believed))))
-
-
-ANOTHER_POINT = [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, 0, 0]]
-"""v' = v + omega x (0, 0, 1): the task point a metre off."""
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        1.02 * np.eye(6),
-        np.diag([-1.0, 1, 1, 1, 1, 1]),
-        np.eye(6) + np.hstack([0.01 * np.array(ANOTHER_POINT), np.zeros((6, 3))]),
-    ],
-    ids=["scaled", "flipped", "another_point"],
-)
-def test_a_wrong_jacobian_fails_a_check(tables, change):
-    own = known_system(Condition())
-    skewed = ConstrainedSystem(change @ own.J_T, own.J_C, own.active)
-    assert failed(tables_with(tables, Condition(), skewed))
 
 
 HOW = ("simulated", "predicted")

@@ -22,7 +22,6 @@ from experiments.goals_physics import (
     PERIOD_S,
     RADIUS_M,
     SAFE_M,
-    SLEW_S,
     WARM_C,
     Clearance,
     Servos,
@@ -31,12 +30,11 @@ from experiments.goals_physics import (
     joint_weights,
     manipulability,
     manipulability_gradient,
-    off_axis_path,
     rates_from_stops,
     retreat,
     unrolled,
 )
-from fjh.rig.arm import ARM_MJCF, smooth_step
+from fjh.rig.arm import ARM_MJCF
 from fjh.rig.compromise import compromising, weighted_pseudo_inverse
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.coil import COPPER_PER_K, Coils
@@ -296,17 +294,6 @@ def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
 
 
 # The runs.
-
-
-def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
-    bench, target = TestbedConfig(), (3000.0, -1000.0)
-    path = 1e6 * off_axis_path(target, 10.0)
-    slew = round(SLEW_S / bench.control_period_s)
-    assert not path[0].any()
-    np.testing.assert_allclose(path[slew], target, atol=1e-6)
-    assert np.linalg.norm(path[slew:] - target, axis=1).max() == pytest.approx(100.0, rel=1e-3)
-    assert np.abs(np.diff(path, axis=0)).max() < 2 * 3000 / slew
-    assert (smooth_step(-1.0), smooth_step(0.5), smooth_step(2.0)) == (0.0, 0.5, 1.0)
 
 
 @pytest.fixture(scope="module")

@@ -132,18 +132,6 @@ def test_every_event_has_cases_and_those_of_one_draw_differ_in_it_alone():
         assert case.path(exact_rig()).shape == (round(1e3 * case.duration_s), 2)
 
 
-def test_a_circle_begins_at_rest_steps_are_held_and_rest_is_rest():
-    circle, steps, rest = (
-        Case("event", duration_s=2.0, course=course, turn_s=2.0, radius=0.5).path(exact_rig())
-        for course in ("circle", "steps", "rest")
-    )
-    assert np.abs(circle[0]).max() == 0 and np.abs(np.diff(circle, axis=0)[0]).max() < 1e-9
-    assert np.linalg.norm(circle - [0, 50e-6], axis=1) == pytest.approx(50e-6)
-    assert np.unique(steps) == pytest.approx([0.0, 50e-6])
-    assert np.count_nonzero(np.diff(steps, axis=0)) == 3  # out and back, then out in beta
-    assert not rest.any()
-
-
 def test_the_other_family_is_log_normal_correlated_and_as_wide_as_stated():
     """Twice the standard deviation of the uniform one, which is what it was."""
     draws, width = range(1500), 0.06

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import scipy.linalg
 
-from experiments.release import EQUAL, RATIOS, rest_row
+from experiments.release import EQUAL, RATIOS
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import StrutMapping
@@ -191,14 +191,6 @@ def test_rigid_and_elastic_classifications_stand_side_by_side(study):
     assert (singles.possible == ~drifts).all()
     assert (singles.unstable_major == drifts).all()
     assert (singles.lost_gamma_t_x_t_y_t_z.map(len) == 1).all()
-
-
-@pytest.mark.long
-def test_a_mismatch_would_be_seen(model):
-    """The elastic prediction at the wrong stiffness is far off the simulation's rest."""
-    point = rest_row(weightless(model), 1.0)
-    off = abs(point["alpha_as_if_locked_urad"] / point["alpha_simulated_urad"] - 1)
-    assert off > 0.2
 
 
 @pytest.mark.long
