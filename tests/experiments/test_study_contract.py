@@ -67,6 +67,7 @@ def test_the_figures_of_a_study_open_and_stand_on_its_page(results, name):
 
 CLOSURE, RMS = "closure residual [m]", "RMS error of "
 TUNED = "strict priority over that of clipping"
+HEALTHY_ARM = "mechanism == 'arm' and condition == 'sound'"
 SURE = "struts == 'SSSSSS' and jacobian == 'constant'"
 SPOILT: list[tuple[str, str, str, str, Any, str]] = [
     ("table1", "columns", "name == 'W_d'", "closure_residual_max_m", 7e-8, f"W_d: {CLOSURE}"),
@@ -74,7 +75,7 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
     ("table1", "columns", "name == 'W_a'", "mismatched_alpha_rms_urad", 9.0, "all mismatches"),
     ("table1", "further_runs", "runs == 'next seed'", "closure_residual_max_m", 1e-6, CLOSURE),
     *(
-        ("systems", "systems", "index == 0", column, value, "arm, sound: ")
+        ("systems", "systems", HEALTHY_ARM, column, value, "arm, sound: ")
         for column, value in {
             **{"agrees": False, "motion_error": 0.02, "drift_error": 0.02, "torque_error": 0.02},
             **{"closure_error": 0.02, "yielded_steps": 0.02, "major_error": 0.02},
@@ -162,7 +163,7 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
     ("track", "", "", "prediction_off_after", 0.21, "relative error of the predicted RMS"),
     ("track", "", "", "closure_residual_max_m", 0.002, CLOSURE),
 ]
-"""Study, table (none: the JSON itself), which of its rows, column, number, and what is said."""
+"""Study, table (none: the JSON itself), which rows, column, number, and what is said (none: once)."""
 
 
 def failures(
@@ -212,3 +213,4 @@ def test_each_check_of_a_study_fails_on_a_spoilt_number(
         rows, tables = (spoilt, tables) if table == "rows" else (rows, tables | {table: spoilt})
     found = failures(name, summary, rows, tables)
     assert found and all(said in sentence for sentence in found)
+    assert said or len(found) == 1
