@@ -163,7 +163,7 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
     ("track", "", "", "prediction_off_after", 0.21, "relative error of the predicted RMS"),
     ("track", "", "", "closure_residual_max_m", 0.002, CLOSURE),
 ]
-"""Study, table (none: the JSON itself), which rows, column, number, and what is said (none: once)."""
+"""Study, table (none: the JSON), which of its rows, column, number, what is said (none: once)."""
 
 
 def failures(
