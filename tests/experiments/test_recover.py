@@ -77,6 +77,7 @@ def test_no_belief_about_one_strut_destabilizes_the_loop(study):
 
 
 @pytest.mark.long
+@pytest.mark.night
 def test_told_late_or_wrongly_the_pointing_stays_bounded():
     """At worst the kick of a healthy strut that is let go, and then the errors of a failed one."""
     told = pd.DataFrame(informed_late(INFORMED_LATE[0]))
@@ -192,6 +193,7 @@ def test_harm_is_more_than_a_tenth_and_more_than_the_noise_in_either_span(errors
 
 
 @pytest.mark.long
+@pytest.mark.night
 def test_events_have_rows_a_table_and_checks(tmp_path):
     """Made by the command; harm is found, not hidden."""
     assert main(["recover", "--events", "--quick", "--quiet", "--out", str(tmp_path)]) in (0, 1)
