@@ -1,11 +1,10 @@
 import json
-import logging
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from filelock import FileLock
@@ -15,12 +14,11 @@ from tests import profiles
 from tests.durations import pytest_runtest_makereport as pytest_runtest_makereport
 from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
-# Whoever runs one test waits for what it imports: the command line, Dask, MuJoCo and matplotlib are
-# imported where a fixture needs them.
+# Whoever runs one test waits for what it imports: the command line, MuJoCo and NumPy are imported
+# where a fixture needs them.
 if TYPE_CHECKING:
     import mujoco
     import numpy as np
-    from matplotlib.figure import Figure
 
 profiles.register()
 
@@ -30,7 +28,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 AT_LENGTH = {
     *(f"{name}_folder" for name in LINES),
-    *("seeds_folder", "crew", "compared"),
+    *("scheduler", "compared"),
 }
 """Fixtures that run a study or a cluster."""
 
@@ -42,8 +40,6 @@ LONGEST = {
     *("fjh/ik/test_limits", "fjh/live/test_other_robots", "fjh/live/test_page"),
     *("fjh/live/test_tour", "fjh/rig/test_copies", "fjh/rig/test_other_controllers"),
     *("prioritized/test_limited_mappings", "sim/test_plant"),
-    *("studies/test_figures", "studies/test_sweep"),
-    *("studies/test_study_contract", "studies/test_track", "studies/test_track_command"),
 }
 """Files whose long tests take a minute or more, three quarters of the time of all of them: they
 wait for the night."""
@@ -94,7 +90,7 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 
 @pytest.fixture(scope="session")
-def made_once(shared, faults_of_figures) -> Make:
+def made_once(shared) -> Make:
     """Makes a folder in the process that needs it first; the others wait and take it over.
 
     One name is one folder: another command needs another name.
@@ -122,60 +118,22 @@ def fjh(*words: str) -> Callable[[Path], int]:
     return command
 
 
-@pytest.fixture(scope="session")
-def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
-    """What is wrong with the figure of a name that a command saved, in whichever process.
+def folder_of(study: str, *words: str) -> Any:
+    """A fixture: the folder of a study, made by its command with these words."""
 
-    A fixture that runs a command needs this one, as those of `made_once` do.
-    """
-    from fjh.study.plotting import printed
-    from tests.figure_checks import faults
+    @pytest.fixture(scope="session", name=f"{study}_folder")
+    def folder(made_once: Make) -> Path:
+        return made_once(study, fjh(study, *words))
 
-    def file(name: str) -> Path:
-        return shared / f"{name}.faults.json"
-
-    def checked(figure: "Figure", name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
-        files = printed(figure, name, formats)
-        own = file(f"{name}.{os.getpid()}")
-        # After it, since drawing moves what is not yet laid out.
-        own.write_text(json.dumps(faults(figure)))
-        own.replace(file(name))  # at once: another process may be reading
-        return files
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fjh.study.plotting.printed", checked)
-        yield lambda name: json.loads(file(name).read_text())
+    return folder
 
 
-@pytest.fixture(scope="session")
-def table1_folder(made_once):
-    """All of Table I at full length, made by the command."""
-    return made_once("table1", fjh("table1"))
-
-
-@pytest.fixture(scope="session")
-def track_folder(made_once):
-    """The hexapod on two seconds of its spiral, a strut stuck halfway: made by the command."""
-    words = ("--path", "spiral", "--duration", "4", "--fail", "strut1:locked@2")
-    return made_once("track", fjh("track", "--quick", *words))
-
-
-@pytest.fixture(scope="session")
-def survey_folder(made_once):
-    """What failures leave the hexapod, made by the command."""
-    return made_once("survey", fjh("survey", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def figures_folder(made_once):
-    """Machine, loops and failures drawn, made by the command."""
-    return made_once("figures", fjh("figures"))
-
-
-@pytest.fixture(scope="session")
-def release_folder(made_once):
-    """The released strut at full length, made by the command."""
-    return made_once("release", fjh("release"))
+table1_folder = folder_of("table1")
+release_folder = folder_of("release")
+systems_folder = folder_of("systems")
+recover_folder = folder_of("recover", "--quick")
+jacobian_folder = folder_of("jacobian", "--loop", "--quick")
+goals_folder = folder_of("goals", "--quick")
 
 
 @pytest.fixture(scope="session")
@@ -185,150 +143,15 @@ def release(release_folder):
 
 
 @pytest.fixture(scope="session")
-def recover_folder(made_once):
-    """Failures in flight, a few: made by the command."""
-    return made_once("recover", fjh("recover", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def recover(recover_folder):
-    """`recover.json`."""
-    return json.loads((recover_folder / "recover.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def systems_folder(made_once):
-    """Every mechanism in every condition, made by the command."""
-    return made_once("systems", fjh("systems"))
-
-
-@pytest.fixture(scope="session")
 def systems(systems_folder):
     """`systems.json`."""
     return json.loads((systems_folder / "systems.json").read_text())
 
 
 @pytest.fixture(scope="session")
-def jacobian_folder(made_once):
-    """The study of the Jacobian, in the loop too, short: made by the command."""
-    return made_once("jacobian", fjh("jacobian", "--loop", "--quick"))
-
-
-@pytest.fixture(scope="session")
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def uncorrected_folder(made_once):
-    """The first seconds of three explanations, made by the command."""
-    return made_once("uncorrected", fjh("uncorrected", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def limits_folder(made_once):
-    """Limits in the loop, short: made by the command."""
-    return made_once("limits", fjh("limits", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def limits(limits_folder):
-    """`limits.json`."""
-    return json.loads((limits_folder / "limits.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def force_folder(made_once):
-    """Forces with strut 1 failing, short: made by the command."""
-    return made_once("force", fjh("force", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def goals_folder(made_once):
-    """The four secondary goals, short: made by the command."""
-    return made_once("goals", fjh("goals", "--quick"))
-
-
-@pytest.fixture(scope="session")
-def goals(goals_folder):
-    """`goals.json`."""
-    return json.loads((goals_folder / "goals.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def crew():
-    """A client of a Dask cluster of two workers."""
-    from distributed import Client, LocalCluster
-
-    here = LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        silence_logs=logging.CRITICAL + 1,
-    )
-    with here, Client(here) as client:
-        yield client
-
-
-@pytest.fixture(scope="session")
-def scheduler(crew):
-    """Its address."""
-    return crew.scheduler_info()["address"]
-
-
-DESIGN = """
-layout = "latin-hypercube"
-runs = 30
-duration_s = 0.2
-[vary]
-settling_s = 0.1
-struts = ["SSSSSS", "SLSSSS"]
-failure_time_s = [0.0, 0.1]
-known = [true, false]
-roll_off_hz = { from = 20, to = 30 }
-"""
-"""A few short runs, some of which fail in flight, told and not told."""
-
-
-@pytest.fixture(scope="session")
-def sweep_design(made_once):
-    """A design file."""
-
-    def make(folder: Path) -> int:
-        folder.mkdir()
-        return (folder / "short.toml").write_text(DESIGN) != len(DESIGN)
-
-    return made_once("design", make) / "short.toml"
-
-
-@pytest.fixture(scope="session")
-def sweep_folder(sweep_design, made_once, request):
-    """That sweep, made by the command."""
-
-    def make(folder: Path) -> int:
-        scheduler = request.getfixturevalue("scheduler")
-        return fjh("sweep", "--design", str(sweep_design), "--scheduler", scheduler)(folder)
-
-    return made_once("sweep", make)
-
-
-FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
-"""Failure conditions of every verdict; the fifth leaves the linear model where it is singular."""
-
-
-@pytest.fixture(scope="session")
-def atlas_folder(made_once, request):
-    """A few failure conditions simulated, made by the command."""
-
-    def make(folder: Path) -> int:
-        scheduler = request.getfixturevalue("scheduler")
-        with pytest.MonkeyPatch.context() as few:
-            few.setattr("experiments.sweep.representatives", lambda: [*FLOWN])
-            return fjh("atlas", "--quick", "--scheduler", scheduler)(folder)
-
-    return made_once("atlas", make)
 
 
 @pytest.fixture(scope="session")

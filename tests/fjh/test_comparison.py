@@ -1,4 +1,4 @@
-"""Results as frames; what changed by more than noise between two of them; a run flown again."""
+"""What changed by more than noise between two results of a study."""
 
 import copy
 import json
@@ -13,11 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.again import fly_again
 from experiments.app.cli import main
 from fjh.comparison import LEVEL, Comparison, compare, shifted
-from fjh.result_frames import results
-from fjh.study.errors import WrongInput
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 TABLE1 = json.loads((DATA / "table1.json").read_text())
@@ -44,38 +41,6 @@ def spoilt(name: str, key: str, factor: float, **changed: Any) -> dict[str, Any]
     return other
 
 
-# Frames.
-
-
-def test_runs_checks_and_files_of_every_folder_are_frames():
-    """The first question of docs/find.md, on the published rows."""
-    found = results(DATA)
-    late = found.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
-    assert len(late) and set(late.study) == {"recover"}
-    assert {"study", "folder"} <= set(found.files)
-    with pytest.raises(WrongInput, match="no results of a study"):
-        results("nowhere")
-
-
-def test_a_study_of_tables_gives_its_first_and_its_checks(limits_folder):
-    found = results(limits_folder)
-    spirals = json.loads((limits_folder / "limits.json").read_text())["spirals"]
-    assert list(found.runs.name) == [each["name"] for each in spirals]
-    assert found.checks.passed.all() and len(found.checks) > 20
-    assert {".json", ".parquet", ".npz", ".png"} <= set(found.files.kind)
-
-
-@pytest.mark.long
-def test_a_published_run_flies_again():
-    run, beside = fly_again(DATA, 0)
-    assert len(run.time_s) and {"stored", "flown", "same"} == set(beside)
-    with pytest.raises(WrongInput, match="no dataset with a case 99999"):
-        fly_again(DATA, 99999)
-
-
-# Comparison.
-
-
 def test_a_result_beside_itself_in_any_order_has_not_changed():
     other = dict(TABLE1)
     other["columns"] = random.Random(0).sample(TABLE1["columns"], 6)
@@ -84,7 +49,7 @@ def test_a_result_beside_itself_in_any_order_has_not_changed():
 
 
 @pytest.mark.parametrize(("factor", "changed"), [(1 + 1e-8, 0), (1 + 1e-5, 1), (1.066, 1)])
-def test_under_the_same_settings_more_than_other_processors_round_is_a_change(factor, changed):
+def test_with_the_same_settings_more_than_rounding_is_a_change(factor, changed):
     found = compared(TABLE1, spoilt("W_b", "alpha_measured_rms_urad", factor))
     assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
 
@@ -103,7 +68,7 @@ def test_what_is_small_beside_the_largest_of_its_name_is_noise_of_a_seed():
     assert not len(compared(TABLE1, other).changed)
 
 
-def test_a_word_that_changed_is_no_noise_and_a_new_constant_is_no_other_draw():
+def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
     one = {"seed": 0, "status": "exact", "x": None, "y": 1.0, "rules": {"gain": 1.0}}
     found = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
     assert set(found.changed.place) == {"status", "x"}
@@ -206,7 +171,3 @@ def test_folders_are_named_by_what_they_hold():
     Path("own").mkdir()
     shutil.copy(DATA / "table1.json", "own")
     assert main(["results", "own", "--against", str(DATA / "table1.json")]) == 0
-
-
-def test_the_table_of_this_version_passes_beside_that_of_the_last_release(table1_folder):
-    assert main(["results", str(table1_folder), "--against", str(DATA / "table1.json")]) == 0

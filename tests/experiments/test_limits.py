@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,16 +15,12 @@ from experiments.limits import (
     Condition,
     Strategy,
     allocation,
-    checks,
     excess_row,
     limits_of,
     line_of_sight,
-    longest,
     move_arm,
     redistributed,
     room,
-    strategies,
-    tuned_clipping,
 )
 from fjh.rig.hexapod.amplifier import displacement_limits
 from fjh.rig.hexapod.closed_form import hexapod
@@ -36,6 +31,7 @@ from fjh.rig.hexapod.testbed import Testbed
 from ftc import Goal, PrioritizedController
 from prioritized import ConstrainedSystem, velocity_mapping
 from sim import Failure
+from tests.experiments.results import Results
 from tests.profiles import examples
 
 
@@ -52,11 +48,6 @@ def test_the_outline_is_what_bounded_least_squares_can_reach():
     found = room(corners, points)
     np.testing.assert_allclose(-np.minimum(found, 0), least, atol=1e-6)
     assert (found > 0).any()
-
-
-def test_the_longest_run_of_truth():
-    assert longest(np.array([0, 1, 1, 0, 1, 1, 1], dtype=bool)) == 3
-    assert longest(np.zeros(4, dtype=bool)) == 0
 
 
 @pytest.mark.parametrize("name", ["strict", "scaled", "clipping", "redistributed", "weighted"])
@@ -95,7 +86,7 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
         np.testing.assert_allclose(rates[moving], expected, atol=1e-9)
 
 
-def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_allow():
+def test_the_redistributed_pseudo_inverse_does_not_give_the_least_error():
     """Rates (-1.5, 2) are both fixed at (-1, 1), error (0.5, 1); that of (-0.5, 1) is (0, 1)."""
     J_m, v = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 2.0])
     limits = -np.ones(2), np.ones(2)
@@ -107,7 +98,7 @@ def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_all
 
 
 @pytest.mark.long
-def test_out_of_reach_strict_priority_misses_by_the_least_and_the_others_by_more(model):
+def test_out_of_reach_strict_priority_misses_least_and_others_by_more(model):
     """The oracle is the distance from the outline of what is attainable."""
     testbed = Testbed(model, BENCH, loops=())  # pyright: ignore[reportArgumentType]
     stuck = [Condition(stuck=True, heave=True)]
@@ -120,13 +111,6 @@ def test_out_of_reach_strict_priority_misses_by_the_least_and_the_others_by_more
     assert most["clipping"] > 10
 
 
-def test_clipping_is_tuned_after_the_run_for_that_run():
-    rows = [("a", "strict", 1.0), ("a", "clipping", 3.0), ("a", "clipping", 2.0)]
-    rows += [("b", "clipping", 1.5), ("b", "weighted", 0.5)]
-    spirals = pd.DataFrame(rows, columns=["condition", "kind", "rms_over_strict"])
-    assert tuned_clipping(spirals).to_dict() == {"a": 2.0, "b": 1.5}
-
-
 def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
     lower, upper = limits_of(Testbed(model, BENCH, loops=()))  # pyright: ignore[reportArgumentType]
     assert upper[[1, 4]] == pytest.approx(2.0 * 20.0 / 126e3)
@@ -135,22 +119,12 @@ def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
     assert upper.min() > HEAVE_M
 
 
-@pytest.mark.parametrize("loop", [True, False])
-def test_names_of_strategies_differ_and_a_quick_run_has_some_of_them(loop):
-    every, some = ([each.name for each in strategies(quick=k, loop=loop)] for k in (False, True))
-    assert len(set(every)) == len(every)
-    assert set(some) < set(every)
-
-
-def test_the_arms_path_begins_and_ends_where_it_looks_at_first():
+@pytest.mark.long
+def test_joints_of_the_arm_keep_their_range_and_the_elbow_its_lock():
     views = line_of_sight(np.linspace(0, 40, 401), 40.0)
     np.testing.assert_allclose(np.linalg.norm(views, axis=1), 1)
     np.testing.assert_allclose(views[[0, -1]], [[0, 0, 1]] * 2, atol=1e-12)
     assert np.arccos(views[:, 2]).max() == pytest.approx(0.9)
-
-
-@pytest.mark.long
-def test_the_arms_joints_stay_within_their_range_and_the_elbow_where_it_locks():
     joint_rad = move_arm(Strategy("strict"), 16.0)["joint_rad"]
     assert np.abs(joint_rad).max() <= RANGE_RAD + 1e-12
     locked = joint_rad[len(joint_rad) // 2 + 1 :, 3]
@@ -158,7 +132,7 @@ def test_the_arms_joints_stay_within_their_range_and_the_elbow_where_it_locks():
 
 
 @pytest.mark.long
-def test_near_a_singularity_the_demand_stays_bounded_but_the_amplifiers_saturate(model):
+def test_near_a_singularity_the_demand_is_bounded_but_amplifiers_saturate(model):
     """One pointing direction is lost at the nominal pose, and back with a gain of 1e-5 beside it.
 
     An exact mapping spends all that limits allow on it: they do not replace damping.
@@ -182,48 +156,15 @@ def test_near_a_singularity_the_demand_stays_bounded_but_the_amplifiers_saturate
     assert min(saturated.values()) > 0.5
 
 
-def test_the_data_give_the_errors_of_the_json(limits, limits_folder):
-    with np.load(limits_folder / "spirals.npz") as data:
-        for spiral in limits["spirals"]:
-            error = np.linalg.norm(data["desired_rad"] - data[f"{spiral['name']}_true_rad"], axis=1)
-            assert spiral["rms_urad"] == pytest.approx(1e6 * np.sqrt((error**2).mean()))
-
-
-def test_the_tables_are_parquet_files_too(limits, limits_folder):
-    for name in ("spirals", "arm", "conditions", "out_of_reach"):
-        frame = pd.read_parquet(limits_folder / f"limits_{name}.parquet")
-        pd.testing.assert_frame_equal(frame, pd.DataFrame(limits[name]), check_dtype=False)
-
-
-def test_where_the_target_is_attainable_strict_priority_points_as_without_limits(limits):
-    spirals = pd.DataFrame(limits["spirals"]).set_index(["condition", "strategy"])
-    rms = spirals.attainable_rms_urad.unstack()
+def test_the_data_have_the_errors_of_the_table_and_strict_priority_points(limits_folder):
+    """Where the target is attainable as without limits; elsewhere no nearer than is possible."""
+    study = Results(limits_folder, "limits")
+    data, spirals = study.arrays("spirals.npz"), study.tables["spirals"]
+    for spiral in spirals.itertuples():
+        error = np.linalg.norm(data["desired_rad"] - data[f"{spiral.name}_true_rad"], axis=1)
+        assert spiral.rms_urad == pytest.approx(1e6 * np.sqrt((error**2).mean()))
+    by = spirals.set_index(["condition", "strategy"])
+    rms = by.attainable_rms_urad.unstack()
     assert (rms.strict < 1.03 * rms.unlimited).all()
-    least = pd.DataFrame(limits["conditions"]).set_index("condition").least_rms_urad
-    assert (spirals.xs("strict", level="strategy").rms_urad > least).all()
-
-
-@pytest.mark.parametrize(
-    ("table", "strategy", "key", "value", "said"),
-    [
-        ("spirals", "clipping", "rms_over_strict", 0.9, "strict priority over that of clipping"),
-        ("spirals", "strict_winding_up", "rms_over_strict", 0.9, "with anti-windup over that"),
-        ("spirals", "strict", "recovery_s", 0.6, "to recovered pointing"),
-        ("spirals", "strict", "beyond_limit_um", 0.03, "command beyond its limit [um]"),
-        ("spirals", "strict", "rest_peak_urad", 6.0, "pointing error at rest afterwards [urad]"),
-        ("spirals", "strict", "closure_residual_max_m", 2e-8, "closure residual [m]"),
-        ("arm", "clipping", "rms_over_strict", 0.9, "strict priority over that of clipping"),
-        ("arm", "strict", "peak_mrad", 11.0, "peak error of strict priority [mrad]"),
-        ("arm", "clipping", "beyond_limit_rad", 1e-6, "joint beyond its limit [rad]"),
-        ("conditions", None, "circle_margin", -0.1, "circle criterion"),
-        ("out_of_reach", "strict", "excess_largest_percent", 1e-3, "above the least"),
-    ],
-)
-def test_each_check_fails_on_spoilt_numbers(limits, table, strategy, key, value, said):
-    names = "spirals", "arm", "conditions", "out_of_reach"
-    tables = {name: pd.DataFrame(limits[name]) for name in names}
-    assert [str(check) for check in checks(**tables) if not check.passed] == []
-    spoilt = tables[table]
-    spoilt.loc[slice(None) if strategy is None else spoilt.strategy == strategy, key] = value
-    failed = {check.what for check in checks(**tables) if not check.passed}
-    assert len(failed) == 1 and said in failed.pop()
+    least = study.tables["conditions"].set_index("condition").least_rms_urad
+    assert (by.xs("strict", level="strategy").rms_urad > least).all()

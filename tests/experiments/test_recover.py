@@ -1,51 +1,52 @@
 """`fjh paper recover`: actuator failures that nothing announces, and whatever else happens."""
 
-import json
 import math
 from dataclasses import replace
-from math import inf, nan, sqrt
+from math import sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.figure import Figure
 from scipy.stats import poisson
 
+from experiments.again import fly_again
 from experiments.app.cli import main
-from experiments.recover import figure, plan
+from experiments.recover import plan
 from experiments.recover.plan import exact_rig
 from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
 from experiments.recover.row import COLUMNS, INFORMED_LATE, informed_late
-from experiments.recover.tables import checks, delays, grouped, noise_of, per_hour, share
-from fjh.rig.hexapod.mismatch import ALONE
-from fjh.study.result import Check
-from tests.conftest import fjh
+from experiments.recover.tables import (
+    checks,
+    delays,
+    grouped,
+    noise_of,
+    notes,
+    per_hour,
+    share,
+)
+from fjh.study.errors import WrongInput
+from sim import HEXAPOD_MJCF
+from tests.experiments.results import Results
 
 
-@pytest.fixture
-def frames(recover, recover_folder):
-    """The dataset and all tables of the study's JSON."""
-    return read(recover, recover_folder)
+@pytest.fixture(scope="module")
+def study(recover_folder):
+    return Results(recover_folder, "recover")
 
 
-def read(summary: dict[str, Any], folder) -> tuple[pd.DataFrame, dict[str, pd.DataFrame]]:
-    tables = {
-        name: pd.DataFrame(entries).replace({None: nan})
-        for name, entries in summary.items()
-        if isinstance(entries, list) and isinstance(entries[0], dict) and name != "checks"
-    }
-    return pd.read_parquet(folder / summary["dataset"]), tables
+def failed(study: Results, **spoilt: pd.DataFrame) -> list[str]:
+    """What the checks say of the study with some tables changed."""
+    rows = spoilt.pop("rows", study.rows)
+    judged = checks(study.summary, rows, study.tables | spoilt)
+    return [str(each) for each in judged if not each.passed]
 
 
-def failed(summary, frames) -> list[Check]:
-    return [each for each in checks(summary, *frames) if not each.passed]
-
-
-def test_the_failures_are_found_named_and_gone_around(recover, frames):
+def test_the_failures_are_found_named_and_gone_around(study):
     """With an exact plant and with all mismatches alike; the tables count what the rows say."""
-    flown, tables = frames
-    assert list(flown) == COLUMNS and list(flown.case) == list(range(recover["runs"]))
+    flown, tables = study.rows, study.tables
+    assert list(flown) == COLUMNS and list(flown.case) == list(range(study.summary["runs"]))
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     assert {*failures.index} == {"exact", "all"}
     assert (failures[["right_rate", "detected_rate"]] == 1.0).all(axis=None)
@@ -65,8 +66,8 @@ def test_the_failures_are_found_named_and_gone_around(recover, frames):
     assert cost.change.abs().max() < 0.5 * cost.reseeded.abs().max()  # less than another seed
 
 
-def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_show(frames):
-    found = frames[1]["beliefs"]
+def test_no_belief_about_one_strut_destabilizes_the_loop(study):
+    found = study.tables["beliefs"]
     assert found.largest_pole.max() < 1 and found.sensitivity_peak.max() < 3
     rig = exact_rig()
     louder = tuple(replace(each, C=6 * each.C, D=6 * each.D) for each in rig.control.loops)
@@ -76,6 +77,7 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
 
 
 @pytest.mark.long
+@pytest.mark.night
 def test_told_late_or_wrongly_the_pointing_stays_bounded():
     """At worst the kick of a healthy strut that is let go, and then the errors of a failed one."""
     told = pd.DataFrame(informed_late(INFORMED_LATE[0]))
@@ -97,36 +99,13 @@ def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setti
         assert not seen.alike.any()
 
 
-SPOILS = [
-    ("rows", "closure_residual_max_m", 2e-8, "near the path"),
-    ("rows", "status", "ended", "ended early"),
-    ("beliefs", "largest_pole", 1.0, "unstable"),
-    ("by_mismatch", "isolable_right_rate", 0.98, "first named"),
-    ("by_mismatch", "isolable_all_right_rate", nan, "kind in the end"),
-    ("by_mismatch", "over_informed_after_pooled", 1.2, "RMS after"),
-    ("by_mismatch", "named_median_s", 0.301, "until the failed actuator"),
-    ("by_mismatch", "named_median_s", nan, "until the failed actuator"),
-    ("by_mismatch", "healthy_named_count", 1, "a healthy actuator was named"),
-    ("healthy", "healthy_named_count", 1, "in which an actuator was named"),
-    ("healthy", "commands_changed", 1, "whose commands an alarm changed"),
-    ("healthy", "alarms_per_hour_low_95", 0.2, "lower 95 % bound"),
-    ("healthy", "hours", 99.0, "upper 95 % bound"),
-    ("pairs", "handled_rate", 0.9, "two failures"),
-    ("shown", "all_right", False, "run locked: wrong diagnosis"),
-    ("shown", "closure_residual_max_m", 2e-8, "near the path"),
-]
-
-
-@pytest.mark.parametrize(("table", "column", "value", "words"), SPOILS)
-def test_whatever_is_not_as_it_should_be_fails_its_check(
-    recover, frames, table, column, value, words
-):
-    assert failed(recover, frames) == []
-    flown, tables = frames
-    spoilt = (flown if table == "rows" else tables[table]).assign(**{column: value})
-    frames = (spoilt, tables) if table == "rows" else (flown, tables | {table: spoilt})
-    found = failed(recover, frames)
-    assert found and all(words in str(each) for each in found)
+@pytest.mark.long
+def test_a_published_run_flies_again():
+    published = Path(__file__).parents[2] / "docs" / "data"
+    run, beside = fly_again(published, 0)
+    assert len(run.time_s) and {"stored", "flown", "same"} == set(beside)
+    with pytest.raises(WrongInput, match="no dataset with a case 99999"):
+        fly_again(published, 99999)
 
 
 # Statistics.
@@ -210,69 +189,67 @@ def test_harm_is_more_than_a_tenth_and_more_than_the_noise_in_either_span(errors
     assert entry.harmed == harmed and entry.counted_worst == pytest.approx(worst)
 
 
-# Figures.
-
-
-def test_in_the_figure_failures_that_are_not_named_are_missing_from_its_shares():
-    """One of four has no diagnosis, one is taken for another strut's: half are named."""
-    axes = Figure().add_subplot()
-    figure.draw_delays(axes, pd.Series(["free"] * 4), pd.Series([3.0, 9.0, inf, inf]))
-    [curve] = axes.lines
-    at, shares = np.transpose(curve.get_xydata())
-    assert shares[at <= 9].max() == 0.5 and not shares[at < 3].any()
-    assert curve.get_label() == "free: 2 of 4" and "at most 9 ms" in axes.get_title()
-
-
-def test_the_figures_groups_hold_every_mismatch_once_and_count_all_their_runs():
-    names = [name for group in figure.GROUPS.values() for name in group]
-    assert sorted(names) == sorted(["all", *ALONE])
-    axes, right = Figure().add_subplot(), [True, False, True, False]
-    mismatches, factors = ["gain", "hysteresis", "all", "exact"], [3.0, 3.0, 1.0, 1.0]
-    figure.draw_sizes(axes, frame(mismatch=mismatches, factor=factors, right=right))
-    assert {text.get_text() for text in axes.texts} == {"1 of 2", "1 of 1"}
-    assert "up to 1 times" in axes.get_title()
-
-
 # Events.
 
 
 @pytest.mark.long
-def test_events_have_rows_a_table_a_figure_and_checks(made_once, faults_of_figures):
+@pytest.mark.night
+def test_events_have_rows_a_table_and_checks(tmp_path):
     """Made by the command; harm is found, not hidden."""
-    words = fjh("recover", "--events", "--quick")
-    folder = made_once("recover_events", lambda folder: words(folder) not in (0, 1))
-    summary = json.loads((folder / "recover.json").read_text())
-    flown, tables = read(summary, folder)
+    assert main(["recover", "--events", "--quick", "--quiet", "--out", str(tmp_path)]) in (0, 1)
+    study = Results(tmp_path, "recover")
+    flown, events = study.rows, study.tables["by_event"]
     assert list(flown.case) == list(range(5))
-    assert tuple(tables["by_event"].event) == plan.QUICK_EVENTS
-    assert set(summary["files"]) == {path.name for path in folder.iterdir()}
-    assert faults_of_figures("recover_events") == []
+    assert tuple(events.event) == plan.QUICK_EVENTS
+    assert set(study.summary["files"]) == {path.name for path in tmp_path.iterdir()}
     lock = flown[flown.event == "locked"].iloc[0]
     assert lock.right and lock.kind_right and not lock.healthy_named
     # Told at once, a controller is better than one that does nothing; the diagnosis comes near it.
     errors = [lock[f"rms_{who}_since"] for who in ("informed", "supervised", "unaware")]
     assert errors == sorted(errors) and flown.alarms[0] == 0
-    good = tables["by_event"].assign(counted_worst=1.0, ended=0)
-    assert failed(summary, (flown, tables | {"by_event": good})) == []
+    good = events.assign(counted_worst=1.0, ended=0)
+    assert failed(study, by_event=good) == []
     for column, value, why in (("counted_worst", 1.2, "is 1.2"), ("ended", 1, "is inf")):
         spoilt = good.assign(**{column: [value, *good[column][1:]]})
-        [found] = failed(summary, (flown, tables | {"by_event": spoilt}))
-        assert "locked: largest RMS error over" in str(found) and why in str(found)
+        [found] = failed(study, by_event=spoilt)
+        assert "locked: largest RMS error over" in found and why in found
     thrown = flown.assign(peak_supervised_since=99.0, closure_residual_max_m=2e-7)
-    [found] = failed(summary, (thrown, tables | {"by_event": good}))
-    assert "an event throws far" in str(found)
+    [found] = failed(study, rows=thrown, by_event=good)
+    assert "an event throws far" in found
+    # Of another robot.
+    hand = HEXAPOD_MJCF.with_name("hand.xml")
+    words = ["--model", str(hand), "--major", "3,4", "--events", "--quick", "--workers", "1"]
+    assert main(["recover", *words, "--quiet", "--out", str(tmp_path / "hand")]) in (0, 1)
+    study = Results(tmp_path / "hand", "recover")
+    events = study.tables["by_event"]
+    assert tuple(events.event) == plan.QUICK_ROBOT_EVENTS
+    assert study.summary["path_size_m"] == study.summary["path_size"]
+    spoilt = {"by_event": events.assign(counted_worst=[1.0, 1.2, 1.0], ended=[0, 0, 1])}
+    judged = checks(study.summary, study.rows, spoilt)
+    assert [each.where for each in judged if not each.passed][-2:] == ["sag", "bias"]
+    refused = study.rows.assign(status="refused", message="motor1 has no spring")
+    assert notes(refused, spoilt) == ["Not simulated: motor1 has no spring."]
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--events", "--hours", "3"), "--hours does not go with --events"),
-        (("--events", "--controller", "ftc.loop:Stage"), "--controller does not go"),
-        (("--scheduler", "x", "--controller", "ftc.loop:Stage"), "module is here"),
-        (("--hours", "0"), "hours must be a number from 0.001"),
-        (("--hours", "nan"), "hours must be a number from 0.001"),
+        ("--events --hours 3", "--hours does not go with --events"),
+        ("--events --controller ftc.loop:Stage", "--controller does not go"),
+        ("--scheduler x --controller ftc.loop:Stage", "module is here"),
+        ("--hours nan", "hours must be a number from 0.001"),
+        ("--model ARM --turn 0", "turn must be a number from 0.001 to"),
+        ("--model ARM --major 0,9", "major must be different rows from 0 to 5"),
+        ("--model ARM --noise -1", "noise must be a number from 1e-15 to 1000, got -1"),
+        ("--model ARM --dither often", "dither must be none, default, designed, or a frequency"),
+        ("--model ARM --joint-weight 1,2", "joint_weight must be one number or 7, got 2"),
+        ("--model ARM --scheduler tcp://there:1", "--scheduler does not go with --model"),
+        ("--crossover 0.7", "--crossover needs --model"),
     ],
 )
-def test_an_option_of_other_cases_is_refused_in_a_sentence(words, said, tmp_path, capfd):
-    assert main(["recover", "--quick", *words, "--out", str(tmp_path / "out")]) == 2
-    assert said in capfd.readouterr().err
+def test_wrong_input_of_the_study_is_a_sentence(words, said, tmp_path, capfd):
+    given = words.replace("ARM", str(HEXAPOD_MJCF.with_name("arm.xml"))).split()
+    assert main(["recover", "--quick", *given, "--out", str(tmp_path / "out")]) == 2
+    error = capfd.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (tmp_path / "out" / "recover.json").exists()

@@ -4,19 +4,17 @@ import json
 import os
 import resource
 import shutil
-import signal
 import subprocess
 import sys
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from threadpoolctl import threadpool_info
 
 from experiments.app.command import conduct
 from experiments.study import Where, basis_of, rows_of
@@ -26,6 +24,8 @@ from fjh.study.files import LOCK, STAGING, UNFINISHED, alone_in
 from fjh.study.option import OnProgress
 from fjh.study.result import Result
 from fjh.study.workers import finished, in_parallel, processes
+from tests.experiments import work
+from tests.experiments.work import TEN, failing, row
 
 ROOT = Path(__file__).parents[2]
 
@@ -45,102 +45,48 @@ def nothing(_done: int, _total: int) -> None:
 # Work in parallel.
 
 
-def square(number: int) -> int:
-    return number**2
-
-
-def test_results_are_in_the_order_of_the_calls_and_progress_is_told():
+@pytest.mark.long
+def test_results_are_in_the_order_of_the_calls_and_of_one_thread(monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     told = []
-    found = in_parallel(square, [{"number": k} for k in range(5)], lambda *of: told.append(of))
-    assert found == [0, 1, 4, 9, 16]
+    calls = [{"number": k} for k in range(5)]
+    found = in_parallel(work.square, calls, lambda *of: told.append(of))
+    assert found == [(k**2, {1}) for k in range(5)]
     assert told == [(done, 5) for done in range(6)]
 
 
-def threads() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info()}
-
-
-def test_a_process_computes_on_one_thread_whatever_the_parent_does(monkeypatch):
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
-    assert in_parallel(threads, [{}], nothing) == [{1}]
-
-
-def refuse(what: str) -> None:
-    raise ValueError(what)
-
-
-def unprintable() -> object:
-    return lambda: None
-
-
-def fall() -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def wait_for_a_signal() -> None:
-    signal.pause()
-
-
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("work", "given", "error", "said"),
+    ("function", "given", "error", "said"),
     [
-        (refuse, {"what": "too much"}, ValueError, "too much"),
-        (unprintable, {}, Exception, "pickle"),
-        (fall, {}, Unsound, "a worker was killed"),
+        (work.refuse, {"what": "too much"}, ValueError, "too much"),
+        (work.unprintable, {}, Exception, "pickle"),
+        (work.fall, {}, Unsound, "a worker was killed"),
     ],
 )
-def test_what_goes_wrong_in_a_process_is_raised(work, given, error, said):
+def test_what_goes_wrong_in_a_process_is_raised(function, given, error, said):
     with pytest.raises(error, match=said):
-        in_parallel(work, [given] * 3, nothing)
+        in_parallel(function, [given] * 3, nothing)
 
 
-def test_all_processes_end_with_their_block_whatever_they_are_at():
-    with processes(2) as pool:
-        waiting = finished(pool, workers.call, [{"work": square, "number": 3}] * 2)
-        assert next(waiting)[1] == 9
-        pool.submit(wait_for_a_signal)
-
-
-def test_calls_are_taken_when_there_is_room_for_them():
+@pytest.mark.long
+def test_processes_end_with_their_block_and_take_calls_when_there_is_room():
     taken = []
     calls = (taken.append(k) or {"number": k} for k in range(100))
     with processes(1) as pool:
-        next(finished(pool, square, calls))
+        assert next(finished(pool, work.square, calls))[1][0] == 0
+        pool.submit(work.wait_for_a_signal)
     assert len(taken) < 20
 
 
 # Rows.
 
-
-@dataclass(frozen=True)
-class Drawn:
-    """A run that costs nothing."""
-
-    number: int
-    seed: int = 0
-
-
-def row(run: Drawn) -> dict[str, Any]:
-    """Numbers that are hard to write, and cells that are missing."""
-    rng = np.random.default_rng([run.seed, run.number])
-    return {
-        "case": run.number,
-        "value": np.float64(rng.standard_normal() * 10.0 ** rng.integers(-300, 300)),
-        "whole": int(rng.integers(100)) if run.number % 2 else None,
-        "flag": bool(run.number % 3),
-        "word": "ended" if run.number % 4 else None,
-        "nothing": None,
-        "infinite": float("inf"),
-    }
-
-
-TEN = [Drawn(number) for number in range(10)]
 BASIS = basis_of(seed=0)
 
 
-def table(folder: Path, runs=TEN, basis=BASIS, resume: bool | None = True, work=row, **more):
+def table(folder: Path, runs=TEN, basis=BASIS, resume: bool | None = True, made=row, **more):
     how = {"name": "many", "folder": folder, "on_progress": nothing} | more
-    return rows_of(runs, work, basis, Where(resume=resume), **how)
+    return rows_of(runs, made, basis, Where(resume=resume), **how)
 
 
 @pytest.fixture
@@ -159,17 +105,21 @@ def here(monkeypatch):
     monkeypatch.setattr("experiments.study.processes", none)
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> pd.DataFrame:
-    """All rows, undisturbed, by two processes."""
+@pytest.fixture
+def whole(here, tmp_path_factory) -> pd.DataFrame:
+    """All rows, undisturbed."""
     return table(tmp_path_factory.mktemp("whole"), resume=False)
+
+
+def assert_same(found: pd.DataFrame, whole: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(found, whole, check_exact=True)
 
 
 def test_rows_are_what_was_returned_and_what_is_missing_is_nan(whole):
     expected = [row(run) for run in TEN]
     assert whole["value"].tolist() == [each["value"] for each in expected]
-    assert whole["whole"].isna().tolist() == [each["whole"] is None for each in expected]
-    assert whole["word"].isna().tolist() == [each["word"] is None for each in expected]
+    for name in ("whole", "word"):
+        assert whole[name].isna().tolist() == [each[name] is None for each in expected]
     assert whole["nothing"].isna().all() and whole["nothing"].dtype == float
     assert np.isinf(whole["infinite"]).all()
     assert whole["case"].tolist() == list(range(10)) and whole["case"].dtype == int
@@ -184,40 +134,40 @@ def stop_after(count: int):
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_neither_interruption_nor_order_changes_a_bit(here, tmp_path, whole, count):
+def test_neither_interruption_nor_order_changes_a_bit(tmp_path, whole, count):
     said = f"interrupted: {count} of 10 runs are kept; --resume continues"
     with pytest.raises(Interrupted, match=said):
         table(tmp_path, resume=False, on_progress=stop_after(count))
     with pytest.raises(WrongInput, match="has unfinished runs: --resume"):
         table(tmp_path, resume=False)
     asked = []
-    found = table(tmp_path, work=lambda run: asked.append(run.number) or row(run))
+    found = table(tmp_path, made=lambda run: asked.append(run.number) or row(run))
     assert asked == list(range(count, 10))
-    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+    assert_same(found, whole)
     lines = (tmp_path / UNFINISHED).read_text().splitlines()
     shuffled = [lines[0], *np.random.default_rng(0).permutation(lines[1:])]
     (tmp_path / UNFINISHED).write_text("\n".join(shuffled) + "\n")
-    pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+    assert_same(table(tmp_path), whole)
 
 
 @pytest.mark.parametrize("torn", ["{", '{"case": 9', '{"case": 9, "value": 1e'])
-def test_a_line_that_was_not_written_to_its_end_is_done_again(here, tmp_path, whole, torn):
+def test_a_line_that_was_not_written_to_its_end_is_done_again(tmp_path, whole, torn):
     with pytest.raises(Interrupted):
         table(tmp_path, on_progress=stop_after(9))
     with (tmp_path / UNFINISHED).open("a") as lines:
         lines.write(torn)
     for _ in range(2):
-        pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+        assert_same(table(tmp_path), whole)
 
 
-def test_published_rows_go_on_with_more_runs_and_with_nothing_else(here, tmp_path, whole):
+def test_published_rows_go_on_with_more_runs_and_with_nothing_else(tmp_path, whole):
     five = table(tmp_path, TEN[:5], resume=False)
     Result({"basis": BASIS}, rows=five).publish("many", tmp_path)
     (tmp_path / UNFINISHED).unlink()
     asked = []
-    found = table(tmp_path, work=lambda run: asked.append(run.number) or row(run))
+    found = table(tmp_path, made=lambda run: asked.append(run.number) or row(run))
     assert asked == [5, 6, 7, 8, 9]
-    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+    assert_same(found, whole)
     (tmp_path / UNFINISHED).unlink()
     with pytest.raises(WrongInput, match="it has another seed"):
         table(tmp_path, basis=BASIS | {"seed": 1})
@@ -234,7 +184,7 @@ def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
     assert json.loads((tmp_path / UNFINISHED).read_text().splitlines()[0]) == other
 
 
-@pytest.mark.parametrize("text", ["", "[]\n", "5\n", "nothing that we wrote\n", "\0" * 300 + "\n"])
+@pytest.mark.parametrize("text", ["", "[]\n", "nothing that we wrote\n", "\0" * 300 + "\n"])
 def test_a_file_that_is_not_what_was_written_is_refused_and_stays(here, tmp_path, text):
     (tmp_path / UNFINISHED).write_text(text)
     with pytest.raises(WrongInput, match=rf"remove {tmp_path / UNFINISHED}|it has another"):
@@ -242,20 +192,14 @@ def test_a_file_that_is_not_what_was_written_is_refused_and_stays(here, tmp_path
     assert (tmp_path / UNFINISHED).read_text() == text
 
 
-def failing(run: Drawn) -> dict[str, Any]:
-    if run.number == 6:
-        raise ValueError("no such\n number")
-    return row(run)
-
-
 @pytest.mark.long
-def test_a_run_that_fails_is_named_and_the_others_are_kept(tmp_path, whole):
-    said = "run 6 failed: ValueError in test_rows.py, line [0-9]+: no such number; finished "
+def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path):
+    said = "run 6 failed: ValueError in work.py, line [0-9]+: no such number; finished "
     said += "runs are kept, and --resume continues"
     with pytest.raises(Unsound, match=said):
-        table(tmp_path, work=failing)
+        table(tmp_path, made=failing)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) > 4
-    pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+    assert table(tmp_path)["value"].tolist() == [row(run)["value"] for run in TEN]
 
 
 def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
@@ -270,7 +214,8 @@ def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
 
 
-def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(here, tmp_path, whole):
+def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # nor cut what others import
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1500, limit[1]))
     try:
@@ -278,7 +223,7 @@ def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(here, tmp_path, whole
             table(tmp_path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    pd.testing.assert_frame_equal(table(tmp_path), whole, check_exact=True)
+    assert_same(table(tmp_path), whole)
 
 
 def test_where_is_one_place():
@@ -300,7 +245,7 @@ with alone_in(Path(sys.argv[1])):
 """
 
 
-def test_a_folder_is_one_studys_until_that_has_ended_however_it_did(tmp_path):
+def test_a_folder_is_one_studys_until_that_is_killed(tmp_path):
     folder, command = tmp_path / "out", [sys.executable, "-c", HOLD, str(tmp_path / "out")]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, cwd=ROOT, **pipes) as first:
@@ -326,15 +271,11 @@ def test_a_folder_that_cannot_be_locked_is_one_sentence(tmp_path):
 
 
 @pytest.mark.long
-def test_a_scheduler_gives_the_same_rows(scheduler, tmp_path, whole):
-    where = Where(scheduler=scheduler)
+def test_a_scheduler_gives_the_same_rows_another_release_none(
+    scheduler, whole, monkeypatch, tmp_path
+):
     how = {"name": "many", "folder": tmp_path, "on_progress": nothing}
-    found = rows_of(TEN, row, BASIS, where, **how)
-    pd.testing.assert_frame_equal(found, whole, check_exact=True)
-
-
-@pytest.mark.long
-def test_workers_of_another_release_and_none_at_all_are_refused(scheduler, monkeypatch, tmp_path):
+    assert_same(rows_of(TEN, row, BASIS, Where(scheduler=scheduler), **how), whole)
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
     with pytest.raises(WrongInput, match="it has another release"), workers.cluster(scheduler):
         pass
@@ -355,7 +296,7 @@ def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys,
     def refuses(*_: object, **__: object) -> None:
         raise OSError("no client here")
 
-    monkeypatch.setattr("distributed.Client", refuses)
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=refuses))
     with pytest.raises(WrongInput, match="no client here"), workers.cluster(address):
         pass
     said = capsys.readouterr().err
@@ -364,19 +305,20 @@ def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys,
 
 TLS = """
 from distributed import LocalCluster, Security
-from experiments.study import Where, rows_of
+from experiments.study import Where, basis_of, rows_of
 from fjh.study.errors import WrongInput
 from pathlib import Path
-from tests.studies.test_rows import BASIS, TEN, nothing, row
+from tests.experiments.work import TEN, row
 if __name__ == "__main__":
     with LocalCluster(
         n_workers=1, threads_per_worker=1, host="tls://127.0.0.1", dashboard_address=None,
         protocol="tls://", security=Security(), silence_logs=50,
     ) as crew:
         for address in (crew.scheduler_address, crew.scheduler_address.replace("tls", "tcp")):
-            how = {"name": "many", "folder": Path("out"), "on_progress": nothing}
+            how = {"name": "many", "folder": Path("out"), "on_progress": lambda *_: None}
+            where = Where(scheduler=address, resume=None)
             try:
-                print(len(rows_of(TEN, row, BASIS, Where(scheduler=address, resume=None), **how)))
+                print(len(rows_of(TEN, row, basis_of(seed=0), where, **how)))
                 Path("out/unfinished.jsonl").unlink()
             except WrongInput:
                 print("refused")

@@ -1,0 +1,336 @@
+"""Eq. (40): how far the Jacobian varies over the stroke, and the proof that it is no further."""
+
+from functools import cache
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import direct
+from scipy.spatial.transform import Rotation
+
+from experiments import jacobian_certificate as certificate
+from experiments.jacobian import (
+    CERTIFICATE_LIMIT,
+    READINGS,
+    VERTICES,
+    at_height,
+    in_millimetres,
+    inverse,
+    jacobian_at,
+    relative_change,
+    twist_in_base_axes,
+    variation,
+)
+from experiments.jacobian_certificate import (
+    NORMS,
+    ORDER,
+    certify,
+    jacobian_forms,
+    jacobian_series,
+    size,
+)
+from fjh.rig.hexapod import paper
+from fjh.rig.hexapod.closed_form import Hexapod, hexapod
+from fjh.rig.hexapod.forward import forward_kinematics
+from sim import NOMINAL, Pose, load_model
+from tests.experiments.results import Results
+from tests.profiles import examples
+
+STROKE_M = paper.STROKE_M
+seeds = st.integers(0, 2**32 - 1)
+each_norm = pytest.mark.parametrize("norm", NORMS)
+machine = cache(lambda: hexapod(load_model()))
+nominal = cache(lambda: np.linalg.inv(machine().inverse_jacobian(NOMINAL)))
+proved = cache(lambda norm: certify(machine(), STROKE_M, norm))
+varied = cache(lambda norm: variation(machine(), STROKE_M, norm))
+
+
+def random_hexapod(rng: np.random.Generator) -> Hexapod:
+    """The paper's with every node moved by up to 3 cm."""
+    return Hexapod(
+        bottom_m=machine().bottom_m + rng.uniform(-0.03, 0.03, (6, 3)),
+        top_m=machine().top_m + rng.uniform(-0.03, 0.03, (6, 3)),
+    )
+
+
+def seen_from(geometry: Hexapod, pose: Pose) -> Hexapod:
+    """The same hexapod, its nominal pose where its payload is now."""
+    return Hexapod(
+        bottom_m=geometry.bottom_m - pose.translation_m, top_m=geometry.top_m @ pose.rotation.T
+    )
+
+
+@given(seeds)
+def test_the_power_series_of_the_jacobian_sums_to_the_jacobian(seed):
+    """Forward kinematics and inversion, which know nothing of series, are the oracle."""
+    rng = np.random.default_rng(seed)
+    geometry, struts_m = random_hexapod(rng), rng.uniform(-4e-3, 4e-3, (3, 6))
+    series = jacobian_series(geometry, struts_m, 6)
+    there = jacobian_at(geometry, struts_m, twist_in_base_axes)
+    errors = [np.abs(sum(series.J[: k + 1]) - there).max() for k in range(7)]
+    assert errors[6] < 1e-6 * errors[0]
+    assert all(after < 0.5 * before for before, after in pairwise(errors))
+
+
+def test_the_multilinear_forms_are_the_series_and_symmetric():
+    struts = np.random.default_rng(2).uniform(-1, 1, 6)
+    forms = jacobian_forms(machine(), STROKE_M, 3)
+    series = jacobian_series(machine(), STROKE_M * struts, 3)
+    for k, form in enumerate(forms):
+        contracted = form
+        for _ in range(k):
+            contracted = np.tensordot(struts, contracted, axes=(0, 0))
+        atol = 1e-12 * float(size(forms[0], "two"))
+        np.testing.assert_allclose(contracted, series.J[k], atol=atol)
+    np.testing.assert_allclose(forms[2], forms[2].swapaxes(0, 1), atol=1e-16)
+    np.testing.assert_allclose(forms[3], forms[3].transpose(2, 0, 1, 3, 4), atol=1e-16)
+
+
+@given(seeds)
+def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
+    """At five points of any ray, by the series of the hexapod as it stands there."""
+    rng = np.random.default_rng(seed)
+    geometry, corner = random_hexapod(rng), rng.choice([-1.0, 1.0], 6)
+    length_m, stroke_m = rng.uniform(0.05, 0.5), rng.uniform(1e-4, 3e-3)
+    D = np.array([length_m] * 3 + [1.0] * 3)
+    ray = forward_kinematics(geometry, stroke_m * corner * np.linspace(0, 1, 5)[:, None])
+    poses = [Pose(R, x) for R, x in zip(ray.rotation, ray.translation_m, strict=True)]
+    inverses = [np.linalg.inv(geometry.inverse_jacobian(pose)) for pose in poses]
+    largest = max(float(size(D[:, None] * J, "two")) for J in inverses)
+    bounds = certificate.coefficient_bounds(geometry, stroke_m, length_m, largest)
+    for pose in poses:
+        there = seen_from(geometry, pose)
+        # As the machine stands there its struts have their present lengths.
+        series = jacobian_series(there, stroke_m * corner, ORDER + 1)
+        sizes = {
+            "arm": [np.linalg.norm(p, axis=-1).max() for p in series.arm],
+            "from_bottom": [np.linalg.norm(x, axis=-1).max() for x in series.from_bottom],
+            "over_length": [np.abs(o).max() for o in series.over_length],
+            "A": [size(A / D, "two") for A in series.A],
+            "J": [size(D[:, None] * J, "two") for J in series.J],
+        }
+        for name, computed in sizes.items():
+            for k, one in enumerate(computed[: ORDER + 2]):
+                assert one <= getattr(bounds, name)[k] * (1 + 1e-12), (name, k)
+
+
+def test_the_estimates_are_attained_so_none_of_their_factors_can_go():
+    """All struts alike: [omega; v] is as long as can be, and x with it; then the end of a ray."""
+    length_m, corner = 0.05, np.ones(6)  # turns count little: the line of sight is the stiffest
+    D = np.array([length_m] * 3 + [1.0] * 3)[:, None]
+    largest = float(size(D * nominal(), "two"))
+    bounds = certificate.coefficient_bounds(machine(), STROKE_M, length_m, largest)
+    x_1 = jacobian_series(machine(), STROKE_M * corner, 1).from_bottom[1]
+    assert np.linalg.norm(x_1) == pytest.approx(bounds.from_bottom[1], rel=1e-9)
+    assert size(machine().inverse_jacobian(NOMINAL) / D.T, "two") > bounds.A[0] / np.sqrt(6)
+
+    # Unequal struts: only the longest can be that long, and only the shortest that short.
+    factors = np.array([[1.2], [1], [1], [1], [1], [0.9]])
+    geometry = Hexapod(bottom_m=machine().bottom_m * factors, top_m=machine().top_m)
+    lengths_m = geometry.nominal_length_m
+    assert np.ptp(lengths_m) > 0.03
+    bounds = certificate.coefficient_bounds(geometry, STROKE_M, length_m, largest)
+    assert bounds.over_length[0] == pytest.approx(1 / (lengths_m.min() - STROKE_M), rel=1e-12)
+    # A row of A is a moment and a strut, over its length: with no moment the strut alone is left.
+    far = certificate.coefficient_bounds(geometry, STROKE_M, 1e9, largest)
+    longest = far.A[0] / np.sqrt(6) / far.over_length[0]
+    assert longest == pytest.approx(lengths_m.max() + STROKE_M, rel=1e-6)
+
+
+@each_norm
+def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
+    """||D^-1 M|| is at most ||D^-1|| ||M||_2, which orthogonal M attain; forms by brute force."""
+    turn = Rotation.from_rotvec([0.1, 0.5, -0.3]).as_matrix()
+    M = np.kron(np.eye(2), turn)
+    for length_m in (0.05, 3.0):
+        back = M / np.array([length_m] * 3 + [1.0] * 3)[:, None]
+        assert size(back, norm) == pytest.approx(certificate.unscaled(length_m, norm), rel=1e-12)
+    rng = np.random.default_rng(7)
+    form = rng.normal(size=(6, 6, 6, 6))
+    pairs = np.einsum("ni,mj,ijab->nmab", VERTICES, VERTICES, form)
+    brute = float(size(pairs, norm).max())
+    assert certificate.largest_at_vertices(form, norm) == pytest.approx(brute, rel=1e-12)
+    a, b, c, M = (rng.normal(size=shape) for shape in (6, 6, 6, (6, 6)))
+    cubic = np.einsum("i,j,k,ab->ijkab", a, b, c, M)
+    largest = np.abs(a).sum() * np.abs(b).sum() * np.abs(c).sum() * size(M, norm)
+    assert certificate.largest_at_vertices(cubic, norm) == pytest.approx(largest, rel=1e-12)
+
+
+@pytest.mark.long
+@each_norm
+def test_the_certificate_is_tight_becomes_the_value_and_survives_rounding(norm):
+    """Its first term alone would be none; turned base axes leave both norms of J alone."""
+    value = varied(norm).value * size(nominal(), norm)
+    proof = proved(norm)
+    assert value <= proof.upper_bound < 1.01 * value
+    assert proof.terms[0] < value  # the linear part is not yet a bound
+    assert proof.remainder < 0.01 * value
+    excess = []
+    for stroke_m in (6e-4, 6e-5, 6e-6):
+        found = variation(machine(), stroke_m, norm).value * float(size(nominal(), norm))
+        excess.append(certify(machine(), stroke_m, norm).upper_bound / found - 1)
+    assert min(excess) >= 0
+    assert excess[1] < 0.2 * excess[0] and excess[2] < 0.2 * excess[1]
+    turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    there = Hexapod(bottom_m=machine().bottom_m @ turned.T, top_m=machine().top_m @ turned.T)
+    off = certify(there, STROKE_M, norm).upper_bound / proof.upper_bound - 1
+    assert abs(off) < 1e-3 * certificate.ROUNDING
+
+
+def test_millimetres_change_the_jacobians_units_and_nothing_else():
+    """The geometry in mm gives J with its turns per mm: the 2-norm of its lower rows stays."""
+    in_mm = Hexapod(bottom_m=1e3 * machine().bottom_m, top_m=1e3 * machine().top_m)
+    J = jacobian_at(in_mm, 1e3 * STROKE_M * VERTICES, twist_in_base_axes)
+    as_read = jacobian_at(machine(), STROKE_M * VERTICES, in_millimetres)
+    np.testing.assert_allclose(J, as_read, rtol=1e-9, atol=1e-12)
+    change = J - jacobian_at(in_mm, np.zeros(6), twist_in_base_axes)
+    assert size(change, "two").max() <= certify(in_mm, 1e3 * STROKE_M, "two").upper_bound
+
+
+def test_a_box_too_large_for_the_argument_gets_no_certificate():
+    """Infinite, not wrong: the estimates cannot keep J from growing without limit."""
+    for stroke_m in (0.02, 0.45, 10.0):  # the last ones longer than the struts
+        assert certify(machine(), stroke_m, "frobenius").upper_bound == np.inf
+
+
+@pytest.mark.long
+@examples(5)
+@given(seeds)
+def test_nothing_in_the_box_exceeds_its_certificate(seed):
+    rng = np.random.default_rng(seed)
+    geometry, stroke_m = random_hexapod(rng), rng.uniform(2e-4, 2e-3)
+    struts_m = stroke_m * np.vstack([VERTICES, rng.uniform(-1, 1, (50, 6))])
+    at_rest = jacobian_at(geometry, np.zeros(6), twist_in_base_axes)
+    change = jacobian_at(geometry, struts_m, twist_in_base_axes) - at_rest
+    taylor = sum(jacobian_series(geometry, struts_m, ORDER).J[1:])
+    for norm in NORMS:
+        proof = certify(geometry, stroke_m, norm)
+        assert size(change, norm).max() <= proof.upper_bound
+        assert size(change - taylor, norm).max() <= proof.remainder + 1e-13
+
+
+@pytest.mark.long
+@each_norm
+def test_the_supremum_is_attained_and_another_search_finds_no_more(norm):
+    """DIRECT (Jones et al. 1993) divides the box and starts from no corner."""
+    found = varied(norm)
+    there = relative_change(machine(), found.at_strut_m, norm)
+    assert there == pytest.approx(found.value, rel=1e-12)
+    assert np.abs(found.at_strut_m).max() <= STROKE_M
+    other = direct(
+        lambda struts: -relative_change(machine(), STROKE_M * struts, norm),
+        [(-1, 1)] * 6,
+        maxfun=4000,
+        vol_tol=0.0,
+    )
+    assert 0.98 * found.value < -other.fun <= found.value
+
+
+@pytest.mark.parametrize(
+    ("norm", "corner", "e", "times"),
+    [
+        ("frobenius", [1, 1, -1, -1, -1, -1], 0.00305, 2.5),
+        ("two", [1, 1, -1, -1, -1, 1], 0.0035, 1.9),
+    ],
+)
+def test_the_papers_values_are_exceeded_at_a_corner_that_anyone_can_check(norm, corner, e, times):
+    """Struts 1, 2 long and the others short by the full stroke."""
+    found = relative_change(machine(), STROKE_M * np.array(corner), norm)
+    assert found == pytest.approx(e, abs=5e-6)
+    assert found > times * paper.JACOBIAN_VARIATION[norm]
+
+
+H = 1e-6
+ASIDE = NOMINAL.moved(np.array([0.02, -0.03, 0.04, 2e-3, 1e-3, -1e-3]))
+
+
+def slopes(coordinates) -> np.ndarray:
+    """Central differences of coordinates of a pose aside along each strut, shape (k, 6)."""
+    struts_m, columns = machine().displacements(ASIDE), []
+    for e in H * np.eye(6):
+        ahead, behind = (forward_kinematics(machine(), struts_m + s * e) for s in (1, -1))
+        columns.append((coordinates(ahead) - coordinates(behind)) / (2 * H))
+    return np.array(columns).T
+
+
+def angles_by_axis(sequence: str):
+    def angles_and_origin(at: Pose) -> np.ndarray:
+        angles = Rotation.from_matrix(at.rotation).as_euler(sequence)
+        return np.concatenate([[angles[sequence.index(axis)] for axis in "XYZ"], at.translation_m])
+
+    return angles_and_origin
+
+
+def test_readings_are_slopes_of_what_they_are_called():
+    """Euler rates of the angles, the twist of another point of that point; others by hand."""
+    J = np.linalg.inv(machine().inverse_jacobian(ASIDE))
+    for order, sequence in (("Rz Ry Rx", "ZYX"), ("Rx Ry Rz", "XYZ")):
+        euler = READINGS[f"Euler rates, R = {order}"](ASIDE, J)
+        np.testing.assert_allclose(euler, slopes(angles_by_axis(sequence)), atol=1e-7)
+        assert np.abs(euler - J).max() > 0.01
+    point = slopes(lambda at: at.translation_m + 0.2 * at.rotation[:, 2])
+    np.testing.assert_allclose(at_height(0.2)(ASIDE, J)[3:], point, atol=1e-8)
+    along = READINGS["twist, payload axes"](ASIDE, J)
+    np.testing.assert_allclose(np.kron(np.eye(2), ASIDE.rotation) @ along, J, atol=1e-14)
+    np.testing.assert_allclose(inverse(ASIDE, J), machine().inverse_jacobian(ASIDE), atol=1e-13)
+    np.testing.assert_allclose(in_millimetres(ASIDE, J)[:3], J[:3] / 1000, rtol=1e-15)
+    for reading in READINGS.values():  # at the nominal pose (38) reads the same in every way
+        np.testing.assert_allclose(reading(NOMINAL, nominal()), nominal(), atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def study(jacobian_folder):
+    return Results(jacobian_folder, "jacobian")
+
+
+def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
+    J_0 = study.summary["J0"]
+    # Half a unit of the last digit, and 0.00055 for 1.004: the geometry gives 1.00455.
+    np.testing.assert_allclose(J_0, paper.JACOBIAN, atol=6e-4)
+    np.testing.assert_allclose(J_0, nominal(), rtol=1e-14)
+    assert study.summary["condition_number"] == pytest.approx(paper.CONDITION_NUMBER, abs=5e-3)
+    assert study.summary["J0_from_mjcf_largest_difference"] < 1e-12
+    for one in study.tables["variation"].itertuples():
+        assert one.value <= one.certified_upper_bound < CERTIFICATE_LIMIT * one.value
+        assert one.paper == paper.JACOBIAN_VARIATION[one.norm]
+        at = relative_change(machine(), np.array(one.at_strut_m), one.norm)
+        assert at == pytest.approx(one.value, rel=1e-9)
+        parts = one.linear + one.quadratic + one.cubic + one.remainder
+        assert parts == pytest.approx(one.certified_upper_bound, rel=1e-6)
+    assert list(study.tables["variation"].norm) == list(NORMS)
+
+
+def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
+    """The same numerator for both: their ratio, 1.5, is that of the norms of J_0, 1.54."""
+    tried = study.tables["tried"].set_index("reading")
+    assert len(tried) == 25
+    (theirs,) = tried.index[tried.is_the_papers]
+    assert theirs == "twist; largest entry of the change"
+    corner = STROKE_M * np.array([-1, -1, -1, -1, -1, 1])
+    change = jacobian_at(machine(), corner, twist_in_base_axes) - nominal()
+    assert np.unravel_index(np.abs(change).argmax(), (6, 6)) == (1, 2)
+    for norm in NORMS:
+        e = np.abs(change).max() / size(nominal(), norm)
+        assert tried.loc[theirs, norm] == pytest.approx(e, rel=1e-12)
+        assert round(e, 4) == paper.JACOBIAN_VARIATION[norm]
+
+
+def test_a_part_of_the_stroke_that_would_do_does(study):
+    tried = study.tables["tried"].set_index("reading")
+    low, high = tried.loc["inverse of J", ["low_fraction", "high_fraction"]]
+    for part, fits in ((low + high) / 2, True), (0.9 * low, False), (1.1 * high, False):
+        e = {n: variation(machine(), part * STROKE_M, n, inverse).value for n in NORMS}
+        tolerance = paper.JACOBIAN_VARIATION_TOLERANCE
+        both = [abs(e[n] - paper.JACOBIAN_VARIATION[n]) < tolerance for n in NORMS]
+        assert all(both) == fits
+    assert tried.loc["twist, base axes", ["low_fraction", "high_fraction"]].isna().all()
+    # Local searches end at corners, all of them above the printed number.
+    assert tried.frobenius["twist; lowest local maximum"] > 0.0015
+
+
+def test_all_sixty_four_corners_are_tried():
+    assert {tuple(v) for v in VERTICES} == set(product((-1.0, 1.0), repeat=6))
+    half = {tuple(v) for v in certificate._VERTICES}
+    assert half | {tuple(-np.array(v)) for v in half} == {tuple(v) for v in VERTICES}

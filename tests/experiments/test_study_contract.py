@@ -1,0 +1,216 @@
+"""What every study keeps to: its files, its figures, and checks that can fail."""
+
+import re
+import sys
+from math import nan
+from typing import Any
+
+import pandas as pd
+import pytest
+from PIL import Image
+
+from experiments.studies import LINES, study
+from experiments.sweep import beside_model
+from fjh.study.result import records_of
+from tests.experiments.conftest import AT_NIGHT
+from tests.experiments.results import Results
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def results(request, name) -> Results:
+    """Of the study of this name, by day the short one if there is one."""
+    at_night = request.node.get_closest_marker("night")
+    short = "short_" if f"{name}_folder" in AT_NIGHT and not at_night else ""
+    return Results(request.getfixturevalue(f"{short}{name}_folder"), name)
+
+
+WHOLE = [
+    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full")
+    for name in LINES
+    if f"{name}_folder" in AT_NIGHT
+]
+
+
+@pytest.mark.parametrize("name", [*LINES, *WHOLE])
+def test_a_study_leaves_what_its_json_lists_and_its_tables_twice(results, name):
+    summary, files = results.summary, {path.name for path in results.folder.iterdir()}
+    assert summary["experiment"] == name
+    assert {"seed", "versions", "model_sha256", "files"} <= set(summary)
+    assert set(summary["files"]) == files
+    named = re.findall(r'"([\w.-]+\.(?:rrd|npz|parquet))"', str(summary).replace("'", '"'))
+    assert {f"{name}.json", f"{name}.md", *named} <= files
+    assert all(check["passed"] for check in summary["checks"])
+    for file in files:
+        table = re.fullmatch(rf"{name}_(\w+)\.parquet", file)
+        if table and summary[table[1]]:
+            found = records_of(pd.read_parquet(results.folder / file))
+            stated = [{key: each.get(key) for key in found[0]} for each in summary[table[1]]]
+            assert found == stated, file
+
+
+@pytest.mark.parametrize("name", [*LINES, *WHOLE])
+def test_the_figures_of_a_study_open_and_stand_on_its_page(results, name):
+    """As PNG and as PDF, which has no date: two runs leave the same bytes."""
+    page = (results.folder / f"{name}.md").read_text()
+    shown = sorted(results.folder.glob("*.pdf"))
+    assert shown and {path.stem for path in shown} == {p.stem for p in results.folder.glob("*.png")}
+    for path in shown:
+        assert f"]({path.stem}.png)" in page
+        with Image.open(path.with_suffix(".png")) as picture:
+            picture.verify()
+        content = path.read_bytes()
+        assert content.startswith(b"%PDF-") and b"/CreationDate" not in content
+        assert len(content) < 1e6
+
+
+CLOSURE, RMS = "closure residual [m]", "RMS error of "
+TUNED = "strict priority over that of clipping"
+HEALTHY_ARM = "mechanism == 'arm' and condition == 'sound'"
+SURE = "struts == 'SSSSSS' and jacobian == 'constant'"
+SPOILT: list[tuple[str, str, str, str, Any, str]] = [
+    ("table1", "columns", "name == 'W_d'", "closure_residual_max_m", 7e-8, f"W_d: {CLOSURE}"),
+    ("table1", "columns", "name == 'W_d'", "beta_rms_urad", 9.0, f"difference of the {RMS}beta"),
+    ("table1", "columns", "name == 'W_a'", "mismatched_alpha_rms_urad", 9.0, "all mismatches"),
+    ("table1", "further_runs", "runs == 'next seed'", "closure_residual_max_m", 1e-6, CLOSURE),
+    *(
+        ("systems", "systems", HEALTHY_ARM, column, value, "arm, sound: ")
+        for column, value in {
+            **{"agrees": False, "motion_error": 0.02, "drift_error": 0.02, "torque_error": 0.02},
+            **{"closure_error": 0.02, "yielded_steps": 0.02, "major_error": 0.02},
+        }.items()
+    ),
+    ("release", "spirals", "", "closure_residual_max_m", 1e-7, "closure residual"),
+    ("release", "spirals", "", "motion_mismatch_linear_model_percent", 2.0, "the linear model"),
+    ("release", "spirals", "", "alpha_rms_urad", 9.0, f"{RMS}alpha"),
+    ("release", "spirals", "", "beta_rms_urad", nan, f"{RMS}beta"),
+    ("release", "sweep", "", "mismatch_elastic_percent", 2.0, "elastic and the simulation"),
+    ("release", "sweep", "", "mismatch_linear_model_percent", 2.0, "model and the simulation"),
+    ("release", "sweep", "", "alpha_corrected_urad", 98.0, "error of the corrected mapping"),
+    ("release", "on_the_ground_without_spring", "", "strut_1_um", 0.0, "strut 1 from its stop"),
+    *(
+        ("force", table, f"index == {row}", column, value, "")
+        for table, row, column, value in [
+            ("theorems", 0, "closure_residual_max_m", 1e-7),
+            ("theorems", 1, "exact", False),
+            ("theorems", 2, "cost_excess", 1e-3),
+            ("theorems", 3, "pressed_off_percent", 2.0),
+            ("theorems", 0, "pressed_major_off_percent", 2.0),
+            ("theorems", 4, "held_off_percent", 2.0),
+            ("theorems", 5, "moved_percent", nan),
+            ("prescribed", 0, "off_percent", 2.0),
+            ("tradeoff", 0, "major_off_percent", 2.0),
+            ("tradeoff", 9, "weighed_over_mapping", 0.9),
+            ("tradeoff", 9, "weighed_over_mapping", nan),
+            ("tradeoff", 9, "major_off_percent", 2.0),
+            ("internal_force", 1, "saved_at_least_n", -0.1),
+            ("internal_force", 1, "wrench_off_percent", 2.0),
+            ("internal_force", 0, "legs_off_percent", 2.0),
+        ]
+    ),
+    ("goals", "runs", "name == 'pursued'", "worst", nan, "pursued: secondary measure beyond"),
+    ("goals", "runs", "name == 'nothing'", "worst", nan, "nothing: distance of the secondary"),
+    ("goals", "runs", "", "closure_residual_max_m", 2e-8, f"{CLOSURE} is 2e-08, expected below"),
+    *(
+        ("goals", "angles", "name == 'pursued'", key, -1e3, "over that by another seed,")
+        for key in ("rms_change_urad", "difference_rms_urad", "difference_peak_urad")
+    ),
+    ("limits", "spirals", "strategy == 'clipping'", "rms_over_strict", 0.9, TUNED),
+    ("limits", "spirals", "strategy == 'strict_winding_up'", "rms_over_strict", 0.9, "anti-windup"),
+    ("limits", "spirals", "strategy == 'strict'", "recovery_s", 0.6, "to recovered pointing"),
+    ("limits", "spirals", "strategy == 'strict'", "beyond_limit_um", 0.03, "beyond its limit [um]"),
+    ("limits", "spirals", "strategy == 'strict'", "rest_peak_urad", 6.0, "at rest afterwards"),
+    ("limits", "spirals", "strategy == 'strict'", "closure_residual_max_m", 2e-8, CLOSURE),
+    ("limits", "arm", "strategy == 'clipping'", "rms_over_strict", 0.9, TUNED),
+    ("limits", "arm", "strategy == 'strict'", "peak_mrad", 11.0, "peak error of strict priority"),
+    ("limits", "arm", "strategy == 'clipping'", "beyond_limit_rad", 1e-6, "joint beyond its"),
+    ("limits", "conditions", "", "circle_margin", -0.1, "circle criterion"),
+    ("limits", "out_of_reach", "strategy == 'strict'", "excess_largest_percent", 1e-3, "the least"),
+    ("jacobian", "variation", "norm == 'two'", "value", 0.004, "two norm: value found divided"),
+    ("jacobian", "variation", "norm == 'frobenius'", "certified_upper_bound", 0.0032, "certified"),
+    ("jacobian", "variation", "norm == 'frobenius'", "certified_upper_bound", nan, "eq. (40)"),
+    ("jacobian", "", "", "J0_from_mjcf_largest_difference", 1e-6, "eq. (39): largest difference"),
+    ("uncorrected", "runs", "index == 0", "beta_simulated_urad", 9.0, "lost_strut, W_a: relative"),
+    ("uncorrected", "runs", "index == 0", "closure_residual_max_m", 1e-6, f"W_a: {CLOSURE}"),
+    ("uncorrected", "runs", "index == 0", "diverged_at_s", 1.0, "W_a: divergence of a run"),
+    ("recover", "rows", "", "closure_residual_max_m", 2e-8, "near the path"),
+    ("recover", "rows", "", "status", "ended", "ended early"),
+    ("recover", "beliefs", "", "largest_pole", 1.0, "unstable"),
+    ("recover", "by_mismatch", "", "isolable_right_rate", 0.98, "first named"),
+    ("recover", "by_mismatch", "", "isolable_all_right_rate", nan, "kind in the end"),
+    ("recover", "by_mismatch", "", "over_informed_after_pooled", 1.2, "RMS after"),
+    ("recover", "by_mismatch", "", "named_median_s", 0.301, "until the failed actuator"),
+    ("recover", "by_mismatch", "", "named_median_s", nan, "until the failed actuator"),
+    ("recover", "by_mismatch", "", "healthy_named_count", 1, "a healthy actuator was named"),
+    ("recover", "healthy", "", "healthy_named_count", 1, "in which an actuator was named"),
+    ("recover", "healthy", "", "commands_changed", 1, "whose commands an alarm changed"),
+    ("recover", "healthy", "", "alarms_per_hour_low_95", 0.2, "lower 95 % bound"),
+    ("recover", "healthy", "", "hours", 99.0, "upper 95 % bound"),
+    ("recover", "pairs", "", "handled_rate", 0.9, "two failures"),
+    ("recover", "shown", "", "all_right", False, "run locked: wrong diagnosis"),
+    ("recover", "shown", "", "closure_residual_max_m", 2e-8, "near the path"),
+    ("sweep", "rows", "struts == 'SSSSSS'", "beta_rms_urad", 9.0, "difference between the RMS"),
+    ("sweep", "rows", "", "closure_residual_max_m", 1e-7, f"all runs: {CLOSURE} is 1e-07"),
+    ("sweep", "rows", "", "closure_residual_max_m", nan, f"all runs: {CLOSURE} is nan"),
+    ("atlas", "rows", "struts == 'SSLSSS'", "beta_rms_urad", 9.0, "SSLSSS with W_a and the"),
+    ("atlas", "rows", "struts == 'SFFSLF'", "beta_rms_urad", 99.0, "SFFSLF with W_a and the"),
+    ("atlas", "rows", "struts == 'SLLSLL'", "status", "exact", "SLLSLL with W_a"),
+    ("atlas", "rows", SURE, "alpha_rms_urad", nan, "SSSSSS with W_a"),
+    ("atlas", "rows", SURE, "closure_residual_max_m", 1e-7, f"{CLOSURE} is 1e-07"),
+    ("atlas", "rows", SURE, "closure_residual_max_m", nan, f"{CLOSURE} is nan"),
+    ("track", "", "", "prediction_off_before", 0.21, "relative error of the predicted RMS"),
+    ("track", "", "", "prediction_off_after", 0.21, "relative error of the predicted RMS"),
+    ("track", "", "", "closure_residual_max_m", 0.002, CLOSURE),
+]
+"""Study, table (none: the JSON), which of its rows, column, number, what is said (none: once)."""
+
+
+def failures(
+    name: str, summary: dict[str, Any], rows: pd.DataFrame, tables: dict[str, pd.DataFrame]
+) -> list[str]:
+    """What the checks of a study say of these results."""
+    module: Any = sys.modules[study(name).__module__]
+    keys: tuple[str, ...] = {
+        "goals": ("runs", "angles", "another_seed"),
+        "limits": ("spirals", "arm", "conditions", "out_of_reach"),
+        "release": ("spirals", "sweep", "on_the_ground_without_spring"),
+        "systems": ("systems",),
+        "uncorrected": ("runs",),
+    }.get(name, ())
+    if name == "atlas":
+        found = module.atlas_checks(beside_model(rows))
+    elif name == "sweep":
+        found = module.checks(beside_model(rows))
+    elif name == "table1":
+        found = module.checks(tables["columns"], tables["further_runs"], summary["duration_s"])
+    elif name == "jacobian":
+        found = module.checks(tables, summary["J0_from_mjcf_largest_difference"])
+    elif name == "recover":
+        found = module.checks(summary, rows, tables)
+    elif name == "track":
+        found = module.checks(summary)
+    else:
+        found = module.checks(*(tables[key] for key in keys)) if keys else module.checks(tables)
+    return [str(check) for check in found if not check.passed]
+
+
+@pytest.mark.parametrize(("name", "table", "where", "column", "value", "said"), SPOILT)
+def test_each_check_of_a_study_fails_on_a_spoilt_number(
+    results, name, table, where, column, value, said
+):
+    summary, tables = dict(results.summary), dict(results.tables)
+    rows = results.rows if "dataset" in summary else pd.DataFrame()
+    assert failures(name, summary, rows, tables) == []
+    if not table:
+        summary[column] = value
+    else:
+        spoilt = (rows if table == "rows" else tables[table]).copy()
+        chosen = spoilt.eval(where) if where else slice(None)
+        spoilt[column] = spoilt[column].astype(object)
+        spoilt.loc[chosen, column] = value
+        spoilt = spoilt.infer_objects()
+        rows, tables = (spoilt, tables) if table == "rows" else (rows, tables | {table: spoilt})
+    found = failures(name, summary, rows, tables)
+    assert found and all(said in sentence for sentence in found)
+    assert said or len(found) == 1

@@ -1,0 +1,454 @@
+"""The sweep and the atlas: runs that are a pure function, rows that are the run."""
+
+import itertools
+import json
+import pickle
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.again import fly_again
+from experiments.app.cli import main
+from experiments.study import UNFINISHED, Where
+from experiments.sweep import (
+    INPUT_PEAK,
+    PREDICTED,
+    RMS,
+    again,
+    beside_model,
+    checks,
+    classified,
+    disagreements,
+    influence,
+    prediction,
+    representatives,
+    row_of,
+    sweep,
+    verdicts,
+)
+from experiments.sweep_design import (
+    BENCH,
+    CHOICES,
+    DEFAULT,
+    MOST_RUNS,
+    VARIED,
+    Design,
+    read_design,
+    runs_of,
+    sweep_run,
+)
+from experiments.sweep_design import LIMITS as NUMBERS
+from experiments.table1 import CONFIGURATIONS
+from fjh.rig.conditions import every_condition
+from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.columns import secondary
+from fjh.rig.hexapod.controller import StrutMapping
+from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from fjh.rig.hexapod.machine import detector_noise_rad
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import LIMITS, TestbedConfig
+from fjh.study.errors import Interrupted, WrongInput
+from ftc import Goal
+from prioritized import failure_atlas
+from sim import NOMINAL, Failure, SimulationDiverged
+from tests.experiments.conftest import FLOWN, SHORT_SWEEP
+from tests.experiments.results import Results
+
+# The design.
+
+UNEVEN = Design(
+    "latin-hypercube",
+    17,
+    0.1,
+    {
+        "roll_off_hz": {"from": 20.0, "to": 30.0, "log": False},
+        "detector_noise_m": {"from": 1e-7, "to": 1e-5, "log": True},
+        "dac_bits": {"from": 2, "to": 18, "log": False},
+        "known": [True, False],
+    },
+)
+
+
+def test_a_hypercube_has_one_run_in_each_slice_of_each_range():
+    runs = runs_of(UNEVEN, seed=3)
+    rows = pd.DataFrame([run.parameters() for run in runs])
+    for name, edges in (
+        ("roll_off_hz", np.linspace(20, 30, 18)),
+        ("detector_noise_m", np.geomspace(1e-7, 1e-5, 18)),
+        ("dac_bits", np.arange(2, 20)),
+    ):
+        assert np.histogram(rows[name], edges)[0].tolist() == [1] * 17, name
+    assert abs(2 * rows.known.sum() - 17) == 1
+    # A pure function of design, seed and number, and small.
+    assert runs == runs_of(UNEVEN, 3)
+    assert [run.number for run in runs] == list(range(17))
+    assert len({run.seed for run in runs}) == 17
+    assert not set(runs) & set(runs_of(UNEVEN, 4))
+    assert len(pickle.dumps(runs[0])) < 1000
+
+
+def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
+    factors: dict[str, Any] = {
+        "struts": ["SSSSSS", "LSSSSS"],
+        "roll_off_hz": {"from": 20.0, "to": 30.0, "log": False, "points": 3},
+        "detector_noise_m": {"from": 1e-7, "to": 1e-5, "log": True, "points": 3},
+    }
+    runs = runs_of(Design("grid", 18, 0.1, factors), seed=0)
+    levels = (("SSSSSS", "LSSSSS"), (20, 25, 30), (1e-7, 1e-6, 1e-5))
+    for run, (struts, *numbers) in zip(runs, itertools.product(*levels), strict=True):
+        row = run.parameters()
+        assert row["struts"] == struts
+        assert [row["roll_off_hz"], row["detector_noise_m"]] == pytest.approx(numbers, rel=1e-12)
+
+
+def test_the_designs_of_the_repository_vary_what_they_are_for():
+    """That of the demand limit has the configuration of the table among its runs."""
+    varied = set(read_design(None).factors)
+    assert {"struts", "failure_time_s", "known", "joint_weight_1"} < varied < set(VARIED)
+    assert "secondary_weight_gamma" in varied and len(varied & set(BENCH)) >= 6
+    design = read_design(DEFAULT.with_name("sweep_demand_limit.toml"))
+    assert (design.runs, design.duration_s) == (1472, TestbedConfig().duration_s)
+    runs = runs_of(design, seed=3)
+    # Of each: healthy or locked, corrected or not.
+    assert [run.bench for run in runs].count(CONFIGURATIONS["demand-limit"]) == 4
+    assert {run.seed for run in runs} == {0}
+
+
+def test_a_bench_has_no_constant_beyond_its_limits():
+    assert set(LIMITS) | {"spiral_direction", "anti_windup"} == {
+        f.name for f in fields(TestbedConfig)
+    }
+    assert set(VARIED) == {"struts", *CHOICES, *NUMBERS}
+    for name, (low, high) in LIMITS.items():
+        for value in (low, high):
+            assert getattr(replace(TestbedConfig(), **{name: value}), name) == value
+        beyond = [low - 1, np.nextafter(low, -np.inf), np.nextafter(high, np.inf), 10**400]
+        none = [] if name == "demand_limit_urad" else [None]  # which is no limit
+        for value in [*beyond, *none, np.nan, np.inf, -np.inf, True, "1", [1.0], 1j]:
+            with pytest.raises(ValueError, match=rf"{name} must be a .*number from .* to .*, got"):
+                replace(TestbedConfig(), **{name: value})
+    with pytest.raises(ValueError, match="must be a whole number from 2 to 32"):
+        replace(TestbedConfig(), **{"dac_bits": 16.5})
+
+
+HUGE = "1" + 400 * "0"
+SPREAD = "latin-hypercube'\nruns = "
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("layout = ", "Invalid value"),
+        ("layout = 'random'", "layout must be latin-hypercube or grid, got 'random'"),
+        ("layout = 'grid'", r"\[vary\] must name at least one"),
+        ("layout = 'grid'\nruns = 3\nvary.seed = [1]", "runs must not be given for a grid"),
+        ("layout = 'latin-hypercube'\nvary.seed = [1]", "runs must be a whole number"),
+        (f"layout = '{SPREAD}2\nvary.seed = {{from=1, to=2, points=2}}", "points"),
+        (f"layout = '{SPREAD}{HUGE}\nvary.seed = [1]", "at most 200000 runs"),
+        (f"duration_s = {HUGE}\nvary.seed = [1]", "duration_s must be a number from 0.001 to 16"),
+        ("duration_s = 0.02\nvary.control_period_s = [1e-3, 0.05]", "duration_s .* from 0.05"),
+        ("vary.colour = ['red']", "no 'colour' to vary; there are struts, known"),
+        ("vary.struts = ['SSSXSS']", "struts must be six letters out of SLFB, got 'SSSXSS'"),
+        ("vary.weight = ['W_z']", 'weight must be one of "W_a", .*, got .W_z.'),
+        ("vary.known = [1]", "known must be one of true, false, got 1"),
+        ("vary.roll_off_hz = 0", "roll_off_hz .* from 0.01 to 10000, got 0"),
+        ("vary.roll_off_hz = {from = 1, to = 2}", "points of roll_off_hz must be a number from 2"),
+        ("vary.roll_off_hz = {from = 2, to = 1, points = 2}", "from below to, got 2.0 to 1.0"),
+        (
+            "vary.roll_off_hz = {from = 1, to = 2, points = 1_000_000_000_000}",
+            "at most 200000 runs",
+        ),
+        ("vary.dac_bits = {from = 2, to = 9, log = true, points = 2}", "dac_bits can have log"),
+        ("vary.dac_bits = [16, 0]", "dac_bits must be a whole number from 2 to 32, got 0"),
+        (f"vary.dac_bits = 0x{'f' * 6000}", "from 2 to 32, got a huge int"),
+        (f"vary.dac_bits = {'9' * 6000}", "4300"),
+        ("vary.focal_length_m = nan", "focal_length_m must be a number .* got nan"),
+        (f"vary.seed = {'[' * 100_000}", "recursion"),
+        ("\xff", "can't decode"),
+    ],
+)
+def test_a_design_that_cannot_be_run_is_one_sentence(capsys, tmp_path, text, said):
+    file, out = tmp_path / "design.toml", tmp_path / "out"
+    whole = text if text.startswith("layout") else f"layout = 'grid'\n{text}"
+    file.write_text(whole, encoding="latin-1")
+    with pytest.raises(WrongInput, match=said):
+        read_design(file)
+    assert main(["sweep", "--design", str(file), "--out", str(out)]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"fjh: --design {file}: ") and printed.err.count("\n") == 1
+    assert printed.out == "" and not out.exists()
+
+
+# A row.
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("anti_windup", [False, True])
+def test_a_run_with_a_limit_on_the_demand_is_predicted_with_it(anti_windup):
+    """Reached within the first second; without limit, or held otherwise, errors are others."""
+    values = {"seed": 2, "struts": "LSSSSS", "known": False, "spiral_exponent": 0.5}
+    limited = values | {"demand_limit_urad": 20.0, "anti_windup": anti_windup}
+    row = row_of(sweep_run(0, 1.5, limited))
+    other = row_of(sweep_run(0, 1.5, limited | {"anti_windup": not anti_windup}))
+    free = row_of(sweep_run(0, 1.5, values))
+    assert (row["demand_limit_urad"], free["demand_limit_urad"]) == (20.0, None)
+    for name in RMS:
+        assert row[name] == pytest.approx(row[f"predicted_{name}"], rel=0.01)
+        assert abs(other[name] / row[name] - 1) > 0.05
+        assert abs(free[name] / row[name] - 1) > 0.05
+
+
+@pytest.mark.long
+def test_a_row_is_what_the_run_and_the_linear_model_say():
+    """With compensators designed anew."""
+    bench = TestbedConfig(detector_noise_m=1e-6)
+    values = {"seed": 7, "detector_noise_m": 1e-6, "weight": "W_e", "struts": "SSLSSS"}
+    row = row_of(sweep_run(3, 0.3, values))
+    goal = Goal(secondary_weight=(10, 10, 1, 1), locked_at={2: 0.0})
+    lock = (Failure(2, "locked"),)
+    rig = hexapod_rig(nominal_testbed(bench), goal, jacobian="analytic")
+    path = bench.spiral_rad(0.3)
+    simulated = rig.fly(rig.controller(), path, failures=lock, seed=7)
+    np.testing.assert_allclose([row[name] for name in RMS], 1e6 * simulated.rms(), rtol=1e-12)
+    assert row["t_x_peak_um"] == 1e6 * abs(secondary(simulated)[:, 1]).max()
+    assert row["strut_input_peak_percent_3"] == 0.0
+    noise = detector_noise_rad(bench, 7, len(path))
+    found = rig.predict(path, failures=lock, told=False, noise=noise)
+    np.testing.assert_allclose([row[name] for name in PREDICTED], 1e6 * found.rms, rtol=1e-9)
+    assert (row["case"], row["status"], row["message"]) == (3, "exact", None)
+
+
+# Half the struts bear what six did: so fast a loop is not closed on them.
+TOO_FAST = {"alpha_crossover_hz": 10.0, "beta_crossover_hz": 7.7, "roll_off_hz": 60.0}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("values", "status"),
+    [
+        ({}, "exact"),
+        ({"struts": "SLLSLL"}, "least_squares"),
+        ({"struts": "LLLLLL"}, "least_squares"),
+        ({"struts": "BSSSSS", "failure_time_s": 0.02}, "exact"),
+        ({"alpha_crossover_hz": 60.0}, "refused"),
+        ({"control_period_s": 3e-4}, "refused"),
+        (TOO_FAST | {"struts": "LSLSLS"}, "unstable"),
+    ],
+)
+def test_a_run_that_ends_badly_is_a_row_with_its_status(values, status):
+    row = row_of(sweep_run(0, 0.05, {"seed": 1, "settling_s": 0.05} | values))
+    assert row["status"] == status
+    assert (row["message"] is not None) == (row["alpha_rms_urad"] is None) == (status == "refused")
+
+
+def test_a_diverging_run_is_a_row(monkeypatch):
+    def diverge(*_args, **_options):
+        raise SimulationDiverged(0.03, np.zeros(3))
+
+    monkeypatch.setattr("fjh.rig.rig.simulate", diverge)
+    row = row_of(sweep_run(0, 0.05, {"seed": 1}))
+    assert (row["status"], row["diverged_at_s"]) == ("diverged", 0.03)
+    assert "non-finite at t = 0.0300 s" in row["message"]
+
+
+# The sweep.
+
+
+@pytest.fixture(scope="module")
+def study(sweep_folder):
+    return Results(sweep_folder, "sweep")
+
+
+@pytest.fixture(scope="module")
+def rows(study):
+    """The runs beside the linear model."""
+    return beside_model(study.rows)
+
+
+def test_the_rows_are_the_runs_in_order_and_fly_again(study, rows):
+    drawn = pd.DataFrame([run.parameters() for run in runs_of(read_design(SHORT_SWEEP), 0)])
+    names = [name for name in drawn if drawn[name].notna().all()]
+    pd.testing.assert_frame_equal(rows[names], drawn[names], check_dtype=False)
+    _, beside = fly_again(study.folder, 29)
+    assert beside.same.all() and len(beside) > 20
+    summary = json.loads(json.dumps(study.summary))
+    summary["basis"]["design"]["runs"] = MOST_RUNS + 1
+    with pytest.raises(WrongInput, match="at most 200000 runs"):
+        again(summary)
+
+
+def test_the_tables_are_those_of_the_rows(study, rows):
+    summary = study.summary
+    assert summary["status"] == [{"status": "exact", "runs": 30}]
+    told = rows[(rows.struts != "SSSSSS") & rows.known]
+    [group] = [one for one in summary["groups"] if one["failures"] == 1 and one["told"]]
+    assert group["runs"] == len(told)
+    assert group["alpha_median_urad"] == pytest.approx(np.median(told.alpha_rms_urad), rel=1e-12)
+    found = summary["prediction"][0]
+    assert found["compared"] == rows.predicted_alpha_rms_urad.notna().sum() < 30
+    assert [each["name"] for each in summary["influence"]] == ["roll_off_hz"]
+
+
+def test_an_interrupted_sweep_goes_on_to_the_same_bytes(sweep_folder, scheduler, tmp_path, capsys):
+    """On a Dask cluster, as in processes."""
+
+    def interrupt(done: int, total: int) -> None:
+        if done == 9:
+            raise KeyboardInterrupt
+
+    where = Where(scheduler=scheduler)
+    with pytest.raises(Interrupted, match="9 of 30 runs are kept"):
+        sweep(design=SHORT_SWEEP, where=where, folder=tmp_path, on_progress=interrupt)
+    words = ["sweep", "--design", str(SHORT_SWEEP), "--out", str(tmp_path), "--quiet"]
+    assert main(words) == 2
+    assert main([*words, "--resume", "--seed", "5"]) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert main([*words, "--resume", "--scheduler", scheduler]) == 0
+    assert not (tmp_path / UNFINISHED).exists()
+    assert main([*words, "--resume"]) == 0
+    for file in ("sweep.parquet", "sweep.json"):
+        assert (sweep_folder / file).read_bytes() == (tmp_path / file).read_bytes()
+
+
+@pytest.mark.parametrize("column", [PREDICTED[0], INPUT_PEAK[3]])
+def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
+    none = beside_model(rows.assign(**{column: np.nan if column in PREDICTED else 100.0}))
+    assert not none.compared.any() and prediction(none).compared[0] == 0
+    assert checks(none) == []
+
+
+def test_errors_that_are_all_alike_depend_on_nothing(rows):
+    """A limit that is never reached changes no error: there is no rank correlation."""
+    varied = ["roll_off_hz", "settling_s"]  # the second is a constant
+    found = influence(rows, varied).set_index("name")
+    mean = rows.roll_off_hz.rank().corr(rows.alpha_rms_urad.rank())
+    assert list(found.index) == ["roll_off_hz"] and found.alpha.iloc[0] == pytest.approx(mean)
+    assert influence(rows.assign(beta_rms_urad=1.0), varied).empty
+    assert influence(rows.head(2), varied).empty
+
+
+# The atlas.
+
+
+@pytest.fixture(scope="module")
+def atlas(atlas_folder):
+    """Its runs beside the linear model."""
+    return beside_model(Results(atlas_folder, "atlas").rows)
+
+
+def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
+    """Symmetries found in the machine's own nodes: rotations and mirrors that map struts on struts.
+
+    Burnside counts the sets: conditions left as they are, averaged over the six.
+    """
+    machine = hexapod(model)
+    ends = np.stack([machine.bottom_m, machine.top_m])
+    third = 2 * np.pi / 3
+    found = []
+    for turn, flip in itertools.product(range(3), (1, -1)):
+        c, s = np.cos(turn * third), np.sin(turn * third)
+        moved = ends @ (np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.diag([flip, 1, 1])).T
+        gaps = np.linalg.norm(moved[:, :, None] - ends[:, None], axis=-1).max(axis=0)
+        assert gaps.min(axis=1).max() < 1e-9
+        found.append(gaps.argmin(axis=1).tolist())
+    every = every_condition(6)
+    left_alone = sum("".join(c[k] for k in move) == c for move in found for c in every)
+    chosen = representatives()
+    assert len(chosen) == left_alone / 6 == 138
+    reached = {"".join(c[k] for k in move) for move in found for c in chosen}
+    assert reached == set(every)
+    for struts in ("FSSSSS", "SLFSSL", "SFFSLF"):
+        alike = classified().loc[["".join(struts[k] for k in move) for move in found]]
+        assert (alike.drop(columns=[c for c in alike if "gain" in c]).nunique() == 1).all()
+
+
+def test_verdicts_stand_beside_their_conditions(model):
+    atlas, asked = failure_atlas(elastic_system(model), [0, 1]), ["LLLLLL", "SSSSSS", "SLSSSF"]
+    columns = classified().loc[asked]
+    at = [atlas.row(range(6)), atlas.row(), atlas.row(locked=[1], free=[5])]
+    assert atlas.elastic is not None
+    assert columns.rigid_possible.tolist() == atlas.possible[at].tolist()
+    assert columns.elastic_possible.tolist() == atlas.elastic.possible[at].tolist()
+    assert columns.failures.tolist() == [6, 0, 2]
+    assert columns.verdict.tolist() == ["none", "rigid", "springs"]
+
+
+def test_what_the_library_calls_possible_points_and_nothing_else_does(atlas):
+    """In the physics: as well as the healthy machine, or as badly as one that cannot move."""
+    assert len(atlas) == 2 * len(FLOWN)
+    healthy = atlas.set_index(["struts", "jacobian"]).loc[("SSSSSS", "constant"), RMS]
+    worse = (atlas[RMS] / healthy.to_numpy(float)).max(axis=1)
+    assert ((atlas.status == "exact") == atlas.elastic_possible).all()
+    assert ((worse < 2) == atlas.elastic_possible).all()
+    desired_urad = 1e6 * TestbedConfig().desired_rad(TestbedConfig().time_s(0.5))
+    [none] = atlas.query("struts == 'LLLLLL' and jacobian == 'analytic'")[RMS].to_numpy()
+    np.testing.assert_allclose(none, np.sqrt((desired_urad**2).mean(axis=0)), rtol=1e-3)
+
+
+def test_the_only_disagreement_is_at_a_singularity_of_the_nominal_pose(model, atlas):
+    """Beside it the lost direction is within reach, at a price: by the machine's own geometry."""
+    found = disagreements(atlas)
+    assert found.explained.all()
+    assert set(zip(found.struts, found.jacobian, strict=True)) == {("SFFSLF", "analytic")}
+    by = atlas.set_index(["struts", "jacobian"])
+    there, beside = by.loc["SFFSLF", "constant"], by.loc["SFFSLF", "analytic"]
+    assert there[RMS[0]] == pytest.approx(there[PREDICTED[0]], rel=0.05)
+    assert beside[RMS[0]] > 10 * there[RMS[0]]
+    goal = Goal(joint_weight=(1.0,) * 6, locked_at={4: 0.0}, free=(1, 2, 5))
+    machine = hexapod(model)
+    mapping = StrutMapping(machine, goal, "analytic", strut_and_payload_stiffness(model))
+    at, near = (
+        np.linalg.norm(mapping.at(machine.posture(pose)).mapping.major)
+        for pose in (NOMINAL, NOMINAL.moved(np.full(6, 1e-5)))
+    )
+    assert near > 1e3 * at
+
+
+def test_the_tables_of_the_atlas_are_those_of_its_rows(atlas_folder, atlas):
+    summary = Results(atlas_folder, "atlas").summary
+    told = [each["case"] for each in summary["disagreements"]]
+    assert told == disagreements(atlas).case.tolist()
+    assert sum(each["runs"] for each in summary["verdicts"]) == summary["runs"] == len(atlas)
+    found = verdicts(atlas).set_index(["verdict", "jacobian"]).loc["rigid", "analytic"]
+    alike = atlas.query("verdict == 'rigid' and jacobian == 'analytic'")
+    assert found.simulated_beta_median_urad == alike.beta_rms_urad.median()
+    assert found.largest_off_percent == alike.off_percent.max()
+
+
+# The page.
+
+PAGE = (Path(__file__).parents[2] / "docs" / "sweep.md").read_text()
+
+
+def first_cells(heading: str) -> set[str]:
+    """Names in the first column of the table below a heading, `a_1` to `a_3` counted out."""
+    table = PAGE[PAGE.index(heading) :].split("\n\n")[0]
+    names = set()
+    for cell in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE):
+        names |= set(re.findall(r"`(\w+)`", cell))
+        for stem, first, last in re.findall(r"`(\w+?)(\d)` to `\w+?(\d)`", cell):
+            names |= {f"{stem}{k}" for k in range(int(first), int(last) + 1)}
+    return names
+
+
+def test_the_page_names_the_columns_of_the_files(study, atlas_folder):
+    columns, of_atlas = set(study.rows), set(Results(atlas_folder, "atlas").rows)
+    assert first_cells("| column | |") == columns < of_atlas
+    assert {name for name in of_atlas - columns if f"`{name}`" not in PAGE} == set()
+
+
+def test_the_page_names_what_can_be_varied_and_its_lines_read_a_dataset(
+    study, monkeypatch, tmp_path, capsys
+):
+    assert first_cells("| what can be varied | |") | set(BENCH) == set(VARIED)
+    path = tmp_path / "mine.toml"
+    path.write_text(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)[0])
+    assert read_design(path).runs == 10000
+    monkeypatch.chdir(study.folder)
+    exec(re.findall(r"```python\n(import pandas.*?)```", PAGE, re.DOTALL)[0], {})
+    assert "SLSSSS" in capsys.readouterr().out

@@ -1,0 +1,259 @@
+"""The paper's other systems: each file moves as it says, and as it is classified."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.linalg
+from scipy.spatial.transform import Rotation
+
+from experiments.systems import (
+    MECHANISMS,
+    Mechanism,
+    Probed,
+    classified,
+    coast,
+    respond,
+)
+from sim import MODELS, Jacobians, Plant, jacobians, load_model
+from sim.mjcf import joint_stiffness, mass_matrix
+
+PERIOD_S = 1e-3
+STROKE = 1e-3
+"""Size of the motions, [m] or [rad]."""
+CLOSURE_LIMIT_M = 1e-7
+BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
+FREEDOMS = {"arm": 7, "hand": 3, "arms": 6, "platform": 3}
+each_name = pytest.mark.parametrize("name", FREEDOMS)
+each_actuator = pytest.mark.parametrize(
+    ("name", "k"), [(name, k) for name, it in BY_NAME.items() for k in range(len(it.conditions[0]))]
+)
+
+
+@cache
+def model_of(name: str) -> mujoco.MjModel:
+    return load_model(BY_NAME[name].path)
+
+
+@cache
+def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
+    """Jacobians at the nominal pose, and an orthonormal basis of its closed motions."""
+    model = model_of(name)
+    jac = jacobians(model, mujoco.MjData(model), "payload", "base")
+    return jac, scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
+
+
+def admissible(name: str, seed: int) -> np.ndarray:
+    """Random displacements of the motors that the loops allow, the largest STROKE."""
+    jac, motions = nominal(name)
+    free = motions[jac.active] @ np.random.default_rng(seed).normal(size=motions.shape[1])
+    return STROKE * free / np.abs(free).max()
+
+
+def swing(plant: Plant, command: np.ndarray, seconds: float) -> float:
+    """Follow the command as a sine of 2 Hz; the largest closure residual on the way."""
+    worst = 0.0
+    for _ in range(round(seconds / PERIOD_S)):
+        plant.step(command * np.sin(4 * np.pi * plant.data.time), PERIOD_S)
+        worst = max(worst, plant.closure_residual_m())
+    return worst
+
+
+# The files.
+
+
+@each_name
+def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
+    """Loops closed to round-off, joints at zero, payload axes along the base's.
+
+    Freedoms are velocities less the rank of the closures; the motors rule them all.
+    """
+    model, data, task = model_of(name), mujoco.MjData(model_of(name)), BY_NAME[name].task
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos).max(initial=0.0) < 1e-12
+    np.testing.assert_array_equal(model.qpos0[model.jnt_qposadr[model.actuator_trnid[:, 0]]], 0.0)
+    # The wrist angles of the arm are written with thirteen decimals of a degree.
+    np.testing.assert_allclose(data.site("payload").xmat, data.site("base").xmat, atol=1e-14)
+    jac, motions = nominal(name)
+    assert {len(condition) for condition in BY_NAME[name].conditions} == {len(jac.active)}
+    assert motions.shape[1] == np.linalg.matrix_rank(motions[jac.active]) == FREEDOMS[name]
+    reach = jac.J_T @ motions
+    assert np.linalg.matrix_rank(reach) == len(task)
+    np.testing.assert_allclose(np.delete(reach, task, axis=0), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["hand", "arms", "platform"])
+def test_no_torque_failure_of_a_loop_leaves_self_motion(name):
+    """With any one motor limp the others, held, still hold everything, and not by a hair."""
+    jac, motions = nominal(name)
+    for k in range(len(jac.active)):
+        held = motions[np.delete(jac.active, k)]
+        assert np.linalg.svd(held, compute_uv=False)[-1] > 0.05
+
+
+def test_the_arm_points_whichever_joint_fails():
+    """Any one lock leaves both pointing rows; any but the elbow's leaves all six."""
+    J = nominal("arm")[0].J_T
+    for k in range(7):
+        rest = np.delete(J, k, axis=1)
+        assert np.linalg.svd(rest[:2], compute_uv=False)[-1] > 0.5
+        assert np.linalg.matrix_rank(rest, tol=1e-3) == (5 if k == 3 else 6)
+
+
+@each_name
+def test_servos_are_fast_and_near_critical_damping(name):
+    """Modes of the closed mechanism on its servos between 10 and 30 Hz, damping 0.5 to 1.5."""
+    model, (jac, motions) = model_of(name), nominal(name)
+    gain, damper = np.zeros((2, model.nv))
+    gain[jac.active] = model.actuator_gainprm[:, 0]
+    damper[jac.active] = -model.actuator_biasprm[:, 2]
+    mass = motions.T @ mass_matrix(model, mujoco.MjData(model)) @ motions
+    squares, shapes = scipy.linalg.eigh(motions.T @ np.diag(gain) @ motions, mass)
+    omega = np.sqrt(squares)
+    assert np.all((omega > 2 * np.pi * 10) & (omega < 2 * np.pi * 30))
+    damping = np.einsum("ij,i,ij->j", motions @ shapes, damper, motions @ shapes) / (2 * omega)
+    assert np.all((damping > 0.5) & (damping < 1.5))
+
+
+@each_name
+@pytest.mark.parametrize("seed", range(4))
+def test_servos_reach_admissible_displacements_and_move_the_payload(name, seed):
+    """Settled after 0.3 s; the loops curve by STROKE^2, a thousandth of the motion.
+
+    The payload moves by J_T along the closed motion, to its curvature.
+    """
+    plant, command = Plant(model_of(name)), admissible(name, seed)
+    for _ in range(300):
+        plant.step(command, PERIOD_S)
+        assert plant.closure_residual_m() < CLOSURE_LIMIT_M
+    assert np.abs(plant.displacements() - command).max() < 0.01 * STROKE
+    jac, motions = nominal(name)
+    expected = jac.J_T @ motions @ np.linalg.lstsq(motions[jac.active], command, rcond=None)[0]
+    pose = plant.pose()
+    moved = np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation_m])
+    for part in (slice(0, 3), slice(3, 6)):
+        error = np.linalg.norm(moved[part] - expected[part])
+        assert error < 0.02 * np.linalg.norm(expected[part])
+
+
+@each_actuator
+def test_a_joint_locked_in_flight_stays_and_a_released_one_feels_no_force(name, k):
+    """To a thousandth of the motion; neither motor nor spring nor damper."""
+    locked, command = Plant(model_of(name)), admissible(name, seed=4)
+    swing(locked, command, 0.06)
+    locked.lock(k)
+    where = locked.displacements()[k]
+    for _ in range(100):
+        assert swing(locked, command, PERIOD_S) < CLOSURE_LIMIT_M
+        assert abs(locked.displacements()[k] - where) < 1e-6
+    released = Plant(model_of(name))
+    swing(released, command, 0.06)
+    released.release(k)
+    assert swing(released, command, 0.1) < CLOSURE_LIMIT_M
+    dof = nominal(name)[0].active[k]
+    assert released.coil_force_n()[k] == released.data.qfrc_actuator[dof] == 0.0
+    assert np.all(np.delete(released.coil_force_n(), k) != 0.0)
+    np.testing.assert_array_equal(released.data.qfrc_passive, 0.0)
+    np.testing.assert_array_equal(joint_stiffness(released.model), 0.0)
+
+
+@pytest.mark.parametrize("k", range(7))
+def test_a_released_joint_of_the_arm_coasts(k):
+    """With all others locked its momentum is kept: the locks give way by nanometres only."""
+    plant = Plant(model_of("arm"))
+    plant.release(k)
+    for other in set(range(7)) - {k}:
+        plant.lock(other)
+    plant.data.qvel[k] = 1.0
+    plant.step(np.zeros(7), 0.2)
+    assert plant.data.qvel[k] == pytest.approx(1.0, abs=1e-5)
+    assert plant.displacements()[k] == pytest.approx(0.2, abs=1e-5)
+
+
+def test_the_humanoid_floats_has_29_joints_and_is_its_own_mirror_image():
+    model = load_model(MODELS / "humanoid.xml")
+    assert (model.nv, model.nu) == (35, 29)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for site in ("foot", "hand"):
+        left, right = (data.site(f"{side}_{site}").xpos for side in ("left", "right"))
+        np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-12)
+    np.testing.assert_allclose(data.subtree_com[0, 1], 0, atol=1e-15)
+
+
+# The study.
+
+
+def probed(mechanism: Mechanism, condition: str) -> Probed:
+    return Probed(load_model(mechanism.path), mechanism, condition)
+
+
+@pytest.fixture(scope="module")
+def entries(systems):
+    return {(one["mechanism"], one["condition"]): one for one in systems["systems"]}
+
+
+def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
+    """Reachable major directions, self-motion and forbidden active rates, counted from outside."""
+    assert len(entries) == sum(len(mechanism.conditions) for mechanism in MECHANISMS)
+    for where, one in entries.items():
+        assert one["agrees"], where
+        # Steps of 1e-4 bend away by their curvature; closures and locks are good to 1e-9.
+        assert one["motion_error"] < 1e-2, where
+        # Internal force too: what the closures bear is what eq. (11) says of force and torques.
+        for name in ("drift_error", "torque_error", "closure_error", "yielded_steps"):
+            assert one[name] < 1e-4, (where, name)
+        if not one["unstable_major"]:
+            assert one["major_error"] < 0.01, where
+        # Far from any rank threshold: these verdicts are no accident.
+        assert one["smallest_gap"] > 1e4, where
+
+
+@pytest.mark.parametrize(
+    ("where", "unstable", "major", "constrained"),
+    [
+        (("arm", "4 free"), True, True, 0),  # a limp elbow swings the camera
+        (("arm", "7 free"), True, False, 0),  # a limp wrist roll turns it about its own axis
+        (("hand", "sound"), False, False, 1),  # four motors, three freedoms: they can squeeze
+        (("hand", "1 free"), False, False, 0),  # three motors still hold the object
+        (("hand", "1 and 2 free"), True, True, 0),  # a limp finger lets it swing about the other
+        (("arms", "sound"), False, False, 6),  # twelve motors, six freedoms
+        # One arm carries both the load and the other.
+        (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),
+        (("platform", "1 free"), False, False, 0),  # over-actuated: no self-motion
+        (("platform", "1 and 2 free"), True, True, 0),
+    ],
+)
+def test_each_mechanism_is_classified_as_a_mechanic_would(
+    entries, where, unstable, major, constrained
+):
+    one = entries[where]
+    assert (one["unstable"], one["unstable_major"]) == (unstable, major)
+    assert one["constrained_active"] == one["simulated_constrained_active"] == constrained
+
+
+def test_an_arm_keeps_pointing_whatever_joint_locks_and_loses_a_column(entries):
+    """Serial arms: the failed column is dropped, section 2.3.2."""
+    _, healthy = classified(model_of("arm"), BY_NAME["arm"], "SSSSSSS")
+    _, locked = classified(model_of("arm"), BY_NAME["arm"], "SSSLSSS")
+    np.testing.assert_array_equal(locked.J, np.delete(healthy.J, 3, axis=1))
+    assert not entries["arm", "4 locked"]["unmanipulable"]
+    assert entries["arm", "4 locked"]["lost_task_directions"] == 1
+
+
+def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
+    """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
+    mechanism = BY_NAME["hand"]
+    _, healthy = classified(model_of("hand"), mechanism, "SSSS")
+    _, locked = classified(model_of("hand"), mechanism, "LSSS")
+    active, moved = respond(probed(mechanism, "LSSS"), locked.actuators)
+    right = moved - locked.J @ active
+    dropped = moved - np.delete(healthy.J, 0, axis=1) @ np.eye(3)
+    assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)
+    assert np.linalg.norm(dropped) > 0.1 * np.linalg.norm(moved)
+
+
+def test_a_push_leaves_a_healthy_mechanism_at_rest_and_a_limp_one_coasting():
+    assert np.abs(coast(probed(BY_NAME["platform"], "SSSS"))).max() < 1e-6
+    assert np.abs(coast(probed(BY_NAME["platform"], "FFSS"))).max() > 0.05

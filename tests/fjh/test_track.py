@@ -1,0 +1,516 @@
+"""`fjh track`: the loop on any mechanism goes as its linear model predicts, failures included.
+
+Paths here are a thousandth of the mechanism, so that the linear model holds.
+"""
+
+import json
+import re
+from dataclasses import fields, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.app.cli import main
+from fjh.recording.properties import properties_of
+from fjh.rig import Rig, Run
+from fjh.rig.hexapod.rig import hexapod_rig
+from fjh.rig.mjcf import robot_rig
+from fjh.rig.options import RobotOptions
+from fjh.rig.paths import path_of
+from fjh.rig.reach import learnt_s, limited_by, predictor, uncompared
+from fjh.rig.run import Diagnosed
+from fjh.study.errors import WrongInput
+from fjh.study.result import Result
+from fjh.track import Flown, agreement, checks, rows_of, track, verdict
+from ftc.reconfiguration import Outlook
+from sim import HEXAPOD_MJCF, Array, Failure
+from tests import rrd
+from tests.arms import ARMS as SERIAL
+from tests.robots import PANDA
+
+ARM, PLATFORM, HAND, ARMS = (
+    HEXAPOD_MJCF.with_name(f"{name}.xml") for name in ("arm", "platform", "hand", "arms")
+)
+MAJOR = {ARM: "0,1", PLATFORM: "3,4", HAND: "3,4", ARMS: "3,4,5", None: "0,1"}
+FAILS = {ARM: "motor2", HAND: "motor2", ARMS: "motor2", PLATFORM: "motor1", None: "strut1"}
+
+
+def tracked(model: Path | None, seed: int = 0, **options: Any) -> Result:
+    """A run as the command makes it, without its files."""
+    # A given crossover spares the search, as no dither does its design.
+    given: dict[str, Any] = {"dither": "none", "turn": 2.0, "duration": 1.0, "model": model}
+    given |= {"major": MAJOR.get(model, "0,1")} | ({} if model is None else {"crossover": 0.7})
+    given |= options
+    own = {each.name: given.pop(each.name) for each in fields(RobotOptions) if each.name in given}
+    given = {"on_progress": lambda *_: None} | given
+    return track(seed=seed, robot=RobotOptions(**own), **given)
+
+
+def run_of(result: Result) -> dict[str, Array]:
+    return dict(result.arrays["track.npz"])
+
+
+@cache
+def rig_of_arm() -> Rig:
+    return robot_rig(ARM, RobotOptions(crossover=0.7))
+
+
+@cache
+def flown() -> Run:
+    """The arm on a part of a circle, without a failure."""
+    rig = rig_of_arm()
+    return rig.fly(rig.controller(), rig.path("circle", duration_s=0.3, turn_s=1.0))
+
+
+NOISE = {ARM: 2e-6, PLATFORM: 2e-6, HAND: 5e-7, ARMS: 2e-6, None: None}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("model", "noise"), NOISE.items())
+def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
+    """A known path through a linear loop; noise is small, as one second averages little."""
+    one = tracked(model, turn=1.0, noise=noise)
+    rows, found = one.tables["rows"], one.found
+    np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
+    assert found["rms_after"] is None and found["predicted_rms_after"] is None
+    assert one.settings["failures"] == found["possible_after"] == found["diagnoses"] == []
+    assert found["closure_residual_max_m"] < 1e-8  # the demands brake for the end of the path
+
+
+DESIGNED = {"dither": "designed", "crossover": None}
+LOCKS = [
+    *((model, {"dither": "default"}, 0.2) for model in FAILS),
+    *((PLATFORM, DESIGNED | {"sense": sense}, 0.15) for sense in ("task", "both")),
+    (None, DESIGNED, 0.15),
+]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("model", "how", "within_s"), LOCKS)
+def test_a_lock_is_named_and_costs_what_it_costs_who_learns_of_it_then(model, how, within_s):
+    """By the dither, of any robot; the delay costs what the lock does meanwhile."""
+    failed = FAILS[model]
+    one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **how)
+    [named] = one.found["diagnoses"]
+    assert (named["actuator"], named["kind"]) == (failed, "locked")
+    assert 0 <= named["delay_s"] < within_s
+    assert one.found["possible_after"] == [True] and not one.found["task_lost"]
+    assert one.found["prediction_off_after"] < 0.1
+    run, actuators = run_of(one), one.settings["actuators"]
+    after = run["displacement"][run["time_s"] >= 0.802, actuators.index(failed)]
+    assert np.ptp(after) < 1e-3 * one.settings["path_size"]
+    isolable = one.settings["dither"]["isolable"]
+    assert how["dither"] == "default" or len(isolable) >= 2 * len(actuators)
+
+
+@pytest.mark.long
+def test_the_error_at_rest_is_that_of_noise_and_dither():
+    """Nothing else moves; the model without a dither says what noise alone costs."""
+    at_rest = partial(tracked, ARM, noise=2e-6, turn=1e6, path="steps", duration=0.6)
+    one, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
+    cost = np.array(one.settings["dither"]["task_motion"]) / np.sqrt(2)
+    of_noise = still.tables["rows"].predicted_rms_before
+    for found in (one.tables["rows"].rms_before, one.tables["rows"].predicted_rms_before):
+        np.testing.assert_allclose(found, np.hypot(cost, of_noise), rtol=0.15)
+    assert (cost > 2 * of_noise).all()
+
+
+@pytest.mark.long
+def test_a_seed_is_its_noise_and_nothing_else():
+    one, again, other = (tracked(ARM, duration=0.4, seed=seed) for seed in (0, 0, 1))
+    for name, values in run_of(one).items():
+        np.testing.assert_array_equal(values, run_of(again)[name])
+    runs = run_of(one), run_of(other)
+    np.testing.assert_array_equal(runs[0]["desired"], runs[1]["desired"])
+    noise = [each["measured"] - each["true"] for each in runs]
+    assert np.abs(noise[0] - noise[1]).max() > 0
+    np.testing.assert_allclose([n.std() for n in noise], one.settings["sensor_noise"], rtol=0.1)
+
+
+@pytest.mark.long
+def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
+    """To first order the noise of the task is that of the encoders through the Jacobian."""
+    options: dict[str, Any] = {"sense": "joints", "noise": 1e-6}
+    run = run_of(tracked(ARM, duration=0.4, diagnosis="off", **options))
+    rig = robot_rig(ARM, RobotOptions(crossover=0.7, **options))
+    noise = run["measured"] - run["true"]
+    np.testing.assert_allclose(noise.std(axis=0), rig.nominal.noise, rtol=0.1)
+    np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4e-6 / np.sqrt(len(noise)))
+
+
+def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
+    """That of a file is linear between its samples, and at rest after the last one."""
+    time_s, size = np.arange(4000) * 1e-3, 2e-3
+    circle = path_of("circle", 3, size, time_s, 2.0, 1e-3)
+    np.testing.assert_allclose(np.linalg.norm(circle[:, :2] - [0, size], axis=1), size, rtol=1e-12)
+    assert not circle[0].any() and not circle[:, 2].any()
+    assert np.abs(np.diff(circle[:, 0])).max() * 1e3 <= size * np.pi * 1.001  # never faster
+    steps = path_of("steps", 2, 1.0, time_s, 4.0, 1e-3)
+    for tick, at in ((400, (0, 0)), (1200, (1, 0)), (2400, (0, 0)), (3600, (0, 1))):
+        np.testing.assert_array_equal(steps[tick], at)
+    radius = np.linalg.norm(path_of("spiral", 2, size, time_s, 1.0, 1e-3), axis=1)
+    assert radius[0] == 0.0 and (np.diff(radius) > 0).all()
+    assert radius[-1] == pytest.approx(size, rel=0.01)
+    times, desired = np.array([0.0, 0.1, 0.2]), np.array([[0, 0], [1e-4, 0], [1e-4, -2e-4]])
+    np.savez(file := tmp_path / "path.npz", time_s=times, desired=desired)
+    read = path_of(str(file), 2, 1.0, time_s, 1.0, 1e-3)
+    np.testing.assert_allclose(read[50], [5e-5, 0.0], atol=1e-18)
+    np.testing.assert_allclose(read[300], desired[-1], atol=1e-18)
+    for name, broken in (("time_s", -times), ("desired", desired[:, :1])):
+        arrays: dict[str, Any] = {"time_s": times, "desired": desired} | {name: broken}
+        np.savez(file, **arrays)
+        with pytest.raises(WrongInput, match=r"path\.npz"):
+            path_of(str(file), 2, 1.0, time_s, 1.0, 1e-3)
+
+
+@pytest.mark.long
+def test_the_cost_without_diagnosis_is_that_of_a_run_without_one():
+    """Seed, failures, events and noise are the same: the same numbers to the bit."""
+    fly = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
+    done = list[tuple[int, int]]()
+    both = fly(on_progress=lambda *ticks: done.append(ticks)).found
+    alone = fly(diagnosis="off").found
+    assert both["rms_after_without_diagnosis_rad"] == alone["rms_after_rad"]
+    assert alone["rms_after_without_diagnosis"] is None
+    assert done[-1] == (1000, 1000) and len(done) == len(set(done))
+    # Without a file, a failure or a diagnosis the hexapod's run is that of W_a, to the bit.
+    run = run_of(tracked(None, path="spiral", duration=0.3, diagnosis="off"))
+    rig = hexapod_rig()
+    ours = rig.fly(rig.controller(), run["desired"])
+    np.testing.assert_array_equal(run["inputs"], ours.inputs)
+    np.testing.assert_array_equal(run["measured"], ours.measured)
+
+
+@pytest.mark.long
+def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd, monkeypatch):
+    """With the option that would, which then does: half a second is enough for it."""
+    unseen: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
+    with monkeypatch.context() as changed:
+        changed.setattr(Rig, "fly", lambda *_, **__: pytest.fail("it flew"))
+        with pytest.raises(pytest.fail.Exception, match="it flew"):
+            tracked(PLATFORM, **unseen)
+    advised = "motor1 locked may not be found: by the linear model --dither default tells it apart"
+    assert capfd.readouterr().err == f"fjh: {advised}\n"
+    one = tracked(PLATFORM, **unseen)
+    assert one.found["advice"] == [advised.replace("may not be found", "was not diagnosed")]
+    assert one.found["advice"][0] in one.notes
+    unseen["dither"] = "default"
+    with_it = tracked(PLATFORM, **unseen).settings["dither"]
+    assert {"actuator": "motor1", "kind": "locked"} in with_it["isolable"]
+    with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
+        tracked(PLATFORM, major="2,3,4", dither="designed")
+
+
+@pytest.mark.long
+def test_a_run_that_named_what_had_not_failed_is_not_compared():
+    """Nor one that took a lock for a weakness; each says so."""
+    rig, healthy, failure = rig_of_arm(), flown(), Failure(3, "locked", 0.1)
+    predicted = rig.predict(healthy.desired, failures=[failure])
+    for named, why in (
+        (Diagnosed("motor4", "locked", 0.2, None), None),
+        (Diagnosed("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
+        (Diagnosed("motor2", "locked", 0.2, None), "motor2 was diagnosed locked wrongly"),
+        (Diagnosed("motor4", "locked", 0.2, 0.3), "motor4 was diagnosed locked wrongly, or"),
+    ):
+        run = replace(healthy, diagnoses=(named,), failures=(failure,))
+        said = uncompared(rig, run, predicted)
+        assert said is None if why is None else said is not None and said.startswith(why)
+        ours = Flown(rig, run, None, None, (), predicted, predicted)
+        assert np.isfinite(agreement(ours, rows_of(ours))["prediction_off_after"]) == (why is None)
+    assert learnt_s(rig, run, [failure]) == [0.2]
+    leaves = uncompared(rig, healthy, replace(predicted, leaves="motor1"))
+    assert leaves == "in the linear model motor1 leaves its range"
+
+
+@pytest.mark.long
+def test_a_prediction_that_is_off_and_a_failing_controller_fail_the_run():
+    one, rig, run = tracked(ARM, duration=0.4), rig_of_arm(), flown()
+    found = {**one.settings, **one.found}
+    assert all(check.passed for check in checks(found)) and len(checks(found)) == 2
+    controller = {"controller": "a:b", "controller_failure": "it raised"}
+    assert [check.passed for check in checks(found | controller)].count(False) == 1
+    predicted = rig.predict(run.desired, noise=run.measured - run.true)
+    ours = Flown(rig, run, None, None, ("a stone fell",), predicted, predicted)
+    rows = rows_of(ours)
+    worse = agreement(ours, rows.assign(rms_before=1.3 * rows.rms_before))
+    factor = agreement(ours, rows)["measured_over_predicted_before"]
+    assert abs(factor - 1) < 0.1 and worse["met"] == ["a stone fell"]
+    assert worse["measured_over_predicted_before"] == pytest.approx(1.3 * factor)
+    assert worse["prediction_off_before"] == pytest.approx(1.3 * factor - 1)
+
+
+# A published robot.
+
+TO_THE_HAND: dict[str, Any] = {"site": "hand", "major": "3,4,5", "crossover": 0.5}
+
+
+def panda(folder: Path, upper: str = "1.7628") -> Path:
+    """A Panda whose second joint has this upper end of its stated range."""
+    file = folder / f"panda{upper}.xml"
+    file.write_text(PANDA.replace("-1.7628 1.7628", f"-1.7628 {upper}"))
+    return file
+
+
+@pytest.mark.long
+def test_no_command_leaves_a_limit_that_binds_and_other_joints_do_the_task(tmp_path):
+    """Within 1 % of the path; commands beyond the range, which the servo clips, do far worse."""
+    quiet: dict[str, Any] = TO_THE_HAND | {
+        "size": 2e-3,
+        "turn": 1.0,
+        "noise": 1e-6,
+        "duration": 0.6,
+    }
+    wide, tight = panda(tmp_path), panda(tmp_path, "0.0002")
+    clipping: dict[str, Any] = {"limits": "none", "diagnosis": "off"}
+    found = [tracked(wide, **quiet), tracked(tight, **quiet), tracked(tight, **quiet, **clipping)]
+    free, held, clipped = map(run_of, found)
+    assert free["inputs"][:, 1].max() > 3e-4
+    assert held["inputs"][:, 1].max() == pytest.approx(2e-4, abs=1e-9)
+    error = [np.sqrt(((r["desired"] - r["true"]) ** 2).mean()) for r in (free, held, clipped)]
+    assert error[0] < error[1] < 0.01 * 2e-3
+    assert error[2] > 10 * error[1]
+
+
+@pytest.mark.long
+def test_a_published_robot_moves_by_encoders_alone(tmp_path):
+    """Held against gravity; forward kinematics through the gear of its fingers."""
+    one = tracked(panda(tmp_path), **TO_THE_HAND, sense="joints", diagnosis="off")
+    rows = one.tables["rows"]
+    np.testing.assert_allclose(rows.rms_before, rows.predicted_rms_before, rtol=0.2)
+
+
+# What most of an error comes from.
+
+
+def cause(rig: Rig, run: Run, told: bool = True) -> str | None:
+    return limited_by(rig, run, predictor(rig, run, None)(told=told))
+
+
+QUIET: dict[str, Any] = {"noise": 1e-6}
+STEPS: dict[str, Any] = QUIET | {"path": "steps", "size": 0.1}
+"""Of a tenth of a metre: they take more torque than the servos have."""
+SATURATES = r"The servo of servo\d saturates: it gives its largest force for \d+ %"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("joint", "torque", "options", "said"),
+    [
+        ("", 1.0, {"noise": 1e-3}, "Most of the error is from noise of the sensors, which the"),
+        ("", 1.0, {"noise": 1e-12}, None),
+        ("", 1.0, STEPS, SATURATES),
+        ("", 1e6, STEPS, None),
+        (
+            'frictionloss="2"',
+            1.0,
+            QUIET,
+            r"Most of the error is from dry friction in the joints\.$",
+        ),
+    ],
+)
+def test_each_cause_of_an_error_is_named_where_it_is(tmp_path, joint, torque, options, said):
+    """In a run of a second of a Panda-like arm, with so many times its torque."""
+    servos = [(kp, kv, torque * most) for kp, kv, most in SERIAL["panda"].servos]
+    file = replace(SERIAL["panda"], servos=servos).write(tmp_path / "panda.xml", joint)
+    how = {"site": "tool", "major": [3, 4, 5], "crossover": 0.13} | options
+    path = how.pop("path", "circle")
+    rig = Rig.of_mjcf(file, **how)
+    found = cause(rig, rig.fly(rig.controller(), rig.path(path, duration_s=1.0, turn_s=2.0)))
+    assert found is None if said is None else found is not None and re.match(said, found)
+
+
+@pytest.mark.long
+def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeypatch):
+    monkeypatch.setattr(Outlook, "goes_over", lambda *_: True)
+    rig = Rig.of_mjcf(SERIAL["panda"].write(tmp_path / "panda.xml"), site="tool", major=[3, 4, 5])
+    path = rig.path("circle", duration_s=2.0, turn_s=2.0)
+    stuck = [Failure("joint4", "locked", 1.0)]
+    run = rig.fly(rig.supervisor("none"), path, failures=stuck)
+    assert [each.actuator for each in run.diagnoses] == ["servo4"]
+    late = "After the failure most of the error is from the time until it was diagnosed."
+    assert cause(rig, run) == late
+    unaware = rig.fly(rig.controller(), path, failures=stuck)
+    assert cause(rig, unaware, told=False) != late
+
+
+# Events.
+
+
+@pytest.mark.long
+def test_events_are_said_recorded_and_held_to_no_linear_model(tmp_path):
+    events = ["hard_over:joint2@0.3", "bump@0.2", "late@0.35"]
+    pushed = tracked(ARM, duration=0.4, event=events, diagnosis="off", fail=["motor4:locked@0.32"])
+    found, run = pushed.found, run_of(pushed)
+    keys, stated = ("name", "actuator", "time_s"), pushed.settings["events"]
+    assert [[each[key] for key in keys] for each in stated] == [
+        ["bump", None, 0.2],
+        ["hard_over", "motor2", 0.3],
+        ["late", None, 0.35],
+    ]
+    said = "bump at 0.2 s, motor2 hard_over at 0.3 s, motor4 locked at 0.32 s, late at 0.35 s"
+    assert f"after {said} the RMS error is" in found["verdict"]
+    before = np.asarray(run["desired"] - run["true"])[:200]
+    np.testing.assert_allclose(found["rms_before"], np.sqrt((before**2).mean(axis=0)))
+    assert found["prediction_off_before"] < 0.1
+    assert found["predicted_rms_after"] is found["predicted_rms_after_when_named"] is None
+    assert found["uncompared"].startswith("the linear model does not have bump")
+    assert len(pushed.checks) == 2  # loops, and before
+    assert found["rms_after"][0] > 10 * found["rms_before"][0]
+    assert found["limited_by"] is None
+    pushed.records[0](tmp_path)
+    times, texts = rrd.rows(tmp_path / "track.rrd", "/events", "TextLog:text")
+    assert {text: int(at) // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == {
+        **{"bump": 200, "motor2 hard_over": 300, "motor4 locked": 320, "late": 350}
+    }
+    held = properties_of(tmp_path / "track.rrd")
+    assert (held["study"], held["actuator"], held["kind"]) == ("track", "motor2", "hard_over")
+    assert held["verdict"] == found["verdict"]
+    assert held["rms_before_rad"] == pytest.approx(np.linalg.norm(found["rms_before_rad"]))
+    # A failure that is an event is said once and classified.
+    locked = tracked(ARM, duration=0.2, event=["locked:motor4@0.1"], diagnosis="off")
+    assert locked.settings["failures"] == [{"actuator": "motor4", "kind": "locked", "time_s": 0.1}]
+    assert "after motor4 locked at 0.1 s the RMS error" in locked.found["verdict"]
+    assert list(locked.shown[1].frame.what) == ["motor4 locked"]
+    assert locked.found["possible_after"] == [True]
+
+
+# What is said and drawn.
+
+FOUND: dict[str, Any] = {
+    "robot": "crane",
+    "units": ["rad", "m"],
+    "rms_before": [3e-6, 4e-5],
+    "predicted_rms_before": [2e-6, 3e-5],
+    "rms_after": [6e-6, 8e-5],
+    "failures": [{"actuator": "motor", "kind": "locked", "time_s": 1.0}],
+    "events": [],
+    "diagnoses": [{"actuator": "motor", "kind": "locked", "time_s": 1.1}],
+    "possible_after": [True],
+    "lost": None,
+}
+LOG = pd.DataFrame({"time_s": [1.0], "what": ["motor locked"], "meaning": [""]})
+NAMED = pd.DataFrame({"what": ["motor diagnosed locked"], "meaning": ["after 0.100 s"]})
+
+
+def test_the_verdict_says_what_failed_what_it_cost_and_what_is_left():
+    cost = "crane: after motor locked at 1 s the RMS error is 6 µrad and 80 µm, 3 µrad and 40 µm"
+    can = "before; the remaining actuators can do the major task; motor diagnosed locked after"
+    assert verdict(FOUND, LOG, NAMED) == f"{cost} {can} 0.100 s."
+    lost = verdict(FOUND | {"possible_after": [False]}, LOG, NAMED[:0])
+    assert "actuators cannot do the major task; nothing was diagnosed." in lost
+    assert verdict(FOUND | {"lost": "It is lost."}, LOG, NAMED) == f"{cost} before; it is lost."
+    together = FOUND | {"units": ["m", "m"], "rms_after": [3e-6, 4e-6]}
+    assert " error is 5 µm, " in verdict(together, LOG, NAMED)  # their norm
+    assert verdict(FOUND | {"rms_after": None}, LOG[:0], NAMED[:0]) == (
+        "crane: without a failure the RMS error is 3 µrad and 40 µm, predicted 2 µrad and 30 µm."
+    )
+
+
+# The command.
+
+KEYS = {
+    *("experiment", "seed", "versions", "model_sha256", "robot", "actuators", "bodies", "major"),
+    *("units", "duration_s", "control_period_s", "path_size", "sensor_noise", "encoder_noise"),
+    *("failures", "events", "diagnosis", "dither", "controller", "feedforward", "warnings"),
+    *("rms_before", "rms_after", "rms_after_without_diagnosis", "predicted_rms_before"),
+    *("predicted_rms_after", "predicted_rms_after_when_named", "prediction_off_before"),
+    *("prediction_off_after", "measured_over_predicted_before", "measured_over_predicted_after"),
+    *("possible_after", "diagnoses", "advice", "status", "task_lost", "lost", "limited_by"),
+    *("left_out", "dry_friction", "met", "uncompared", "controller_failure"),
+    *("closure_residual_max_m", "verdict", "settings", "rows", "checks", "files"),
+}
+IN_UNITS = {
+    *("path_size", "sensor_noise", "encoder_noise", "rms_before", "rms_after"),
+    *("predicted_rms_before", "predicted_rms_after", "predicted_rms_after_when_named"),
+    "rms_after_without_diagnosis",
+}
+"""Which are there once more with each of their units in the name."""
+
+
+@pytest.mark.long
+def test_the_command_writes_what_the_interface_says(tmp_path):
+    words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
+    words += ("--fail", "joint2:locked@0.3", "--quiet", "--out", str(tmp_path))
+    assert main(["track", str(ARM), *words]) == 0
+    summary = json.loads((tmp_path / "track.json").read_text())
+    named = {f"{key}_{unit}" for key in IN_UNITS for unit in ("rad", "m")} & set(summary)
+    assert set(summary) - named == KEYS
+    assert {key.rpartition("_")[0] for key in named} == IN_UNITS
+    assert summary["actuators"] == [f"motor{k}" for k in range(1, 8)]
+    assert summary["failures"] == [{"actuator": "motor2", "kind": "locked", "time_s": 0.3}]
+    for key in ("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after"):
+        assert summary[key] == [row[key] for row in summary["rows"]]
+        assert len(summary[key]) == 2 and np.isfinite(summary[key]).all()
+    with np.load(tmp_path / "track.npz") as arrays:
+        error = (arrays["desired"] - arrays["true"])[arrays["time_s"] < 0.3 - 1e-9]
+        assert arrays["displacement"].shape == (400, 7)
+    np.testing.assert_allclose(np.sqrt((error**2).mean(axis=0)), summary["rms_before"], rtol=1e-12)
+
+
+ASKED = {
+    "--fail joint22:locked@0.1": 'did you mean "joint2"',
+    "--fail joint2:tired@0.1": "KIND one of locked, free",
+    "--fail joint2:locked": "NAME:KIND@SECONDS",
+    "--fail joint2:locked@9": "--fail must be before the run ends at",
+    "--fail joint2:locked@0.1 --fail joint2:free@0.2": "each actuator once",
+    "--fail motor2:free@0.2 --event bump_then_lock:joint2@0.1": "--fail and --event must name each",
+    "--event hardover:joint1@0.3": 'no event "hardover"; did you mean "hard_over"',
+    "--event hard_over@0.3": "hard_over is of an actuator, which must be named",
+    "--major x,3": "major must be different rows",
+    "--major=": "--major is empty",
+    "--joint-weight 1,2": "joint_weight must be one number or 7",
+    "--path square": "spiral, circle, steps or FILE.npz",
+    "--duration 0": "duration must be a number from 1e-06 to 10000, got 0",
+    "--size inf": "size must be a number from 1e-12 to 1000, got inf",
+    "--site tip": 'site: the model has no site or body "tip"',
+    "--dither 10 --diagnosis off": "which is off",
+    "--size 9": "the path is out of reach",
+}
+
+
+def refused(capfd: pytest.CaptureFixture[str], out: Path, *words: str) -> str:
+    """The sentence with which the command refuses; it leaves nothing behind."""
+    assert main(["track", *words, "--out", str(out)]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("fjh: ") and said.count("\n") == 1, said
+    assert not out.exists()
+    return said
+
+
+@pytest.mark.parametrize("words", ASKED)
+def test_what_cannot_be_done_is_refused_in_one_sentence(words, capfd, tmp_path):
+    usual = (str(ARM), "--crossover", "0.7", "--duration", "0.4")
+    assert ASKED[words] in refused(capfd, tmp_path / "out", *usual, *words.split())
+
+
+OF_A_FILE = {
+    **{"site": "stem1", "axes": "base", "major": "3,4", "noise": "1e-6", "crossover": "5"},
+    **{"period": "0.002", "joint-weight": "2", "secondary-weight": "1", "pinned": "payload"},
+    **{"limits": "none", "keyframe": "0", "servo": "20", "sense": "task"},
+}
+
+
+def test_the_hexapod_refuses_an_option_that_would_do_nothing(capfd, tmp_path):
+    for name, value in OF_A_FILE.items():
+        said = refused(capfd, tmp_path / "out", f"--{name}", value)
+        assert said.startswith(f"fjh: --{name} needs a MODEL.xml")
+    others = {each.name for each in fields(RobotOptions)} - {
+        name.replace("-", "_") for name in OF_A_FILE
+    }
+    assert others == {"size", "feedforward"}
+
+
+def test_a_path_beyond_the_ranges_names_the_actuators_at_their_limits(capfd, tmp_path, monkeypatch):
+    """A text that is no failure is refused before a file is read."""
+    words = "--site hand --major 1,3,5 --crossover 0.5 --size 0.05 --turn 8"
+    file = str(panda(tmp_path, "0.0002"))
+    said = refused(capfd, tmp_path / "out", file, *words.split())
+    assert "the path is out of reach at" in said and "smaller size" in said
+    assert "with actuator2 at a limit" in said
+    monkeypatch.setattr(mujoco.MjSpec, "from_file", lambda *_: pytest.fail("a model was read"))
+    assert "--fail" in refused(capfd, tmp_path / "out", file, "--fail", "joint2:locked")

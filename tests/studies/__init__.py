@@ -1,1 +1,0 @@
-"""One file, or a few, a study."""
