@@ -33,27 +33,11 @@ AT_LENGTH = {
 """Fixtures that run a study or a cluster."""
 
 
-LONGEST = {
-    "app/test_cli",
-    *("app/test_habits", "app/test_interruptions", "app/test_render", "app/test_report"),
-    *("app/test_review", "ftc/test_excitation", "ftc/test_outside_hypotheses"),
-    *("fjh/ik/test_limits", "fjh/live/test_other_robots", "fjh/live/test_page"),
-    *("fjh/live/test_tour", "fjh/rig/test_copies", "fjh/rig/test_other_controllers"),
-    *("prioritized/test_limited_mappings", "sim/test_plant"),
-}
-"""Files whose long tests take a minute or more, three quarters of the time of all of them: they
-wait for the night."""
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as long whatever needs the files of a study, however it comes by them."""
-    tests = Path(__file__).parent
     for item in items:
         if AT_LENGTH & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.long)
-        file = item.path.relative_to(tests).with_suffix("").as_posix()
-        if file in LONGEST and item.get_closest_marker("long"):
-            item.add_marker(pytest.mark.night)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -398,7 +398,7 @@ class VelocityMapping:
         up to this many percent of the motion commanded.
         """
         J, X = self._problem.S_m @ self._problem.admissible_jacobian, self._solution[0]
-        units = ones(len(J)) if self._measure is None else self._measure.major
+        units = ones(J.shape[-2]) if self._measure is None else self._measure.major
         gain = largest(X[..., : len(units)] * units)
         return read_only(np.asarray(largest(J / units[:, None]) * gain))
 

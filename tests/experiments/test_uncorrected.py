@@ -32,7 +32,7 @@ from fjh.rig.run import Run, rms
 from ftc import Goal
 from sim import NOMINAL, Failure, Plant, linearize, load_model
 from tests.experiments.results import Results
-from tests.sim.machines import ring_down
+from tests.sim.machines import pole_of, ring_down
 
 LOCK_1 = (Failure(0, "locked"),)
 SECONDS = 1.5
@@ -166,32 +166,16 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     squares, vectors = np.linalg.eig(-linearize(plant.model, plant.data).A[6:, :6])
     closed = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, quiet.nv))
     shape = closed @ np.real(vectors[:, np.argsort(np.real(squares))[3]])
-    pole = ring_down(quiet, shape)
+    pole = pole_of(ring_down(quiet, shape, 0.3), quiet.opt.timestep)
     assert abs(pole) / (2 * np.pi) == pytest.approx(frequency_hz, rel=0.01)
     assert -pole.real / abs(pole) == pytest.approx(least, rel=0.03)
     assert damped(model, 0.2).dof_damping.max() > 1.5 * model.dof_damping.max()
     discrete = copy.copy(quiet)
     discrete.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
-    pole = ring_down(discrete, shape)
+    pole = pole_of(ring_down(discrete, shape, 0.3), discrete.opt.timestep)
     assert -pole.real / abs(pole) > 1.5 * least
     with pytest.raises(ValueError, match="ratio must lie between 0 and 1, got 0"):
         damped(model, 0)
-
-
-def ring_down(model: mujoco.MjModel, shape: np.ndarray) -> complex:
-    """The pole of free motion after a velocity along one mode: y[k+1] = a y[k] + b y[k-1]."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    data.qvel[:] = shape * 1e-3
-    samples = []
-    for _ in range(round(0.3 / model.opt.timestep)):
-        mujoco.mj_step(model, data)
-        change = np.empty(model.nv)
-        mujoco.mj_differentiatePos(model, change, 1.0, model.qpos0, data.qpos)
-        samples.append(shape @ change)
-    history = np.column_stack([samples[1:-1], samples[:-2]])
-    a, b = np.linalg.lstsq(history, np.array(samples[2:]), rcond=None)[0]
-    return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / model.opt.timestep
 
 
 DOCS = (Path(__file__).parents[2] / "docs" / "uncorrected.md").read_text()

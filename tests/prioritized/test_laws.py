@@ -292,7 +292,6 @@ def test_a_batch_has_the_answers_of_its_elements(made, seed, m1, extra, count, d
             np.testing.assert_allclose(batch.reaction[k], alone.reaction, atol=1e-8)
 
 
-@pytest.mark.xfail(strict=True, reason="amplification takes the batch for the rows of the task")
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_batch_has_the_amplifications_of_its_elements(count):
     J = np.random.default_rng(0).normal(size=(count, 4, 3))

@@ -278,7 +278,6 @@ def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, join
     np.testing.assert_allclose(found.force_range, expected, rtol=1e-12)
 
 
-@pytest.mark.xfail(strict=True, reason="actuator_forcelimited is read by output, not by actuator")
 def test_an_orientation_servo_has_force_ranges():
     of, data = mechanism(CASES["orientation servo"].mjcf)
     assert jacobians(of, data, "tool").force_range.shape == (4, 2)
