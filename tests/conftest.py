@@ -11,7 +11,6 @@ from filelock import FileLock
 
 from experiments.studies import LINES
 from tests import profiles
-from tests.durations import pytest_runtest_makereport as pytest_runtest_makereport
 from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
 # Whoever runs one test waits for what it imports: the command line, MuJoCo and NumPy are imported
