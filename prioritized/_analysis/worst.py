@@ -43,8 +43,6 @@ class Within(NamedTuple):
 
     def _radii(self, maps: MajorMap, limits: Limits, tolerance: float) -> Array:
         """Of the survivors alone: facets are chosen among their columns."""
-        if not maps.gain.shape[-2]:  # no direction of a task is limited
-            return np.full(len(self.active), np.inf)
         radius, survivors = np.zeros(len(self.active)), self.active.sum(axis=1)
         for count in np.unique(survivors).tolist():
             rows = np.flatnonzero(survivors == count)
@@ -81,7 +79,8 @@ def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array
         full = sets.consistent & (sets.rank == maps.gain.shape[-2])
         for r in np.unique(sets.constraints[full]).tolist():
             alike = np.flatnonzero(full & (sets.constraints == r))
-            radius[rows[alike]] = _balls(sets.part(alike), r)
+            nothing = not r and not maps.gain.shape[-2]  # is asked of x, nor of the task
+            radius[rows[alike]] = np.inf if nothing else _balls(sets.part(alike), r)
     return radius
 
 
