@@ -13,7 +13,7 @@ from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
 from tests.models import model as model_of
 from tests.models import with_locks
-from tests.sim.machines import POSES, SHIPPED, STATE, WORLD, at, posed, started, state_of
+from tests.sim.machines import POSES, STATE, WORLD, at, posed, started, state_of
 
 PERIOD_S = 5e-3
 
@@ -208,14 +208,6 @@ def test_displacements_are_those_of_the_present_pose_in_motion():
     assert plant.data.qvel.any()
     turned = plant.data.joint("elbow").qpos[0] - POSES["drives"]["elbow"]
     assert plant.displacements()[1] == pytest.approx(0.05 * turned, rel=1e-9)
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_commands_of_shipped_machines_are_their_controls_to_the_bit(name):
-    model = load_model(MODELS / f"{name}.xml")
-    plant, command = Plant(model), 1e-4 * np.random.default_rng(0).normal(size=model.nu)
-    plant.step(command, 1e-3)
-    np.testing.assert_array_equal(plant.data.ctrl, command)
 
 
 def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
@@ -489,24 +481,6 @@ def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
         silent = np.flatnonzero(plant.data.actuator_force == 0.0).tolist()
         assert silent == sorted({*number} - {*on[count:]})
     np.testing.assert_array_equal(model.actuator_group, groups)
-
-
-def test_any_of_forty_actuators_is_released():
-    """MuJoCo switches 31 groups."""
-
-    def each(words: str) -> str:
-        return "".join(words.format(k, k + 1) for k in range(40))
-
-    text = f"""<mujoco><worldbody><site name="foot"/>
-      {each('<body pos="{0} 0 0"><joint name="j{0}"/><geom size="0.1" contype="0"/></body>')}
-      </worldbody>
-      <equality>{each('<joint name="lock{1}" joint1="j{0}" active="false"/>')}</equality>
-      <actuator>{each('<position joint="j{0}" group="{0}"/>')}</actuator></mujoco>"""
-    plant, silent = Plant(mujoco.MjModel.from_xml_string(text), **NAMES), {30, 39, 0, 31, 17}
-    for k in silent:
-        plant.release(k)
-    plant.step(np.full(40, 0.1), plant.model.opt.timestep)
-    assert {*np.flatnonzero(plant.data.actuator_force == 0.0)} == silent
 
 
 # Repair.

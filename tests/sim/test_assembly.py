@@ -12,14 +12,12 @@ from scipy.spatial.transform import Rotation
 from prioritized import ConstrainedSystem, Task
 from sim import (
     MODELS,
-    Body,
     CenterOfMass,
     ClosureError,
     JacobianReader,
     Jacobians,
     Mechanism,
     ModelError,
-    Pin,
     advance,
     assemble,
     jacobians,
@@ -161,29 +159,6 @@ def circle(turn: float, radius_m: float = 0.02) -> np.ndarray:
     return radius_m * np.array([np.cos(turn) - 1.0, np.sin(turn), 0.0])
 
 
-@pytest.mark.long
-def test_ten_lines_follow_a_circle_through_a_lock_within_a_micrometre():
-    """The place of the tool is major; the motor of its wrist locks halfway round."""
-    of = model("five_bar")
-    data = assemble(of)
-    start = pose_of(of, data, "tool").translation_m
-    system = ConstrainedSystem.of(jacobians(of, data, "tool"))
-    errors, wrist = [], 0.0
-    for k, turn in enumerate(np.linspace(0, 2 * np.pi, 721)[1:]):
-        if k == 360:
-            system = system.with_failures(locked=["wrist"])
-            wrist = data.joint("wrist").qpos[0]
-        jac = jacobians(of, data, "tool")
-        kin = system.at(jac.J_T, jac.J_C).kinematics()
-        step = pose_error(of, data, "tool", start + circle(turn))[[3, 4]]
-        rates = kin.velocity_mapping(major=[3, 4], joint_weight=np.ones(3))(step)
-        data = advance(of, data, kin.velocities(rates), held=system.stuck)
-        there = pose_of(of, data, "tool").translation_m
-        errors.append(np.linalg.norm(there - start - circle(turn)))
-        assert k < 360 or data.joint("wrist").qpos[0] == wrist
-    assert max(errors) < 1e-6
-
-
 def planar_linkage(accuracy: float) -> mujoco.MjModel:
     """The five-bar with axes and anchors off by random angles and lengths of this size."""
     rng, of = np.random.default_rng(3), model("five_bar")
@@ -272,27 +247,6 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
     there = advance(of, data, velocity, held=system.stuck)
     step = change(of, data.qpos, there.qpos)
     assert np.abs(step - velocity[: of.nv]).max() < 1e-2 * np.abs(velocity).max()
-
-
-def test_feet_that_stand_stay_where_they_are_while_the_trunk_moves():
-    """One in place and in direction, the other in place alone."""
-    of = load_model(MODELS / "humanoid.xml")
-    data = at(of, left_knee=0.4, right_knee=0.4, left_hip_pitch=-0.2, right_hip_pitch=-0.2)
-    pins = [Pin("left_foot", weld=True), Pin(Body("right_ankle_roll"))]
-    frames, trunk = [pin.frame for pin in pins], Body("pelvis")
-    before = [pose_of(of, data, frame) for frame in frames]
-    height = pose_of(of, data, trunk).translation_m[2]
-    for _ in range(20):
-        kin = ConstrainedSystem.of(jacobians(of, data, trunk, pinned=pins)).kinematics()
-        mapping = kin.velocity_mapping(major=[5], joint_weight=np.ones(29))
-        assert mapping.status.name == "EXACT"
-        data = advance(of, data, kin.velocities(mapping([-1e-3])), pinned=pins)
-    after = [pose_of(of, data, frame) for frame in frames]
-    np.testing.assert_allclose(after[0].rotation, before[0].rotation, atol=1e-9)
-    for there, here in zip(after, before, strict=True):
-        np.testing.assert_allclose(there.translation_m, here.translation_m, atol=1e-9)
-    lowered = pose_of(of, data, trunk).translation_m[2] - height
-    assert lowered == pytest.approx(-0.02, rel=2e-2)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
@@ -428,17 +382,6 @@ def test_a_shortened_step_is_nearly_the_longest_and_lies_on_the_loops():
     off = change(of, data.qpos, there.qpos) - there.time * v
     M = mass_matrix(of, there)
     assert off @ M @ off <= (0.06 * there.time) ** 2 * v @ M @ v
-
-
-def test_a_short_step_is_taken_as_it_is_without_a_word():
-    of, data, v = five_bar(1.0, -1.0, 0.0)
-    short = advance(of, data, v, 1e-3)
-    assert short.time == pytest.approx(1e-3)
-    step = change(of, data.qpos, short.qpos)
-    np.testing.assert_allclose(step, 1e-3 * v, atol=2e-6 * np.abs(v).max())
-    still = advance(of, data, 0.0 * v, 2.0)
-    np.testing.assert_array_equal(still.qpos, data.qpos)
-    assert still.time == 2.0
 
 
 def test_a_step_after_which_nothing_closes_is_shortened_too():

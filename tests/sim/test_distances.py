@@ -81,16 +81,6 @@ def test_geoms_that_touch_part_along_the_way_they_came(other):
     np.testing.assert_array_equal(data.geom_xpos, fresh.geom_xpos)
 
 
-def test_a_row_says_whether_spheres_approach_however_near_they_are():
-    model = two("sphere", "sphere")
-    data, rows = mujoco.MjData(model), []
-    for place in (0.35, 0.26, 0.2602, 0.1):
-        data.qpos[6:9] = [place, 0.0, 0.03]
-        rows.append(Distances(model, detection_m=1.0).at(data).rows[0])
-    assert all(row[5 + 0] > 0.9 for row in rows)
-    np.testing.assert_allclose(rows, [rows[0]] * 4, atol=1e-9)
-
-
 def test_what_bounding_spheres_leave_out_is_not_near():
     rng, counts = np.random.default_rng(0), []
     for _ in range(40):
@@ -257,13 +247,3 @@ def test_a_step_of_nothing_and_a_step_away_are_safe_wherever_they_begin():
         data.qpos[:] = -depth, 0.2
         assert distances.safe_fraction(data, np.zeros(2), DT) == 1.0
         assert distances.safe_fraction(data, [1.0, 0.0], DT) == 1.0
-
-
-def test_the_state_is_up_to_date_where_it_was():
-    model = mujoco.MjModel.from_xml_string(BEAM)
-    data, fresh = mujoco.MjData(model), mujoco.MjData(model)
-    data.qpos[:] = fresh.qpos[:] = 0.01, 0.05
-    mujoco.mj_kinematics(model, fresh)
-    Distances(model).safe_fraction(data, [-3.0, 1.0], DT)
-    for name in ("qpos", "qvel", "geom_xpos", "geom_xmat", "xpos"):
-        np.testing.assert_array_equal(getattr(data, name), getattr(fresh, name))

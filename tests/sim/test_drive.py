@@ -5,14 +5,13 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
-import scipy.linalg
 
 from prioritized import ConstrainedSystem
 from sim import Jacobians, ModelError, assemble, jacobians, linearize, pose_error, pose_of
 from sim.mjcf import Drive, drives, names_of, number_of
 from tests.models import model
 from tests.motions import check_slope, motions, shifted
-from tests.sim.transmissions import CASES, FREEDOMS, WITH_LENGTH, mechanism
+from tests.sim.transmissions import CASES, FREEDOMS, mechanism
 
 every_kind = pytest.mark.parametrize("kind", CASES)
 
@@ -38,22 +37,6 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
     extra = [drive for drive in jac.drives if drive.joint is None]
     assert jac.J_T.shape == (6, of.nv + len(extra))
     assert len(set(jac.active.tolist())) == len(seen)
-
-
-@pytest.mark.parametrize("kind", WITH_LENGTH)
-def test_the_velocity_is_the_slope_of_the_length_by_the_gear(kind):
-    """Along the closed loops."""
-    for seed in range(3):
-        of, data = mechanism(CASES[kind].mjcf, seed)
-        if kind == "wrapping":  # two ends, and an arc on the sphere
-            assert data.ten_wrapnum[of.tendon("wrap").id] == 4
-        jac = jacobians(of, data, "tool")
-        Z = scipy.linalg.null_space(jac.J_C, rcond=1e-9)
-        assert Z.shape[1] == FREEDOMS
-        velocity = Z @ np.random.default_rng(seed).normal(size=FREEDOMS)
-        velocity /= np.linalg.norm(velocity)
-        step, found = velocity[: of.nv], velocity[jac.active[0]] * jac.gear[0]
-        check_slope(found, lengths_along(of, data, step, "actuator_length"), 1e-2, 2e-2, 1e-6)
 
 
 def lengths_along(of: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray, name: str):
@@ -195,15 +178,6 @@ def test_actuators_that_are_switched_off_are_not_active_and_warned_of():
         arm(PAIR, disabled=1 << 1 | 1 << 2)
 
 
-def test_jacobians_say_what_drives_them_after_the_model_has_changed():
-    """Actuators are switched off between the reading and the question."""
-    of = arm_model(PAIR)
-    both = jacobians(of, mujoco.MjData(of), "tool")
-    of.opt.disableactuator = 1 << 2
-    assert both.names.actuators == (("m1",), ("m2",))
-    assert len(both.force_range) == len(both.one_sided) == len(both.active) == 2
-
-
 MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
 
 
@@ -276,11 +250,6 @@ def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, join
     found = arm(actuators, joint=joint, tendon=tendon)
     expected = most_and_least(arm_model(actuators, joint, tendon), found.drives)
     np.testing.assert_allclose(found.force_range, expected, rtol=1e-12)
-
-
-def test_an_orientation_servo_has_force_ranges():
-    of, data = mechanism(CASES["orientation servo"].mjcf)
-    assert jacobians(of, data, "tool").force_range.shape == (4, 2)
 
 
 @pytest.mark.parametrize(
@@ -375,11 +344,3 @@ def test_digits_are_a_name_first_and_then_a_number():
 
 
 # Locks that are added to a file.
-
-
-MANY = """
-<body name="away" pos="2 0 0"><joint name="a"/><geom size="0.1"/><site name="tip" pos="0.2 0 0"/>
-  <body><joint name="b"/><geom size="0.1"/>
-    <body><joint name="round" type="ball"/><geom size="0.1"/>
-      <body><joint name="c" type="slide"/><geom size="0.1"/></body></body></body></body>
-"""

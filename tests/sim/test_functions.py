@@ -13,7 +13,6 @@ from sim import (
     CenterOfMassTask,
     DampingTask,
     FrameTask,
-    JacobianReader,
     JointCouplingTask,
     LookAtTask,
     ModelError,
@@ -254,37 +253,6 @@ def test_a_coupling_is_the_sum_of_positions():
     slide, hinge = data.joint("slide").qpos[0], data.joint("hinge").qpos[0]
     np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * slide + 3 * hinge])
     check_slopes(model, data, located)
-
-
-def test_rows_of_all_tasks_stack_and_their_accuracy_is_known():
-    """The entries' accuracy is that of rounded numbers: moved by half a digit they stay within."""
-    model = humanoid()
-    tasks = [
-        FrameTask("right_hand", rows=[3, 4, 5], target=POINT),
-        LookAtTask("left_hand", [0, 0, 1], target=POINT),
-        JointCouplingTask({"left_knee": 1.0, "right_knee": -1.0}),
-        PostureTask(target=model.qpos0),
-    ]
-    jac = JacobianReader(model, tasks, active=["root"]).at(somewhere(model))
-    assert jac.J_T.shape == (3 + 2 + 1 + 29, 35)
-    assert [jac.rows[task].stop for task in tasks] == [3, 5, 6, 35]
-    np.testing.assert_array_equal(jac.J_T[6:], np.eye(35)[6:])
-    assert jac.accuracy is not None and jac.accuracy.task_units.shape == (35,)
-    np.testing.assert_array_equal(jac.accuracy.task_units[3:], 1.0)
-    assert np.isfinite(jac.accuracy.J_T_error).all()
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: FrameTask("a", rows=[]), "rows must have one at least"),
-        (lambda: LookAtTask("a", [0.0, 0.0, 0.0]), "axis must have a length"),
-        (lambda: JointCouplingTask({}), "coefficients must name a joint"),
-    ],
-)
-def test_a_task_of_nothing_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
 
 
 def test_what_a_model_does_not_have_is_refused_with_the_remedy():

@@ -444,21 +444,6 @@ def test_small_motion_and_pushes_are_those_of_the_jacobian(base):
     np.testing.assert_allclose(plant.model.opt.gravity, of.opt.gravity - axes, atol=1e-12)
 
 
-def test_a_body_is_a_payload_as_a_site_at_its_origin_is(model):
-    """The hexapod's payload site lies at its body's origin, turned by half a turn."""
-    plants = Plant(model, payload=Body("payload")), Plant(model)
-    for plant in plants:
-        plant.step(np.array([1e-5, 0, -1e-5, 0, 2e-5, 0]), 0.05)
-    moved, expected = (plant.displacement() for plant in plants)
-    assert np.abs(expected).min() > 1e-9
-    np.testing.assert_allclose(moved, expected, atol=1e-15)
-
-
-def test_a_site_that_is_not_there_is_refused_with_the_most_similar_one(model):
-    with pytest.raises(ModelError, match=r'no site named "paylod"; .*; did you mean "payload"\?$'):
-        Plant(model, payload="paylod")
-
-
 # A failure as text, NAME:KIND@SECONDS.
 
 
@@ -485,17 +470,3 @@ def test_a_text_that_is_no_failure_is_shown_with_what_was_expected(text):
     ) as said:
         Failure.parse(text)
     assert repr(text) in str(said.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "failure"),
-    [
-        ("strut1:locked@1.3", Failure("strut1", "locked", 1.3)),
-        ("a:b@c:weak@2", Failure("a:b@c", "weak", 2.0)),
-        ("4:free@.5", Failure(4, "free", 0.5)),
-    ],
-)
-def test_a_text_is_a_failure_by_name_or_number(text, failure):
-    assert Failure.parse(text) == failure
-    with pytest.raises(ValueError, match=r'got .*; did you mean "locked"'):
-        Failure.parse("strut1:loked@1")

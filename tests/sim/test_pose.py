@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from fjh.rig.hexapod.closed_form import hexapod
-from sim import MODELS, NOMINAL, CenterOfMass, Pose, load_model, pose_error, pose_of
+from sim import MODELS, NOMINAL, CenterOfMass, Pose, load_model, pose_error
 from sim.kinematics.pose import target_pose
 from sim.mjcf.frame import rotation_vector
 from tests.random_systems import SEEDS
@@ -144,13 +144,6 @@ def test_a_target_is_the_same_in_every_form():
         )
     several = pose_error(model, data, ["payload", CenterOfMass()], [pose.transform(), np.ones(3)])
     np.testing.assert_allclose(several[:6], pose_error(model, data, "payload", pose), atol=1e-12)
-
-
-def test_the_way_to_where_a_frame_is_is_none():
-    model, data = arm()
-    here = pose_of(model, data, "payload")
-    for target in (here, here.matrix(), here.transform(), (here.translation_m, quaternion(here))):
-        np.testing.assert_allclose(pose_error(model, data, "payload", target), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -209,19 +209,6 @@ def test_a_base_that_falls_is_refused_with_pins_that_work(tmp_path):
         scene_of(file, "floor")
 
 
-def test_a_root_that_slides_is_refused_with_what_stands_when_it_has_fallen(tmp_path):
-    file = tmp_path / "acrobat.xml"
-    file.write_text("""<mujoco><worldbody><geom type="plane" size="3 3 0.1"/>
-      <body name="torso" pos="0 0 0.5"><joint name="rootz" type="slide" axis="0 0 1"/>
-        <geom size="0.05" mass="1"/>
-        <body name="leg" pos="0 0 -0.1"><joint name="hip" axis="0 1 0" damping="1"/>
-          <geom type="capsule" size="0.04" fromto="0 0 0 0 0 -0.3" mass="0.3"/>
-          <site name="tip" pos="0 0 -0.3"/></body></body></worldbody>
-      <actuator><position joint="hip" kp="100" kv="5"/></actuator></mujoco>""")
-    with pytest.raises(ModelError, match=r'joint "rootz": no actuator .*, pinned leg:point$'):
-        scene_of(file)
-
-
 def test_thrusters_have_an_attainable_set_and_no_flight_of_a_servo(tmp_path):
     """Four of 0 to 4 N lift with 0 to 16 N; each alone tilts by its arm of 0.1 m."""
     corners = [(x, y) for x in (0.1, -0.1) for y in (0.1, -0.1)]

@@ -15,10 +15,8 @@ from sim import (
     CenterOfMassTask,
     Distances,
     FrameTask,
-    JointCouplingTask,
     Pose,
     PostureTask,
-    assemble,
     pose_of,
     ranges,
 )
@@ -76,18 +74,6 @@ def test_where_all_tasks_can_be_met_at_once_both_give_the_same_velocity():
     np.testing.assert_allclose(ik.step(data, DT), v, atol=2e-3 * np.abs(v).max())
 
 
-@pytest.mark.parametrize("way", [(0.0, 0.0, 0.1), (0.05, -0.08, -0.02)])
-def test_a_task_converges_and_its_error_falls_at_every_step(mobile, way):
-    """Mink needs fewer than 20 steps for a tenth of a metre; so does this."""
-    model, data = mobile
-    task = FrameTask("tool", target=above(model, data, "tool", *way))
-    ik, errors = Ik(model, [task], Limits(velocity=np.pi)), [np.inf]
-    while errors[-1] > 1e-6:
-        data = moved(ik, data, 1, DT)
-        errors.append(float(np.linalg.norm(task.on(model).error(model, data))))
-    assert (np.diff(errors) < 0).all() and len(errors) < 20
-
-
 def test_of_conflicting_tasks_the_lower_one_gives_way_in_mink_both(mobile):
     model, data = mobile
     high, low = (above(model, data, "tool", 0, 0, way) for way in (0.01, -0.01))
@@ -114,13 +100,6 @@ def test_what_cannot_hold_has_a_status_here_and_none_in_mink(mobile):
     answer = ik.solve(data, DT)
     assert answer.status is Status.LEAST_SQUARES
     np.testing.assert_allclose(DT * answer.residuals[0], [0, 0, 0.03], atol=1e-9)
-
-
-def test_a_target_far_away_is_no_error(mobile):
-    model, data = mobile
-    target = FrameTask("tool", rows=[3, 4, 5], target=[100.0, 0.0, 0.0])
-    answer = Ik(model, [target]).solve(data, DT)
-    assert answer.status is Status.EXACT and np.isfinite(answer.qvel).all()
 
 
 def test_the_origin_takes_the_straight_line_and_there_a_screw():
@@ -152,47 +131,6 @@ def test_beyond_its_range_a_joint_returns_where_mink_finds_no_solution(mobile):
     limits = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, {"shoulder": 1.0})]
     with pytest.raises(mink.NoSolutionFound):
         step_of_mink(model, data, [posture], limits=limits)
-
-
-def test_a_range_limits_the_rate_near_it_and_not_far_from_it():
-    model = model_of("xy_table")  # x has a range, y has none
-    data = mujoco.MjData(model)
-    ik = Ik(model, [PostureTask(target=[9.0, 9.0])], Limits(velocity=3.0))
-    np.testing.assert_array_equal(ik.step(data, DT), [3.0, 3.0])
-    data.qpos[:] = 0.5 - 5e-4
-    np.testing.assert_allclose(ik.step(data, DT), [5e-4 / DT, 3.0])
-    data.qpos[:], data.qvel[:] = 0.0, [0.0, 3.0]
-    ik = Ik(model, [PostureTask(target=data.qpos)], Limits(acceleration=14.0))
-    np.testing.assert_allclose(ik.step(data, DT), [0.0, 3.0 - 14.0 * DT], atol=1e-12)
-
-
-def test_tendons_that_are_coupled_come_together_and_stay():
-    """Mink brings them together tick by tick; here `assemble` does, and they stay so."""
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody>
-        <body><joint name="j1" type="slide" axis="1 0 0"/><geom size="0.05"/></body>
-        <body pos="0 1 0"><joint name="j2" type="slide" axis="1 0 0"/><geom size="0.05"/></body>
-        </worldbody><tendon><fixed name="t1"><joint joint="j1" coef="1"/></fixed>
-        <fixed name="t2"><joint joint="j2" coef="1"/></fixed></tendon>
-        <equality><tendon tendon1="t1" tendon2="t2"/></equality>
-        <actuator><motor joint="j1"/></actuator></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.5, -0.3
-    data = assemble(model, data)
-    np.testing.assert_allclose(data.qpos, 0.1, atol=1e-9)
-    ik = Ik(model, [PostureTask(joints=["j1"], target=[0.7, 0.0])])
-    np.testing.assert_allclose(moved(ik, data, 3, DT).qpos, 0.7, atol=1e-9)
-
-
-def test_coupled_joints_keep_their_ratio():
-    model = model_of("humanoid")
-    knees, bent = JointCouplingTask({"left_knee": 1.0, "right_knee": -2.0}), model.qpos0.copy()
-    bent[model.joint("left_knee").qposadr[0]] += 0.3
-    fold = PostureTask(joints=["left_knee"], target=bent)
-    data = moved(Ik(model, [knees, fold], active=["root"]), mujoco.MjData(model), 1, DT)
-    np.testing.assert_allclose(data.joint("left_knee").qpos, 0.3, atol=1e-9)
-    np.testing.assert_allclose(data.joint("right_knee").qpos, 0.15, atol=1e-9)
 
 
 def test_a_beam_that_turns_does_not_run_its_other_end_into_the_floor():
