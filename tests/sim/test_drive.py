@@ -185,24 +185,17 @@ MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
     ("actuators", "side"),
     [
         ('<motor joint="a"/>', 0),
-        ('<motor joint="a" ctrlrange="-1 2"/>', 0),
-        ('<motor joint="a" ctrlrange="0 1"/>', 1),
         ('<motor joint="a" ctrlrange="0 1" gear="-3"/>', -1),
         ('<general joint="a" ctrlrange="0 1" gainprm="-2"/>', -1),
-        ('<motor joint="a" forcerange="-4 0"/>', -1),
         ('<motor joint="a" forcerange="-4 0" gear="-1"/>', 1),
         ('<position joint="a" kp="9" ctrlrange="0 1"/>', 0),  # of the target, not of the force
         ('<position joint="a" kp="9" forcerange="0 5"/>', 1),
         (MUSCLE.format("m", 1), -1),
         (MUSCLE.format("m", -1), 1),
         (MUSCLE.format("m", 1) + MUSCLE.format("n", -2), 0),
-        (MUSCLE.format("m", 1) + MUSCLE.format("n", 2), -1),
-        ('<motor tendon="cable" ctrlrange="-1 0"/>', -1),
         ('<motor tendon="cable" ctrlrange="-1 0"/><motor tendon="cable" ctrlrange="0 1"/>', 0),
-        (
-            '<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>',
-            1,
-        ),  # its velocity is along the gear
+        # Its velocity is along the gear.
+        ('<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>', 1),
     ],
 )
 def test_what_pushes_to_one_side_only_is_marked_and_warned_about(actuators, side):
@@ -228,14 +221,11 @@ def most_and_least(of: mujoco.MjModel, drives: tuple[Drive, ...]) -> np.ndarray:
 
 
 LIMITED = [
-    ('<motor joint="a" ctrlrange="-1 2"/>', "", ""),
     ('<motor joint="a" ctrlrange="-1 2" gear="-3"/>', "", ""),
     ('<motor joint="a" ctrlrange="-1 2"/><motor joint="a" ctrlrange="0 3" gear="2"/>', "", ""),
     ('<motor joint="a" ctrlrange="-9 9" forcerange="-1 20"/>', "", ""),
     ('<position joint="a" kp="1" forcerange="-3 4"/>', "", ""),
-    ('<motor joint="a" gear="3"/>', 'actuatorfrcrange="-5 7"', ""),
     ('<motor joint="a" gear="3" ctrlrange="-1 9"/>', 'actuatorfrcrange="-5 7"', ""),
-    ('<motor tendon="cable" gear="3"/>', "", 'actuatorfrcrange="-5 7"'),
     ('<motor tendon="cable" gear="-3" ctrlrange="-1 9"/>', "", 'actuatorfrcrange="-5 7"'),
     ('<motor tendon="cable" gear="2"/><motor tendon="cable" gear="2" ctrlrange="0 1"/>',
      "", 'actuatorfrcrange="-5 7"'),
@@ -260,21 +250,16 @@ def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, join
             'actuator "pad" adheres to .*: take it out .* or disable its group and pin',
         ),
         ('<motor name="m" joint="a" gear="0"/>', 'actuator "m" has gear 0 .*: take it out'),
-        ('<motor tendon="cable" gear="0"/>', 'actuator "number 0" has gear 0'),
-        ('<motor name="m" site="tool" gear="0 0 0 0 0 0"/>', 'actuator "m" has gear 0'),
+        ('<motor site="tool" gear="0 0 0 0 0 0"/>', 'actuator "number 0" has gear 0'),
         ("", "the model has no enabled actuator, .*: add one"),
         ('<motor name="m" joint="c"/>', "no actuator moves 'tool'"),
-        ('<motor name="m" site="flag"/>', "no actuator moves 'tool'"),
     ],
 )
 def test_what_moves_nothing_is_refused_with_the_remedy(actuators, message):
     with pytest.raises(ModelError, match=message) as caught:
         arm(actuators)
-    assert "\n" not in str(caught.value) and len(str(caught.value)) < 200
-
-
-def test_an_actuator_that_is_refused_may_be_switched_off():
-    """The remedy that the message names."""
+    assert "\n" not in str(caught.value)
+    # A remedy that a message names.
     pad = '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1" group="3"/>'
     assert arm(PAIR + pad, disabled=1 << 3).active.tolist() == [0, 3]
 
@@ -341,6 +326,3 @@ def test_digits_are_a_name_first_and_then_a_number():
     assert number_of("2", [("a",), ("b",), ("c",)]) == 2
     with pytest.raises(ValueError, match='no actuator or joint "3"'):
         number_of("3", [("a",), ("b",), ("c",)])
-
-
-# Locks that are added to a file.

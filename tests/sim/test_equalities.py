@@ -95,9 +95,6 @@ def test_open_loops_are_refused_beyond_the_tolerance():
     of.eq_data[0, :3] = np.nan
     with pytest.raises(ModelError, match="an equality of the model is not finite"):
         jacobians(of, data, "tool")
-    data.qpos[3] = np.inf
-    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
-        jacobians(of, data, "tool")
 
 
 def test_a_weld_is_closed_in_radians_whatever_its_torquescale():
@@ -205,12 +202,8 @@ def test_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where)
 
 def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
     model, data = cloth("tied")
-    for ask in (
-        lambda: jacobians(model, data, "tool", closure_tolerance=np.inf),
-        lambda: assemble(model),
-    ):
-        with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
-            ask()
+    with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
+        jacobians(model, data, "tool", closure_tolerance=np.inf)
     of_flex = model.eq_type == mujoco.mjtEq.mjEQ_FLEX
     model.eq_active0[of_flex], data.eq_active[of_flex] = 0, 0
     jacobians(model, assemble(model), "tool")

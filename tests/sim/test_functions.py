@@ -255,17 +255,12 @@ def test_a_coupling_is_the_sum_of_positions():
     check_slopes(model, data, located)
 
 
-def test_what_a_model_does_not_have_is_refused_with_the_remedy():
+def test_what_a_task_cannot_be_of_is_refused_with_the_remedy():
     model = ball_arm()
-    data = mujoco.MjData(model)
     with pytest.raises(ModelError, match='"ball" is no slide and no hinge'):
         JointCouplingTask({"ball": 1.0}).on(model)
-    with pytest.raises(ModelError, match='did you mean "tip"'):
-        FrameTask("tipp").on(model)
     with pytest.raises(ValueError, match="must be set before"):
-        FrameTask("tip").on(model).error(model, data)
-    with pytest.raises(ValueError, match="target of"):
-        PostureTask(target=[1.0]).on(model).error(model, data)
+        FrameTask("tip").on(model).error(model, mujoco.MjData(model))
 
 
 def test_a_target_is_checked_when_it_is_set_and_is_a_copy():

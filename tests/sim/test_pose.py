@@ -100,11 +100,6 @@ def test_batches_are_broadcast():
         close(Pose(many.moved(steps[0]).rotation[k], many.moved(steps[0]).translation_m[k]), alone)
 
 
-def columns(A):
-    """The same numbers, column by column."""
-    return np.asfortranarray(A)
-
-
 def apart(A):
     """The same numbers, every other one of a larger array."""
     wide = np.full((*A.shape[:-1], 2 * A.shape[-1]), np.nan)
@@ -112,7 +107,7 @@ def apart(A):
     return wide[..., ::2]
 
 
-@pytest.mark.parametrize("laid", [columns, apart])
+@pytest.mark.parametrize("laid", [np.asfortranarray, apart])
 def test_arrays_of_any_layout_are_the_same_numbers(laid, model):
     """To the compiled code."""
     machine, twist = hexapod(model), np.linspace(1e-4, 2e-4, 12).reshape(2, 6)
@@ -125,13 +120,9 @@ def test_arrays_of_any_layout_are_the_same_numbers(laid, model):
     assert_array_equal(here.twist(twist[1]), there.twist(laid(twist[1])))
 
 
-def arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = load_model(MODELS / "arm.xml")
-    return model, mujoco.MjData(model)
-
-
 def test_a_target_is_the_same_in_every_form():
-    model, data = arm()
+    model = load_model(MODELS / "arm.xml")
+    data = mujoco.MjData(model)
     pose = some(3)
     way = pose_error(model, data, "payload", pose, "base")
     forms = [pose.matrix(), pose.matrix().tolist(), pose.transform()]
@@ -149,7 +140,6 @@ def test_a_target_is_the_same_in_every_form():
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        (np.eye(4) + np.eye(4, k=1) * [0, 0.1, 0, 0], "target must be a rotation matrix"),
         (np.diag([1.0, 1, -1, 1]), "target must be a rotation matrix"),
         (np.eye(4)[::-1], "target must have the last row 0 0 0 1"),
         (np.eye(3), r"got shape \(3, 3\): a rotation R alone is Pose\(R, position\)"),
@@ -158,6 +148,7 @@ def test_a_target_is_the_same_in_every_form():
     ],
 )
 def test_what_is_no_target_is_refused(target, said):
-    model, data = arm()
+    model = load_model(MODELS / "arm.xml")
+    data = mujoco.MjData(model)
     with pytest.raises(ValueError, match=said):
         pose_error(model, data, "payload", target)
