@@ -24,23 +24,20 @@ def three_rrr(
     axes: np.ndarray | None = None,
     base: str = "",
     driven: str = "",
-    turn: np.ndarray | None = None,
 ) -> mujoco.MjModel:
     """A planar 3-RRR: seven hinges, two connects of which one row each is redundant.
 
-    Axes are along z, or as given, shape (7, 3); `base` is the joint of the body that carries all;
-    `turn` is a rotation of all numbers.
+    Axes are along z, or as given, shape (7, 3); `base` is the joint of the body that carries all.
     """
-    R = np.eye(3) if turn is None else turn
     axes = np.tile([0.0, 0.0, 1.0], (7, 1)) if axes is None else axes
     feet = np.array([[np.cos(a), np.sin(a)] for a in (0.5, 0.5 + 2.1, 0.5 + 4.1)]) * 0.87654321
     tips, knees = 0.3 * feet + 0.01234567, np.array([[0.8, 0.3], [-0.75, 0.25], [-0.1, -0.85]])
 
     def place(v: np.ndarray) -> str:
-        return " ".join(map(write, R @ (*v, 0.0)))
+        return " ".join(map(write, (*v, 0.0)))
 
     def axis(k: int) -> str:
-        return " ".join(map(exact, R @ axes[k]))
+        return " ".join(map(exact, axes[k]))
 
     def leg(k: int, carried: str) -> str:
         return f"""

@@ -6,7 +6,6 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fjh.ik import Ik
 from prioritized import ConstrainedSystem
@@ -16,10 +15,8 @@ from sim import (
     FrameTask,
     JacobianReader,
     Jacobians,
-    Mechanism,
     jacobians,
     load_model,
-    pose_of,
 )
 from sim.mjcf.accuracy import roundings
 from tests.models import model
@@ -31,10 +28,6 @@ from tests.three_rrr import EXACT, six_digits, taken, three_rrr
 def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, int]:
     """Numbers of self-motions and of constraints on the actuators, and the rank of J."""
     kin = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, geometry_accuracy=accuracy).kinematics()
-    return found(kin, jac)
-
-
-def found(kin, jac: Jacobians) -> tuple[int, int, int]:
     rank = np.linalg.matrix_rank(kin.J, tol=1e-5 * float(np.linalg.norm(jac.J_T)))
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
@@ -87,20 +80,11 @@ def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
         jac = taken(rounded)
         assert jac.geometry_accuracy > 1e-9
         assert verdict(jac, jac.geometry_accuracy) == EXACT
-        assert found(ConstrainedSystem.of(jac).kinematics(), jac) == EXACT
+        kin = ConstrainedSystem.of(jac).kinematics()
+        assert (kin.self_motion.shape[1], len(kin.active_constraint)) == (0, 0)
     assert verdict(jac)[1] > 0
     exact = ConstrainedSystem.of(jac, geometry_accuracy=1e-14).kinematics()
     assert len(exact.active_constraint) > 0
-
-
-def test_rounding_that_a_rotation_hides_must_be_stated_by_hand():
-    """Turned any way, every axis has components of size 1 in full precision, which show nothing."""
-    turn = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
-    jac = taken(three_rrr(axes=skewed(1e-8, seed=0), turn=turn))
-    assert jac.geometry_accuracy < 1e-15
-    assert verdict(jac)[1] > 0
-    assert verdict(jac, 1e-8) == EXACT
-    assert verdict(taken(three_rrr(turn=turn))) == EXACT
 
 
 BASE = '<joint name="base" axis="0.3 -0.5 0.8" pos="0.2 0.1 -0.3"/>'
@@ -279,23 +263,17 @@ def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, roun
     assert {each.half_unit for each in found} == {0.5e-5, *([0.5e-4] if rounded > 1 else [])}
 
 
-def test_what_the_file_fixes_is_computed_once_and_no_tick_copies_the_model(monkeypatch):
-    """Of a robot with meshes a copy takes longer than a tick; each tick decides on the entries."""
+def test_no_tick_copies_the_model(monkeypatch):
+    """Of a robot with meshes a copy takes longer than a tick."""
     model, copies = three_rrr(six_digits), []
-    mechanism, task = Mechanism(model, site="tool"), FrameTask("tool", rows=[3, 4], gain=0.1)
-    data = mujoco.MjData(model)
-    task.target = pose_of(model, data, "tool").translation_m + np.array([0.02, 0.02, 0.0])
-    ik, posture, states = Ik(model, [task]), mechanism.nominal, set()
+    data, task = mujoco.MjData(model), FrameTask("tool", rows=[3, 4], gain=0.1)
+    task.target = pose_of(model, data, "tool").translation_m + 0.02
+    ik = Ik(model, [task])
     copied = mujoco.MjModel.__copy__
     monkeypatch.setattr(mujoco.MjModel, "__copy__", lambda m: copies.append(m) or copied(m))
-    for k in range(20):
+    for _ in range(20):
         ik.advance(data, ik.step(data, 0.01), 0.01, into=data)
-        posture = mechanism.moved(posture, 1e-3 * k * np.ones(3), np.arange(3))
-        jac = mechanism.jacobians(posture)
-        ConstrainedSystem.of(jac).kinematics().velocity_mapping([3, 4])
-        states.add(jac.accuracy.J_C_error.tobytes())
-    assert len(copies) <= 2  # one of each reader
-    assert len(states) == 20  # the errors are those of each pose all the same
+    assert len(copies) <= 1
 
 
 def test_a_weak_direction_says_how_well_its_gain_is_known():

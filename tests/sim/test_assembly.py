@@ -241,16 +241,10 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize(
-    ("bend", "step", "said"),
-    [
-        (0.004, -1e-4, ["was to move by"]),
-        (0.004, -1e-7, []),
-        (1.0, -1e-2, []),
-        # several turns, of which it takes 1 rad
-        (0.004, -0.02, ["is shortened to 0.", "was to move by"]),
-    ],
+    ("bend", "step", "misses"),
+    [(0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)],
 )
-def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, step, said):
+def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, step, misses):
     """Along a nearly stretched arm joints turn far for a little way: the rest is curvature."""
     of, data = stretched(unit, bend)
     kin = ConstrainedSystem.of(jacobians(of, data, "tip")).kinematics()
@@ -258,14 +252,13 @@ def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, s
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
         advance(of, data, motion)
-    assert len(given) == len(said)
-    for warning, words in zip(given, said, strict=True):
-        assert words in str(warning.message)
-    if said:
-        part = float(str(given[-1].message).split("at most ")[1].split()[0])
+    assert len(given) == misses
+    if misses:
+        assert "was to move by" in str(given[0].message)
+        part = float(str(given[0].message).split("at most ")[1].split()[0])
         there = advance(of, data, part * motion)
         off = there.site("tip").xpos - data.site("tip").xpos - [part * step * unit, 0.0, 0.0]
-        assert np.linalg.norm(off) < (0.25 if len(said) == 1 else 0.3) * part * abs(step) * unit
+        assert np.linalg.norm(off) < 0.25 * part * abs(step) * unit
 
 
 # Steps that are too long.
