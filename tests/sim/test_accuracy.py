@@ -266,8 +266,8 @@ def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, roun
 def test_no_tick_copies_the_model(monkeypatch):
     """Of a robot with meshes a copy takes longer than a tick."""
     model, copies = three_rrr(six_digits), []
-    data, task = mujoco.MjData(model), FrameTask("tool", rows=[3, 4], gain=0.1)
-    task.target = pose_of(model, data, "tool").translation_m + 0.02
+    data, task = at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
+    task.target = data.site("tool").xpos + 0.02
     ik = Ik(model, [task])
     copied = mujoco.MjModel.__copy__
     monkeypatch.setattr(mujoco.MjModel, "__copy__", lambda m: copies.append(m) or copied(m))
