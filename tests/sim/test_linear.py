@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from sim import Plant, jacobians, linearize
+from sim import MODELS, Plant, assemble, jacobians, linearize, load_model
 from sim.mjcf import located
 from sim.mjcf.part import task_part
 from sim.plant import Met, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
 from tests.models import model as model_of
-from tests.sim.machines import WORLD, lifted, plant_of, servos
+from tests.models import with_locks
+from tests.sim.machines import WORLD
 
 # A bob that may go anywhere in a plane, tied by a light rod to a pivot: a pendulum by its loop.
 PENDULUM = """
@@ -108,11 +109,11 @@ def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.nda
 @pytest.mark.parametrize("name", ["arm", "platform", "hand", "arms"])
 def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
     """The same as the model of the machine in which it is really switched off."""
-    plant = servos(name)
-    linear = plant.linear()
-    for k in range(len(plant.drives)) if name != "arms" else (0, 7):
+    of = load_model(MODELS / f"{name}.xml")
+    linear = Plant(of).linear()
+    for k in range(of.nu) if name != "arms" else (0, 7):
         A, B, push = without(linear, k)
-        broken = servos(name)
+        broken = Plant(of)
         broken.release(k)
         real = broken.linear()
         np.testing.assert_allclose(A, real.A, atol=1e-6 * np.abs(linear.A).max())
@@ -129,7 +130,8 @@ def test_a_coil_against_a_spring_feeds_nothing_back_and_holds_nothing(model):
 @pytest.mark.parametrize("k", [0, 1])
 def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
     """From rest under gravity, within 1 % of the way for 30 ms."""
-    plant = lifted()
+    of = model_of("lifted")
+    plant = Plant(of, base=None, start=assemble(of))
     linear = plant.linear()
     A, _, push = without(linear, k)
     plant.release(k)
@@ -142,9 +144,10 @@ def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
     np.testing.assert_allclose(moved, expected, atol=0.01 * np.abs(moved).max())
 
 
-def test_places_that_rub_are_those_of_the_file(tmp_path):
+def test_places_that_rub_are_those_of_the_file():
     """A force at a joint or tendon pushes by M^-1 times its row."""
-    plant = plant_of(tmp_path)
+    of = with_locks("rubbing_arm")
+    plant = Plant(of, start=mujoco.MjData(of))
     friction = plant.linear().friction
     assert friction is not None
     assert dry_friction(plant.model) == ("shoulder", "elbow", "belt")

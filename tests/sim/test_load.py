@@ -206,13 +206,9 @@ def here(tmp_path, monkeypatch):
     assert {file.name for file in tmp_path.iterdir()} == set(ODD)
 
 
-def load_odd() -> None:
-    load_model("odd.xml")
-
-
 def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
     with caplog.at_level(logging.WARNING, "sim"):
-        load_odd()
+        load_model("odd.xml")
     assert "NaN" in caplog.text
 
 
@@ -236,13 +232,6 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
     )
     for stream in ("stdout", "stderr"):
         assert ("NaN" in getattr(done, stream)) == (stream == shown)
-
-
-@pytest.mark.long
-def test_a_worker_leaves_no_file_of_warnings(here):
-    from fjh.study.workers import in_parallel
-
-    in_parallel(load_odd, [{}], lambda done, total: None)
 
 
 # URDF: MuJoCo compiles it, and what it does not state is asked for.

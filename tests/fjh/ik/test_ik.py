@@ -318,7 +318,6 @@ def test_a_task_is_judged_where_the_robot_stands_not_at_zero(kind):
         (FrameTask("payload"), "weight", 2.0),
         (FrameTask("payload"), "rows", [3]),
         (FrameTask("payload"), "frame", Body("link3")),
-        (RelativeFrameTask("payload", "base"), "root", Body("link3")),
         (CenterOfMassTask(), "body", "link3"),
         (PostureTask(), "joints", ["joint1"]),
         (LookAtTask("payload", [0, 0, 1]), "axis", [1, 0, 0]),
