@@ -100,6 +100,17 @@ def started(name: str, *changes: tuple[str, str]) -> Plant:
     return Plant(of, **WORLD, start=start)
 
 
+def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel:
+    """Of one joint, with what else joint and cable are to have."""
+    kind, name = ("tendon", "c") if "tendon" in actuators else ("joint", "a")
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
+      <worldbody><body name="arm"><joint name="a" axis="0 1 0" {joint}/>
+      <geom size="0.05" mass="2" pos="0 0 -0.7"/><site name="tool" pos="0.1 0 -0.7"/></body>
+      </worldbody><tendon><fixed name="c" {cable}><joint joint="a" coef="0.5"/></fixed></tendon>
+      <equality><{kind} name="lock1" {kind}1="{name}" active="false"/></equality>
+      <actuator>{actuators}</actuator></mujoco>""")
+
+
 # Hexapod.
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)

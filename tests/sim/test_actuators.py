@@ -14,7 +14,7 @@ from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
 from tests.models import model as model_of
 from tests.models import with_locks
-from tests.sim.machines import POSES, WORLD, at, posed, started
+from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
 
 PERIOD_S = 5e-3
 
@@ -177,24 +177,10 @@ def test_a_command_is_answered_as_the_linear_model_says_and_reached(robot):
         assert off <= 0.01 * np.linalg.norm(J @ command) + 1e-9
 
 
-PENDULUM = """<mujoco><option gravity="0 0 0" timestep="1e-3"/><worldbody><body name="arm">
-  <joint name="a" axis="0 1 0" {joint}/><geom size="0.05" mass="2" pos="0 0 -0.7"/>
-  <site name="tool" pos="0.1 0 -0.7"/></body></worldbody>
-  <tendon><fixed name="c" {cable}><joint joint="a" coef="0.5"/></fixed></tendon>
-  <equality>{lock}</equality><actuator>{actuator}</actuator></mujoco>"""
-
-
-def pendulum(actuator: str, joint: str = "", cable: str = "") -> Plant:
-    kind, name = ("tendon", "c") if "tendon" in actuator else ("joint", "a")
-    lock = f'<{kind} name="lock1" {kind}1="{name}" active="false"/>'
-    text = PENDULUM.format(joint=joint, cable=cable, actuator=actuator, lock=lock)
-    return Plant(mujoco.MjModel.from_xml_string(text), **WORLD)
-
-
 def test_a_motor_on_a_sprung_tendon_draws_it():
     """The spring takes what the control gives."""
     cable = 'stiffness="100" springlength="0.0"'
-    plant = pendulum('<motor tendon="c" gear="4"/>', 'damping="9"', cable)
+    plant = Plant(pendulum('<motor tendon="c" gear="4"/>', 'damping="9"', cable), **WORLD)
     plant.step(np.array([0.01]), 8.0)
     assert plant.displacements()[0] == pytest.approx(0.01, rel=1e-6)
     assert plant.data.qpos[0] == pytest.approx(0.02, rel=1e-6)
@@ -239,7 +225,7 @@ REFUSED = [
 @pytest.mark.parametrize(("actuator", "springs", "words"), REFUSED)
 def test_what_no_displacement_commands_is_refused_with_the_reason(actuator, springs, words):
     with pytest.raises(ModelError, match=words) as refused:
-        pendulum(actuator, **springs)
+        Plant(pendulum(actuator, **springs), **WORLD)
     assert "\n" not in str(refused.value)
 
 

@@ -7,7 +7,7 @@ import pytest
 from sim import ModelError, Plant, servoed
 from sim.scene import robot_scene
 from tests.models import saved
-from tests.sim.machines import WORLD, posed
+from tests.sim.machines import WORLD, pendulum, posed
 
 ARM = """
 <mujoco>
@@ -59,14 +59,6 @@ def test_only_a_motor_with_explicit_steps_gets_another_integrator(actuators, bef
     if actuators == SERVOS:
         np.testing.assert_array_equal(servo.actuator_gainprm, model.actuator_gainprm)
         np.testing.assert_array_equal(servo.actuator_biasprm, model.actuator_biasprm)
-
-
-def pendulum(motors: str) -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
-      <worldbody><body><joint name="a" axis="0 1 0"/><geom size="0.05" mass="2" pos="0 0 -0.7"/>
-      <site name="tool" pos="0.1 0 -0.7"/></body></worldbody>
-      <equality><joint name="lock1" joint1="a" active="false"/></equality>
-      <actuator>{motors}</actuator></mujoco>""")
 
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0])

@@ -18,7 +18,7 @@ def test_where_all_tasks_can_be_met_at_once_both_give_the_same_velocity():
     com = pose_of(model, data, CenterOfMass()).translation_m + 0.004
     center = mink.ComTask(cost=1.0)
     center.set_target(com)
-    theirs: list[mink.BaseTask] = [center]
+    theirs: list[mink.Task] = [center]
     ours: list[TaskFunction] = [CenterOfMassTask(target=com)]
     for name, target in targets.items():
         task = mink.FrameTask(name, "site", position_cost=1.0, orientation_cost=1.0)
