@@ -205,7 +205,6 @@ def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
 
 
 STIFFER = {"joint": 'stiffness="3 1"'}
-PLASTIC = {"joint": 'stiffness="3" springyield="0.1"'}
 REFUSED = [
     ('<motor name="m" joint="a"/>', {}, '"m" is a torque motor, .*sim.servoed'),
     ('<velocity name="m" joint="a" kv="2"/>', {}, '"m" is a velocity servo, whose control is a'),
@@ -217,7 +216,6 @@ REFUSED = [
     ('<position name="m" site="tool" gear="1 0 0 0 0 0"/>', {}, '"m" feels a length that does not'),
     ('<adhesion name="m" body="arm" gain="1" ctrlrange="0 1"/>', {}, '"m" adheres'),
     ('<motor name="m" joint="a"/>', STIFFER, 'the spring of joint "a" is not linear'),
-    ('<motor name="m" joint="a"/>', PLASTIC, 'the spring of joint "a" is not linear'),
     ("", {}, "^the model has no enabled actuator, so nothing can be commanded: add one$"),
 ]
 

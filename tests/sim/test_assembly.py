@@ -129,6 +129,8 @@ def test_in_any_unit_of_length_the_same_pose_closes(L):
     assert np.abs(end - was).max() < 1e-9 * L
     np.testing.assert_allclose(closed.site("end").xmat, closed.site("top").xmat, atol=1e-9)
     assert abs(closed.joint("lift").qpos[0] + closed.joint("weight").qpos[0]) < 1e-9 * L
+    accuracy = jacobians(model, closed, "end").accuracy
+    assert accuracy.constraint_units[-1] == pytest.approx(accuracy.structure.length)
 
 
 def test_without_a_state_a_model_starts_at_its_first_keyframe():

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim import ModelError
 from sim.mjcf import joint_stiffness, mass_matrix
 from tests.models import model
 from tests.motions import shifted
@@ -39,3 +40,6 @@ def test_springs_push_back_with_their_stiffness_against_each_velocity():
         mujoco.mj_forward(of, data)
         pushed.append(-data.qfrc_passive / h)
     np.testing.assert_allclose(pushed, np.diag(joint_stiffness(of)), atol=1e-9)
+    plastic = SPRINGS.replace('stiffness="5"', 'stiffness="5" springyield="0.1"')
+    with pytest.raises(ModelError, match='the spring of joint "hinge" is not linear'):
+        joint_stiffness(mujoco.MjModel.from_xml_string(plastic))

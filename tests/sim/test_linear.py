@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from sim import MODELS, Plant, assemble, jacobians, linearize, load_model
+from sim import MODELS, ModelError, Plant, assemble, jacobians, linearize, load_model
 from sim.mjcf import located
 from sim.mjcf.part import task_part
 from sim.plant import Met, beyond_linear, dry_friction
@@ -63,6 +63,13 @@ def test_a_standing_push_along_an_arm_softens_it():
     data.xfrc_applied[model.body("arm").id, 2] = -5.0  # at the centre of mass, half way up
     pushed = linearize(model, data)
     assert pushed.A[1, 0] / alone.A[1, 0] == pytest.approx(1 - 5.0 * 0.25 / 10.0, rel=1e-6)
+
+
+def test_an_actuator_with_a_state_of_its_own_is_refused():
+    slow = '<general joint="hinge" dyntype="filter" dynprm="0.1"/>'
+    model = mujoco.MjModel.from_xml_string(ARM.replace('<motor joint="hinge"/>', slow))
+    with pytest.raises(ModelError, match="an actuator has a state of its own"):
+        linearize(model, mujoco.MjData(model))
 
 
 def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():

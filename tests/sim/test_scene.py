@@ -197,7 +197,7 @@ def test_a_base_that_falls_is_refused_with_pins_that_work(tmp_path):
         ('<joint name="x" type="slide" axis="1 0 0"/>', '<freejoint name="root"/>'),
         ('<joint name="z" type="slide" axis="0 0 1"/>', ""),
         ('<joint name="pitch"/>', ""),
-        ("<worldbody>", '<worldbody><geom type="plane" size="3 3 1" pos="0 0 -.05"/>'),
+        ("<worldbody>", '<worldbody><geom type="plane" size="3 3 1" pos="0 0 -.08"/>'),
         ("</worldbody>", '<site name="floor"/></worldbody>'),
         ('fromto="-0.05 0 0 0.1 0 0"', 'type="box" size="0.1 0.05 0.05"'),
         ("<motor", '<position kp="800" kv="40"'),

@@ -396,28 +396,29 @@ class Own(TaskFunction):
         return self
 
     def error(self, model, data):
-        """As it is said."""
-        return self.says(model, data)[0]
+        """As it is said, or what a value lacks to the target."""
+        value = self.says(model, data)[0]
+        return value if self.target is None else self.target - value
 
     def jacobian(self, model, data):
         """As it is said."""
         return self.says(model, data)[1]
 
 
-def quarter_metre_apart(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
-    """Of the two hands."""
+def apart(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
+    """How far the two hands are."""
     hands, rows = [data.site(f"{side}_hand") for side in ("left", "right")], []
     for hand in hands:
         rows.append(np.zeros((3, model.nv)))
         mujoco.mj_jacSite(model, data, rows[-1], None, hand.id)
     way = hands[1].xpos - hands[0].xpos
     length = np.linalg.norm(way)
-    return np.array([0.25 - length]), (way / length @ (rows[1] - rows[0]))[None]
+    return np.array([length]), (way / length @ (rows[1] - rows[0]))[None]
 
 
 def test_a_task_of_a_users_own_is_met_like_any_other():
     model = model_of("humanoid")
-    data, own = bent(model, 4, 0.2), Own(says=quarter_metre_apart)
+    data, own = bent(model, 4, 0.2), Own(says=apart, target=0.25)
     ik = Ik(model, [own, PostureTask(target=data.qpos, gain=0.2)], active=["root"])
     data = moved(ik, data, 60)
     way = data.site("left_hand").xpos - data.site("right_hand").xpos
