@@ -17,6 +17,7 @@ from sim.scene import robot_scene
 from tests.models import FOLDER, saved, text, with_locks
 from tests.models import model as model_of
 from tests.sim.machines import SHIPPED
+from tests.sim.transmissions import CASES, linkage
 
 
 def written(folder: Path, content: str) -> Path:
@@ -46,8 +47,8 @@ BROKEN = {  # what is replaced, by what, and which sentence names it
     'qpos="0.5"': ('qpos of key "home"', HUGE),
     'ctrl="0.5"': ('ctrl of key "home"', HUGE),
 }
-CASES = [(old, new, name) for old, (name, values) in BROKEN.items() for new in values]
-CASES += [
+NUMBERS = [(old, new, name) for old, (name, values) in BROKEN.items() for new in values]
+NUMBERS += [
     (old, "NaN", f"{old.partition('=')[0]} of ")
     for old in (*BROKEN, 'range="-1 1"', 'ctrlrange="-1 1"')
 ]
@@ -69,7 +70,7 @@ def refused(file: Path) -> str:
     return sentence.removeprefix(f"{file}: ")
 
 
-@pytest.mark.parametrize(("old", "new", "named"), CASES)
+@pytest.mark.parametrize(("old", "new", "named"), NUMBERS)
 def test_an_absurd_number_is_refused_with_the_name_of_its_element(tmp_path, old, new, named):
     """NaN even where MuJoCo takes it for a number that is not stated: of a mass, the density."""
     said = refused(broken(tmp_path, old, new))
@@ -178,12 +179,9 @@ def test_only_a_similar_name_is_proposed(kind, name, ending):
 
 def test_an_actuator_is_found_however_many_controls_others_have():
     """An orientation servo is one actuator with three controls."""
-    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body>
-      <joint name="ball" type="ball"/><geom size="0.1"/></body></worldbody><actuator>
-      <orientation name="wrist" joint="ball"/><motor name="m1" joint="ball"/></actuator>
-      </mujoco>""")
-    assert element_id(model, "actuator", "m1") == 1
-    with pytest.raises(ModelError, match='no actuator named "hand"; it has: wrist, m1'):
+    model = linkage(CASES["orientation servo"].mjcf)
+    assert element_id(model, "actuator", "b") == 1
+    with pytest.raises(ModelError, match='no actuator named "hand"; it has: m, b'):
         element_id(model, "actuator", "hand")
 
 

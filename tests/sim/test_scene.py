@@ -172,19 +172,11 @@ def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it(tmp_path):
 
 def test_physics_that_diverges_is_refused_with_what_helps(tmp_path):
     """MuJoCo begins again at time zero, for ever: Euler's method explodes on so much damping."""
-    file, xml = (
-        tmp_path / "stiff.xml",
-        """<mujoco><option integrator="{}"/><worldbody>
-      <body><freejoint/><geom size="0.05"/></body>
-      <body pos="0 0 1"><joint name="hip" axis="0 1 0"/><geom size="0.02" pos="0.1 0 0" mass="0.1"/>
-      <site name="tip" pos="0.2 0 0"/></body></worldbody>
-      <actuator><position joint="hip" kp="100" kv="20"/></actuator></mujoco>""",
-    )
-    file.write_text(xml.format("Euler"))
+    damped = ('kv="30"', 'kv="3000"')
+    euler = saved(tmp_path, "desk", damped, ('"implicitfast"', '"Euler"'))
     with pytest.raises(ModelError, match=r"diverges, .* of 0.002 s .* EULER; .* or implicitfast$"):
-        scene_of(file)
-    file.write_text(xml.format("implicitfast"))
-    assert scene_of(file).own.nu == 1
+        scene_of(euler)
+    assert scene_of(saved(tmp_path, "desk", damped)).own.nu == 2
 
 
 def test_a_base_that_falls_is_refused_with_pins_that_work(tmp_path):
