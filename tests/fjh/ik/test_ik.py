@@ -11,7 +11,6 @@ from scipy.linalg import null_space
 from fjh.ik import Ik, Limits
 from prioritized import Status
 from sim import (
-    MODELS,
     Array,
     Body,
     CenterOfMass,
@@ -109,8 +108,6 @@ def test_failures_compose_and_leave_the_healthy_one_alone():
     np.testing.assert_array_equal(healthy.step(data, DT), before)
     free = healthy.with_failures(free=["joint2"])  # it moves the task by itself
     assert free.solve(data, DT).status is Status.SELF_MOTION
-    with pytest.raises(ValueError, match="nearest is 'joint7'"):
-        healthy.with_failures(locked=["joint77"])
 
 
 @pytest.mark.parametrize("joint", ["joint2", "joint5", "joint9"])
@@ -154,22 +151,15 @@ def test_a_quadruped_steps_with_its_trunk_as_a_variable(locked):
 
 
 def test_variables_are_named_where_no_actuator_moves_a_task():
-    bare = mujoco.MjSpec.from_file(str(MODELS / "quadruped.xml"))
-    for actuator in list(bare.actuators):
-        bare.delete(actuator)
-    other, model, (data, feet, trunk) = bare.compile(), model_of("quadruped"), walking()
-    tasks = [feet[1:], feet[0], trunk]
-    found = Ik(other, tasks, active=True).step(mujoco.MjData(other), DT)
-    by_name, by_number = (
-        Ik(model, tasks, active=[root]).step(data, DT) for root in ("root", model.joint("root").id)
-    )
-    np.testing.assert_allclose(found, by_name, atol=1e-12)
-    np.testing.assert_array_equal(by_name, by_number)
-    with pytest.raises(ModelError, match="no enabled actuator"):
-        Ik(other, tasks)
+    model, (data, feet, trunk) = model_of("quadruped"), walking()
+    steps = [
+        Ik(model, [feet[1:], feet[0], trunk], active=active).step(data, DT)
+        for active in (["root"], [model.joint("root").id], True)
+    ]
+    np.testing.assert_array_equal(steps[0], steps[1])
+    np.testing.assert_allclose(steps[0], steps[2], atol=1e-12)
     with pytest.raises(ModelError, match=r"no actuator moves .* variables in active="):
         Ik(model, [trunk])
-    assert Ik(model, [trunk], active=["root"]).step(data, DT).any()
 
 
 @pytest.mark.parametrize("stands_by", ["tasks", "pins"])
