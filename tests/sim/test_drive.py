@@ -39,11 +39,6 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
     assert len(set(jac.active.tolist())) == len(seen)
 
 
-def lengths_along(of: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray, name: str):
-    """Of a motion by h, loops closed again: the first such length."""
-    return lambda h: getattr(assemble(of, shifted(of, data, h * step)), name)[0]
-
-
 @every_kind
 def test_the_velocity_is_mujocos_by_the_gear_and_its_force_is_dual(kind):
     """For every actuator of a drive, and along every qvel, whether it opens loops or not.
@@ -99,7 +94,10 @@ def test_a_locked_tendon_keeps_its_length_and_a_free_one_nothing(tendon):
     locked = motions(system.with_failures(locked=[0]).kinematics())
     assert locked.shape[1] == FREEDOMS - 1
     for velocity in locked.T / np.linalg.norm(locked, axis=0)[:, None]:
-        length = lengths_along(of, data, velocity[: of.nv], "actuator_length")
+
+        def length(h: float, step: np.ndarray = velocity[: of.nv]) -> float:
+            return assemble(of, shifted(of, data, h * step)).actuator_length[0]
+
         check_slope(0.0, length, 1e-2, 4e-4, 1e-7)
     free = motions(system.with_failures(free=[0]).kinematics())
     assert free.shape[1] == FREEDOMS

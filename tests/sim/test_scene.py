@@ -16,8 +16,7 @@ from sim.mjcf import located
 from sim.mjcf.part import task_part
 from sim.scene import Scene, robot_scene
 from sim.scene.scene import reduced
-from tests.models import saved
-from tests.robots import FINGER
+from tests.models import FOLDER, saved
 
 LINK = '<joint name="{0}" axis="{1}"/><geom size="0.02" pos="0.05 0.01 0" mass="{2}"/>'
 
@@ -158,11 +157,9 @@ def test_a_joint_that_the_file_has_outside_its_range_begins_inside(tmp_path):
         np.testing.assert_allclose(moved(plant, 0.0, way, seconds=1.0), [0.0, way], atol=1e-3)
 
 
-def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it(tmp_path):
+def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it():
     """Two joints, one cable: where it stands is for the springs to say, and there it stays."""
-    file = tmp_path / "finger.xml"
-    file.write_text(FINGER)
-    scene = scene_of(file)
+    scene = scene_of(FOLDER / "finger.xml")
     assert "one by" in scene.moved[0] and "two by" in scene.moved[0]
     plant = plant_of(scene)
     plant.step(np.zeros(1), 2.0)
