@@ -381,6 +381,7 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
         expected = (world_displacement(plant).reshape(2, 3) @ axes).ravel()
         np.testing.assert_allclose(plant.displacement(), expected, atol=1e-13)
         assert np.abs(expected).max() > 1e-6
+        plant.axes[:], plant.origin_m[:] = 7.0, 7.0  # copies
         np.testing.assert_allclose(plant.axes, axes, atol=1e-15)
         np.testing.assert_allclose(plant.origin_m, nominal, atol=1e-15)
 
