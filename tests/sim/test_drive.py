@@ -95,8 +95,8 @@ def test_a_locked_tendon_keeps_its_length_and_a_free_one_nothing(tendon):
     assert locked.shape[1] == FREEDOMS - 1
     for velocity in locked.T / np.linalg.norm(locked, axis=0)[:, None]:
 
-        def length(h: float, step: np.ndarray = velocity[: of.nv]) -> float:
-            return assemble(of, shifted(of, data, h * step)).actuator_length[0]
+        def length(h: float, step: np.ndarray = velocity[: of.nv]) -> np.ndarray:
+            return assemble(of, shifted(of, data, h * step)).actuator_length[:1]
 
         check_slope(0.0, length, 1e-2, 4e-4, 1e-7)
     free = motions(system.with_failures(free=[0]).kinematics())
