@@ -63,6 +63,7 @@ def closed_form(model: mujoco.MjModel) -> ClosedForm:
     M[:3, :3] += R @ inertia @ R.T
     M += mass * at_com.T @ at_com
     C, K, rows = np.zeros((6, 6)), np.zeros((6, 6)), []
+    stiffness = np.asarray(model.jnt_stiffness)[model.dof_jntid]
     for k in range(1, 7):
         housing, stem, tip = (model.body(f"{part}{k}") for part in ("housing", "stem", "tip"))
         q, p = data.xpos[housing.id], data.xpos[tip.id]
@@ -85,7 +86,7 @@ def closed_form(model: mujoco.MjModel) -> ClosedForm:
 
         axial = (u @ d)[None]
         rows.append(axial[0])
-        for matrix, value in ((C, model.dof_damping), (K, _stiffness_by_dof(model))):
+        for matrix, value in ((C, model.dof_damping), (K, stiffness)):
             slide, bottom, top, torsion = (
                 value[model.joint(f"{name}{k}").dofadr[0]]
                 for name in ("strut", "bottom_bend_x", "top_bend_x", "top_twist")
@@ -93,7 +94,3 @@ def closed_form(model: mujoco.MjModel) -> ClosedForm:
             matrix += slide * axial.T @ axial + bottom * swing.T @ swing
             matrix += top * bend.T @ bend + torsion * twist.T @ twist
     return ClosedForm(M, C, K, np.array(rows))
-
-
-def _stiffness_by_dof(model: mujoco.MjModel) -> np.ndarray:
-    return np.asarray(model.jnt_stiffness)[model.dof_jntid]

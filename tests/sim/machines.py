@@ -1,16 +1,15 @@
 """Machines that tests of several modules share, in the states in which they begin."""
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import scipy.linalg
 
-from sim import HEXAPOD_MJCF, MODELS, Pin, Plant, assemble, linearize, load_model
+from sim import HEXAPOD_MJCF, Pin, Plant, assemble, linearize, load_model
 from sim.mjcf.frame import Body
-from tests.models import model, saved, with_locks
+from tests.models import model, with_locks
 from tests.motions import shifted
 
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
@@ -101,35 +100,15 @@ def started(name: str, *changes: tuple[str, str]) -> Plant:
     return Plant(of, **WORLD, start=start)
 
 
-def lifted(
-    integrator: str = "Euler", eulerdamp: str = "disable", damping=0.2, kv=1.0, timestep=1e-4
-) -> Plant:
-    """A double pendulum that servos hold against gravity."""
-    changes = (
-        ('timestep="1e-4" integrator="Euler"', f'timestep="{timestep}" integrator="{integrator}"'),
-        ('eulerdamp="disable"', f'eulerdamp="{eulerdamp}"'),
-        ('damping="0.2"', f'damping="{damping}"'),
-        ('kv="1.0"', f'kv="{kv}"'),
-    )
-    of = model("lifted", *changes)
-    return Plant(of, base=None, start=assemble(of))
-
-
-def servos(name: str) -> Plant:
-    """A mechanism of this repository."""
-    of = load_model(MODELS / f"{name}.xml")
-    return Plant(of, start=assemble(of))
-
-
-def rubbing_arm(folder: Path, integrator: str = "implicitfast") -> Path:
-    """The file of an arm with dry friction."""
-    return saved(folder, "rubbing_arm", ('"implicitfast"', f'"{integrator}"'))
-
-
-def plant_of(folder: Path, integrator: str = "implicitfast") -> Plant:
-    """That arm at rest, its weight held."""
-    of = load_model(rubbing_arm(folder, integrator), add_locks=True)
-    return Plant(of, start=at(of))
+def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel:
+    """Of one joint, with what else joint and cable are to have."""
+    kind, name = ("tendon", "c") if "tendon" in actuators else ("joint", "a")
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
+      <worldbody><body name="arm"><joint name="a" axis="0 1 0" {joint}/>
+      <geom size="0.05" mass="2" pos="0 0 -0.7"/><site name="tool" pos="0.1 0 -0.7"/></body>
+      </worldbody><tendon><fixed name="c" {cable}><joint joint="a" coef="0.5"/></fixed></tendon>
+      <equality><{kind} name="lock1" {kind}1="{name}" active="false"/></equality>
+      <actuator>{actuators}</actuator></mujoco>""")
 
 
 # Hexapod.

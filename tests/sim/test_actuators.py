@@ -1,5 +1,6 @@
 """Actuators of any kind in a plant: held, commanded, limited, locked, weak, free, repaired."""
 
+import copy
 import re
 from collections.abc import Sequence
 from functools import cache
@@ -13,7 +14,7 @@ from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
 from tests.models import model as model_of
 from tests.models import with_locks
-from tests.sim.machines import POSES, SHIPPED, STATE, WORLD, at, posed, started, state_of
+from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
 
 PERIOD_S = 5e-3
 
@@ -89,7 +90,7 @@ TRUNK = """<mujoco><worldbody><body name="trunk"><joint type="{}" axis="0 1 0" n
   <actuator><position joint="a" kp="9"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize("joint", ["free", "ball", "hinge"])
+@pytest.mark.parametrize("joint", ["free", "hinge"])
 def test_what_no_actuator_holds_is_named_and_floats_without_gravity(joint):
     model = mujoco.MjModel.from_xml_string(TRUNK.format(joint))
     start = mujoco.MjData(model)
@@ -130,12 +131,10 @@ def test_a_start_that_actuators_cannot_hold_is_refused(changes, words):
         started("drives", *changes)
 
 
-def test_a_start_that_is_open_or_of_another_model_is_refused():
+def test_a_start_that_is_open_is_refused():
     model, _ = posed("squeezed_loop")
     with pytest.raises(ClosureError, match=r"call sim\.assemble"):
         Plant(model, **WORLD, start=at(model, left=0.3))
-    with pytest.raises(ValueError, match="data must be of this model"):
-        Plant(model, **WORLD, start=mujoco.MjData(load_model()))
 
 
 # Commands.
@@ -178,24 +177,10 @@ def test_a_command_is_answered_as_the_linear_model_says_and_reached(robot):
         assert off <= 0.01 * np.linalg.norm(J @ command) + 1e-9
 
 
-PENDULUM = """<mujoco><option gravity="0 0 0" timestep="1e-3"/><worldbody><body name="arm">
-  <joint name="a" axis="0 1 0" {joint}/><geom size="0.05" mass="2" pos="0 0 -0.7"/>
-  <site name="tool" pos="0.1 0 -0.7"/></body></worldbody>
-  <tendon><fixed name="c" {cable}><joint joint="a" coef="0.5"/></fixed></tendon>
-  <equality>{lock}</equality><actuator>{actuator}</actuator></mujoco>"""
-
-
-def pendulum(actuator: str, joint: str = "", cable: str = "") -> Plant:
-    kind, name = ("tendon", "c") if "tendon" in actuator else ("joint", "a")
-    lock = f'<{kind} name="lock1" {kind}1="{name}" active="false"/>'
-    text = PENDULUM.format(joint=joint, cable=cable, actuator=actuator, lock=lock)
-    return Plant(mujoco.MjModel.from_xml_string(text), **WORLD)
-
-
 def test_a_motor_on_a_sprung_tendon_draws_it():
     """The spring takes what the control gives."""
     cable = 'stiffness="100" springlength="0.0"'
-    plant = pendulum('<motor tendon="c" gear="4"/>', 'damping="9"', cable)
+    plant = Plant(pendulum('<motor tendon="c" gear="4"/>', 'damping="9"', cable), **WORLD)
     plant.step(np.array([0.01]), 8.0)
     assert plant.displacements()[0] == pytest.approx(0.01, rel=1e-6)
     assert plant.data.qpos[0] == pytest.approx(0.02, rel=1e-6)
@@ -210,14 +195,6 @@ def test_displacements_are_those_of_the_present_pose_in_motion():
     assert plant.displacements()[1] == pytest.approx(0.05 * turned, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_commands_of_shipped_machines_are_their_controls_to_the_bit(name):
-    model = load_model(MODELS / f"{name}.xml")
-    plant, command = Plant(model), 1e-4 * np.random.default_rng(0).normal(size=model.nu)
-    plant.step(command, 1e-3)
-    np.testing.assert_array_equal(plant.data.ctrl, command)
-
-
 def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
     """Where a central difference would see half of it."""
     plant = started("drives")
@@ -227,14 +204,11 @@ def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
     np.testing.assert_allclose(plant.linear().B, free, rtol=1e-6)
 
 
-SLACK = {"cable": 'stiffness="100" springlength="-1 1"'}
 STIFFER = {"joint": 'stiffness="3 1"'}
 REFUSED = [
     ('<motor name="m" joint="a"/>', {}, '"m" is a torque motor, .*sim.servoed'),
-    ('<motor name="m" tendon="c"/>', SLACK, "is a torque motor"),
     ('<velocity name="m" joint="a" kv="2"/>', {}, '"m" is a velocity servo, whose control is a'),
     ('<muscle name="m" joint="a" lengthrange="-1 1"/>', {}, '"m" is a muscle: only servos and'),
-    ('<intvelocity name="m" joint="a" actrange="-1 1"/>', {}, '"m" has a state of its own'),
     ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has a state of its own'),
     ('<damper name="m" joint="a" kv="2" ctrlrange="0 1"/>', {}, '"m" is an actuator of variable'),
     ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so nothing commands it'),
@@ -249,8 +223,8 @@ REFUSED = [
 @pytest.mark.parametrize(("actuator", "springs", "words"), REFUSED)
 def test_what_no_displacement_commands_is_refused_with_the_reason(actuator, springs, words):
     with pytest.raises(ModelError, match=words) as refused:
-        pendulum(actuator, **springs)
-    assert "\n" not in str(refused.value) and len(str(refused.value)) < 200
+        Plant(pendulum(actuator, **springs), **WORLD)
+    assert "\n" not in str(refused.value)
 
 
 # Limits.
@@ -313,17 +287,6 @@ def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
         assert plant.displacements()[drive] == pytest.approx(where, abs=1e-6)
 
 
-def locked_in_motion(plant: Plant, actuator: int) -> tuple[float, np.ndarray]:
-    """How far the joint leaves the place where it locked, and how far out the others come."""
-    plant.step(COMMAND, 0.1)
-    plant.lock(actuator)
-    where, away = plant.displacements()[actuator], 0.0
-    for _ in range(300):
-        plant.step(-COMMAND, 1e-3)
-        away = max(away, abs(plant.displacements()[actuator] - where))
-    return away, np.abs(np.delete(plant.displacements(), actuator))
-
-
 @pytest.mark.parametrize("flag", ["", "EQUALITY", "CONSTRAINT"])
 @pytest.mark.parametrize("actuator", range(3))
 def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
@@ -331,28 +294,15 @@ def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
     model, bit = three_joints(), int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
     model.opt.disableflags |= bit
     model.jnt_limited[:], model.jnt_range[:] = flag == "CONSTRAINT", [-0.05, 0.05]
-    held, others = locked_in_motion(Plant(model, **NAMES), actuator)
-    assert 0 < held < 1e-6 and others.min() > 0.1
-    assert model.opt.disableflags & bit == bit
-    # It can fail: of the stiffness that MuJoCo takes by default.
-    model.eq_solref[:], model.eq_solimp[:] = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
-    assert locked_in_motion(Plant(model, **NAMES), actuator)[0] > 1e-4
-
-
-@pytest.mark.parametrize("actuator", range(3))
-def test_a_lock_gives_way_by_what_its_time_constant_says(actuator):
-    """At rest by a (1 - d) T^2: a the acceleration prevented, d = 0.9999, T two physics steps.
-
-    MuJoCo takes the inertia at a lock approximately; here it is 3 % off.
-    """
-    model = three_joints()
-    plant = Plant(model, **NAMES)
+    plant, away = Plant(model, **NAMES), 0.0
+    plant.step(COMMAND, 0.1)
     plant.lock(actuator)
-    plant.settle(4.0, COMMAND)
-    prevented = plant.data.qacc_smooth[actuator]
-    expected = prevented * 1e-4 * (2 * model.opt.timestep) ** 2
-    assert plant.displacements()[actuator] == pytest.approx(expected, rel=0.05)
-    assert abs(prevented) > 100.0
+    where = plant.displacements()[actuator]
+    for _ in range(300):
+        plant.step(-COMMAND, 1e-3)
+        away = max(away, abs(plant.displacements()[actuator] - where))
+    assert 0 < away < 1e-6 and np.abs(np.delete(plant.displacements(), actuator)).min() > 0.1
+    assert model.opt.disableflags & bit == bit
 
 
 def damped(integrator: str, step_s: float, *changes: tuple[str, str]) -> mujoco.MjModel:
@@ -423,20 +373,11 @@ def test_locks_may_have_other_names_and_must_hold_one_joint():
         Plant(brakes("hip_brake", "lock1", "c"), **NAMES)
 
 
-def test_what_has_no_lock_is_refused_when_it_is_to_lock_and_not_before():
+def test_what_has_no_lock_is_refused_when_it_is_to_lock():
     plant = started("drives")
     for drive, words in ((3, '"x" cannot be locked: it moves neither'), (7, '"crank" cannot be')):
         with pytest.raises(ModelError, match=words):
             plant.lock(drive)
-    with pytest.raises(ModelError, match='"lock2" must lock the tendon "cable" alone'):
-        Plant(model_of("drives", ("</mujoco>", LOCKS.format(TAKEN))), **WORLD)
-    with pytest.raises(ModelError, match='no equality named "lock2" to lock the tendon "cable"'):
-        Plant(model_of("drives", ("</mujoco>", LOCKS.format(""))), **WORLD).lock(1)
-
-
-LOCKS = """<equality><joint name="lock1" joint1="shoulder" active="false"/>
-  <joint name="lock3" joint1="tube" active="false"/>{}</equality></mujoco>"""
-TAKEN = '<joint name="lock2" joint1="elbow" active="false"/>'
 
 
 # Weak, free and loose.
@@ -491,24 +432,6 @@ def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
     np.testing.assert_array_equal(model.actuator_group, groups)
 
 
-def test_any_of_forty_actuators_is_released():
-    """MuJoCo switches 31 groups."""
-
-    def each(words: str) -> str:
-        return "".join(words.format(k, k + 1) for k in range(40))
-
-    text = f"""<mujoco><worldbody><site name="foot"/>
-      {each('<body pos="{0} 0 0"><joint name="j{0}"/><geom size="0.1" contype="0"/></body>')}
-      </worldbody>
-      <equality>{each('<joint name="lock{1}" joint1="j{0}" active="false"/>')}</equality>
-      <actuator>{each('<position joint="j{0}" group="{0}"/>')}</actuator></mujoco>"""
-    plant, silent = Plant(mujoco.MjModel.from_xml_string(text), **NAMES), {30, 39, 0, 31, 17}
-    for k in silent:
-        plant.release(k)
-    plant.step(np.full(40, 0.1), plant.model.opt.timestep)
-    assert {*np.flatnonzero(plant.data.actuator_force == 0.0)} == silent
-
-
 # Repair.
 
 
@@ -525,12 +448,13 @@ def plant(request) -> Plant:
     return Plant(load_model(MODELS / f"{request.param}.xml"))
 
 
-def of_failures(plant: Plant) -> dict[str, np.ndarray]:
-    """What they may alter, and nothing else."""
-    names = "actuator_group", "actuator_gainprm", "actuator_biasprm"
-    names += "jnt_stiffness", "tendon_stiffness"
-    state = {"eq_active": plant.data.eq_active.copy()}
-    return state | {name: getattr(plant.model, name).copy() for name in names}
+def of_failures(plant: Plant) -> bytes:
+    """All that they may alter: the whole model, and what is locked."""
+    model = copy.copy(plant.model)
+    model.opt.disableactuator = 0  # of groups that nothing is in
+    content = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return content.tobytes() + plant.data.eq_active.tobytes()
 
 
 def strike(plant: Plant, actuator: int, kinds: Sequence[str]) -> None:
@@ -552,31 +476,6 @@ def test_repair_gives_the_model_back_all_that_failures_take(plant, kinds):
         if actuator:
             strike(plant, actuator, kinds)
             plant.repair(actuator)
-        for name, value in of_failures(plant).items():
-            np.testing.assert_array_equal(value, alone[name], err_msg=name)
-        assert any(not np.array_equal(value, alone[name]) for name, value in before.items())
+        assert of_failures(plant) == alone != before
         plant.repair(0)
-        for name, value in of_failures(plant).items():
-            np.testing.assert_array_equal(value, before[name], err_msg=name)
-
-
-def test_a_repaired_machine_moves_as_a_healthy_one_bit_for_bit(plant):
-    state, n = state_of(plant), len(plant.drives)
-    commands = 1e-3 * np.sin(np.arange(20)[:, None] + np.arange(n))
-
-    def moved() -> np.ndarray:
-        mujoco.mj_setState(plant.model, plant.data, state, STATE)
-        mujoco.mj_forward(plant.model, plant.data)
-        visited = []
-        for command in commands:
-            plant.step(command, PERIOD_S)
-            visited.append([*plant.data.qpos, *plant.data.qvel])
-        return np.array(visited)
-
-    healthy = moved()
-    for actuator in range(n):
-        strike(plant, actuator, ONE_AFTER_ANOTHER)
-    assert np.abs(moved() - healthy).max() > 1e-6
-    for actuator in range(n):
-        plant.repair(actuator)
-    np.testing.assert_array_equal(moved(), healthy)
+        assert of_failures(plant) == before

@@ -12,14 +12,10 @@ from scipy.spatial.transform import Rotation
 from prioritized import ConstrainedSystem, Task
 from sim import (
     MODELS,
-    Body,
     CenterOfMass,
     ClosureError,
     JacobianReader,
-    Jacobians,
     Mechanism,
-    ModelError,
-    Pin,
     advance,
     assemble,
     jacobians,
@@ -64,8 +60,14 @@ def test_held_joints_stay(held):
     of = model("five_bar")
     data = opened(of, 0.02)
     closed = assemble(of, data, held=held)
-    for name in ("left", "right") if "right" in held else ("left",):
-        assert closed.joint(name).qpos[0] == data.joint(name).qpos[0]
+    for each in held:
+        assert closed.joint(each).qpos[0] == data.joint(each).qpos[0]
+
+
+def test_a_free_joint_may_be_held():
+    of = load_model(MODELS / "humanoid.xml")
+    closed = assemble(of, held=["root"], pinned=["left_foot"])
+    np.testing.assert_array_equal(closed.qpos[:7], of.qpos0[:7])
 
 
 def test_what_cannot_close_is_named_with_its_gap():
@@ -106,7 +108,7 @@ def crane(L: float) -> mujoco.MjModel:
         <geom size="{0.05 * L}" mass="1"/></body>
     </worldbody>
     <tendon><fixed name="rope">
-      <joint joint="lift" coef="1"/><joint joint="weight" coef="1"/></fixed></tendon>
+      <joint joint="lift" coef="2"/><joint joint="weight" coef="2"/></fixed></tendon>
     <equality><weld site1="end" site2="top"/><tendon tendon1="rope"/></equality>
     <actuator><position joint="lift"/></actuator></mujoco>""")
 
@@ -127,20 +129,8 @@ def test_in_any_unit_of_length_the_same_pose_closes(L):
     assert np.abs(end - was).max() < 1e-9 * L
     np.testing.assert_allclose(closed.site("end").xmat, closed.site("top").xmat, atol=1e-9)
     assert abs(closed.joint("lift").qpos[0] + closed.joint("weight").qpos[0]) < 1e-9 * L
-
-
-def test_a_free_joint_may_be_held_and_names_that_do_not_exist_are_refused():
-    of = load_model(MODELS / "humanoid.xml")
-    closed = assemble(of, held=["root"], pinned=["left_foot"])
-    np.testing.assert_array_equal(closed.qpos[:7], of.qpos0[:7])
-    with pytest.raises(ModelError, match=r'no joint "rooot".*did you mean "root"'):
-        assemble(of, held=["rooot"])
-    with pytest.raises(ModelError, match=r"held must lie in 0\.\.34, got 35"):
-        assemble(of, held=[35])
-    with pytest.raises(ModelError, match='no site named "foot"'):
-        assemble(of, pinned=["foot"])
-    with pytest.raises(ValueError, match=r"velocity must have shape \(N,\), N at least 35"):
-        advance(of, closed, np.zeros(3))
+    accuracy = jacobians(model, closed, "end").accuracy
+    assert accuracy.constraint_units[-1] == pytest.approx(2 * accuracy.structure.length)
 
 
 def test_without_a_state_a_model_starts_at_its_first_keyframe():
@@ -159,29 +149,6 @@ def test_without_a_state_a_model_starts_at_its_first_keyframe():
 
 def circle(turn: float, radius_m: float = 0.02) -> np.ndarray:
     return radius_m * np.array([np.cos(turn) - 1.0, np.sin(turn), 0.0])
-
-
-@pytest.mark.long
-def test_ten_lines_follow_a_circle_through_a_lock_within_a_micrometre():
-    """The place of the tool is major; the motor of its wrist locks halfway round."""
-    of = model("five_bar")
-    data = assemble(of)
-    start = pose_of(of, data, "tool").translation_m
-    system = ConstrainedSystem.of(jacobians(of, data, "tool"))
-    errors, wrist = [], 0.0
-    for k, turn in enumerate(np.linspace(0, 2 * np.pi, 721)[1:]):
-        if k == 360:
-            system = system.with_failures(locked=["wrist"])
-            wrist = data.joint("wrist").qpos[0]
-        jac = jacobians(of, data, "tool")
-        kin = system.at(jac.J_T, jac.J_C).kinematics()
-        step = pose_error(of, data, "tool", start + circle(turn))[[3, 4]]
-        rates = kin.velocity_mapping(major=[3, 4], joint_weight=np.ones(3))(step)
-        data = advance(of, data, kin.velocities(rates), held=system.stuck)
-        there = pose_of(of, data, "tool").translation_m
-        errors.append(np.linalg.norm(there - start - circle(turn)))
-        assert k < 360 or data.joint("wrist").qpos[0] == wrist
-    assert max(errors) < 1e-6
 
 
 def planar_linkage(accuracy: float) -> mujoco.MjModel:
@@ -274,42 +241,12 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
     assert np.abs(step - velocity[: of.nv]).max() < 1e-2 * np.abs(velocity).max()
 
 
-def test_feet_that_stand_stay_where_they_are_while_the_trunk_moves():
-    """One in place and in direction, the other in place alone."""
-    of = load_model(MODELS / "humanoid.xml")
-    data = at(of, left_knee=0.4, right_knee=0.4, left_hip_pitch=-0.2, right_hip_pitch=-0.2)
-    pins = [Pin("left_foot", weld=True), Pin(Body("right_ankle_roll"))]
-    frames, trunk = [pin.frame for pin in pins], Body("pelvis")
-    before = [pose_of(of, data, frame) for frame in frames]
-    height = pose_of(of, data, trunk).translation_m[2]
-    for _ in range(20):
-        kin = ConstrainedSystem.of(jacobians(of, data, trunk, pinned=pins)).kinematics()
-        mapping = kin.velocity_mapping(major=[5], joint_weight=np.ones(29))
-        assert mapping.status.name == "EXACT"
-        data = advance(of, data, kin.velocities(mapping([-1e-3])), pinned=pins)
-    after = [pose_of(of, data, frame) for frame in frames]
-    np.testing.assert_allclose(after[0].rotation, before[0].rotation, atol=1e-9)
-    for there, here in zip(after, before, strict=True):
-        np.testing.assert_allclose(there.translation_m, here.translation_m, atol=1e-9)
-    lowered = pose_of(of, data, trunk).translation_m[2] - height
-    assert lowered == pytest.approx(-0.02, rel=2e-2)
-
-
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize(
-    ("bend", "step", "said"),
-    [
-        (0.004, -1e-4, ["was to move by"]),
-        (0.004, -1e-7, []),
-        (1.0, -1e-2, []),
-        (
-            0.004,
-            -0.02,
-            ["is shortened to 0.", "was to move by"],
-        ),  # several turns, of which it takes 1 rad
-    ],
+    ("bend", "step", "misses"),
+    [(0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)],
 )
-def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, step, said):
+def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, step, misses):
     """Along a nearly stretched arm joints turn far for a little way: the rest is curvature."""
     of, data = stretched(unit, bend)
     kin = ConstrainedSystem.of(jacobians(of, data, "tip")).kinematics()
@@ -317,14 +254,13 @@ def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, s
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
         advance(of, data, motion)
-    assert len(given) == len(said)
-    for warning, words in zip(given, said, strict=True):
-        assert words in str(warning.message)
-    if said:
-        part = float(str(given[-1].message).split("at most ")[1].split()[0])
+    assert len(given) == misses
+    if misses:
+        assert "was to move by" in str(given[0].message)
+        part = float(str(given[0].message).split("at most ")[1].split()[0])
         there = advance(of, data, part * motion)
         off = there.site("tip").xpos - data.site("tip").xpos - [part * step * unit, 0.0, 0.0]
-        assert np.linalg.norm(off) < (0.25 if len(said) == 1 else 0.3) * part * abs(step) * unit
+        assert np.linalg.norm(off) < 0.25 * part * abs(step) * unit
 
 
 # Steps that are too long.
@@ -340,34 +276,23 @@ def five_bar(*rates: float) -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
     return of, data, kin.velocities(rates)
 
 
-def velocity(
-    jac: Jacobians,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    start: mujoco.MjData,
-    hand: np.ndarray,
-) -> np.ndarray:
-    """Of all joints, to be where wanted after 1 s, to first order.
-
-    The centre of mass stays over where it is in the state `start`; then the hand goes to a
-    position (3,) in the plane; then the posture returns to that of `start`.
-    """
-    kin = ConstrainedSystem.of(jac).kinematics()
-    over = (start.subtree_com[0] - pose_of(model, data, CenterOfMass()).translation_m)[:1]
-    reach = (hand - data.site("hand").xpos)[[0, 2]]
-    back = np.zeros(model.nv)
-    mujoco.mj_differentiatePos(model, back, 1.0, data.qpos, start.qpos)
-    rates = kin.hierarchy([Task([6]), Task([3, 5]), Task.joints()])([over, reach, back[jac.active]])
-    return kin.velocities(rates)
-
-
 def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, float, np.ndarray]:
-    """The walker at gain 1: its last state, how far its feet ever strayed, and its ticks [s]."""
+    """The walker at gain 1: its last state, how far its feet ever strayed, and its ticks [s].
+
+    The centre of mass stays over where it is at first; then the hand goes to a position (3,) in the
+    plane; then the posture returns to that of the start.
+    """
     model, start = walker()
     data, strayed, times = start, 0.0, [0.0]
     reader = JacobianReader(model, ["hand", CenterOfMass()], pinned=FEET)
+    levels = [Task([6]), Task([3, 5]), Task.joints()]
     for tick in range(ticks):
-        v = velocity(reader.at(data), model, data, start, hand(tick)) / TICK_S
+        jac = reader.at(data)
+        over = (start.subtree_com[0] - data.subtree_com[0])[:1]
+        reach = (hand(tick) - data.site("hand").xpos)[[0, 2]]
+        back = change(model, data.qpos, start.qpos)[jac.active]
+        kin = ConstrainedSystem.of(jac).kinematics()
+        v = kin.velocities(kin.hierarchy(levels)([over, reach, back])) / TICK_S
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             data = advance(model, data, v, TICK_S, pinned=FEET)
@@ -428,17 +353,6 @@ def test_a_shortened_step_is_nearly_the_longest_and_lies_on_the_loops():
     off = change(of, data.qpos, there.qpos) - there.time * v
     M = mass_matrix(of, there)
     assert off @ M @ off <= (0.06 * there.time) ** 2 * v @ M @ v
-
-
-def test_a_short_step_is_taken_as_it_is_without_a_word():
-    of, data, v = five_bar(1.0, -1.0, 0.0)
-    short = advance(of, data, v, 1e-3)
-    assert short.time == pytest.approx(1e-3)
-    step = change(of, data.qpos, short.qpos)
-    np.testing.assert_allclose(step, 1e-3 * v, atol=2e-6 * np.abs(v).max())
-    still = advance(of, data, 0.0 * v, 2.0)
-    np.testing.assert_array_equal(still.qpos, data.qpos)
-    assert still.time == 2.0
 
 
 def test_a_step_after_which_nothing_closes_is_shortened_too():

@@ -75,20 +75,6 @@ def test_geoms_that_touch_part_along_the_way_they_came(other):
         rows[height] = distances.at(data)
     assert abs(rows[0.0].distance_m[0]) < 1e-12
     np.testing.assert_allclose(rows[0.0].rows, rows[1e-5].rows, atol=1e-3)
-    fresh = mujoco.MjData(model)
-    fresh.qpos[:] = data.qpos
-    mujoco.mj_kinematics(model, fresh)
-    np.testing.assert_array_equal(data.geom_xpos, fresh.geom_xpos)
-
-
-def test_a_row_says_whether_spheres_approach_however_near_they_are():
-    model = two("sphere", "sphere")
-    data, rows = mujoco.MjData(model), []
-    for place in (0.35, 0.26, 0.2602, 0.1):
-        data.qpos[6:9] = [place, 0.0, 0.03]
-        rows.append(Distances(model, detection_m=1.0).at(data).rows[0])
-    assert all(row[5 + 0] > 0.9 for row in rows)
-    np.testing.assert_allclose(rows, [rows[0]] * 4, atol=1e-9)
 
 
 def test_what_bounding_spheres_leave_out_is_not_near():
@@ -167,8 +153,6 @@ def test_groups_are_geoms_and_bodies_with_all_that_they_carry():
     [
         ([(["lift1"], ["r1"])], 'no geom named "lift1".*did you mean "left1"'),
         ([([Body("rigt")], ["r1"])], 'no body named "rigt".*did you mean "right"'),
-        ([([Body(9)], ["r1"])], "bodies 0 to 4, got 9"),
-        ([(["left1"], ["left2"])], "pairs must name two geoms that .* collide"),
         ([(["left1"], ["air"])], "pairs must name two geoms that .* collide"),
     ],
 )
@@ -220,7 +204,11 @@ def check_scene(seed: int) -> float:
     assert kept(fraction).all()
     if fraction < 1.0:
         assert not kept(2 * fraction if fraction else 2.0**-10).all()
-    np.testing.assert_array_equal(data.qpos, start)
+    fresh = mujoco.MjData(model)
+    fresh.qpos[:] = start
+    mujoco.mj_kinematics(model, fresh)
+    for name in ("qpos", "geom_xpos", "geom_xmat"):  # up to date, where it was
+        np.testing.assert_array_equal(getattr(data, name), getattr(fresh, name))
     return fraction
 
 
@@ -257,13 +245,3 @@ def test_a_step_of_nothing_and_a_step_away_are_safe_wherever_they_begin():
         data.qpos[:] = -depth, 0.2
         assert distances.safe_fraction(data, np.zeros(2), DT) == 1.0
         assert distances.safe_fraction(data, [1.0, 0.0], DT) == 1.0
-
-
-def test_the_state_is_up_to_date_where_it_was():
-    model = mujoco.MjModel.from_xml_string(BEAM)
-    data, fresh = mujoco.MjData(model), mujoco.MjData(model)
-    data.qpos[:] = fresh.qpos[:] = 0.01, 0.05
-    mujoco.mj_kinematics(model, fresh)
-    Distances(model).safe_fraction(data, [-3.0, 1.0], DT)
-    for name in ("qpos", "qvel", "geom_xpos", "geom_xmat", "xpos"):
-        np.testing.assert_array_equal(getattr(data, name), getattr(fresh, name))

@@ -15,12 +15,6 @@ ROWS = 3 * 3 + 6 + 1 + 1
 stored = pytest.mark.parametrize("storage", STORAGE.values(), ids=STORAGE)
 
 
-def gaps(of: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """How far each closure is open, row by row."""
-    mujoco.mj_fwdPosition(of, data)
-    return data.efc_pos[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)].copy()
-
-
 @stored
 def test_rows_are_slopes_of_gaps(storage):
     """At a closed pose, along every velocity, admissible or not."""
@@ -30,7 +24,8 @@ def test_rows_are_slopes_of_gaps(storage):
         data = closed(of, seed)
 
         def opening(h: float, data: mujoco.MjData = data) -> np.ndarray:
-            return np.array([gaps(of, shifted(of, data, h * e)) for e in units]).T
+            ends = [shifted(of, data, h * e) for e in units]
+            return np.array([end.efc_pos[: end.ne] for end in ends]).T
 
         J_C = jacobians(of, data, "tool").J_C
         assert J_C.shape == (ROWS, of.nv)
@@ -94,9 +89,6 @@ def test_open_loops_are_refused_beyond_the_tolerance():
         jacobians(unnamed, opened(unnamed, 0.01), "tool")
     of.eq_data[0, :3] = np.nan
     with pytest.raises(ModelError, match="an equality of the model is not finite"):
-        jacobians(of, data, "tool")
-    data.qpos[3] = np.inf
-    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
         jacobians(of, data, "tool")
 
 
@@ -166,27 +158,20 @@ CLOTH = """
 <flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
           mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>
 """
-PLACES = {
-    "beside": {"beside": CLOTH.format("")},
-    "in the hand": {"held": CLOTH.format('<pin id="0 2"/>')},
-    "tied": {
-        "beside": CLOTH.format('<pin id="8"/>'),
-        "ties": '<weld body1="hand" body2="cloth_0"/>',
-    },
-}
 
 
-def cloth(where: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A robot, and a cloth beside it, in its hand, or from its hand to the world."""
-    parts = {"held": "", "beside": "", "ties": ""} | PLACES[where]
-    of = mujoco.MjModel.from_xml_string(FLEX.format(**parts))
+def cloth(held: str = "", beside: str = "", ties: str = "") -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A robot, and a cloth somewhere."""
+    of = mujoco.MjModel.from_xml_string(FLEX.format(held=held, beside=beside, ties=ties))
     return of, mujoco.MjData(of)
 
 
-@pytest.mark.parametrize("where", ["beside", "in the hand"])
+@pytest.mark.parametrize(
+    "where", [{"beside": CLOTH.format("")}, {"held": CLOTH.format('<pin id="0 2"/>')}]
+)
 def test_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where):
     """Also by `assemble`; the robot's own loop, whose row comes after the cloth's, stays closed."""
-    model, data = cloth(where)
+    model, data = cloth(**where)
     data.joint("a").qpos, data.joint("b").qpos = 0.3, 0.5
     with pytest.warns(RuntimeWarning, match="flex.* is left out"):
         closed = assemble(model, data)
@@ -204,13 +189,11 @@ def test_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where)
 
 
 def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
-    model, data = cloth("tied")
-    for ask in (
-        lambda: jacobians(model, data, "tool", closure_tolerance=np.inf),
-        lambda: assemble(model),
-    ):
-        with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
-            ask()
+    model, data = cloth(
+        beside=CLOTH.format('<pin id="8"/>'), ties='<weld body1="hand" body2="cloth_0"/>'
+    )
+    with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
+        jacobians(model, data, "tool", closure_tolerance=np.inf)
     of_flex = model.eq_type == mujoco.mjtEq.mjEQ_FLEX
     model.eq_active0[of_flex], data.eq_active[of_flex] = 0, 0
     jacobians(model, assemble(model), "tool")

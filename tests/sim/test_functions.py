@@ -13,7 +13,6 @@ from sim import (
     CenterOfMassTask,
     DampingTask,
     FrameTask,
-    JacobianReader,
     JointCouplingTask,
     LookAtTask,
     ModelError,
@@ -27,6 +26,7 @@ from sim import (
 from sim.kinematics.pose import way_between
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
+from tests.models import model as model_of
 from tests.motions import change, shifted
 
 H = 1e-6
@@ -39,17 +39,9 @@ def humanoid() -> mujoco.MjModel:
     return load_model(MODELS / "humanoid.xml")
 
 
-@cache
-def ball_arm() -> mujoco.MjModel:
-    """A slide, a ball joint and a hinge."""
-    return mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body>
-      <joint name="slide" type="slide" axis="1 2 0"/><geom size="0.1"/>
-      <body pos="0.2 0.1 0"><joint name="ball" type="ball" pos="0 0 0.1"/>
-        <geom size="0.1" pos="0.3 0 0"/><site name="tip" pos="0.4 0.1 0" euler="10 20 30"/>
-        <body name="last" pos="0.5 0 0"><joint name="hinge" axis="0 1 1"/>
-          <geom size="0.1" pos="0 0.2 0"/><site name="end" pos="0 0.3 0"/></body></body></body>
-      </worldbody>
-      <actuator><motor joint="slide"/><motor joint="hinge"/></actuator></mujoco>""")
+def arms() -> mujoco.MjModel:
+    """With a ball joint and a free one."""
+    return model_of("two_arms")
 
 
 def somewhere(model, seed=0):
@@ -86,8 +78,8 @@ def here(model, data, frame, root=None):
 
 FRAMES = {
     "humanoid": (humanoid, "right_hand", "left_foot"),
-    "ball joint": (ball_arm, "end", "tip"),
-    "a body": (ball_arm, Body("last"), "tip"),
+    "ball joint": (arms, "left", "right"),
+    "a body": (arms, Body("fore1"), "right"),
 }
 every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=FRAMES)
 
@@ -187,7 +179,7 @@ def parents(model, body):
 
 
 @pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 0.0, -2.0], [0.3, -0.5, 0.7]])
-@pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (ball_arm, "tip")])
+@pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (arms, "left")])
 def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, axis):
     model = make()
     data = somewhere(model)
@@ -217,10 +209,10 @@ def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
 
 @pytest.mark.parametrize("way, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
 def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(way, missing):
-    model = ball_arm()
+    model = arms()
     data = shifted(model, mujoco.MjData(model), np.zeros(model.nv))  # exactly
-    at = data.site("end")
-    located = LookAtTask("end", [1, 0, 0], target=at.xpos + way * at.xmat[::3]).on(model)
+    at = data.site("left")
+    located = LookAtTask("left", [1, 0, 0], target=at.xpos + way * at.xmat[::3]).on(model)
     error = np.linalg.norm(located.error(model, data))
     np.testing.assert_allclose(error, missing, atol=1e-7)
     assert np.isfinite(located.jacobian(model, data)).all()
@@ -242,69 +234,36 @@ def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
 
 
 def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
-    model, data = ball_arm(), somewhere(ball_arm())
-    located = PostureTask(joints=["ball"], target=model.qpos0).on(model)
-    there = shifted(model, data, np.eye(model.nv)[1:4].T @ located.error(model, data))
-    assert abs(np.abs(there.qpos[1:5] @ model.qpos0[1:5]) - 1.0) < 1e-12
+    model, data = arms(), somewhere(arms())
+    located, step = PostureTask(joints=["a3"], target=model.qpos0).on(model), np.zeros(model.nv)
+    step[located.velocities] = located.error(model, data)
+    turned, home = (
+        shifted(model, data, step).joint("a3").qpos,
+        mujoco.MjData(model).joint("a3").qpos,
+    )
+    assert abs(np.abs(turned @ home) - 1.0) < 1e-12
 
 
 def test_a_coupling_is_the_sum_of_positions():
-    model, data = ball_arm(), somewhere(ball_arm())
-    located = JointCouplingTask({"slide": 2.0, "hinge": -3.0}, target=0.5).on(model)
-    slide, hinge = data.joint("slide").qpos[0], data.joint("hinge").qpos[0]
-    np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * slide + 3 * hinge])
+    model, data = arms(), somewhere(arms())
+    located = JointCouplingTask({"a1": 2.0, "a2": -3.0}, target=0.5).on(model)
+    first, second = data.joint("a1").qpos[0], data.joint("a2").qpos[0]
+    np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * first + 3 * second])
     check_slopes(model, data, located)
 
 
-def test_rows_of_all_tasks_stack_and_their_accuracy_is_known():
-    """The entries' accuracy is that of rounded numbers: moved by half a digit they stay within."""
-    model = humanoid()
-    tasks = [
-        FrameTask("right_hand", rows=[3, 4, 5], target=POINT),
-        LookAtTask("left_hand", [0, 0, 1], target=POINT),
-        JointCouplingTask({"left_knee": 1.0, "right_knee": -1.0}),
-        PostureTask(target=model.qpos0),
-    ]
-    jac = JacobianReader(model, tasks, active=["root"]).at(somewhere(model))
-    assert jac.J_T.shape == (3 + 2 + 1 + 29, 35)
-    assert [jac.rows[task].stop for task in tasks] == [3, 5, 6, 35]
-    np.testing.assert_array_equal(jac.J_T[6:], np.eye(35)[6:])
-    assert jac.accuracy is not None and jac.accuracy.task_units.shape == (35,)
-    np.testing.assert_array_equal(jac.accuracy.task_units[3:], 1.0)
-    assert np.isfinite(jac.accuracy.J_T_error).all()
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: FrameTask("a", rows=[]), "rows must have one at least"),
-        (lambda: LookAtTask("a", [0.0, 0.0, 0.0]), "axis must have a length"),
-        (lambda: JointCouplingTask({}), "coefficients must name a joint"),
-    ],
-)
-def test_a_task_of_nothing_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
-def test_what_a_model_does_not_have_is_refused_with_the_remedy():
-    model = ball_arm()
-    data = mujoco.MjData(model)
-    with pytest.raises(ModelError, match='"ball" is no slide and no hinge'):
-        JointCouplingTask({"ball": 1.0}).on(model)
-    with pytest.raises(ModelError, match='did you mean "tip"'):
-        FrameTask("tipp").on(model)
+def test_what_a_task_cannot_be_of_is_refused_with_the_remedy():
+    model = arms()
+    with pytest.raises(ModelError, match='"a3" is no slide and no hinge'):
+        JointCouplingTask({"a3": 1.0}).on(model)
+    with pytest.raises(ValueError, match="must name a joint at least"):
+        JointCouplingTask({})
     with pytest.raises(ValueError, match="must be set before"):
-        FrameTask("tip").on(model).error(model, data)
-    with pytest.raises(ValueError, match="target of"):
-        PostureTask(target=[1.0]).on(model).error(model, data)
+        FrameTask("left").on(model).error(model, mujoco.MjData(model))
 
 
-def test_a_target_is_checked_when_it_is_set_and_is_a_copy():
-    task, point = FrameTask("tip"), POINT.copy()
+def test_a_target_is_a_copy():
+    task, point = FrameTask("left"), POINT.copy()
     task.target = point
     point[:] = 0.0
-    np.testing.assert_array_equal(task.target, POINT)
-    with pytest.raises(ValueError, match="target"):
-        task.target = [1.0, np.nan, 0.0]
     np.testing.assert_array_equal(task.target, POINT)

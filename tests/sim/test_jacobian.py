@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cache
 
 import mujoco
@@ -26,7 +25,6 @@ from sim import (
     PostureTask,
     Relative,
     RelativeFrameTask,
-    TaskFunction,
     assemble,
     jacobians,
     load_model,
@@ -194,33 +192,6 @@ def test_the_next_reading_overwrites_views_and_nothing_else(name):
         np.testing.assert_array_equal(jac.J_T, J_T)
         np.testing.assert_array_equal(jac.J_C, J_C)
         assert not any(np.shares_memory(jac.J_T, each.J_T) for each in again)
-
-
-@dataclass(eq=False)
-class Short(TaskFunction):
-    """A task that says two rows and gives one."""
-
-    frames: tuple = ()
-    angular: tuple[bool, ...] = (False, False)
-
-    def on(self, model):
-        """Nothing to look up."""
-        return self
-
-    def jacobian(self, model, data):
-        """One row."""
-        return np.ones((1, model.nv))
-
-    def error(self, model, data):
-        """Nothing is missing."""
-        return np.zeros(2)
-
-
-@pytest.mark.parametrize("way", ["read", "at"])
-def test_a_task_with_other_rows_than_it_says_is_refused(way):
-    reader = JacobianReader(humanoid(), [Short()], active=["root"])
-    with pytest.raises(ValueError, match=r"the Jacobian of Short\(.*\) must have shape \(2, 35\)"):
-        getattr(reader, way)(mujoco.MjData(humanoid()))
 
 
 @pytest.mark.usefixtures("switching")

@@ -1,21 +1,17 @@
-"""Poses in the forms in which users have them, and their logarithm."""
+"""Poses in the forms in which users have them."""
 
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from numpy.testing import assert_array_equal
-from scipy.linalg import expm
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from fjh.rig.hexapod.closed_form import hexapod
-from sim import MODELS, NOMINAL, CenterOfMass, Pose, load_model, pose_error, pose_of
+from sim import MODELS, NOMINAL, CenterOfMass, Pose, load_model, pose_error
 from sim.kinematics.pose import target_pose
 from sim.mjcf.frame import rotation_vector
 from tests.random_systems import SEEDS
-
-HALF_TURNS = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]])
-"""Axes."""
 
 
 def some(seed: int, *lead: int) -> Pose:
@@ -23,13 +19,6 @@ def some(seed: int, *lead: int) -> Pose:
     rng = np.random.default_rng(seed)
     turned = Rotation.from_quat(rng.normal(size=(int(np.prod(lead)), 4))).as_matrix()
     return Pose(turned.reshape(*lead, 3, 3), rng.normal(size=(*lead, 3)))
-
-
-def hat(twist: np.ndarray) -> np.ndarray:
-    """The matrix (4, 4) of a twist [angular; linear], whose exponential is a motion."""
-    (x, y, z), V = twist[:3], np.zeros((4, 4))
-    V[:3, :3], V[:3, 3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]], twist[3:]
-    return V
 
 
 def quaternion(pose: Pose) -> np.ndarray:
@@ -62,25 +51,11 @@ def test_a_quaternion_and_its_negative_of_any_length_are_one_rotation(seed):
         np.testing.assert_allclose(pose.rotation, by_mujoco.reshape(3, 3), atol=1e-14)
 
 
-@given(SEEDS)
-def test_the_logarithm_of_an_exponential_is_the_twist(seed):
-    """Up to half a turn, where the oracle is the exponential of a matrix."""
-    rng = np.random.default_rng(seed)
-    axis = rng.normal(size=3)
-    twist = np.append(rng.uniform(0, 3.1) * axis / np.linalg.norm(axis), rng.normal(size=3))
-    pose = Pose.from_matrix(expm(hat(twist)))
-    np.testing.assert_allclose(pose.transform().as_exp_coords(), twist, atol=1e-9)
-
-
-@pytest.mark.parametrize("axis", HALF_TURNS, ids=str)
-def test_a_half_turn_has_a_logarithm_that_leads_there_and_one_vector(axis):
+@pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]], ids=str)
+def test_a_half_turn_has_one_rotation_vector(axis):
     """By pi about an axis is by pi about its opposite; a component that rounds to 0 has no sign."""
     half = 2 * np.outer(axis, axis) - np.eye(3)
-    turned = Pose(half, np.array([0.1, 0.2, 0.3]))
-    log = turned.transform().as_exp_coords()
-    assert np.linalg.norm(log[:3]) == pytest.approx(np.pi)
-    np.testing.assert_allclose(expm(hat(log)), turned.matrix(), atol=1e-7)
-    first = axis * np.sign(axis[np.flatnonzero(axis)[0]])
+    first = np.array(axis) * np.sign(axis[np.flatnonzero(axis)[0]])
     for seed in range(12):
         found = rotation_vector(half + 1e-16 * np.random.default_rng(seed).normal(size=(3, 3)))
         np.testing.assert_allclose(found, np.pi * first, atol=1e-7)
@@ -100,11 +75,6 @@ def test_batches_are_broadcast():
         close(Pose(many.moved(steps[0]).rotation[k], many.moved(steps[0]).translation_m[k]), alone)
 
 
-def columns(A):
-    """The same numbers, column by column."""
-    return np.asfortranarray(A)
-
-
 def apart(A):
     """The same numbers, every other one of a larger array."""
     wide = np.full((*A.shape[:-1], 2 * A.shape[-1]), np.nan)
@@ -112,7 +82,7 @@ def apart(A):
     return wide[..., ::2]
 
 
-@pytest.mark.parametrize("laid", [columns, apart])
+@pytest.mark.parametrize("laid", [np.asfortranarray, apart])
 def test_arrays_of_any_layout_are_the_same_numbers(laid, model):
     """To the compiled code."""
     machine, twist = hexapod(model), np.linspace(1e-4, 2e-4, 12).reshape(2, 6)
@@ -125,13 +95,9 @@ def test_arrays_of_any_layout_are_the_same_numbers(laid, model):
     assert_array_equal(here.twist(twist[1]), there.twist(laid(twist[1])))
 
 
-def arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = load_model(MODELS / "arm.xml")
-    return model, mujoco.MjData(model)
-
-
 def test_a_target_is_the_same_in_every_form():
-    model, data = arm()
+    model = load_model(MODELS / "arm.xml")
+    data = mujoco.MjData(model)
     pose = some(3)
     way = pose_error(model, data, "payload", pose, "base")
     forms = [pose.matrix(), pose.matrix().tolist(), pose.transform()]
@@ -146,17 +112,9 @@ def test_a_target_is_the_same_in_every_form():
     np.testing.assert_allclose(several[:6], pose_error(model, data, "payload", pose), atol=1e-12)
 
 
-def test_the_way_to_where_a_frame_is_is_none():
-    model, data = arm()
-    here = pose_of(model, data, "payload")
-    for target in (here, here.matrix(), here.transform(), (here.translation_m, quaternion(here))):
-        np.testing.assert_allclose(pose_error(model, data, "payload", target), 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        (np.eye(4) + np.eye(4, k=1) * [0, 0.1, 0, 0], "target must be a rotation matrix"),
         (np.diag([1.0, 1, -1, 1]), "target must be a rotation matrix"),
         (np.eye(4)[::-1], "target must have the last row 0 0 0 1"),
         (np.eye(3), r"got shape \(3, 3\): a rotation R alone is Pose\(R, position\)"),
@@ -165,6 +123,7 @@ def test_the_way_to_where_a_frame_is_is_none():
     ],
 )
 def test_what_is_no_target_is_refused(target, said):
-    model, data = arm()
+    model = load_model(MODELS / "arm.xml")
+    data = mujoco.MjData(model)
     with pytest.raises(ValueError, match=said):
         pose_error(model, data, "payload", target)

@@ -17,7 +17,7 @@ class Case(NamedTuple):
     drives: list[tuple[str, tuple[str, ...], tuple[float, ...]]]
 
 
-WITH_LENGTH = {
+CASES = {
     "hinge": Case('<motor name="m" joint="crank" gear="-50"/>', [("crank", ("m",), (-50.0,))]),
     "hinge in parent": Case('<motor name="m" jointinparent="knee"/>', [("knee", ("m",), (1.0,))]),
     "position and velocity servo": Case(
@@ -44,8 +44,7 @@ WITH_LENGTH = {
     "site with refsite": Case(
         '<motor name="m" site="tool" refsite="post" gear="3 0 -4 0 0 0"/>', [("m", ("m",), (5.0,))]
     ),
-}
-WITHOUT_LENGTH = {  # or with one whose slope is not the velocity, as the rotation vector's
+    # Without a length, or with one whose slope is not the velocity, as the rotation vector's.
     "site": Case('<motor name="m" site="tool" gear="0 3 0 4 0 0"/>', [("m", ("m",), (5.0,))]),
     "turn of a site": Case(
         '<motor name="m" site="tool" refsite="post" gear="0 0 0 0 -1 0"/>', [("m", ("m",), (1.0,))]
@@ -72,7 +71,6 @@ WITHOUT_LENGTH = {  # or with one whose slope is not the velocity, as the rotati
         [("m", ("m",), (1.0,))] * 3 + [("crank", ("b",), (7.0,))],
     ),
 }
-CASES = WITH_LENGTH | WITHOUT_LENGTH
 
 
 def linkage(actuators: str) -> mujoco.MjModel:

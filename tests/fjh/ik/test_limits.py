@@ -6,7 +6,7 @@ import pytest
 
 from fjh.ik import Ik, Limits
 from prioritized import Status
-from sim import Array, Body, Distances, FrameTask, PostureTask, assemble, pose_of, ranges
+from sim import Array, Body, Distances, FrameTask, PostureTask, assemble, ranges
 from tests.fjh.ik.models import model_of, moved
 from tests.robots import TEST_MODELS
 from tests.scenes import arm_among, distances_of
@@ -17,10 +17,6 @@ DT = 0.02
 SEEDS = pytest.mark.parametrize(
     "seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 6))]
 )
-
-
-def asked(target: float) -> FrameTask:
-    return FrameTask("a", rows=[3], target=[target, 0.0, 0.0])
 
 
 @SEEDS
@@ -43,14 +39,6 @@ def test_limits_hold_while_the_tool_chases_what_it_cannot_reach(seed):
     assert at_limit > 20
 
 
-def test_a_limit_by_name_is_that_of_one_joint():
-    model, tool = model_of("mobile"), FrameTask("tool", target=np.ones(3))
-    ik = Ik(model, [tool], Limits(velocity={"drive_x": 0.1, "elbow": 0.2}))
-    qvel = ik.step(mujoco.MjData(model), DT)
-    turned = {model.joint(k).name: abs(qvel[model.jnt_dofadr[k]]) for k in range(9)}
-    assert turned["drive_x"] <= 0.1 and turned["elbow"] <= 0.2 and max(turned.values()) > 1.0
-
-
 @pytest.mark.parametrize(
     ("limits", "expected"),
     [
@@ -63,6 +51,10 @@ def test_names_of_actuators_and_tendons_are_taken(limits, expected):
     model, task = model_of("xy_table"), FrameTask("top", rows=[3, 4], target=[1.0, 1.0, 0.0])
     ik = Ik(model, [task], Limits(ranges=False, velocity=limits))
     np.testing.assert_allclose(ik.step(mujoco.MjData(model), 1.0), expected)
+
+
+def asked(target: float) -> FrameTask:
+    return FrameTask("a", rows=[3], target=[target, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("beyond", [0.51, -0.7])
@@ -79,13 +71,6 @@ def test_a_joint_beyond_its_range_returns_at_once_or_as_fast_as_it_may(beyond):
     for locked in (["x"], ["x", "up"]):
         answer = slow.with_failures(locked=locked).solve(data, DT)
         assert answer.qvel[0] == 0.0 and answer.is_led_back
-
-
-def test_without_ranges_a_joint_goes_beyond():
-    model = model_of("xy_table")
-    for stated, end in ((False, 3.0), (True, 0.5)):
-        qvel = Ik(model, [asked(3.0)], Limits(ranges=stated)).step(mujoco.MjData(model), DT)
-        np.testing.assert_allclose(qvel[0] * DT, end)
 
 
 TURN_ON = PostureTask(target=[2.0, 0.0, 0.0])
@@ -135,30 +120,30 @@ def test_where_a_loop_cannot_return_so_fast_it_goes_no_farther():
     assert abs(after.joint("rocker").qpos[0]) <= beyond + 1e-6
 
 
-def test_a_tendon_that_is_driven_stays_in_its_range():
-    """The rope is a velocity of its own; the arm that it moves is asked to go on."""
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><site name="hook" pos="0 0 1"/><body>
-        <joint name="boom" axis="0 1 0"/><geom size="0.1"/><site name="tool" pos="0.3 0 0.2"/>
-        </body></worldbody><tendon><spatial name="rope" limited="true" range="0.7 1.1">
-        <site site="hook"/><site site="tool"/></spatial></tendon>
-        <actuator><motor tendon="rope"/></actuator></mujoco>"""
-    )
-    data, tool = mujoco.MjData(model), FrameTask("tool", rows=[5], target=[0.0, 0.0, -2.0])
-    ik, lengths = Ik(model, [tool], Limits(velocity={"rope": 0.3})), []
-    for _ in range(80):
-        data = moved(ik, data, 1, DT)
-        lengths.append(float(data.ten_length[0]))
-    assert max(np.diff(lengths)) < 0.3 * DT * 1.01
-    assert 1.09 < max(lengths) < 1.1 + 1e-4  # to first order in a step
-
-
-def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
+def winched() -> mujoco.MjModel:
+    """The table, its rope the only drive along x."""
     spec = mujoco.MjSpec.from_file(str(TEST_MODELS / "xy_table.xml"))
     for name in ("y", "pull"):
         spec.delete(spec.actuator(name))
     spec.add_actuator(name="winch", trntype=mujoco.mjtTrn.mjTRN_TENDON, target="rope")
-    model = spec.compile()
+    return spec.compile()
+
+
+def test_a_tendon_that_is_driven_stays_in_its_range():
+    """The rope is a velocity of its own; the block that it moves is asked to go on."""
+    model, lengths = winched(), [0.0]
+    rope = model.tendon("rope").id
+    model.tendon_limited[rope], model.tendon_range[rope] = True, [-0.2, 0.6]
+    data, ik = mujoco.MjData(model), Ik(model, [asked(9.0)], Limits(velocity={"rope": 0.7}))
+    for _ in range(80):
+        data = moved(ik, data, 1, DT)
+        lengths.append(2.0 * data.qpos[0])
+    assert max(np.diff(lengths)) < 0.7 * DT * (1 + 1e-9)
+    assert max(lengths) == pytest.approx(0.6, abs=1e-9)
+
+
+def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
+    model = winched()
     data, lengths = mujoco.MjData(model), [0.0]
     limits = Limits(ranges=False, velocity={"winch": 0.5}, acceleration={"rope": 2.0})
     ik = Ik(model, [asked(9.0)], limits)
@@ -218,7 +203,7 @@ def lacking(model: mujoco.MjModel, data: mujoco.MjData, pairs: Array, allowed: A
     return float((allowed - distances_of(model, data.qpos, pairs, 0.1)).max())
 
 
-def chased(seed: int, *, keeps: bool = True) -> tuple[float, bool]:
+def chased(seed: int) -> tuple[float, bool]:
     """How much nearer geoms came than they may, at worst [m], and whether the arm still moved."""
     rng = np.random.default_rng(seed)
     model = arm_among(12, rng)
@@ -227,7 +212,7 @@ def chased(seed: int, *, keeps: bool = True) -> tuple[float, bool]:
     pairs = distances.geom_pairs
     allowed = np.minimum(distances_of(model, data.qpos, pairs, 0.1), 0.01)
     tip = FrameTask(Body(model.nbody - 1), rows=[3, 4, 5], target=rng.normal([0, 0, 0.5], 0.5))
-    limits = Limits(velocity=3.0, distances=distances if keeps else None)
+    limits = Limits(velocity=3.0, distances=distances)
     ik, nearer, way = Ik(model, [tip], limits, active=True), -np.inf, 0.0
     for _ in range(40):
         qvel = ik.step(data, DT)
@@ -257,56 +242,6 @@ def test_no_arm_of_1000_random_scenes_penetrates_anything(first):
     assert np.mean([moved for _, moved in found]) > 0.8
 
 
-def test_without_these_limits_most_arms_hit_what_is_in_their_way():
-    """So that the laws above can fail."""
-    found = [chased(seed, keeps=False)[0] for seed in range(6)]
-    assert sum(nearer > 0.02 for nearer in found) >= 4
-
-
-def test_geoms_too_near_part_by_half_of_what_is_missing_in_each_tick():
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="0.305 0 0"/>
-        <body><joint type="slide" axis="1 0 0" name="x"/><geom name="block" size="0.2"/>
-        <site name="a"/></body></worldbody><actuator><motor joint="x"/></actuator></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    distances = Distances(model, [(["wall"], ["block"])], margin_m=0.025, detection_m=0.2)
-    ik = Ik(model, [asked(1.0)], Limits(distances=distances))
-    for k in range(1, 8):
-        data = moved(ik, data, 1, DT)
-        np.testing.assert_allclose(0.005 - data.qpos[0], 0.025 - 0.02 / 2**k, atol=1e-9)
-
-
-@pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
-@pytest.mark.parametrize("gain", [0.25, 1.0])
-def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
-    """From above it and from below it, as a geometric sequence."""
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="ball" pos="0 0 0.1">
-        <joint name="slide" type="slide"/><geom size="0.1"/></body></worldbody>
-        <actuator><motor joint="slide"/></actuator></mujoco>"""
-    )
-    data, distances = mujoco.MjData(model), Distances(model, None, 0.01, 1.0, gain)
-    down = FrameTask("ball", rows=[5], target=[0.0, 0.0, -10.0])
-    ik = Ik(model, [down], Limits(distances=distances))
-    data.qpos[0] = start_m
-    for k in range(1, 6):
-        data = moved(ik, data, 1, DT)
-        assert data.qpos[0] - 0.01 == pytest.approx((1 - gain) ** k * (start_m - 0.01), abs=1e-9)
-
-
-def test_near_geoms_of_the_mobile_base_keep_away_while_the_tool_goes_home():
-    model = model_of("mobile")
-    data = mujoco.MjData(model)
-    distances = Distances(model, [([Body("forearm")], ["base"])], margin_m=0.05, detection_m=0.2)
-    home = pose_of(model, data, Body("base")).translation_m
-    tool = FrameTask("tool", rows=[3, 4, 5], target=home)
-    ik = Ik(model, [tool], Limits(velocity=2.0, distances=distances))
-    for _ in range(80):
-        data = moved(ik, data, 1, DT)
-        assert distances_of(model, data.qpos, distances.geom_pairs, 0.2).min() > 0.05 - 1e-6
-
-
 def cart(scale: float = 1.0) -> mujoco.MjModel:
     """A ball before a wall on the right and a post, in metres times a scale."""
     return mujoco.MjModel.from_xml_string(
@@ -316,6 +251,20 @@ def cart(scale: float = 1.0) -> mujoco.MjModel:
         <geom name="ball" size="{0.1 * scale}"/><site name="tip"/></body></worldbody>
         <actuator><motor joint="x"/><motor joint="y"/></actuator></mujoco>"""
     )
+
+
+@pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
+@pytest.mark.parametrize("gain", [0.25, 1.0])
+def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
+    """From above it and from below it, as a geometric sequence."""
+    model = cart()
+    data, distances = mujoco.MjData(model), Distances(model, None, 0.01, 1.0, gain)
+    data.qpos[0] = 0.9 - start_m
+    ik = Ik(model, [FrameTask("tip", rows=[3], target=[9, 0, 0])], Limits(distances=distances))
+    for k in range(1, 6):
+        data = moved(ik, data, 1, DT)
+        left = (1 - gain) ** k * (start_m - 0.01)
+        assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(left, abs=1e-9)
 
 
 @pytest.mark.parametrize("detection", [0.03, 0.5])
@@ -380,16 +329,10 @@ def test_a_start_that_is_too_fast_is_braked_as_hard_as_it_may_be_and_named():
         ({"velocity": {"y": 1.0}}, '"y" stands for joint'),
         ({"velocity": {"pul": 1.0}}, 'tendon or .* mean "pull"'),
         ({"acceleration": {"both": 1.0}}, 'no actuator .*"both"'),
-        ({"velocity": {"x": np.nan}}, r'velocity\["x"\] must be finite'),
-        ({"velocity": {1: 2.0}}, "velocity: a name must be a str"),
-        ({"velocity": -1.0}, "velocity must be positive"),
-        ({"velocity": [1.0, 2.0]}, "velocity must be one number"),
-        ({"acceleration": True}, "acceleration must hold real numbers, got bool"),
-        ({"ranges": "payload"}, "ranges must be True or False"),
     ],
 )
 def test_limits_that_are_none_are_refused_by_the_name_as_typed(limits, said):
-    with pytest.raises((ValueError, TypeError), match=said):
+    with pytest.raises(ValueError, match=said):
         Ik(model_of("xy_table"), [asked(1)], Limits(**limits))
 
 
