@@ -320,6 +320,17 @@ def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(drawn, weight
         assert (np.abs(got - least) <= 1e-10 * best.condition * size)[clear].all()
 
 
+@pytest.mark.parametrize("weight", WEIGHTS)
+def test_ranks_are_those_of_all_rows_up_to_each_level(drawn, weight):
+    """Whatever is least at last: also where weights are rows of their own."""
+    batch = unlimited(drawn[0])
+    found = kernel(batch, weight=weight and np.array(weight))
+    rows = [A / np.maximum(sizes(A), 1e-300)[:, None, None] for A, _ in batch.levels]
+    upto = [np.linalg.matrix_rank(np.hstack(rows[: k + 1]), tol=RANK) for k in range(len(rows))]
+    clear = drawn[1].gap > 100
+    np.testing.assert_array_equal(found.ranks.cumsum(axis=1)[clear], np.transpose(upto)[clear])
+
+
 def test_the_gap_is_that_of_the_singular_values_within_20():
     """And not below for nothing: within 20 of it. Where it is large, the rank is right."""
     rng, n = np.random.default_rng(0), 5

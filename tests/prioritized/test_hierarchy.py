@@ -231,6 +231,19 @@ def test_the_largest_damping_of_a_level_counts():
         np.testing.assert_allclose(rates, [0.8, 0.8], atol=1e-12)
 
 
+@given(SEEDS, st.integers(-119, 99), st.integers(-119, 99))
+def test_rates_are_finite_whatever_the_sizes_of_weight_and_damping(seed, weight, damping):
+    """Damping of 1e99 beside a weight of 1e-100 gave NaN."""
+    rng = np.random.default_rng(seed)
+    kin, v, d = arm(rng.normal(size=(1, 3))), rng.normal(size=1), rng.normal(size=3)
+    w, damping = 10.0**weight * rng.uniform(0.5, 2, 3), 10.0**damping
+    joints = Task.joints(w, damping=damping)
+    with np.errstate(over="ignore"):
+        expected = d / (1 + (damping / w) ** 2)
+    np.testing.assert_allclose(kin.hierarchy([joints])([d]), expected, rtol=1e-9, atol=1e-12)
+    assert np.isfinite(kin.hierarchy([Task([0]), joints])([v, d])).all()
+
+
 # Other poses.
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
 from tests import spaces
+from tests.profiles import examples
 from tests.random_systems import (
     SEEDS,
     as_matrix,
@@ -359,3 +360,25 @@ def test_damping_is_of_the_major_task_alone():
     assert np.linalg.norm(damped([1.0])) > 1e5
     tamed = velocity_mapping(J, [0], joint_weight=np.ones(3), secondary_weight=[1.0], damping=0.1)
     assert np.linalg.norm(tamed([1.0])) <= 1 / (2 * 0.1)
+
+
+FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squares are denormal
+
+
+@given(SEEDS, st.integers(1, 3), FADING)
+@examples(200)
+def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
+    """Rates stay finite however small it is: at 1e-160 beside 3.3 they were infinite."""
+    rng = np.random.default_rng(seed)
+    J, weights = rng.normal(size=(2 + m2, 4)), rng.uniform(0.5, 4, 4 + m2)
+    aims = [rng.normal(size=size) for size in (2, 4, m2)]
+
+    def rates(at: int, factor: float) -> np.ndarray:
+        own = weights * np.where(np.arange(4 + m2) == at, factor, 1.0)
+        return velocity_mapping(J, [0, 1], None, own[:4], own[4:])(*aims)
+
+    for at in range(4 + m2):
+        small = rates(at, 10.0**-exponent)
+        assert np.isfinite(small).all()
+        if exponent > 20:
+            np.testing.assert_allclose(small, rates(at, 0.0), rtol=1e-9, atol=1e-9)

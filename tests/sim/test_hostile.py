@@ -30,7 +30,7 @@ TRUSTED = {
     # What the package alone makes, of numbers that are checked.
     *("Jacobians", "LinearPlant"),
     # Attacked as each of its kinds.
-    *("TaskFunction", "TaskFunction.checked", "TaskFunction.on", "DampingTask.checked"),
+    *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
     # Of numbers that are checked, at every tick.
     *("Plant.hold", "Plant.check_lock"),
     *("Distances.farthest", "Distances.largest_fraction", "Distances.fits"),
@@ -164,7 +164,7 @@ def room() -> Room:
         "LookAtTask": {"target": 2 * np.ones(3)},
         "PostureTask": {"target": np.ones(arm.nq)},
         "PostureTask.checked": {"target": np.ones(arm.nq)},
-        "DampingTask": {"target": None},
+        **dict.fromkeys(("DampingTask", "DampingTask.checked"), {"target": None}),
         "JointCouplingTask": {"target": 0.5},
         "JointCouplingTask.checked": {"target": 0.5},
         "Failure": {"time_s": 0.0},
