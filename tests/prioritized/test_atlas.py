@@ -74,7 +74,7 @@ def conditions_alone(data, drawn, count: int | None) -> None:
     if data.draw(st.booleans()):
         system = data.draw(failures(system))
     m = len(system.J_T)
-    major = rows_of(data, m) if data.draw(st.integers(0, 9)) else []
+    major = rows_of(data, m)
     secondary = sorted(set(range(m)) - set(major))
     codes = None if count is None else drawn.rng.integers(0, 3, size=(count, n))
     rates, torques = (data.draw(pairs(n)), data.draw(pairs(n))) if len(major) <= 3 else (None, None)
@@ -180,6 +180,13 @@ def test_the_limits_of_failed_actuators_do_not_matter():
     assert atlas.worst_speed is not None and atlas.worst_force is not None
     np.testing.assert_allclose([atlas.worst_speed, atlas.worst_force], 1.0)
     assert arm.with_failures(locked=[0]).kinematics().attainable([1], limits).radius == 1.0
+
+
+def test_a_task_without_rows_has_no_worst_speed():
+    """As its attainable set has no radius."""
+    arm = ConstrainedSystem(np.eye(2), None, [0, 1])
+    assert np.isposinf(failure_atlas(arm, [], rate_limits=(-1, 1)).worst_speed).all()
+    assert arm.kinematics().attainable([], (-1, 1)).radius == np.inf
 
 
 @given(SEEDS)
