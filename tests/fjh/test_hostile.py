@@ -29,7 +29,7 @@ from sim import (
     SimulationDiverged,
     load_model,
 )
-from tests.hostile import PAIRS, POSITIVE, Room, public
+from tests.hostile import POSITIVE, Room, one_by_one, public
 
 PARTS = public(
     *(Amplifier, Coils, Detector, Hexapod, Posture, StrutSensors, displacement_limits, hexapod),
@@ -116,10 +116,7 @@ def parts() -> Room:
     )
 
 
-@pytest.mark.parametrize("pairs", PAIRS)
-@pytest.mark.parametrize("name", PARTS)
-def test_a_hostile_argument_is_named_or_harmless(name, pairs):
-    parts().attack(name, pairs=pairs)
+test_a_hostile_argument_is_named_or_harmless = one_by_one(parts, PARTS)
 
 
 @cache

@@ -117,14 +117,6 @@ def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
         assert found.gap > 1.0
 
 
-def test_a_bound_that_is_no_longer_there_is_no_start():
-    batch = one([(np.eye(2), [3.0, 4.0])], [-INF, -INF], [INF, 1.0])
-    for side in (-1, 1):
-        found = kernel(batch, start=(np.full((1, 2), 2.0), np.full((1, 2), side)))
-        np.testing.assert_allclose(found.x, [[3.0, 1.0]], rtol=1e-15)
-        assert found.state.tolist() == [[0, 1]]
-
-
 # By hand.
 
 

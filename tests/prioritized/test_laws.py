@@ -1,7 +1,6 @@
 """Laws of every mapping: all ways give one answer, a batch is its elements, nothing is shared."""
 
 import copy
-import itertools
 import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -245,17 +244,6 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
         )
 
 
-@pytest.mark.parametrize("m2", [0, 2])
-def test_the_compiled_way_of_batches_agrees_with_the_gains(m2):
-    """Full weights and no constraint, whichever arguments are batches: rates without gains."""
-    rng, few = np.random.default_rng(0), ((), (3,), LEAD)
-    for of_J, of_W, of_v in itertools.product(((), LEAD), few, few):
-        J, W = rng.normal(size=(*of_J, 1 + m2, 4)), rng.normal(size=(*of_W, 4, 4))
-        aims = [rng.normal(size=(*of_v, size)) for size in (1, 4, m2)]
-        mapping = velocity_mapping(J, [0], joint_weight=W, secondary_weight=np.ones(m2))
-        np.testing.assert_allclose(mapping(*aims), by_gains(mapping, *aims), atol=1e-9)
-
-
 @MADE
 @given(SEEDS, st.integers(1, 4), st.integers(0, 3), st.integers(1, 40), st.data())
 def test_a_batch_has_the_answers_of_its_elements(made, seed, m1, extra, count, data):
@@ -290,14 +278,6 @@ def test_a_batch_has_the_answers_of_its_elements(made, seed, m1, extra, count, d
         np.testing.assert_allclose(batch.largest_gain[k], alone.largest_gain, rtol=1e-6)
         if made is force_mapping:
             np.testing.assert_allclose(batch.reaction[k], alone.reaction, atol=1e-8)
-
-
-@pytest.mark.parametrize("count", [1, 3])
-def test_a_batch_has_the_amplifications_of_its_elements(count):
-    J = np.random.default_rng(0).normal(size=(count, 4, 3))
-    batch = velocity_mapping(J, [0, 1], joint_weight=np.ones(3))
-    alone = [velocity_mapping(A, [0, 1], joint_weight=np.ones(3)).amplification for A in J]
-    np.testing.assert_allclose(batch.amplification, alone, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("n", "p", "m"), [(6, 2, 6), (9, 2, 4), (4, 3, 5), (3, 3, 3)])

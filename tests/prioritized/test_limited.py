@@ -1,6 +1,5 @@
 """Mappings under limits: what is promised of the major task, of limits, and of each status."""
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -190,28 +189,6 @@ def test_the_status_says_what_holds_the_task_back(J, v, more, status):
     assert bool(found.limited) == (max(v) > 1) or status is Status.INFEASIBLE
 
 
-@pytest.mark.parametrize(("every", "count"), [(11, 1), pytest.param(1, 200, marks=NIGHT)])
-def test_saturated_targets_in_conditions_of_the_hexapod(hexapod, every, count):
-    """Each strut healthy, locked or free: 729 conditions."""
-    rng = np.random.default_rng(0)
-    for code in itertools.islice(itertools.product(range(3), repeat=6), 0, None, every):
-        locked, free = ([k for k in range(6) if code[k] == c] for c in (1, 2))
-        kin = hexapod.with_failures(locked=locked, free=free).kinematics()
-        if not len(kin.actuators):
-            continue
-        limits = -rng.uniform(0.5, 1, 6), rng.uniform(0.5, 1, 6)
-        mapping = kin.velocity_mapping(
-            [0, 1], joint_weight=np.ones(6), secondary_weight=[10, 10, 1, 1.0], rate_limits=limits
-        )
-        for _ in range(count):
-            found = mapping.solve(10.0 ** rng.uniform(-1, 2) * rng.normal(size=2))
-            assert found.status not in (Status.INFEASIBLE, Status.UNFINISHED), code
-            assert within(found.rates, [side[kin.actuators] for side in limits]), code
-            assert np.isfinite(found.residual).all()
-            size = 1 + np.abs(kin.active_constraint).sum()
-            assert np.all(abs(kin.active_constraint @ found.rates) < 1e-10 * size), code
-
-
 # Forces.
 
 
@@ -275,15 +252,3 @@ def test_a_friction_pyramid_holds_the_tangential_force_back():
     alone = mapping.solve([3.0])
     np.testing.assert_allclose(alone.torques, [3.0, 0.0, 6.0], atol=1e-12)
     assert alone.status is Status.EXACT
-
-
-def test_scaled_forces_keep_their_direction_and_unlimited_are_the_gains():
-    mapping = force_mapping(EYE, [0, 1], torque_limits=(-1.0, 1.0), when_limited="scaled")
-    found = mapping.solve([4.0, 1.0])
-    np.testing.assert_allclose(found.torques, [1.0, 0.25], atol=1e-12)
-    assert found.scale == pytest.approx(0.25)
-    assert found.status is Status.SCALED
-    free = force_mapping(np.array([[1.0, 0.5, 0.2], [0.3, 1.0, 0.1]]), [0])
-    found = free.solve([2.0])
-    np.testing.assert_allclose(found.torques, free([2.0]), atol=1e-14)
-    assert found.status is Status.EXACT and not found.active_limits.any()

@@ -6,17 +6,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from prioritized import ConstrainedSystem
 from sim import (
     Body,
     CenterOfMass,
     ModelError,
     Pin,
-    Pose,
     Relative,
-    advance,
     assemble,
     jacobians,
     pose_error,
@@ -92,48 +88,6 @@ def test_rows_of_several_tasks_are_stacked_and_known_by_task(model):
     assert np.abs(between[:, :6]).max() < 1e-14 < 0.1 < np.abs(between).max()
 
 
-def test_momentum_is_mass_times_velocity_of_the_centre_of_mass(model):
-    """By MuJoCo's own kinetic quantities: the linear momentum of the bodies, summed up."""
-    data = some_pose(model, 3)
-    data.qvel[:] = np.random.default_rng(3).normal(size=model.nv)
-    rows = jacobians(model, data, CenterOfMass()).J_T[:, : model.nv]
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_comVel(model, data)
-    mujoco.mj_subtreeVel(model, data)
-    np.testing.assert_allclose(rows @ data.qvel, data.subtree_linvel[0], atol=1e-12)
-
-
-@pytest.mark.parametrize("task", ["left", Body("fore1"), CenterOfMass("arm1")], ids=str)
-def test_rates_towards_a_target_arrive(model, task):
-    """Newton on pose_error with the mapping of all task rows, the trunk held in place."""
-    data = some_pose(model, 4)
-    here = pose_of(model, data, task, "room")
-    reach = Rotation.from_rotvec([0.05, -0.1, 0.08]).as_matrix()
-    goal = Pose(reach @ here.rotation, here.translation_m)
-    rows, target = [0, 1, 2], goal
-    if isinstance(task, CenterOfMass):
-        target, rows = here.translation_m + np.array([0.004, 0.003, 0.002]), [0, 1]
-        target[2] = here.translation_m[2]
-    for _ in range(8):
-        jac = jacobians(model, data, task, "room", pinned=[])
-        stuck = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
-        kin = stuck.with_failures(locked_passive=range(6)).kinematics()
-        way = pose_error(model, data, task, target, "room")
-        rates = kin.velocity_mapping(rows, joint_weight=np.ones(6))(way[rows])
-        data = advance(model, data, kin.velocities(rates), held=["float"])
-    assert np.abs(pose_error(model, data, task, target, "room")[rows]).max() < 1e-9
-
-
-def test_a_position_alone_leaves_the_rotation_as_it_is(model):
-    data = some_pose(model, 5)
-    way = pose_error(model, data, "left", [0.0, 0.0, 1.0])
-    assert not way[:3].any()
-    place = data.site("left").xpos
-    np.testing.assert_allclose(way[3:], [0, 0, 1] - place, atol=1e-15)
-    both = pose_error(model, data, ["left", CenterOfMass()], [[0, 0, 1], [0, 0, 0]])
-    assert both.shape == (9,)
-
-
 @pytest.mark.parametrize(
     ("task", "said"),
     [
@@ -147,19 +101,6 @@ def test_a_position_alone_leaves_the_rotation_as_it_is(model):
 def test_a_task_that_does_not_exist_is_refused_by_name(model, task, said):
     with pytest.raises(ModelError, match=said):
         jacobians(model, mujoco.MjData(model), task)
-
-
-@pytest.mark.parametrize(
-    ("task", "target", "said"),
-    [
-        (["left", "right"], [np.zeros(3)], "list of 2"),
-        (["left"], Pose(np.eye(3), np.zeros(3)), "list of 1"),
-        ("left", Pose(2 * np.eye(3), np.zeros(3)), "rotation must be a rotation matrix"),
-    ],
-)
-def test_a_target_that_is_not_of_its_task_is_refused(model, task, target, said):
-    with pytest.raises(ValueError, match=f"^target.*{said}"):
-        pose_error(model, mujoco.MjData(model), task, target)
 
 
 def test_a_name_is_that_of_a_site_or_else_of_a_body(model):

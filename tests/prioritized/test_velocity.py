@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
@@ -16,7 +16,6 @@ from tests.random_systems import (
     major_and_rest,
     of_rank,
     orthogonal,
-    rows_of,
     systems,
     weights,
 )
@@ -116,79 +115,6 @@ def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed)
     np.testing.assert_allclose(XA, XA.T, atol=1e-12)
 
 
-@given(
-    SEEDS, st.integers(2, 6), st.integers(0, 2), st.integers(0, 6), st.integers(0, 4), st.booleans()
-)
-def test_no_admissible_change_of_the_rates_improves_any_level(
-    seed, n, c, w1_rank, w2_rank, diagonal
-):
-    """Optimality, level by level, for singular, wide, zero and diagonal weights, constraints."""
-    rng = np.random.default_rng(seed)
-    m1, m2 = 2, 3
-    J, C = rng.normal(size=(m1 + m2, n)), of_rank(rng, c, n, min(c, n))
-    W1, W2 = of_rank(rng, n, n, min(w1_rank, n)), of_rank(rng, 4, m2, min(w2_rank, m2))
-    if diagonal:
-        W1, W2 = rng.uniform(0.1, 3.0, n), rng.normal(size=m2)
-    mapping = velocity_mapping(J, [0, 1], joint_weight=W1, secondary_weight=W2, active_constraint=C)
-    v_m, rates_d, v_sd = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
-    x = mapping(v_m, rates_d, v_sd)
-    W1, W2 = as_matrix(W1, n), as_matrix(W2, m2)
-
-    assert np.abs(C @ x).max(initial=0.0) < 1e-9
-    null_C = scipy.linalg.null_space(C) if c else np.eye(n)
-    J_m = J[:m1]
-    # Gradient of |J_m x - v_m|^2 along the admissible rates is zero.
-    np.testing.assert_allclose(null_C.T @ J_m.T @ (J_m @ x - v_m), 0, atol=1e-8)
-    np.testing.assert_allclose(mapping.residual(v_m), v_m - J_m @ x, atol=1e-8)
-    # Gradient of the weighted sum along what leaves the major task alone is zero.
-    free = null_C @ scipy.linalg.null_space(J_m @ null_C, rcond=1e-9) if null_C.size else null_C
-    G = np.vstack([W1, W2 @ J[m1:]])
-    miss = G @ x - np.concatenate([W1 @ rates_d, W2 @ v_sd])
-    np.testing.assert_allclose(free.T @ G.T @ miss, 0, atol=1e-7)
-    # Among equals the rates are the shortest: nothing of x lies where no level looks.
-    if free.size:
-        unseen = free @ scipy.linalg.null_space(G @ free, rcond=1e-9)
-        np.testing.assert_allclose(unseen.T @ x, 0, atol=1e-7)
-
-
-@given(st.data(), systems())
-def test_a_lower_level_never_changes_what_a_higher_one_achieved(data, drawn):
-    """Other weights and other wishes: same loops closed, same major velocity, met or not."""
-    kin, rng = drawn.system.kinematics(), drawn.rng
-    m, n = kin.J.shape
-    major = rows_of(data, m)
-    v_m = rng.normal(size=len(major))
-    plain = kin.velocity_mapping(major)
-    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m - len(major), rng))
-    other = kin.velocity_mapping(major, None, W1, W2)
-    rates = other(v_m, rng.normal(size=n), rng.normal(size=m - len(major)))
-    np.testing.assert_allclose(kin.active_constraint @ rates, 0, atol=1e-7)
-    np.testing.assert_allclose(kin.J[major] @ rates, kin.J[major] @ plain(v_m), atol=1e-7)
-    np.testing.assert_allclose(other.achieved, plain.achieved, atol=1e-7)
-    assert other.status is plain.status
-    moved = np.abs(kin.self_motion[major]).max(initial=0.0) > 1e-8
-    assert (other.status is Status.SELF_MOTION) == moved
-
-
-def test_a_weighted_pseudo_inverse_spoils_the_major_task():
-    """The paper's introduction, section 1: weighting all rows trades pointing for the rest."""
-    J = np.random.default_rng(1).normal(size=(6, 4))
-    v = np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
-    weighted = np.linalg.pinv(np.diag([10.0, 10, 1, 1, 1, 1]) @ J) @ (v * [10, 10, 1, 1, 1, 1])
-    prioritized = velocity_mapping(J, [0, 1], secondary_weight=np.ones(4))(v[:2])
-    assert np.linalg.norm(J[:2] @ weighted - v[:2]) > 1e-3
-    assert np.linalg.norm(J[:2] @ prioritized - v[:2]) < 1e-12
-
-
-def test_a_major_task_out_of_reach_is_least_squares_and_says_so():
-    J = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
-    mapping = velocity_mapping(J, [0, 1], joint_weight=np.ones(3))
-    assert mapping.status is Status.LEAST_SQUARES and mapping.rank == 1
-    assert "residual" in mapping.status.value
-    np.testing.assert_allclose(mapping([1.0, 3.0]), [2.0, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(mapping.residual([1.0, 3.0]), [-1.0, 1.0], atol=1e-12)
-
-
 @given(SEEDS)
 def test_major_directions_are_as_good_as_rows_in_any_order(seed):
     rng = np.random.default_rng(seed)
@@ -264,31 +190,6 @@ def test_with_metrics_the_unit_of_length_changes_nothing(data, drawn, exponent):
     assert (one.status, one.rank) == (two.status, two.rank)
 
 
-@given(st.data(), systems(self_motion=False), UNITS)
-def test_a_unique_answer_needs_no_metric(data, drawn, exponent):
-    """Every major velocity within reach, W1 nonsingular, no self-motion: no unit matters."""
-    system, of_task, of_joint = in_other_units(drawn, exponent, data)
-    kin, again = drawn.system.kinematics(), system.kinematics()
-    major = rows_of(data, len(of_task))
-    n, u_a, u_m = len(system.active), of_joint[system.active], of_task[major]
-    W1 = of_rank(drawn.rng, n, n, n)
-    one = kin.velocity_mapping(major, joint_weight=W1)
-    assume(one.status is Status.EXACT)
-    v_m = drawn.rng.normal(size=len(major))
-    rates = again.velocity_mapping(major, joint_weight=W1 / u_a)(v_m * u_m) / u_a
-    np.testing.assert_allclose(rates, one(v_m), atol=1e-6)
-
-
-def test_without_a_metric_ties_of_hinge_and_slide_depend_on_the_unit():
-    """A hinge with a 2 m arm and a slide along the same line: the law above can fail."""
-    metres, millimetres = np.array([[2.0, 1.0]]), np.array([[2000.0, 1.0]])
-    share = velocity_mapping(metres, [0]).major[0, 0]
-    assert abs(velocity_mapping(millimetres, [0]).major[0, 0] * 1000.0 - share) > 0.05
-    weighed = velocity_mapping(metres, [0], tie_metric=[1.0, 1.0]).major[0, 0]
-    again = velocity_mapping(millimetres, [0], tie_metric=[1.0, 1e-3]).major[0, 0]
-    assert again * 1000.0 == pytest.approx(weighed)
-
-
 SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
 
 
@@ -336,30 +237,6 @@ def test_damping_bounds_the_rates_however_near_the_singularity(seed, nearness, s
     # Of J rates, where large terms cancel, in the metric.
     round_off = 1e-14 * float((1.0 + np.linalg.norm(rates)) * (1.0 + np.linalg.norm(M, 2) ** 2))
     np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
-
-
-@given(SEEDS, st.integers(1, 4), st.integers(0, 3), st.floats(1, 8))
-def test_damping_vanishes_into_the_exact_mapping(seed, m1, extra, small):
-    """The relative error is at most (lambda / sigma_min)^2, here (2 lambda)^2."""
-    rng = np.random.default_rng(seed)
-    J = of_rank(rng, m1, m1 + extra, m1)
-    exact = velocity_mapping(J, list(range(m1)))
-    damped = velocity_mapping(J, list(range(m1)), damping=10.0**-small)
-    v = rng.normal(size=m1)
-    change = np.linalg.norm(damped(v) - exact(v))
-    assert change <= (2 * 10.0**-small) ** 2 * np.linalg.norm(exact(v)) + 1e-13
-    assert (exact.status, damped.status) == (Status.EXACT, Status.DAMPED)
-
-
-def test_damping_is_of_the_major_task_alone():
-    """Its share of the rates is bounded; what a near-singular secondary goal asks for is not."""
-    J = [[1.0, 0.0, 0.0], [1.0, 1e-6, 0.0]]
-    damped = velocity_mapping(J, [0], secondary_weight=[1.0], damping=0.1)
-    share = velocity_mapping(J, [0], damping=0.1)([1.0])
-    assert np.linalg.norm(share) <= 1 / (2 * 0.1)
-    assert np.linalg.norm(damped([1.0])) > 1e5
-    tamed = velocity_mapping(J, [0], joint_weight=np.ones(3), secondary_weight=[1.0], damping=0.1)
-    assert np.linalg.norm(tamed([1.0])) <= 1 / (2 * 0.1)
 
 
 FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squares are denormal
