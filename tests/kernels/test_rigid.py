@@ -3,9 +3,23 @@
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from kernels import Struct, lib, pointer
 from sim import MODELS, JacobianReader, Mechanism, Pose, load_model
+
+
+@pytest.mark.parametrize("largest", [0.0, 1e-9, 0.1, 3.0])
+def test_displacements_are_rotation_vectors_and_translations(largest):
+    rng = np.random.default_rng(3)
+    turn = rng.normal(size=(40, 3))
+    turn *= largest * rng.random((40, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)
+    R, t = np.ascontiguousarray(Rotation.from_rotvec(turn).as_matrix()), rng.normal(size=(40, 3))
+    found = np.empty((40, 6))
+    angle = lib.displacements(40, pointer(R), pointer(t), pointer(found))
+    np.testing.assert_allclose(found, np.hstack([turn, t]), atol=2e-15)
+    assert angle == pytest.approx(np.linalg.norm(turn, axis=1).max(), abs=1e-15)
+    np.testing.assert_array_equal(Pose(R, t).displacement(), found)
 
 
 def test_a_mechanism_moves_as_its_closures_and_drives_ask():

@@ -5,11 +5,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fjh.rig.hexapod.closed_form import Hexapod
 from kernels import lib, pointer
 from sim import Bench, Plant, Pose, load_model
 from sim.plant import TaskSensor
 
 seeds = pytest.mark.parametrize("seed", range(8))
+
+
+def machine(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Bottom and top nodes of struts that are long enough to have a direction."""
+    bottom, top = rng.normal(size=(2, 6, 3))
+    return bottom - [0, 0, 5], top
 
 
 def pose(rng: np.random.Generator, *batch: int) -> Pose:
@@ -26,6 +33,47 @@ def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
     expected = Rotation.from_rotvec(turn).as_matrix() @ at.rotation
     np.testing.assert_allclose(moved.rotation, expected, atol=2e-14)
     np.testing.assert_array_equal(moved.translation_m, at.translation_m + axis)
+
+
+@seeds
+def test_a_step_ends_where_the_twist_of_the_missing_lengths_leads(seed):
+    """And the struts follow to second order of the step."""
+    rng = np.random.default_rng(seed)
+    geometry, at = Hexapod(*machine(rng)), pose(rng)
+    here = geometry.posture(at)
+    asked = here.displacement_m + 1e-6 * rng.normal(size=6)
+    twist = np.linalg.solve(here.inverse_jacobian, asked - here.displacement_m)
+    there, expected = geometry.moved(at, asked), geometry.posture(at.moved(twist))
+    size = np.linalg.cond(here.inverse_jacobian)
+    for name in ("rotation", "translation_m", "displacement_m", "inverse_jacobian"):
+        close = {"atol": 1e-15 * size, "rtol": 1e-13}
+        np.testing.assert_allclose(getattr(there, name), getattr(expected, name), **close)
+    change, missed = here.inverse_jacobian @ rng.normal(size=6), []
+    for step in (1e-3, 1e-4):
+        asked = here.displacement_m + step * change
+        missed.append(np.abs(geometry.moved(at, asked).displacement_m - asked).max())
+    assert missed[0] / missed[1] == pytest.approx(100, rel=0.2)
+
+
+@seeds
+def test_the_spot_is_where_the_beam_crosses_the_focal_plane(seed):
+    rng = np.random.default_rng(seed)
+    R, noise, seen = pose(rng).rotation, rng.normal(size=2), np.empty(2)
+    focal, half_width, deviation = 2.0, 1.5, 0.1
+    lib.spot(pointer(R), focal, half_width, deviation, pointer(noise), pointer(seen))
+    beam = np.linalg.solve(R, [0.0, 0.0, 1.0])
+    spot = np.clip(focal * beam[:2] / beam[2] + deviation * noise, -half_width, half_width)
+    np.testing.assert_allclose(seen, np.array([spot[1], -spot[0]]) / focal, rtol=1e-12)
+
+
+def test_the_largest_gap_is_that_of_the_rows_that_count():
+    rng = np.random.default_rng(0)
+    gaps, counts = rng.normal(size=20), np.array([1.0, 0.0, 1.0])
+    owners = rng.integers(3, size=20).astype(np.int32)
+    for rows in range(21):
+        own = [abs(gap) for gap, owner in zip(gaps[:rows], owners, strict=False) if owner != 1]
+        found = lib.largest_gap(*map(pointer, (gaps, owners, counts)), rows)
+        assert found == max(own, default=0.0)
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
