@@ -433,10 +433,3 @@ def test_no_result_can_be_written_to():
             getattr(records[name], of)[:] = 0.0
     with pytest.raises(ValueError, match="read-only"):
         limited.major[...] = 0.0
-
-
-def test_results_can_be_compared_and_kept_in_sets():
-    kin = ConstrainedSystem(np.eye(2), None, [0, 1]).kinematics()
-    mapping = kin.velocity_mapping([0])
-    assert kin != ConstrainedSystem(np.eye(2), None, [0, 1]).kinematics()
-    assert len({kin, mapping, kin.manipulability([0])}) == 3

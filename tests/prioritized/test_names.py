@@ -62,15 +62,6 @@ def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, said):
         made(None).with_failures(locked_passive=["knee"])
 
 
-def test_a_system_says_what_it_is():
-    assert str(made()) == "8 velocities, 3 constraints, 4 actuators: sound."
-    failed = {"locked": ["knee"], "free": ["pitch", "hip"], "locked_passive": ["ball", 7]}
-    words = ": knee locked, hip free, pitch free, ball stuck, velocity 7 stuck."
-    assert str(made().with_failures(**failed)).endswith(words)
-    unnamed = made(None).with_failures(locked=[1], locked_passive=[5, 6])
-    assert str(unnamed).endswith(": actuator 1 locked, velocity 5 stuck, velocity 6 stuck.")
-
-
 def test_the_atlas_speaks_and_understands_names():
     atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
     assert atlas.describe(0) == unnamed.describe(0) == "sound"

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from prioritized import (
     ConstrainedSystem,
     Kinematics,
-    Manipulability,
     Status,
     failure_atlas,
     force_mapping,
@@ -249,55 +248,6 @@ def test_weights_and_metrics_that_are_lost_beside_others_show_in_the_gap(w):
 
 
 # The tolerance as what it is, the accuracy of the geometry.
-
-
-def planar_3rrr(rng: np.random.Generator, accuracy: float) -> tuple[np.ndarray, np.ndarray]:
-    """J_T (6, 9) and J_C (12, 9), in spatial form, of three legs of three parallel hinges each.
-
-    Legs of random length and angle; each axis is off by an angle, each point by a length.
-    """
-    legs = []
-    for k in range(3):
-        around, elbow = 2 * np.pi * k / 3, rng.uniform(0, 2 * np.pi)
-        anchor = np.array([np.cos(around), np.sin(around), 0.0])
-        corner = 0.3 * np.array([np.cos(around + 0.4), np.sin(around + 0.4), 0.0])
-        knee = anchor + rng.uniform(0.4, 0.9) * np.array([np.cos(elbow), np.sin(elbow), 0.0])
-        axes = np.array([0.0, 0.0, 1.0]) + accuracy * rng.uniform(-1, 1, size=(3, 3))
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        points = np.array([anchor, knee, corner]) + accuracy * rng.uniform(-1, 1, size=(3, 3))
-        legs.append(np.hstack([axes, np.cross(points, axes)]).T)
-    A, B, C = legs
-    none = np.zeros((6, 3))
-    return np.hstack([A, none, none]), np.block([[A, -B, none], [A, none, -C]])
-
-
-def moves_freely(report: Manipulability) -> bool:
-    """Three degrees of freedom, of which the three actuators determine every one."""
-    conditions = ("constrained_active", "unstable", "idle", "unmanipulable")
-    return not any(getattr(report, name) for name in conditions)
-
-
-@pytest.mark.parametrize("accuracy", [1e-8, 1e-6])
-def test_a_planar_mechanism_moves_although_its_axes_are_not_parallel(accuracy):
-    """At 1e-10 the errors are constraints; at ten times the accuracy they are none, by far."""
-    draws, count, plane = 0, scaled(100), [2, 3, 4]  # of a twist: the turn about z, and x, y
-    for seed in range(count):
-        exact = planar_3rrr(np.random.default_rng(seed), 0.0)
-        at_ease = ConstrainedSystem(*exact, [0, 3, 6], geometry_accuracy=accuracy).kinematics()
-        if min(at_ease.manipulability(plane).gaps.values()) < 10:
-            continue  # singular to within the accuracy
-        draws += 1
-        assert moves_freely(at_ease.manipulability(plane))
-        J_T, J_C = planar_3rrr(np.random.default_rng(seed), accuracy)
-        system = ConstrainedSystem(J_T, J_C, [0, 3, 6], geometry_accuracy=accuracy)
-        report = system.kinematics().manipulability(plane)
-        assert moves_freely(report)
-        assert report.gaps["constrained_active"] > 5
-        atlas = failure_atlas(system, plane, codes=[[0, 0, 0]])
-        assert atlas.possible[0] and not atlas.constrained_active[0]
-        default = ConstrainedSystem(J_T, J_C, [0, 3, 6]).kinematics().manipulability(plane)
-        assert default.constrained_active and default.unmanipulable
-    assert draws > 0.9 * count
 
 
 def test_the_accuracy_sets_the_tolerance_and_stays_visible():
