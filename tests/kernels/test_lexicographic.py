@@ -49,7 +49,7 @@ def assert_every_row_is_met(batch: Batch, x: np.ndarray) -> None:
 def worst(batch: Batch, k: int, x: np.ndarray) -> float:
     """Of the conditions of an optimum, of problem k."""
     levels = [(A[k], b[k]) for A, b in batch.levels]
-    return certificate(levels, batch.lower[k], batch.upper[k], x[k]).worst
+    return certificate(levels, batch.lower[k], batch.upper[k], x[k])
 
 
 # Against oracles.

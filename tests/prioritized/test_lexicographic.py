@@ -27,7 +27,7 @@ def solve(problem: Problem, **others: Any) -> Solution:
 
 
 def worst(problem: Problem, x: np.ndarray) -> float:
-    return certificate(problem.levels, problem.lower, problem.upper, x, problem.rows).worst
+    return certificate(problem.levels, problem.lower, problem.upper, x, problem.rows)
 
 
 def interior(problem: Problem) -> np.ndarray:

@@ -78,19 +78,6 @@ def test_weights_do_not_move_a_major_task_that_limits_hold_back(made, when, coun
     assert 0.25 * count < sum(limited) < 0.75 * count
 
 
-@given(SEEDS, st.integers(1, 6), st.integers(1, 4))
-def test_rates_within_their_limits_are_the_ones_without_limits(seed, n, m):
-    rng = np.random.default_rng(seed)
-    J, v, d = rng.normal(size=(m, n)), rng.normal(size=1), rng.normal(size=n)
-    free = velocity_mapping(J, [0], joint_weight=np.ones(n))
-    rates = free(v, d)
-    limits = rates - rng.uniform(1e-9, 1, n), rates + rng.uniform(1e-9, 1, n)
-    found = velocity_mapping(J, [0], joint_weight=np.ones(n), rate_limits=limits).solve(v, d)
-    np.testing.assert_allclose(found.rates, rates, rtol=0, atol=1e-13 * np.abs(rates).max())
-    assert not found.active_limits.any()
-    assert not found.limited
-
-
 @given(st.data(), systems())
 @examples(60)
 def test_equal_limits_of_zero_are_a_lock(data, drawn):
@@ -107,18 +94,6 @@ def test_equal_limits_of_zero_are_a_lock(data, drawn):
     here = kin.velocity_mapping(major, joint_weight=W, rate_limits=(lower, upper)).solve(v)
     np.testing.assert_allclose(failed.expand(there.rates), here.rates, rtol=0, atol=1e-6)
     np.testing.assert_allclose(there.residual, here.residual, rtol=0, atol=1e-7)
-
-
-@given(SEEDS, st.integers(2, 6), st.floats(0.01, 1))
-def test_damping_weighs_error_against_rates_within_the_limits(seed, n, damping):
-    """Another solver of |J x - v|^2 + damping^2 |x|^2 finds no less, J of full column rank."""
-    rng = np.random.default_rng(seed)
-    J, v, limits = rng.normal(size=(n, n)), 2 * rng.normal(size=n), box(rng, n)
-    limits = limits[0] - 1e-3, limits[1] + 1e-3
-    rates = velocity_mapping(J, list(range(n)), damping=damping, rate_limits=limits)(v)
-    A, b = np.vstack([J, damping * np.eye(n)]), np.append(v, np.zeros(n))
-    best = lsq_linear(A, b, limits, method="bvls", tol=1e-14).x
-    np.testing.assert_allclose(rates, best, rtol=0, atol=1e-7)
 
 
 @given(SEEDS, st.integers(1, 3), st.integers(0, 3))

@@ -6,7 +6,7 @@ import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
+from prioritized import Status, force_mapping, velocity_mapping
 from tests import spaces
 from tests.profiles import examples
 from tests.random_systems import (
@@ -129,65 +129,6 @@ def test_major_directions_are_as_good_as_rows_in_any_order(seed):
 
 
 # Units and sizes.
-
-
-UNITS = st.floats(-2, 2)
-"""Powers of ten; far more unlike units push true singular values under 1e-10 of the largest."""
-
-
-def in_other_units(drawn, exponent, data):
-    """The mechanism in a unit of length 10^-exponent as long; how task and rates scale by it."""
-    m, N = drawn.system.J_T.shape
-    c = len(drawn.system.J_C)
-
-    def factors(size):
-        lengths = data.draw(st.lists(st.booleans(), min_size=size, max_size=size))
-        return np.where(lengths, 10.0**exponent, 1.0)
-
-    of_task, of_joint, of_loop = factors(m), factors(N), factors(c)
-    J_T = of_task[:, None] * drawn.system.J_T / of_joint
-    J_C = of_loop[:, None] * drawn.system.J_C / of_joint
-    return ConstrainedSystem(J_T, J_C, drawn.system.active), of_task, of_joint
-
-
-@given(st.data(), systems(), UNITS)
-def test_with_metrics_the_unit_of_length_changes_nothing(data, drawn, exponent):
-    """Metres or centimetres: the same motion and torques, out of reach or under self-motion."""
-    system, of_task, of_joint = in_other_units(drawn, exponent, data)
-    m, N = system.J_T.shape
-    rng, active = drawn.rng, system.active
-    major, rest = major_and_rest(data, m)
-    u_m, u_s, u_a = of_task[major], of_task[rest], of_joint[active]
-    n, m1, m2 = len(active), len(major), len(rest)
-    mass = of_rank(rng, N, N, N)
-    mass = mass @ mass.T
-    W1, T, M = (of_rank(rng, size, size, size) for size in (n, n, m1))
-    W2 = data.draw(weights(m2, rng))
-    W2 = as_matrix(W2, m2)
-    # The first one in the first units, the other in the others.
-    kin = drawn.system.kinematics(passive_metric=mass)
-    again = system.kinematics(passive_metric=mass / np.outer(of_joint, of_joint))
-    v_m, rates_d, v_s = (rng.normal(size=size) for size in (m1, n, m2))
-    W1 = data.draw(st.sampled_from([W1, W1[: n - 1]]))  # with ties, too
-    one = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
-    two = again.velocity_mapping(
-        major, None, W1 / u_a, W2 / u_s, major_metric=M / u_m, tie_metric=T / u_a
-    )
-    expected = one(v_m, rates_d, v_s)
-    rates = two(v_m * u_m, rates_d * u_a, v_s * u_s) / u_a
-    np.testing.assert_allclose(rates, expected, atol=1e-6)
-    theta_p, theta_p_again = kin.passive_rates(expected), again.passive_rates(rates * u_a)
-    np.testing.assert_allclose(theta_p_again / of_joint[kin.passive], theta_p, atol=1e-6)
-    assert (one.status, one.rank) == (two.status, two.rank)
-
-    # Forces and torques carry the inverse units, so that power keeps its own.
-    one = kin.force_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
-    two = again.force_mapping(
-        major, None, W1 * u_a, W2 * u_s, major_metric=M * u_m, tie_metric=T * u_a
-    )
-    torques = two(v_m / u_m, rates_d / u_a, v_s / u_s) * u_a
-    np.testing.assert_allclose(torques, one(v_m, rates_d, v_s), atol=1e-6)
-    assert (one.status, one.rank) == (two.status, two.rank)
 
 
 SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
