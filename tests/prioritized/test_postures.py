@@ -79,6 +79,23 @@ def test_the_mapping_of_every_posture_is_that_it_has_alone(data, drawn, box):
     agrees_with(together(*inputs), expected, 1e-6)
 
 
+@given(batches())
+def test_the_axes_of_a_batch_stay(drawn):
+    _, system, J_T, J_C = drawn
+    flat = system.postures(J_T, J_C)
+    square = system.postures(J_T.reshape(2, 2, *J_T.shape[1:]), J_C.reshape(2, 2, *J_C.shape[1:]))
+    one = system.postures(J_T[0], J_C[0])
+    same_loops = system.postures(J_T)
+    for name in ("J", "active_constraint"):
+        found = getattr(square, name)
+        np.testing.assert_array_equal(found.reshape(4, *found.shape[2:]), getattr(flat, name))
+    np.testing.assert_array_equal(one.J, flat.J[0])
+    np.testing.assert_array_equal(same_loops.J[1], system.at(J_T[1]).kinematics().J)
+    np.testing.assert_array_equal(
+        one.velocity_mapping([0]).rank, one.each[0].velocity_mapping([0]).rank
+    )
+
+
 @pytest.mark.parametrize(
     ("J_T", "J_C", "said"),
     [
