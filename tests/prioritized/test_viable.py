@@ -230,6 +230,29 @@ def test_from_any_state_the_limits_are_soon_kept_again(seed):
     assert viable.all()
 
 
+def path(joints: Joints, x: float, v: float, ticks: int) -> np.ndarray:
+    """Positions of a joint that is taken back, at the only rate that its box has."""
+    positions = []
+    for _ in range(ticks):
+        box = joints.box([x], [v])
+        v = float(box.lower[0])
+        x += joints.T * v
+        positions.append(x)
+    return np.array(positions)
+
+
+def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may():
+    """From v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
+    joints = Joints(-2.0, 1.5, -9.0, 9.0, -10.0, 10.0, 0.1)
+    np.testing.assert_allclose(path(joints, 1.0, 5.0, 5), [1.4, 1.7, 1.9, 2.0, 2.0])
+
+
+def test_far_outside_the_return_is_as_fast_as_the_other_limit_allows():
+    """From 3 to 0 .. 0.1 at 1 m/s^2 without overshoot: 2 sqrt(3) s, 35 ticks."""
+    back = path(Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1), 3.0, 0.0, 40)
+    assert back[27] > 0.1 >= back[34:].max() and back.min() >= -1e-15
+
+
 @pytest.mark.parametrize(
     ("limits", "x", "v", "viable", "lower", "upper"),
     [
