@@ -17,9 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 
 from argument_checks import is_masked
+from tests.profiles import examples
 
 NOT_NUMBERS = {
     "none": None,
@@ -87,8 +89,6 @@ THIN = {
 """One of each kind."""
 FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
-PAIRS = [False, pytest.param(True, marks=[pytest.mark.long, pytest.mark.night])]
-"""Whether to attack all pairs, too."""
 POSITIVE = (5e-324, np.inf)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
@@ -348,3 +348,26 @@ class Room:
         elif isinstance(value, list | tuple):
             for k, item in enumerate(value):
                 yield from self._not_finite(f"{path}[{k}]", item)
+
+
+def one_by_one(room: Callable[[], Room], found: Found) -> Callable[..., None]:
+    """The test that a hostile argument is named or harmless; by night of all pairs, too."""
+    pairs = [False, pytest.param(True, marks=[pytest.mark.long, pytest.mark.night])]
+
+    @pytest.mark.parametrize("pairs", pairs)
+    @pytest.mark.parametrize("name", found)
+    def law(name: str, pairs: bool) -> None:
+        room().attack(name, pairs=pairs)
+
+    return law
+
+
+def two_at_once(room: Callable[[], Room]) -> Callable[[], None]:
+    """The test that so are two of them, any of one of each kind."""
+
+    @examples(1000)
+    @given(st.data())
+    def law(data: st.DataObject) -> None:
+        room().attack_two(data)
+
+    return law

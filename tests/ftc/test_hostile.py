@@ -7,9 +7,6 @@ from typing import Any
 
 import control
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import ftc
 from ftc import Goal, GuardedController, Supervisor, fdi, tracking
@@ -33,8 +30,7 @@ from tests.ftc.small_stage import (
     flown,
     stage,
 )
-from tests.hostile import PAIRS, Room, public
-from tests.profiles import examples
+from tests.hostile import Room, one_by_one, public, two_at_once
 
 M1, N = J.shape[0] - 1, J.shape[1]
 AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
@@ -283,13 +279,5 @@ def room() -> Room:
     )
 
 
-@pytest.mark.parametrize("pairs", PAIRS)
-@pytest.mark.parametrize("name", FOUND)
-def test_a_hostile_argument_is_named_or_harmless(name, pairs):
-    room().attack(name, pairs=pairs)
-
-
-@examples(1000)
-@given(st.data())
-def test_so_are_two_of_them(data):
-    room().attack_two(data)
+test_a_hostile_argument_is_named_or_harmless = one_by_one(room, FOUND)
+test_so_are_two_of_them = two_at_once(room)

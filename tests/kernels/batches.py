@@ -43,6 +43,7 @@ class Found(NamedTuple):
     steps: np.ndarray
     ended: np.ndarray
     gap: np.ndarray
+    ranks: np.ndarray
 
 
 def kernel(
@@ -87,7 +88,9 @@ def kernel(
     work = np.full(lib.lexicographic_room(problem), room)
     report = np.zeros((count, 4))
     made = goal, work, x, state, report
-    lib.lexicographic_solve(problem, *map(pointer, (*given, *made)), ffi.NULL)
+    ranks = np.append(np.zeros(scales.size, np.int32), np.int32(-9))
+    lib.lexicographic_solve(problem, *map(pointer, (*given, *made, ranks)))
+    assert ranks[-1] == -9, "more ranks than levels"
     for each, copy in zip(given, before, strict=True):
         assert each.tobytes() == copy.tobytes(), "an input was written"
     assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is not kept"
@@ -95,7 +98,8 @@ def kernel(
         at = state == side
         assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
     steps, ended = report[:, 0].astype(int), report[:, 1] > 0
-    return Found(x, state, steps, ended, report[:, 2:].min(axis=1))
+    gap = report[:, 2:].min(axis=1)
+    return Found(x, state, steps, ended, gap, ranks[:-1].reshape(scales.shape))
 
 
 def unlimited(batch: Batch) -> Batch:

@@ -6,11 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hatch_build import Wheel
-from kernels import build, lib, pointer
+from kernels import build
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted((ROOT / "kernels").glob("*.[ch]"))
@@ -98,12 +97,3 @@ def test_what_a_kernel_leaves_to_others_is_mathematics_and_copying():
     allowed = {"memcpy", "memset", "memmove", "__stack_chk_fail", "sqrt", "sin", "cos", "atan2"}
     allowed |= {"fmin", "fmax", "hypot", "ceil", "rint", "log", "exp", "pow", "frexp", "ldexp"}
     assert names - loader <= allowed
-
-
-def test_no_number_of_another_type_and_no_strided_array_is_passed():
-    M, v = np.ones((2, 2)), np.ones(1)
-    after = np.empty(2)
-    with pytest.raises(TypeError):
-        lib.compensate(pointer(M), 2, 1, 1, pointer(v), pointer(np.ones(1, int)), pointer(after))
-    with pytest.raises(ValueError, match="contiguous"):
-        pointer(np.ones((3, 3)).T)

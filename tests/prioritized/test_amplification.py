@@ -77,12 +77,3 @@ def test_texts_say_what_is_large_and_only_that(gain):
     answers = weak.manipulability([0]), weak.velocity_mapping([0]), weak.force_mapping([0])
     for answer in answers:
         assert (f"of the passive rates {gain:.3g} times as large." in str(answer)) == large
-
-
-def test_a_task_without_rows_or_rates_has_no_gain():
-    kin = ConstrainedSystem(np.eye(2), None, [0, 1]).kinematics()
-    jammed = ConstrainedSystem(np.eye(2), None, [0, 1]).with_failures(locked=[0, 1]).kinematics()
-    for each, major in ((kin, []), (jammed, [0])):
-        gains = each.velocity_mapping(major), each.force_mapping(major), each.manipulability(major)
-        assert {float(answer.largest_gain) for answer in gains} == {0.0}
-        assert each.velocity_mapping(major).amplification == 0.0

@@ -130,22 +130,6 @@ def test_no_limits_are_limits_that_are_wide_enough(data, drawn):
             assert ended.radius > 0
 
 
-@given(st.data(), systems(actives=(1, 4)), st.floats(0.1, 10.0))
-def test_twice_the_limits_are_twice_the_speed_and_force(data, drawn, factor):
-    """The sets grow with the limits; a direction twice as long has twice the support."""
-    n, m = len(drawn.system.active), len(drawn.system.J_T)
-    major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
-    kin, D = drawn.system.kinematics(), directions(drawn.rng, len(major))
-    for attainable in (kin.attainable, kin.attainable_force):
-        once, more = (attainable(major, (f * lower, f * upper)) for f in (1.0, factor))
-        np.testing.assert_allclose(more.radius, factor * once.radius, rtol=1e-7)
-        np.testing.assert_allclose(more.support(D), factor * once.support(D), rtol=1e-7, atol=1e-9)
-        np.testing.assert_allclose(once.support(factor * D), factor * once.support(D), rtol=1e-7)
-        np.testing.assert_allclose(
-            once.support(D[None, :, None])[0, :, 0], once.support(D), rtol=1e-12
-        )
-
-
 def test_corners_in_the_plane_are_in_counter_clockwise_order():
     rng = np.random.default_rng(5)
     for _ in range(40):
@@ -176,30 +160,6 @@ def assert_set(a, status: AttainableStatus, radius: float, support, direction=(1
     assert str(a).startswith(status.value[:1].upper())
 
 
-def test_two_joints_at_right_angles_make_a_square():
-    """Each joint moves one axis: the corners are those of the limits, the ball touches sides."""
-    a = arm().kinematics().attainable([0, 1], ([-1, -2], [3, 4]))
-    assert_set(a, AttainableStatus.INTERIOR, 1.0, 7.0, [1, 1])
-    corners = [[-1, -2], [3, -2], [3, 4], [-1, 4]]
-    start = corners.index(a.vertices.round(9).tolist()[0])
-    np.testing.assert_allclose(a.vertices, np.roll(corners, -start, axis=0), atol=1e-12)
-
-
-@given(st.integers(3, 8), st.floats(0.1, 10.0))
-def test_joints_all_around_make_a_polygon_with_twice_as_many_sides(n, rate):
-    """Directions 180/n degrees apart: a regular polygon of known apothem."""
-    angle = np.pi * np.arange(n) / n
-    arm = ConstrainedSystem([np.cos(angle), np.sin(angle)], None, range(n))
-    a = arm.kinematics().attainable([0, 1], (-rate, rate))
-    side, sides = 2 * rate, 2 * n
-    assert len(a.vertices) == sides
-    np.testing.assert_allclose(a.radius, side / (2 * np.tan(np.pi / sides)), rtol=1e-9)
-    edges = np.roll(a.vertices, -1, axis=0) - a.vertices
-    np.testing.assert_allclose(np.linalg.norm(edges, axis=1), side, rtol=1e-9)
-    locked = arm.with_failures(locked=[0]).kinematics().attainable([0, 1], (-rate, rate))
-    assert locked.radius < a.radius
-
-
 @given(st.floats(-9.0, 0.0))
 def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
     """A parallelogram's height; at the singularity itself the direction is out of reach."""
@@ -227,14 +187,6 @@ def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
     assert a.status is AttainableStatus.INTERIOR
     expected = (1 - ratio) * np.array([1, 2, 1])
     np.testing.assert_allclose([a.radius, *a.support([[1], [-1]])], expected, rtol=1e-6)
-
-
-def test_geared_motors_are_as_fast_as_the_slower_and_as_strong_as_both():
-    """Rates oppose and torques add: the limits of one motor are those of the other, turned."""
-    kin = geared().kinematics()
-    assert_set(kin.attainable([0], ([-1, -9], [9, 9])), AttainableStatus.INTERIOR, 1.0, 9.0)
-    assert_set(kin.attainable([0], ([-9, -1], [9, 9])), AttainableStatus.INTERIOR, 1.0, 1.0)
-    assert_set(kin.attainable_force([0], ([-1, -2], [4, 5])), AttainableStatus.INTERIOR, 6.0, 6.0)
 
 
 def test_the_status_says_why_the_radius_is_zero():

@@ -83,18 +83,3 @@ def test_loops_that_share_few_joints_move_as_dense_ones_do(seed, p, n, share):
     np.testing.assert_allclose(kin.passive_gain, expected, atol=error)
     force = np.linalg.solve(J_C[:, n:].T, -system.J_T[:, n:].T)
     np.testing.assert_allclose(kin.constraint_force(np.eye(2)).T, force, atol=error)
-
-
-@given(systems(), SEEDS)
-def test_a_mechanism_at_another_pose_is_as_if_made_there(drawn, seed):
-    system, rng = drawn.system.with_failures(locked=[0]), np.random.default_rng(seed)
-    J_T = system.J_T + 0.1 * rng.normal(size=system.J_T.shape)
-    assert system.kinematics().J.shape[1] == len(system.active) - 1
-    for unit in (None, 2.0):
-        J_C = system.J_C if unit is None else unit * system.J_C
-        moved = system.at(J_T) if unit is None else system.at(J_T, J_C)
-        made = ConstrainedSystem(J_T, J_C, system.active).with_failures(locked=[0])
-        np.testing.assert_array_equal(moved.kinematics().J, made.kinematics().J)
-        np.testing.assert_array_equal(moved.kinematics().gap, made.kinematics().gap)
-        freed = moved.with_failures(free=[len(system.active) - 1])
-        assert freed.kinematics().J.shape[1] == max(0, len(system.active) - 2)

@@ -1,14 +1,10 @@
 """Section 2.3: failures rebuild the model; here it is rebuilt by hand and compared."""
 
-import dataclasses
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Kinematics, Task, velocity_mapping
-from prioritized._mechanism.failures import Failures
 from tests import spaces
 from tests.random_systems import SEEDS, failures, systems
 
@@ -123,26 +119,3 @@ def test_a_locked_four_bar_stops_where_a_column_less_would_move(seed, locked):
     mapping = kin.force_mapping([0], torque_weight=[1.0])
     np.testing.assert_allclose(mapping([1.0]), 0.0, atol=1e-9)
     np.testing.assert_allclose(mapping.reaction, np.eye(3), atol=1e-9)
-
-
-def test_releasing_one_of_two_motors_rids_a_four_bar_of_internal_force():
-    """The other way to lose an actuator: what was over-actuated is then just actuated."""
-    system = four_bar(np.array([0.5, 0.9, 0.7]), np.array([1.0, 2.0, 1.5]))
-    assert system.kinematics().manipulability([0]).irresolvable
-    report = system.with_failures(free=[1]).kinematics().manipulability([0])
-    assert not (report.irresolvable or report.constrained_active or report.unstable)
-    crank, elbow, *_ = spaces.null(system.J_C)[:, 0]  # the one motion that closes the loop
-    assert report.worst_gain == pytest.approx(abs((crank + elbow) / crank))
-
-
-def test_failures_stay_when_repeated_and_at_another_pose():
-    system = four_bar(np.array([0.5, 0.9, 0.7]), np.array([1.0, 2.0, 1.5]))
-    once = system.with_failures(locked_passive=[2])
-    assert once.failures == once.with_failures(locked_passive=[2, 2]).failures
-    assert once.kinematics().active_constraint.shape == (2, 2)  # nothing moves any more
-    system = ConstrainedSystem(np.eye(2), None, [0, 1]).with_failures(locked=[0])
-    moved = dataclasses.replace(system, J_T=2 * np.eye(2))
-    assert moved.failures == system.at(2 * np.eye(2)).failures == Failures(locked=frozenset({0}))
-    np.testing.assert_array_equal(moved.kinematics().J, [[0.0], [2.0]])
-    with pytest.raises(ValueError, match=r"locked must lie in 0\.\.1, got \[7\]"):
-        ConstrainedSystem(np.eye(2), None, [0, 1], failures=Failures(locked=frozenset({7})))

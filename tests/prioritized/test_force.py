@@ -84,38 +84,3 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
     np.testing.assert_allclose(torques, to_torques @ best, atol=1e-6)
     np.testing.assert_allclose(f_s, best[rest], atol=1e-6)
     np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - best[major], atol=1e-6)
-
-
-def test_the_metric_chooses_which_part_of_a_forbidden_force_is_given_up():
-    """The task gives way along (1, 1): only forces along (1, -1) can be exerted."""
-    Q = np.array([[1.0], [1.0]]) / np.sqrt(2)
-    plain = force_mapping(np.eye(2), [0, 1], self_motion=Q)
-    np.testing.assert_allclose(plain.achieved, [[0.5, -0.5], [-0.5, 0.5]], atol=1e-12)
-    weighted = force_mapping(np.eye(2), [0, 1], self_motion=Q, major_metric=[3.0, 1.0])
-    # Minimum of 9 (x - f_1)^2 + (-x - f_2)^2.
-    np.testing.assert_allclose(weighted.achieved, [[0.9, -0.1], [-0.9, 0.1]], atol=1e-12)
-    assert plain.status is weighted.status is Status.LEAST_SQUARES
-    assert plain.rank == 1
-
-
-def test_ties_go_to_the_least_torques_then_the_least_secondary_force():
-    """Two secondary rows push the same actuator: the torque vanishes, they share its burden."""
-    J = np.array([[1.0, 1.0], [1.0, 0.0], [1.0, 0.0]])
-    mapping = force_mapping(J, [0])
-    np.testing.assert_allclose(mapping([2.0]), [0.0, 2.0], atol=1e-12)
-    np.testing.assert_allclose(mapping.secondary_force([2.0]), [-1.0, -1.0], atol=1e-12)
-
-
-def test_a_force_that_the_structure_bears_is_called_unseen():
-    """A pull along an arm stretched out; a pair (f, -f) that a limp joint lets pass."""
-    stretched = np.array([[0.0, 0.0], [2.0, 1.0]])  # [along; across]
-    along, across = force_mapping(stretched, [0]), force_mapping(stretched, [1])
-    assert along.status is Status.UNSEEN and across.status is Status.EXACT
-    np.testing.assert_array_equal(along.major, 0)
-    np.testing.assert_allclose(across.major[:, 0], [2.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(across.reaction, np.diag([1.0, 0.0]), atol=1e-12)
-    pair = np.ones((2, 1)) / np.sqrt(2.0)
-    mapping = force_mapping([[1.0], [1.0]], [0], torque_weight=[1.0], self_motion=pair)
-    np.testing.assert_allclose(mapping([3.0]), 0.0, atol=1e-12)
-    np.testing.assert_allclose(mapping.secondary_force([3.0]), -3.0, atol=1e-12)
-    assert mapping.status is Status.UNSEEN

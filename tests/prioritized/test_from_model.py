@@ -30,18 +30,3 @@ def test_a_model_brings_names_and_accuracy_and_springs_on_request():
     assert made.names == Names(("a", "b", "c"), (("m",), ("n",)))
     for name in ("J_T", "J_C", "active"):
         np.testing.assert_array_equal(getattr(made, name), getattr(linearized(), name))
-
-
-def test_a_proxy_of_a_mechanism_is_one():
-    """It lists no attributes of its own, and has them all the same."""
-
-    class Proxy:
-        def __getattr__(self, name: str) -> object:
-            return getattr(whole, name)
-
-    whole = ConstrainedSystem(np.eye(2), None, [0, 1])
-    proxy: Any = Proxy()
-    np.testing.assert_array_equal(ConstrainedSystem.of(proxy).J_T, whole.J_T)
-    absent: Any = object()
-    with pytest.raises(TypeError, match=r"^mechanism must have J_T, J_C and active"):
-        ConstrainedSystem.of(absent)

@@ -4,9 +4,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import prioritized
 from prioritized import (
@@ -23,8 +20,7 @@ from prioritized import (
 from prioritized._mechanism.failures import Failures
 from prioritized._mechanism.names import Names
 from prioritized._postures import Postures
-from tests.hostile import PAIRS, Room, public
-from tests.profiles import examples
+from tests.hostile import Room, one_by_one, public, two_at_once
 
 
 def one_level(levels: Any, lower: Any) -> Any:
@@ -245,17 +241,8 @@ def room() -> Room:
         uses=uses,
         ranges=ranges,
         unbounded=("gap", "worst_gain", "worst_speed", "worst_force"),
-        spared={"failure_atlas with limits": ["major"]},  # without a task scipy refuses it
     )
 
 
-@pytest.mark.parametrize("pairs", PAIRS)
-@pytest.mark.parametrize("name", FOUND)
-def test_a_hostile_argument_is_named_or_harmless(name, pairs):
-    room().attack(name, pairs=pairs)
-
-
-@examples(1000)
-@given(st.data())
-def test_so_are_two_of_them(data):
-    room().attack_two(data)
+test_a_hostile_argument_is_named_or_harmless = one_by_one(room, FOUND)
+test_so_are_two_of_them = two_at_once(room)

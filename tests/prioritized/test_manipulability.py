@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem
 from tests import spaces
-from tests.random_systems import SEEDS, failures, of_rank, rows_of, systems
+from tests.random_systems import failures, rows_of, systems
 
 FLAGS = {
     "unmanipulable",
@@ -28,29 +28,6 @@ def holding(report) -> set[str]:
         assert getattr(report, name) == report.findings[name].holds
         assert report.findings[name].holds == (report.bases[name].size > 0)
     return {name for name in FLAGS if getattr(report, name)}
-
-
-def test_an_arm_stretched_out_cannot_move_along_itself():
-    """Two hinges at 0 and 1 of a line, tip at 2: both rates move the tip across the line only."""
-    kin = ConstrainedSystem([[0.0, 0.0], [2.0, 1.0]], None, [0, 1]).kinematics()
-    across, report = kin.manipulability([1]), kin.manipulability([1, 0])
-    assert holding(across) == {"unmanipulable_task"}
-    assert across.worst_gain == pytest.approx(np.sqrt(5.0))
-    assert holding(report) == {"unmanipulable", "unmanipulable_task"}
-    # Major coordinates are those of `major`, here [across; along]; the task's are [along; across].
-    np.testing.assert_allclose(np.abs(report.bases["unmanipulable"]), [[0.0], [1.0]], atol=1e-12)
-    np.testing.assert_allclose(np.abs(report.bases["unmanipulable_task"]), [[1.0], [0.0]])
-    assert report.worst_gain == 0.0
-    assert "cannot move the major task in one direction" in str(report)
-
-
-def test_a_free_hinge_lets_the_major_task_go_only_where_it_moves_it():
-    """A slide along, a slide across: releasing one leaves the other direction held."""
-    kin = ConstrainedSystem(np.eye(2), None, [0, 1]).with_failures(free=[1]).kinematics()
-    across, along = kin.manipulability([1]), kin.manipulability([0])
-    assert holding(across) == {"unmanipulable", "unmanipulable_task", "unstable", "unstable_major"}
-    assert holding(along) == {"unmanipulable_task", "unstable", "unstable_secondary"}
-    np.testing.assert_allclose(np.abs(along.bases["unstable_secondary"]), [[0.0], [1.0]])
 
 
 HALF = np.sqrt(0.5)
@@ -76,14 +53,6 @@ def test_spinning_rods_doors_and_gears_have_the_verdicts_known_by_hand(
     report = ConstrainedSystem(J_T, J_C, active).kinematics().manipulability([0])
     assert holding(report) == flags
     np.testing.assert_allclose(np.abs(report.bases[name]), basis)
-
-
-def test_with_every_actuator_gone_nothing_is_manipulable():
-    system = ConstrainedSystem(np.eye(2), None, [0, 1])
-    jammed = system.with_failures(locked=[0, 1]).kinematics().manipulability([0])
-    assert holding(jammed) == {"unmanipulable", "unmanipulable_task"}
-    loose = system.with_failures(free=[0, 1]).kinematics().manipulability([0])
-    assert holding(loose) == FLAGS - {"idle", "irresolvable", "constrained_active"}
 
 
 @given(systems())
@@ -152,23 +121,6 @@ def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, drawn):
         assert report.worst_gain == pytest.approx(1.0 / cost, rel=1e-6)
 
 
-@given(SEEDS, st.integers(1, 4), st.data())
-def test_a_free_joint_of_a_serial_arm_is_unstable_as_its_column_says(seed, n, data):
-    """Section 2.3.1: a serial arm has no loop to hold what its motor lets go."""
-    J_T = np.random.default_rng(seed).normal(size=(3, n))
-    quiet = data.draw(st.booleans())
-    freed = data.draw(st.integers(0, n - 1))
-    if quiet:
-        J_T[0, freed] = 0.0
-    system = ConstrainedSystem(J_T, None, range(n)).with_failures(free=[freed])
-    report = system.kinematics().manipulability([0])
-    assert report.unstable
-    assert report.unstable_major == (not quiet)
-    assert report.unstable_secondary == quiet
-    column = J_T[:, [freed]] / np.linalg.norm(J_T[:, freed])
-    spaces.assert_same(report.bases["unstable"], column, 1e-12)
-
-
 def test_the_gap_of_what_springs_hold_is_theirs():
     """A spring of 3e-10 of the stiffest holds the second hinge, by a factor of three."""
     system = ConstrainedSystem([[1.0, 1.0, 1.0]], None, [0], stiffness=[0.0, 1.0, 3e-10])
@@ -176,15 +128,3 @@ def test_the_gap_of_what_springs_hold_is_theirs():
     assert not report.unstable
     assert report.gaps["unstable"] == pytest.approx(3.0)
     assert report.gaps["idle"] == pytest.approx(3.0)
-
-
-@given(SEEDS, st.integers(1, 3))
-def test_major_directions_may_be_given_in_any_length(seed, m1):
-    """A direction ten times as long is the same direction: no verdict and no gap changes."""
-    rng = np.random.default_rng(seed)
-    kin = ConstrainedSystem(of_rank(rng, 4, 3, 2), None, range(3)).kinematics()
-    S = rng.normal(size=(m1, 4))
-    one, ten = kin.manipulability(S), kin.manipulability(10.0 * S)
-    assert holding(one) == holding(ten)
-    np.testing.assert_allclose(one.gaps["unstable_major"], ten.gaps["unstable_major"])
-    assert 10.0 * one.worst_gain == pytest.approx(ten.worst_gain)

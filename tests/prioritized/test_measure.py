@@ -131,11 +131,14 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     plain = kin.velocity_mapping(major, joint_weight=1.0 / rate)
     by_secondary = kin.velocity_mapping(major, secondary_weight=1.0 / task[of["left"]])
     limited = kin.velocity_mapping(major, joint_weight=1.0 / rate, rate_limits=box)
+    metrics = {"major_metric": 2.0 / task[major], "tie_metric": 1.0 / rate}
+    stated = kin.velocity_mapping(major, None, np.append(1.0 / rate[:-1], 0.0), **metrics)
     two = kin.hierarchy([Task(major), Task.joints()])
     three = kin.hierarchy([Task(major[:1]), Task(range(len(task)))])
     others = {
         "by the secondary task": by_secondary.solve(v[major]),
         "limited": limited.solve(v[major]),
+        "by stated metrics": stated.solve(v[major]),
         "two levels": two.solve([v[major], None]),
         "three levels": three.solve([v[major[:1]], v]),
     }

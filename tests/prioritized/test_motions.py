@@ -11,7 +11,6 @@ from tests import spaces
 from tests.random_systems import (
     SEEDS,
     failures,
-    of_rank,
     orthogonal,
     springs,
     systems,
@@ -73,41 +72,6 @@ def test_what_no_spring_resists_stays_self_motion(data, drawn):
         np.testing.assert_allclose(getattr(kin, name), getattr(rigid, name), atol=1e-12)
 
 
-@given(st.data(), systems())
-def test_a_frictionless_machine_from_rest_has_no_free_momentum(data, drawn):
-    """With the mass matrix as metric the free coordinates keep Z^T M theta_dot = 0."""
-    system, rng = data.draw(failures(drawn.system)), drawn.rng
-    N = system.J_T.shape[1]
-    root = of_rank(rng, N, N, N)
-    M = root.T @ root
-    kin = system.kinematics(passive_metric=M)
-    theta_dot = np.empty(N)
-    rates = spaces.null(kin.active_constraint).sum(axis=1)
-    theta_dot[kin.active], theta_dot[kin.passive] = rates, kin.passive_rates(rates)
-    free = spaces.self_motions(system, kin)
-    np.testing.assert_allclose(free.T @ M @ theta_dot, 0, atol=1e-7)
-    np.testing.assert_allclose(spaces.closure(system) @ theta_dot, 0, atol=1e-7)
-    assert kin.self_motion.shape == system.kinematics().self_motion.shape  # it holds nothing
-
-
-@given(st.data(), systems(self_motion=False).filter(lambda drawn: not drawn.bound))
-def test_a_free_joint_with_an_ever_stiffer_spring_becomes_locked(data, drawn):
-    """Among other springs its yield falls as 1 / K; a thousand times stiffer, as much stiller."""
-    system, rng = drawn.system, drawn.rng
-    N, n = system.J_T.shape[1], len(system.active)
-    joint = data.draw(st.integers(0, n - 1))
-    R = of_rank(rng, N, N, N)
-    K = R.T @ R
-    locked = with_stiffness(system, K).with_failures(locked=[joint]).kinematics().J
-    errors = []
-    for stiff in (1e3, 1e6):
-        own = stiff * np.diag(np.arange(N) == system.active[joint])
-        kin = with_stiffness(system, K + own).with_failures(free=[joint]).kinematics()
-        assert kin.self_motion.shape == (len(locked), 0)
-        errors.append(np.abs(kin.J - locked).max(initial=0.0))
-    assert errors[1] <= 1.1e-3 * errors[0] + 1e-9
-
-
 @given(SEEDS, st.floats(2, 14), st.floats(-6, 6))
 def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakness, unit):
     """Two loose hinges on one serial arm: the weaker holds its motion, or is none."""
@@ -119,32 +83,6 @@ def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakne
     if abs(np.log10(ratio / RANK_TOLERANCE)) > 0.05:  # round-off of K is 1e-16
         kin = ConstrainedSystem([[1.0, 1.0, 1.0]], None, [0], stiffness=K).kinematics()
         assert kin.passive_self_motion.shape[1] == (ratio < RANK_TOLERANCE)
-
-
-@given(st.data(), systems(), st.floats(-6, 6))
-def test_the_unit_of_force_moves_nothing(data, drawn, exponent):
-    """The unit of force scales K as a whole and moves nothing."""
-    system = data.draw(failures(drawn.system))
-    R = data.draw(springs(system.J_T.shape[1], drawn.rng))
-    one = with_stiffness(system, R.T @ R).kinematics()
-    other = with_stiffness(system, 10.0**exponent * R.T @ R).kinematics()
-    np.testing.assert_allclose(one.J, other.J, atol=1e-7)
-    assert one.self_motion.shape == other.self_motion.shape
-
-
-def test_springs_share_motion_by_compliance_and_pull_along_what_they_join():
-    """A slide pushes a rod on two springs in series; motor, spring, load, spring, ground."""
-    J_C = [[1.0, -1.0, -1.0]]  # the slide's travel is the sum of both
-    kin = ConstrainedSystem([[0.0, 0.0, 1.0]], J_C, [0], stiffness=[0.0, 3.0, 1.0]).kinematics()
-    np.testing.assert_allclose(kin.passive_rates([4.0]), [1.0, 3.0], atol=1e-12)
-    # Rigid kinematics shares by the norm, and says that the task has self-motion.
-    rigid = ConstrainedSystem([[0.0, 0.0, 1.0]], J_C, [0]).kinematics()
-    np.testing.assert_allclose(rigid.passive_rates([4.0]), [2.0, 2.0], atol=1e-12)
-    assert rigid.manipulability([0]).unstable_major and not kin.manipulability([0]).unstable
-    K = np.array([[2.0, -2.0], [-2.0, 2.0 + 1.0]])
-    for stiffness, expected in ((K, 2.0 / 3.0), (np.diag(np.diag(K)), 0.0)):
-        pulled = ConstrainedSystem([[0.0, 1.0]], None, [0], stiffness=stiffness).kinematics()
-        assert pulled.J[0, 0] == pytest.approx(expected)
 
 
 @given(st.floats(3, 100), st.floats(-6, 6))

@@ -1,9 +1,5 @@
 """Joints and actuators by name: in arguments, in errors, in sentences."""
 
-import copy
-import dataclasses
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -66,30 +62,6 @@ def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, said):
         made(None).with_failures(locked_passive=["knee"])
 
 
-def test_names_stay_whatever_becomes_of_the_system():
-    system = made()
-    changed = [
-        system.at(2 * system.J_T, system.J_C[:2]),
-        system.with_failures(locked=["hip"]),
-        dataclasses.replace(system, J_T=2 * system.J_T),
-        pickle.loads(pickle.dumps(system)),
-        copy.copy(system),
-        copy.deepcopy(system),
-    ]
-    for each in changed:
-        assert each.names == NAMES
-        assert each.with_failures(locked=["knee"]).failures.locked >= {1}
-
-
-def test_a_system_says_what_it_is():
-    assert str(made()) == "8 velocities, 3 constraints, 4 actuators: sound."
-    failed = {"locked": ["knee"], "free": ["pitch", "hip"], "locked_passive": ["ball", 7]}
-    words = ": knee locked, hip free, pitch free, ball stuck, velocity 7 stuck."
-    assert str(made().with_failures(**failed)).endswith(words)
-    unnamed = made(None).with_failures(locked=[1], locked_passive=[5, 6])
-    assert str(unnamed).endswith(": actuator 1 locked, velocity 5 stuck, velocity 6 stuck.")
-
-
 def test_the_atlas_speaks_and_understands_names():
     atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
     assert atlas.describe(0) == unnamed.describe(0) == "sound"
@@ -127,28 +99,6 @@ def test_sentences_name_the_joints_concerned():
     meshed = of(("hip", "hip", "rod"), (("m0",), ("m1",)), [[0.0, 1.0, -2.0]])
     failed = meshed.with_failures(locked=["m0"], free=["m1"])
     assert "(of m1, rod)" in failed.kinematics().manipulability([0]).findings["idle"].sentence
-
-
-def test_an_actuator_with_several_velocities_fails_in_all_of_them():
-    """An orientation servo moves a ball joint about three axes, which lock together."""
-    servo = of(("x", "servo", "servo", "servo"), (("m",), *[("servo",)] * 3))
-    failed = servo.with_failures(locked=["servo"])
-    assert failed.failures.locked == {1, 2, 3}
-    assert str(failed).endswith(": servo locked.")
-    alike = of(("hip",) * 4, (("m",), *[("hip",)] * 3))
-    assert str(alike.with_failures(locked=range(4))).endswith(": m locked, hip (1) locked.")
-
-
-def test_no_two_actuators_are_described_by_the_same_word():
-    """The motors of knee and hip have each other's name; a tendon is called like a joint."""
-    system = of(("knee", "hip", "hip", ""), (("hip",), ("knee",), ("m1",), ()))
-    words = "knee (0) locked, hip (1) locked, m1 locked, actuator 3 locked."
-    assert str(system.with_failures(locked=[0, 1, 2, 3])).endswith(words)
-    with pytest.raises(ValueError, match=r"'knee', which means knee \(0\), hip \(1\)$"):
-        system.with_failures(locked=["knee"])
-    assert system.with_failures(locked=["hip (1)", "m1"]).failures.locked == {1, 2}
-    atlas = failure_atlas(system, [0], codes=[[2, 1, 0, 0]])
-    assert atlas.describe(0) == "hip (1) locked, knee (0) free"
 
 
 @given(st.data())

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from prioritized import (
     ConstrainedSystem,
     Kinematics,
-    Manipulability,
     Status,
     failure_atlas,
     force_mapping,
@@ -101,32 +100,6 @@ def test_what_fast_passive_joints_leave_of_each_other_is_no_motion(seed, exponen
     assert kin.velocity_mapping([0]).rank == 0
 
 
-@given(SEEDS, st.floats(4, 16), st.floats(-3, 3), st.booleans())
-def test_near_a_singularity_the_major_task_is_met_until_the_threshold(
-    seed, nearness, unit, in_weights
-):
-    """The major task or the weights lose a direction bit by bit; a batch says the same."""
-    rng = np.random.default_rng(seed)
-    small, size = 10.0**-nearness, 10.0**unit
-    near = size * orthogonal(rng, 3) @ np.diag([1.0, 1.0, small]) @ orthogonal(rng, 3)
-    well = size * of_rank(rng, 3, 3, 3)
-    J = np.vstack([well[:1] if in_weights else near[:1], well[1:]])
-    if not in_weights:  # two major rows, nearly one
-        J[1] = J[0] + small * well[1]
-    major = [0] if in_weights else [0, 1]
-    W1 = near if in_weights else np.eye(3)
-    mapping = velocity_mapping(J, major, joint_weight=W1)
-    v_m = rng.normal(size=len(major)) * size
-    if small > 1e3 * RANK_TOLERANCE:
-        assert mapping.rank == len(major)
-        assert float(mapping.gap) > 1.0
-        np.testing.assert_allclose(J[major] @ mapping(v_m), v_m, rtol=1e-6, atol=1e-6 * size)
-    pair = velocity_mapping(np.stack([J, J]), major, joint_weight=W1)(v_m)
-    scale = float(np.abs(pair).max())
-    close = 1e-13 / small if small > 2 * RANK_TOLERANCE else 1e-3
-    np.testing.assert_allclose(pair[0], mapping(v_m), atol=close * scale + 1e-12)
-
-
 def test_the_rank_is_decided_against_the_scale_given_and_one_tolerance():
     """Not against what is left of a difference; directions 3e-10 apart are one at 1e-8."""
     left_over = 1e-17 * np.ones((1, 3))
@@ -134,15 +107,6 @@ def test_the_rank_is_decided_against_the_scale_given_and_one_tolerance():
     assert velocity_mapping(left_over, [0]).rank == 1
     mapping = velocity_mapping(np.eye(2), [[1, 0], [1, 3e-10]], rank_tolerance=1e-8)
     assert mapping.rank == 1 and mapping.secondary.shape == (2, 1)
-
-
-def test_numbers_at_the_edge_of_what_floats_hold_are_answered_or_refused():
-    """Denormals count as zero; a product that overflows is no scale."""
-    assert velocity_mapping([[1, 0], [0, 1e-320]], [0, 1]).rank == 1
-    assert ConstrainedSystem(np.eye(2), [[1, 1e-320]], [0]).kinematics().self_motion.shape == (2, 1)
-    J = np.random.default_rng(5).normal(size=(3, 4))
-    with np.errstate(all="ignore"), pytest.raises(ValueError, match="got an overflow"):
-        velocity_mapping(1e119 * J, 1e119 * J[:1, :3], [1], major_metric=[1e119]).rank  # noqa: B018
 
 
 # Who agrees.
@@ -286,55 +250,6 @@ def test_weights_and_metrics_that_are_lost_beside_others_show_in_the_gap(w):
 # The tolerance as what it is, the accuracy of the geometry.
 
 
-def planar_3rrr(rng: np.random.Generator, accuracy: float) -> tuple[np.ndarray, np.ndarray]:
-    """J_T (6, 9) and J_C (12, 9), in spatial form, of three legs of three parallel hinges each.
-
-    Legs of random length and angle; each axis is off by an angle, each point by a length.
-    """
-    legs = []
-    for k in range(3):
-        around, elbow = 2 * np.pi * k / 3, rng.uniform(0, 2 * np.pi)
-        anchor = np.array([np.cos(around), np.sin(around), 0.0])
-        corner = 0.3 * np.array([np.cos(around + 0.4), np.sin(around + 0.4), 0.0])
-        knee = anchor + rng.uniform(0.4, 0.9) * np.array([np.cos(elbow), np.sin(elbow), 0.0])
-        axes = np.array([0.0, 0.0, 1.0]) + accuracy * rng.uniform(-1, 1, size=(3, 3))
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        points = np.array([anchor, knee, corner]) + accuracy * rng.uniform(-1, 1, size=(3, 3))
-        legs.append(np.hstack([axes, np.cross(points, axes)]).T)
-    A, B, C = legs
-    none = np.zeros((6, 3))
-    return np.hstack([A, none, none]), np.block([[A, -B, none], [A, none, -C]])
-
-
-def moves_freely(report: Manipulability) -> bool:
-    """Three degrees of freedom, of which the three actuators determine every one."""
-    conditions = ("constrained_active", "unstable", "idle", "unmanipulable")
-    return not any(getattr(report, name) for name in conditions)
-
-
-@pytest.mark.parametrize("accuracy", [1e-8, 1e-6])
-def test_a_planar_mechanism_moves_although_its_axes_are_not_parallel(accuracy):
-    """At 1e-10 the errors are constraints; at ten times the accuracy they are none, by far."""
-    draws, count, plane = 0, scaled(100), [2, 3, 4]  # of a twist: the turn about z, and x, y
-    for seed in range(count):
-        exact = planar_3rrr(np.random.default_rng(seed), 0.0)
-        at_ease = ConstrainedSystem(*exact, [0, 3, 6], geometry_accuracy=accuracy).kinematics()
-        if min(at_ease.manipulability(plane).gaps.values()) < 10:
-            continue  # singular to within the accuracy
-        draws += 1
-        assert moves_freely(at_ease.manipulability(plane))
-        J_T, J_C = planar_3rrr(np.random.default_rng(seed), accuracy)
-        system = ConstrainedSystem(J_T, J_C, [0, 3, 6], geometry_accuracy=accuracy)
-        report = system.kinematics().manipulability(plane)
-        assert moves_freely(report)
-        assert report.gaps["constrained_active"] > 5
-        atlas = failure_atlas(system, plane, codes=[[0, 0, 0]])
-        assert atlas.possible[0] and not atlas.constrained_active[0]
-        default = ConstrainedSystem(J_T, J_C, [0, 3, 6]).kinematics().manipulability(plane)
-        assert default.constrained_active and default.unmanipulable
-    assert draws > 0.9 * count
-
-
 def test_the_accuracy_sets_the_tolerance_and_stays_visible():
     system = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=1e-6)
     assert system.geometry_accuracy == 1e-6
@@ -449,14 +364,3 @@ def test_a_tilted_mechanism_gets_the_verdicts_of_the_upright_one(seed, geometry,
             one, two = one.T, two.T
         # A null space is known to 1e-16 over the least singular value beside it.
         spaces.assert_same(two, turn @ one)
-
-
-def test_the_threshold_must_be_that_of_the_inputs():
-    """Against its own largest singular value the round-off of a tilt counts: the law can fail."""
-    R = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
-    strut = R @ np.array([0.0, 0.0, 1.5])
-    spin = hinge(strut / 1.5, strut)[3:]  # velocity of the origin as a strut through it spins
-    assert 0 < np.abs(spin).max() < 1e-15
-    assert np.linalg.matrix_rank(spin[:, None]) == 1
-    system = ConstrainedSystem(np.column_stack([strut, spin]), None, [0])
-    assert not system.kinematics().manipulability([0]).unstable

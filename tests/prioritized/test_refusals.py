@@ -15,88 +15,40 @@ from prioritized import ConstrainedSystem, failure_atlas, force_mapping, velocit
 J = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 0.0]])
 SYSTEM = ConstrainedSystem(J, None, [0, 1])
 """Two motors and a loose hinge."""
-KIN = SYSTEM.kinematics()
 ALONG = ([0], [0, 1], [[1.0, 1.0], [1.0, -1.0]])
 """Secondary directions along the major one."""
-NO_TASK = [
-    ([2], r"must lie in 0\.\.1, got \[2\]"),
-    ([-1], r"must lie in 0\.\.1"),
-    ([0, 0], "must not repeat"),
-    ([0.5], "must be a list of integers"),
-    ([[1.0, 0.0, 0.0]], r"must have shape \(any, 2\), got \(1, 3\)"),
-]
+ROWS = [([-1], r"must lie in 0\.\.1"), ([0, 0], "must not repeat")]
 NO_METRIC = [
-    ([1.0, 2.0], r"must have shape \(3,\) or \(\.\.\., any, 3\)"),
-    (np.ones((2, 3)), "must be a diagonal of 3 or a symmetric matrix"),
     (np.triu(np.ones((3, 3))), "must be a diagonal of 3 or a symmetric matrix"),
     ([1.0, 1.0, -1.0], "no negative eigenvalue, got -1"),
-    ([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "no negative eigenvalue, got -1"),
 ]
 """Energy theta^T K theta / 2 is that of a symmetric K, and it is not negative."""
-NO_MAPPING = [
-    *(("major", value, said) for value, said in NO_TASK),
-    ("secondary", [1, 1], "must not repeat"),
-    ("weight", [1.0], r"must have shape \(3,\) or \(\.\.\., any, 3\), got \(1,\)"),
-    ("weight", 2.0, r"must have shape \(3,\)"),
-    ("secondary_weight", [[1.0, 2.0]], r"must have shape \(1,\) or"),
-    ("active_constraint", [1.0, 2.0, 3.0], r"must have shape \(\.\.\., any, 3\)"),
-    ("self_motion", np.ones((5, 1)), r"must have shape \(\.\.\., 2, any\)"),
-    ("major_metric", [0.0], "must weigh every major direction"),
-    ("tie_metric", [[1.0]], r"must have shape \(3,\) or"),
-]
-NO_CODES = [
-    *(([[0, code]], r"must be 0 \(sound\), 1 \(locked\) or 2 \(free\)") for code in (3, 0.5, -1)),
-    ([[0]], r"must have shape \(any, 2\)"),
-]
 CALLS = {
-    "velocity_mapping": lambda weight=None, **a: velocity_mapping(
-        **{"J": J, "major": [0], "joint_weight": weight} | a
-    ),
-    "force_mapping": lambda weight=None, **a: force_mapping(
-        **{"J": J, "major": [0], "torque_weight": weight} | a
-    ),
+    "velocity_mapping": lambda **a: velocity_mapping(**{"J": J, "major": [0]} | a),
+    "force_mapping": lambda **a: force_mapping(**{"J": J, "major": [0]} | a),
     "system": lambda **a: ConstrainedSystem(J, None, [0, 1], **a),
     "kinematics": SYSTEM.kinematics,
-    "manipulability": KIN.manipulability,
     "atlas": lambda **a: failure_atlas(**{"system": SYSTEM, "major": [0]} | a),
     "with_failures": SYSTEM.with_failures,
     "row": lambda **a: failure_atlas(SYSTEM, [0]).row(**a),
-    "expand": KIN.expand,
-    "f_major": lambda **a: force_mapping(J, [0])(**a),
 }
 TABLE: list[tuple[str, str, Any, str]] = [
-    *((call, *row) for call in ("velocity_mapping", "force_mapping") for row in NO_MAPPING),
+    *((call, "major", *row) for call in ("velocity_mapping", "force_mapping") for row in ROWS),
+    ("velocity_mapping", "secondary", [1, 1], "must not repeat"),
+    ("velocity_mapping", "major_metric", [0.0], "must weigh every major direction"),
     # It would cancel the major force, and every torque would come out zero.
-    *(
-        ("force_mapping", "secondary", value, "must leave out the major directions")
-        for value in ALONG
-    ),
+    *(("force_mapping", "secondary", along, "must leave out the major") for along in ALONG),
     *(("system", "stiffness", *row) for row in NO_METRIC),
     *(("kinematics", "passive_metric", *row) for row in NO_METRIC),
-    *((call, "major", *row) for call in ("manipulability", "atlas") for row in NO_TASK),
-    *(("atlas", "codes", *row) for row in NO_CODES),
-    *(
-        (call, kind, value, "must")
-        for call in ("with_failures", "row")
-        for kind in ("locked", "free")
-        for value in (0, [0.5], [2], [-1])
-    ),
-    ("expand", "rates", [1.0], r"must have shape \(\.\.\., 2\)"),
-    ("f_major", "f_major", [1.0, 2.0], r"must have shape \(\.\.\., 1\)"),
+    *(("atlas", "codes", [[0, code]], r"must be 0 \(sound\), 1 \(locked\)") for code in (0.5, 3)),
+    *((call, kind, [-1], "") for call in ("with_failures", "row") for kind in ("locked", "free")),
 ]
 
 
 @pytest.mark.parametrize(("call", "name", "value", "said"), TABLE)
 def test_wrong_input_is_refused_by_name(call, name, value, said):
-    with pytest.raises(ValueError, match=f"{name} .*{said}") as refusal:
+    with pytest.raises(ValueError, match=f"{name} .*{said}"):
         CALLS[call](**{name: value})
-    assert refusal.type is ValueError  # and no subclass
-
-
-def test_batches_that_do_not_broadcast_are_named():
-    for mapping in (velocity_mapping, force_mapping):
-        with pytest.raises(ValueError, match=r"broadcast, got J \(2,\), secondary_weight \(3,\)"):
-            mapping(np.ones((2, 2, 3)), [0], secondary_weight=np.ones((3, 1, 1)))
 
 
 SHAPES = {"J": (2, 3), "major": (1, 2), "secondary": (1, 2), "torque_weight": (3, 3)}

@@ -8,8 +8,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from prioritized import (
     ConstrainedSystem,
@@ -19,7 +17,6 @@ from prioritized import (
     failure_atlas,
     lexicographic_least_squares,
     velocity_mapping,
-    viable_rates,
 )
 from prioritized._mechanism.names import Names
 from tests.random_systems import bits
@@ -51,13 +48,6 @@ def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, asked):
         np.testing.assert_array_equal(levels.solve([[asked]]).active_limits, [1, 1, 1])
         bounded = lexicographic_least_squares([(legs(seed)[:1], [asked])], lower=-1.0, upper=1.0)
         np.testing.assert_array_equal(bounded.active, [1, 1, 1])
-
-
-def test_a_limit_of_zero_holds_what_stands():
-    found = velocity_mapping(np.eye(2), [0], rate_limits=([-1, 0], [1, 5])).solve([1e-3])
-    np.testing.assert_array_equal(found.active_limits, [0, -1])
-    free = velocity_mapping(np.eye(2), [0], rate_limits=(-1e6, 1e6)).solve([1e-3])
-    np.testing.assert_array_equal(free.active_limits, [0, 0])
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -116,19 +106,3 @@ def test_corners_are_counted_once_and_begin_with_the_same():
         np.testing.assert_allclose(found, 4 * struts.T, atol=1e-12)
         cube = kinematics(seed, np.eye(3)).attainable([0, 1, 2], rate_limits=(-1.0, 1.0)).vertices
         np.testing.assert_allclose(cube, list(product((-1.0, 1.0), repeat=3)), atol=1e-12)
-
-
-@given(st.floats(-1.0, 1.0), st.floats(0.01, 10.0))
-def test_braking_that_just_suffices_leaves_one_rate(x, a):
-    """A joint that stops in its next tick exactly at its limit has one rate, not a direction."""
-    T = 0.01
-    v = a * T
-    box = viable_rates(
-        [x - v * T],
-        [2 * v],
-        position_limits=(-np.inf, x),
-        rate_limits=(-9.0, 9.0),
-        acceleration_limits=(-a, a),
-        period_s=T,
-    )
-    assert box.lower == box.upper or not box.viable.all()

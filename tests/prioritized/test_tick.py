@@ -12,7 +12,6 @@ from tests.profiles import examples
 from tests.random_systems import (
     SEEDS,
     Drawn,
-    as_matrix,
     failures,
     major_and_rest,
     of_rank,
@@ -151,43 +150,6 @@ def test_a_tick_answers_where_no_rank_is_in_doubt(size, count):
             general, most = mapping.solve(*aims).rates, np.abs(found).max()
             np.testing.assert_allclose(found[system.active], general, atol=1e-9 * most)
     assert (answered >= [0.9 * count, 0.95 * count]).all()
-
-
-@given(SEEDS, st.booleans(), st.integers(0, 3), st.integers(0, 3), st.booleans())
-@examples(200)
-def test_a_tick_solves_the_conditions_of_the_optimum(seed, in_loops, redundant, secondary, dense):
-    """By one linear system for all velocities, with Lagrange's multipliers.
-
-    Combinations of loop rows change nothing: they are proved redundant.
-    """
-    rng = np.random.default_rng(seed)
-    system = tied(rng, redundant) if in_loops else regular(rng)
-    (m, N), active, n = system.J_T.shape, system.active, len(system.active)
-    major, rows = [0], list(range(1, min(m, 1 + secondary)))
-    W1, W2 = rng.uniform(0.5, 2.0, n), rng.uniform(0.5, 2.0, len(rows))
-    if dense and rows:
-        W2 = rng.normal(size=(2, len(rows)))
-    v, wanted, v_s = rng.normal(size=1), rng.normal(size=n), rng.normal(size=len(rows))
-    kin = system.kinematics()
-    aside = [Task.joints(W1), *([Task(rows, W2)] if rows else [])]
-    ways = (
-        ticked(kin.velocity_mapping(major, rows, W1, W2), system, v, wanted, v_s),
-        ticked(kin.hierarchy([Task(major), aside]), system, v, wanted, v_s),
-    )
-    W = np.zeros((n, N))
-    W[np.arange(n), active] = W1
-    W2 = as_matrix(W2, len(rows))
-    F, E = W2 @ system.J_T[rows], np.vstack([system.J_C, system.J_T[:1]])
-    K = np.block([[W.T @ W + F.T @ F, E.T], [E, np.zeros((len(E), len(E)))]])
-    right = W.T @ (W1 * wanted) + F.T @ (W2 @ v_s)
-    b = np.concatenate([right, np.zeros(len(system.J_C)), v])
-    expected = np.linalg.lstsq(K, b, rcond=1e-12)[0][:N]
-    for found in ways:
-        assert found is not None or rows  # task rows that the loops make nearly dependent
-        if found is not None:
-            size = np.abs(expected).max()
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * size)
-            np.testing.assert_allclose(system.J_C @ found, 0.0, atol=1e-10 * size)
 
 
 @given(SEEDS, st.floats(3.0, 17.0), st.floats(-3.0, 3.0))

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
+from prioritized import Status, force_mapping, velocity_mapping
 from tests import spaces
+from tests.profiles import examples
 from tests.random_systems import (
     SEEDS,
     as_matrix,
@@ -15,7 +16,6 @@ from tests.random_systems import (
     major_and_rest,
     of_rank,
     orthogonal,
-    rows_of,
     systems,
     weights,
 )
@@ -115,79 +115,6 @@ def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed)
     np.testing.assert_allclose(XA, XA.T, atol=1e-12)
 
 
-@given(
-    SEEDS, st.integers(2, 6), st.integers(0, 2), st.integers(0, 6), st.integers(0, 4), st.booleans()
-)
-def test_no_admissible_change_of_the_rates_improves_any_level(
-    seed, n, c, w1_rank, w2_rank, diagonal
-):
-    """Optimality, level by level, for singular, wide, zero and diagonal weights, constraints."""
-    rng = np.random.default_rng(seed)
-    m1, m2 = 2, 3
-    J, C = rng.normal(size=(m1 + m2, n)), of_rank(rng, c, n, min(c, n))
-    W1, W2 = of_rank(rng, n, n, min(w1_rank, n)), of_rank(rng, 4, m2, min(w2_rank, m2))
-    if diagonal:
-        W1, W2 = rng.uniform(0.1, 3.0, n), rng.normal(size=m2)
-    mapping = velocity_mapping(J, [0, 1], joint_weight=W1, secondary_weight=W2, active_constraint=C)
-    v_m, rates_d, v_sd = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
-    x = mapping(v_m, rates_d, v_sd)
-    W1, W2 = as_matrix(W1, n), as_matrix(W2, m2)
-
-    assert np.abs(C @ x).max(initial=0.0) < 1e-9
-    null_C = scipy.linalg.null_space(C) if c else np.eye(n)
-    J_m = J[:m1]
-    # Gradient of |J_m x - v_m|^2 along the admissible rates is zero.
-    np.testing.assert_allclose(null_C.T @ J_m.T @ (J_m @ x - v_m), 0, atol=1e-8)
-    np.testing.assert_allclose(mapping.residual(v_m), v_m - J_m @ x, atol=1e-8)
-    # Gradient of the weighted sum along what leaves the major task alone is zero.
-    free = null_C @ scipy.linalg.null_space(J_m @ null_C, rcond=1e-9) if null_C.size else null_C
-    G = np.vstack([W1, W2 @ J[m1:]])
-    miss = G @ x - np.concatenate([W1 @ rates_d, W2 @ v_sd])
-    np.testing.assert_allclose(free.T @ G.T @ miss, 0, atol=1e-7)
-    # Among equals the rates are the shortest: nothing of x lies where no level looks.
-    if free.size:
-        unseen = free @ scipy.linalg.null_space(G @ free, rcond=1e-9)
-        np.testing.assert_allclose(unseen.T @ x, 0, atol=1e-7)
-
-
-@given(st.data(), systems())
-def test_a_lower_level_never_changes_what_a_higher_one_achieved(data, drawn):
-    """Other weights and other wishes: same loops closed, same major velocity, met or not."""
-    kin, rng = drawn.system.kinematics(), drawn.rng
-    m, n = kin.J.shape
-    major = rows_of(data, m)
-    v_m = rng.normal(size=len(major))
-    plain = kin.velocity_mapping(major)
-    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m - len(major), rng))
-    other = kin.velocity_mapping(major, None, W1, W2)
-    rates = other(v_m, rng.normal(size=n), rng.normal(size=m - len(major)))
-    np.testing.assert_allclose(kin.active_constraint @ rates, 0, atol=1e-7)
-    np.testing.assert_allclose(kin.J[major] @ rates, kin.J[major] @ plain(v_m), atol=1e-7)
-    np.testing.assert_allclose(other.achieved, plain.achieved, atol=1e-7)
-    assert other.status is plain.status
-    moved = np.abs(kin.self_motion[major]).max(initial=0.0) > 1e-8
-    assert (other.status is Status.SELF_MOTION) == moved
-
-
-def test_a_weighted_pseudo_inverse_spoils_the_major_task():
-    """The paper's introduction, section 1: weighting all rows trades pointing for the rest."""
-    J = np.random.default_rng(1).normal(size=(6, 4))
-    v = np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
-    weighted = np.linalg.pinv(np.diag([10.0, 10, 1, 1, 1, 1]) @ J) @ (v * [10, 10, 1, 1, 1, 1])
-    prioritized = velocity_mapping(J, [0, 1], secondary_weight=np.ones(4))(v[:2])
-    assert np.linalg.norm(J[:2] @ weighted - v[:2]) > 1e-3
-    assert np.linalg.norm(J[:2] @ prioritized - v[:2]) < 1e-12
-
-
-def test_a_major_task_out_of_reach_is_least_squares_and_says_so():
-    J = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
-    mapping = velocity_mapping(J, [0, 1], joint_weight=np.ones(3))
-    assert mapping.status is Status.LEAST_SQUARES and mapping.rank == 1
-    assert "residual" in mapping.status.value
-    np.testing.assert_allclose(mapping([1.0, 3.0]), [2.0, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(mapping.residual([1.0, 3.0]), [-1.0, 1.0], atol=1e-12)
-
-
 @given(SEEDS)
 def test_major_directions_are_as_good_as_rows_in_any_order(seed):
     rng = np.random.default_rng(seed)
@@ -202,90 +129,6 @@ def test_major_directions_are_as_good_as_rows_in_any_order(seed):
 
 
 # Units and sizes.
-
-
-UNITS = st.floats(-2, 2)
-"""Powers of ten; far more unlike units push true singular values under 1e-10 of the largest."""
-
-
-def in_other_units(drawn, exponent, data):
-    """The mechanism in a unit of length 10^-exponent as long; how task and rates scale by it."""
-    m, N = drawn.system.J_T.shape
-    c = len(drawn.system.J_C)
-
-    def factors(size):
-        lengths = data.draw(st.lists(st.booleans(), min_size=size, max_size=size))
-        return np.where(lengths, 10.0**exponent, 1.0)
-
-    of_task, of_joint, of_loop = factors(m), factors(N), factors(c)
-    J_T = of_task[:, None] * drawn.system.J_T / of_joint
-    J_C = of_loop[:, None] * drawn.system.J_C / of_joint
-    return ConstrainedSystem(J_T, J_C, drawn.system.active), of_task, of_joint
-
-
-@given(st.data(), systems(), UNITS)
-def test_with_metrics_the_unit_of_length_changes_nothing(data, drawn, exponent):
-    """Metres or centimetres: the same motion and torques, out of reach or under self-motion."""
-    system, of_task, of_joint = in_other_units(drawn, exponent, data)
-    m, N = system.J_T.shape
-    rng, active = drawn.rng, system.active
-    major, rest = major_and_rest(data, m)
-    u_m, u_s, u_a = of_task[major], of_task[rest], of_joint[active]
-    n, m1, m2 = len(active), len(major), len(rest)
-    mass = of_rank(rng, N, N, N)
-    mass = mass @ mass.T
-    W1, T, M = (of_rank(rng, size, size, size) for size in (n, n, m1))
-    W2 = data.draw(weights(m2, rng))
-    W2 = as_matrix(W2, m2)
-    # The first one in the first units, the other in the others.
-    kin = drawn.system.kinematics(passive_metric=mass)
-    again = system.kinematics(passive_metric=mass / np.outer(of_joint, of_joint))
-    v_m, rates_d, v_s = (rng.normal(size=size) for size in (m1, n, m2))
-    W1 = data.draw(st.sampled_from([W1, W1[: n - 1]]))  # with ties, too
-    one = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
-    two = again.velocity_mapping(
-        major, None, W1 / u_a, W2 / u_s, major_metric=M / u_m, tie_metric=T / u_a
-    )
-    expected = one(v_m, rates_d, v_s)
-    rates = two(v_m * u_m, rates_d * u_a, v_s * u_s) / u_a
-    np.testing.assert_allclose(rates, expected, atol=1e-6)
-    theta_p, theta_p_again = kin.passive_rates(expected), again.passive_rates(rates * u_a)
-    np.testing.assert_allclose(theta_p_again / of_joint[kin.passive], theta_p, atol=1e-6)
-    assert (one.status, one.rank) == (two.status, two.rank)
-
-    # Forces and torques carry the inverse units, so that power keeps its own.
-    one = kin.force_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
-    two = again.force_mapping(
-        major, None, W1 * u_a, W2 * u_s, major_metric=M * u_m, tie_metric=T * u_a
-    )
-    torques = two(v_m / u_m, rates_d / u_a, v_s / u_s) * u_a
-    np.testing.assert_allclose(torques, one(v_m, rates_d, v_s), atol=1e-6)
-    assert (one.status, one.rank) == (two.status, two.rank)
-
-
-@given(st.data(), systems(self_motion=False), UNITS)
-def test_a_unique_answer_needs_no_metric(data, drawn, exponent):
-    """Every major velocity within reach, W1 nonsingular, no self-motion: no unit matters."""
-    system, of_task, of_joint = in_other_units(drawn, exponent, data)
-    kin, again = drawn.system.kinematics(), system.kinematics()
-    major = rows_of(data, len(of_task))
-    n, u_a, u_m = len(system.active), of_joint[system.active], of_task[major]
-    W1 = of_rank(drawn.rng, n, n, n)
-    one = kin.velocity_mapping(major, joint_weight=W1)
-    assume(one.status is Status.EXACT)
-    v_m = drawn.rng.normal(size=len(major))
-    rates = again.velocity_mapping(major, joint_weight=W1 / u_a)(v_m * u_m) / u_a
-    np.testing.assert_allclose(rates, one(v_m), atol=1e-6)
-
-
-def test_without_a_metric_ties_of_hinge_and_slide_depend_on_the_unit():
-    """A hinge with a 2 m arm and a slide along the same line: the law above can fail."""
-    metres, millimetres = np.array([[2.0, 1.0]]), np.array([[2000.0, 1.0]])
-    share = velocity_mapping(metres, [0]).major[0, 0]
-    assert abs(velocity_mapping(millimetres, [0]).major[0, 0] * 1000.0 - share) > 0.05
-    weighed = velocity_mapping(metres, [0], tie_metric=[1.0, 1.0]).major[0, 0]
-    again = velocity_mapping(millimetres, [0], tie_metric=[1.0, 1e-3]).major[0, 0]
-    assert again * 1000.0 == pytest.approx(weighed)
 
 
 SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
@@ -337,25 +180,23 @@ def test_damping_bounds_the_rates_however_near_the_singularity(seed, nearness, s
     np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
 
 
-@given(SEEDS, st.integers(1, 4), st.integers(0, 3), st.floats(1, 8))
-def test_damping_vanishes_into_the_exact_mapping(seed, m1, extra, small):
-    """The relative error is at most (lambda / sigma_min)^2, here (2 lambda)^2."""
+FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squares are denormal
+
+
+@given(SEEDS, st.integers(1, 3), FADING)
+@examples(200)
+def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
+    """Rates stay finite however small it is: at 1e-160 beside 3.3 they were infinite."""
     rng = np.random.default_rng(seed)
-    J = of_rank(rng, m1, m1 + extra, m1)
-    exact = velocity_mapping(J, list(range(m1)))
-    damped = velocity_mapping(J, list(range(m1)), damping=10.0**-small)
-    v = rng.normal(size=m1)
-    change = np.linalg.norm(damped(v) - exact(v))
-    assert change <= (2 * 10.0**-small) ** 2 * np.linalg.norm(exact(v)) + 1e-13
-    assert (exact.status, damped.status) == (Status.EXACT, Status.DAMPED)
+    J, weights = rng.normal(size=(2 + m2, 4)), rng.uniform(0.5, 4, 4 + m2)
+    aims = [rng.normal(size=size) for size in (2, 4, m2)]
 
+    def rates(at: int, factor: float) -> np.ndarray:
+        own = weights * np.where(np.arange(4 + m2) == at, factor, 1.0)
+        return velocity_mapping(J, [0, 1], None, own[:4], own[4:])(*aims)
 
-def test_damping_is_of_the_major_task_alone():
-    """Its share of the rates is bounded; what a near-singular secondary goal asks for is not."""
-    J = [[1.0, 0.0, 0.0], [1.0, 1e-6, 0.0]]
-    damped = velocity_mapping(J, [0], secondary_weight=[1.0], damping=0.1)
-    share = velocity_mapping(J, [0], damping=0.1)([1.0])
-    assert np.linalg.norm(share) <= 1 / (2 * 0.1)
-    assert np.linalg.norm(damped([1.0])) > 1e5
-    tamed = velocity_mapping(J, [0], joint_weight=np.ones(3), secondary_weight=[1.0], damping=0.1)
-    assert np.linalg.norm(tamed([1.0])) <= 1 / (2 * 0.1)
+    for at in range(4 + m2):
+        small = rates(at, 10.0**-exponent)
+        assert np.isfinite(small).all()
+        if exponent > 20:
+            np.testing.assert_allclose(small, rates(at, 0.0), rtol=1e-9, atol=1e-9)
