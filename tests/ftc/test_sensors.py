@@ -81,18 +81,6 @@ def test_what_is_no_reading_is_missing_for_as_long_as_it_lasts(bad):
         assert used == [True] * 30 + [False] * ticks + [True] * 50
 
 
-@pytest.mark.parametrize("rows", [[0], [1], [0, 1]])
-def test_a_row_that_repeats_is_stuck_after_a_while_and_lost_at_once(rows):
-    readings = noise(150)
-    for reading in readings[41:120]:
-        reading[rows] = readings[40][rows]
-    states = read(readings)
-    used = [state.usable for state in states]
-    assert used == [True] * (40 + STUCK) + [False] * (80 - STUCK) + [True] * 30
-    said = states[100].sentence(PERIOD_S, *NAMED)
-    assert said == "the task's sensor repeats one value since 0.041 s: the commands are held"
-
-
 @pytest.mark.parametrize("period_s", [0.5e-3, 1e-3, 2e-3])
 def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
     """But for five repetitions, for which a slow loop waits."""
@@ -109,7 +97,8 @@ def test_a_machine_at_rest_may_repeat_itself_and_one_without_noise_always():
     """Commands that stand still say nothing of the sensor."""
     still = [np.zeros(2)] * 100
     assert all(state.usable for state in read(still, moving=False))
-    assert not all(state.usable for state in read(still))
+    said = read(still)[-1].sentence(PERIOD_S, *NAMED)
+    assert said == "the task's sensor repeats one value since 0.001 s: the commands are held"
     assert all(state.usable for state in read(still, SensorCheck(PERIOD_S, noisy=False)))
 
 
@@ -124,16 +113,6 @@ def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
     assert states[-1].repeated == (len(rows) == 2)
     if len(rows) == 2:
         assert states[-1].sentence(PERIOD_S, *NAMED) == "the task's sensor is usable (1 repeated)"
-
-
-@given(st.lists(st.tuples(st.integers(1, 30), st.integers(1, 50)), min_size=1, max_size=8))
-def test_bursts_of_repeats_are_used_and_not_called_stuck(bursts):
-    """However often they come: of up to 30 ms, far from what a stuck sensor does."""
-    fresh, readings = iter(noise(700)), [np.zeros(2)]
-    for repeated, good in bursts:
-        readings += [readings[-1].copy()] * repeated + [next(fresh) for _ in range(good)]
-    states = read(readings)
-    assert all(state.usable for state in states) and states[-1].losses == 0
 
 
 def test_after_a_loss_the_value_before_it_is_no_reading():
