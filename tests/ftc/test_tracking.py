@@ -103,8 +103,6 @@ def test_the_loops_stay_stable_after_each_possible_lock():
     [  # the first would be NaN, and a dither that is to lie above it, too
         ("arm", (0, 1), {"crossover_hz": 2e-5}, "the loop of row 0 has no crossover: a motion"),
         ("hand", (3, 5), {}, "cannot do the major task"),
-        ("arm", (0, 0), {}, "major"),
-        ("arm", (0, 1), {"crossover_hz": 0.7, "noise": [1e-5] * 3}, "noise"),
         ("hand", (3, 4), {"sense": "both", "noise": [1e-5] * 4}, "one positive number or 6"),
     ],
 )

@@ -122,17 +122,6 @@ def predicted(nominal: NominalModel, uncertainty, faults, sent, of: int) -> np.n
 
 @machines
 @failures
-@pytest.mark.parametrize("of", [1, 4])
-def test_a_sample_is_the_mean_of_its_ticks(seed, servo, faults, of):
-    nominal, sent = Struts.random(seed, servo).nominal(), commands(3, 80, of)
-    expected = outputs(nominal, faults, sent, of)
-    found = predicted(nominal, CERTAIN, faults, sent, of)
-    assert found.shape[1] == 1
-    np.testing.assert_allclose(found[:, 0], expected, atol=1e-9 * np.abs(expected).max())
-
-
-@machines
-@failures
 @pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
 def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, faults, error):
     """Another mass, spring, damper or force in Newton's equations, healthy and failed alike.
