@@ -13,6 +13,8 @@ from functools import partial
 import control
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import solve_continuous_are
+from scipy.signal import lfilter
 
 from ftc.fdi import Fault
 from ftc.fdi.bank import HypothesisBank, bank_of
@@ -31,6 +33,15 @@ B = np.array([[0.0004, 0.0011], [0, 0], [-1.4161, 0.2621], [-0.0633, -0.1205]])
 LEFT = np.array([[aileron, rudder] for aileron in (1, 0.5, 0) for rudder in (1, 0.5, 0)])
 """Parts of their effectiveness that the actuators have left in models 1 to 9."""
 
+GRID = np.array([[20 - i, 20 - j] for i in range(21) for j in range(21)]) / 20
+"""The 441 aircraft of example 6, each assigned to the nearest of the nine models."""
+
+MATCHES = {
+    "parameters": [36, 60, 30, 60, 100, 50, 30, 50, 25],
+    "H-infinity": [28, 50, 27, 62, 110, 59, 26, 54, 25],
+    "H2": [30, 55, 29, 56, 107, 59, 26, 54, 25],
+}
+"""Figure 4: how many of the 441 are nearest to each model, by three distances. Whole numbers."""
 
 NORMS = np.array(
     [
@@ -128,3 +139,28 @@ def measured(left: ArrayLike, rng: np.random.Generator, gusts: bool) -> np.ndarr
         plant, inputs=np.hstack([u * np.asarray(left), w]).T, return_states=False
     )
     return y.outputs.T + OUTPUT_NOISE * rng.uniform(-0.5, 0.5, (len(u), 2))
+
+
+def kalman_decisions(y: np.ndarray) -> np.ndarray:
+    """Which of the models 0..8 Varga's nine Kalman filters choose at each tick of records (N, 2).
+
+    Example 6.2, first design: noise intensities 1e-4 and 0.04, each filter divided by its smallest
+    H-infinity norm over the other models, 0.9 |r| plus 0.1 times the root of |r|^2 filtered by
+    1 / (s + 10). The model of the smallest signal is chosen.
+    """
+    C = DEGREES * np.eye(2, 4)
+    L = solve_continuous_are(A.T, C.T, 1e-4 * np.eye(4), 0.04 * np.eye(2)) @ C.T / 0.04
+    F, u = A - L @ C, commands()
+    filters = [control.ss(F, np.hstack([B * left, L]), C, np.zeros((2, 4))) for left in LEFT]
+    driven, signals = [each[:, :2] for each in filters], []
+    for i, each in enumerate(filters):
+        others = driven[:i] + driven[i + 1 :]
+        scale = min(output_distance(driven[i], other, np.ones(2)) for other in others)
+        estimate = control.forced_response(
+            control.c2d(each, PERIOD_S), inputs=np.hstack([u, y]).T
+        ).outputs.T
+        squared = ((y - estimate) ** 2).sum(axis=1) / scale**2
+        pole = np.exp(-10 * PERIOD_S)
+        smooth = lfilter([0, (1 - pole) / 10], [1, -pole], squared)
+        signals.append(0.9 * np.sqrt(squared) + 0.1 * np.sqrt(smooth))
+    return np.argmin(signals, axis=0)
