@@ -18,7 +18,7 @@ from ftc.fdi import KINDS, Fault, NominalModel, fault_model, monitor, static_sha
 from ftc.fdi.fault_model import resting_displacements, static_gain
 from ftc.fdi.uncertainty import uncertain_model
 from ftc.reconfiguration import used_share
-from sim import MODELS, Failure, LinearPlant, Plant, assemble, linearize, load_model
+from sim import Failure, LinearPlant, Plant, assemble, linearize, load_model
 from sim.plant import failed_plant
 from tests import models
 from tests.ftc.carts import ServoCarts, carts, random_walk, rubbing_carts, watched
@@ -224,27 +224,6 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
         plant.release(0)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["locked", "free"])
-@pytest.mark.parametrize("actuator", [0, 3, 6])
-def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
-    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 0.1 s."""
-    arm = load_model(MODELS / "arm.xml")
-    plant, rng, onset = Plant(arm, start=assemble(arm)), np.random.default_rng(actuator), 900
-    nominal = model_of(plant, 1e-5, period_s=1e-3)
-    sent = np.cumsum(2e-5 * rng.standard_normal((onset + 100, 7)), axis=0)
-    y = []
-    for tick, command in enumerate(sent):
-        if tick == onset:
-            Failure(actuator, kind).strike(plant)
-        y.append(plant.displacements() + 1e-5 * rng.standard_normal(7))
-        plant.step(command, nominal.period_s)
-    state, named = watched(monitor(nominal), np.array(y), delayed(sent))
-    assert state.alarm_ticks and state.alarm_ticks[0] > onset
-    assert {each.fault.actuator for each in named} == {actuator}
-    assert kind in named[-1].kinds
-
-
 # Dry friction: Coulomb's law, an independent optimizer, and MuJoCo's plant.
 
 MASS, LIMIT, SOFTNESS, RATE = 2.0, 0.5, 0.05, 100.0
@@ -266,14 +245,6 @@ def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
     slips = np.sign(force) * (abs(force) - LIMIT) / MASS
     creeps = force * SOFTNESS / RATE
     assert x[1] == pytest.approx(slips if abs(force) > LIMIT else creeps, rel=0.02)
-
-
-def test_a_sliding_block_stops_after_its_energy_over_the_limit():
-    """No force: m v^2 / 2 = limit times distance."""
-    v = 0.3
-    x = fault_model(block(10)).states(np.zeros((200, 1)), np.array([0.0, v]))[-1]
-    assert x[0] == pytest.approx(MASS * v**2 / 2 / LIMIT, rel=0.02)
-    assert abs(x[1]) < 1e-6
 
 
 @pytest.mark.parametrize("seed", range(5))

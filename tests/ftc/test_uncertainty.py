@@ -1,7 +1,5 @@
 """What each error of a model does to its outputs, against plants that really have that error."""
 
-import pickle
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -150,15 +148,3 @@ def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, faults,
     found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), faults, sent, of)[:, 1]
     expected = outputs(nominal, faults, late, of) - outputs(nominal, faults, sent, of)
     np.testing.assert_allclose(found, expected, atol=close * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("copied", [deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
-def test_a_model_that_was_stepped_is_copied_and_steps_as_before(copied):
-    """What it keeps for the kernels are addresses, which a copy has of its own arrays."""
-    nominal = Struts.random(0, servo=True).nominal()
-    model = uncertain_model(lambda faults: fault_model(nominal, faults), [], delay_ticks=0.5)
-    given = np.ones((len(model.M), len(model.A))), np.linspace(-1.0, 1.0, 7)
-    expected, other = model.step(*given), copied(model)
-    del model
-    for found, each in zip(other.step(*given), expected, strict=True):
-        np.testing.assert_array_equal(found, each)
