@@ -30,8 +30,8 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 @cache
-def hexapod(*, gauges: bool = False) -> NominalModel:
-    return nominal_model(load_model(), TestbedConfig(), strut_sensors=gauges)
+def hexapod() -> NominalModel:
+    return nominal_model(load_model(), TestbedConfig())
 
 
 def stepped(plant: LinearPlant, step_s: float, steps: int) -> tuple[np.ndarray, np.ndarray]:

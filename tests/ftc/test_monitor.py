@@ -148,25 +148,44 @@ def test_residuals_are_tested_at_the_stated_rate_of_false_alarms():
     assert len(usual().test.start()) == 2**6
 
 
-REVISIONS = {
-    "actuator": (LOCKED, verdict(Fault(1, "locked"), kind=0.5), True),
-    "kind unsure": (LOCKED, verdict(Fault(2, "free"), kind=0.9), False),
-    "kind": (LOCKED, verdict(Fault(2, "free"), kind=0.9991), True),
-    "actuator unsure": (LOCKED, verdict(Fault(1, "locked"), actuator=0.9), False),
-    "little": (WEAK, verdict(Fault(2, "weak", 0.58)), False),
-    "weaker": (WEAK, verdict(Fault(2, "weak", 0.38)), True),
-    "stronger": (WEAK, verdict(Fault(2, "weak", 0.62)), True),
+ACTUATOR_1, AGAIN = verdict(Fault(1, "locked"), kind=0.5), verdict(Fault(2, "weak", 1.0))
+NULL = replace(LOCKED, actuator_confidence=0.0, fault_free_confidence=1.0, energy=1e6)
+LATER = {
+    "another actuator": (LOCKED, ACTUATOR_1, "revised"),
+    "it is unsure": (LOCKED, replace(ACTUATOR_1, actuator_confidence=0.9), "kept"),
+    "another kind": (LOCKED, verdict(Fault(2, "free"), kind=0.9991), "revised"),
+    "the kind is unsure": (LOCKED, verdict(Fault(2, "free"), kind=0.9), "kept"),
+    "hardly stronger": (WEAK, verdict(Fault(2, "weak", 0.58)), "kept"),
+    "stronger": (WEAK, verdict(Fault(2, "weak", 0.62)), "revised"),
+    "weaker": (WEAK, verdict(Fault(2, "weak", 0.38)), "revised"),
+    # Four times what it explains is left; it does not fit.
+    "less is left": (LOCKED, replace(LOCKED, unexplained=0.79), "kept"),
+    "more is left": (LOCKED, replace(LOCKED, unexplained=0.81), "unexplained"),
+    "no fit": (LOCKED, MISFIT, "unexplained"),
+    "nothing has failed": (LOCKED, replace(NULL, inflation=29.0), "withdrawn"),
+    # That is as likely as one likes where no hypothesis fits: something else has happened.
+    "nothing fits": (LOCKED, replace(NULL, inflation=31.0), "confirmed"),
+    # One that comes and goes has not worked.
+    "it stops again": (AGAIN, replace(AGAIN, energy=1e6), "withdrawn"),
 }
 
 
-@pytest.mark.parametrize("name", REVISIONS)
-def test_a_diagnosis_is_revised_when_another_is_certain(name):
-    before, now, revised = REVISIONS[name]
-    states = changes_at(10, before, now, SHOCK + 30)
-    assert states[SHOCK].diagnosis is not None
-    found = states[SHOCK + 29].diagnosis
-    assert found is not None and not found.confirmed
-    assert found.fault == (now.fault if revised else before.fault)
+@pytest.mark.parametrize("name", LATER)
+def test_a_name_follows_what_is_certain_and_is_taken_back_if_it_fits_no_longer(name):
+    """Judged every 48 ms; confirmed at once by what it cannot be."""
+    before, now, becomes = LATER[name]
+    states = changes_at(24, before, now, SHOCK + 40)
+    first = states[SHOCK + 23].diagnosis
+    assert first is not None and (first.fault, first.confirmed) == (before.fault, False)
+    unexplained = [sample for sample, state in states.items() if state.unexplained]
+    assert bool(unexplained) == (becomes == "unexplained")
+    if unexplained:
+        assert SHOCK + 24 <= min(unexplained) < SHOCK + 30
+    found = states[max(states)].diagnosis
+    assert (found is None) == (becomes in ("unexplained", "withdrawn"))
+    if found is not None:
+        assert found.fault == (now if becomes == "revised" else before).fault
+        assert found.confirmed == (becomes == "confirmed")
 
 
 def test_kinds_that_cannot_be_told_apart_are_said():
@@ -193,44 +212,6 @@ def test_what_contradicts_a_named_failure_confirms_it(part, inflation, contradic
     assert last.diagnosis.confirmed == contradicts
     assert last.verdict is not None
     assert last.verdict.inflation == (inflation if contradicts else 25.0)
-
-
-@pytest.mark.parametrize(
-    ("later", "withdrawn"),
-    [
-        (replace(LOCKED, unexplained=0.79), False),
-        (replace(LOCKED, unexplained=0.81), True),  # four times what it explains is left
-        (MISFIT, True),
-    ],
-)
-def test_a_name_that_no_longer_fits_is_withdrawn(later, withdrawn):
-    """However certain it is that no other actuator is it."""
-    states = changes_at(20, LOCKED, later, SHOCK + 115)
-    assert any(state.unexplained for state in states.values()) == withdrawn
-    if withdrawn:
-        last = max(named(states))
-        assert SHOCK + 19 <= last < SHOCK + 25  # judged every 48 ms
-        assert states[last + 1].unexplained and states[last + 1].diagnosis is None
-
-
-@pytest.mark.parametrize(("inflation", "back"), [(29.0, True), (31.0, False)])
-def test_a_name_is_withdrawn_for_what_explains_better_and_for_nothing_else(inflation, back):
-    """That nothing has failed is as likely as one likes where no hypothesis fits."""
-    calm = replace(
-        LOCKED, actuator_confidence=0.0, fault_free_confidence=1.0, inflation=inflation, energy=1e6
-    )
-    states = changes_at(20, LOCKED, calm, SHOCK + 40)
-    found = states[max(states)].diagnosis
-    assert (found is None) == back
-    assert found is None or found.confirmed  # something else has happened since
-
-
-def test_one_that_works_again_and_stops_has_not_worked():
-    again = verdict(Fault(2, "weak", 1.0))
-    states = changes_at(24, again, replace(again, energy=1e6), SHOCK + 40)
-    assert states[SHOCK + 20].diagnosis is not None
-    last = states[max(states)]
-    assert last.diagnosis is None and not last.unexplained
 
 
 def test_a_named_failure_that_is_never_certain_again_is_given_up():
