@@ -20,7 +20,6 @@ from ftc import (
     PrioritizedMapping,
     Stage,
     compensator,
-    margins,
     steps,
 )
 from ftc.control import DisplacementForm, UnstableLoop
@@ -297,12 +296,7 @@ def test_the_stepped_loop_is_the_linear_one_of_python_control():
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-14)
 
 
-def test_compensators_have_the_crossover_asked_for_and_margins():
-    for row, one in enumerate(loops()):
-        found = margins(control.c2d(channel(row), PERIOD_S, "zoh") * one.discrete)
-        assert found.crossover_hz == pytest.approx(SHAPE.crossover_hz, rel=1e-3)
-        assert found.phase_margin_deg > 45.0
-        assert found.gain_margin_db > 6.0
+def test_a_crossover_that_no_loop_can_have_is_refused():
     with pytest.raises(UnstableLoop, match="crossover of 80"):
         compensator(channel(0), replace(SHAPE, crossover_hz=80.0, roll_off_hz=400.0), PERIOD_S)
 
