@@ -1,7 +1,6 @@
 """One mapping takes over from another: no command steps, no task is lost; actuators out of use."""
 
 from dataclasses import replace
-from functools import cache
 
 import control
 import numpy as np
@@ -15,7 +14,6 @@ from ftc import (
     LocalGeometry,
     LoopShape,
     Measurement,
-    OracleController,
     PrioritizedController,
     PrioritizedMapping,
     Stage,
@@ -26,7 +24,6 @@ from ftc.control import DisplacementForm, UnstableLoop
 from ftc.controller import ControllerState
 from ftc.fdi.fault_model import FaultModel
 from prioritized import ConstrainedSystem
-from sim import MODELS, Failure, Plant, jacobians, linearize, load_model
 from tests.ftc.hexapod import (
     DESIRED,
     EQUAL,
@@ -40,6 +37,7 @@ from tests.ftc.hexapod import (
     reading,
     steady,
 )
+from tests.ftc.small_stage import PERIOD_S, stage
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -225,95 +223,24 @@ def test_one_that_closed_loops_take_along_is_commanded_where_they_take_it(seed):
     assert abs(state.inputs[2]) > 1e-2 and pilot.mapping.followed(np.zeros(4)) is not None
 
 
-# Two arms of twelve joints carry one load, in physics; the shoulder of the first locks.
-
-LOAD, ORIENTATION, JOINT = [3, 4, 5], [0, 1, 2], 1
-PERIOD_S, LOCK_TICK, TICKS = 1e-3, 1000, 1800
-SHAPE = LoopShape(crossover_hz=2.0, roll_off_hz=8.0, roll_off_damping=0.7)
-TIME_S = PERIOD_S * np.arange(TICKS)
-REFERENCE = 2e-3 * np.sin(np.pi * np.outer(TIME_S, [1.0, 0.8, 0.6]))
-"""Of the load's position, [m], shape (N, 3)."""
-LATE = slice(LOCK_TICK + 300, TICKS)
-"""When what the lock's impact has done is over."""
-TWELVE = Goal(joint_weight=(1.0,) * 12)
-
-
-@cache
-def arms():
-    """Model, Jacobians, linear plant."""
-    import mujoco
-
-    model = load_model(MODELS / "arms.xml")
-    data = mujoco.MjData(model)
-    return model, jacobians(model, data, site="payload", axes="base"), linearize(model, data)
-
-
-def arms_mapping(goal: Goal = TWELVE) -> PrioritizedMapping:
-    system = ConstrainedSystem.of(arms()[1])
-    return PrioritizedMapping(LocalGeometry(system), goal, LOAD, ORIENTATION)
-
-
-def channel(row: int) -> control.StateSpace:
-    linear = arms()[2]
-    drive = linear.B @ arms_mapping().major_gain()[:, [row]]
-    return control.ss(linear.A, drive, linear.C_twist[[LOAD[row]]], 0)
-
-
-@cache
-def loops():
-    return [compensator(channel(row), SHAPE, PERIOD_S) for row in range(3)]
-
-
-def arms_controller(mapping: PrioritizedMapping) -> PrioritizedController:
-    return PrioritizedController(loops(), mapping, DirectDrive(), handover_s=0.3)
-
-
-def flown(before: PrioritizedMapping, after=None, lock: bool = False):
-    """Positions of the load (N, 3) and joints (N, 12) of the closed loop in physics."""
-    first, second = arms_controller(before), arms_controller(after or before)
-    pilot = OracleController(first, second, LOCK_TICK if after else None)
-    plant, state, kept = Plant(arms()[0]), pilot.start(), []
-    for tick, reference in enumerate(REFERENCE):
-        if lock and tick == LOCK_TICK:
-            Failure(JOINT, "locked").strike(plant)
-        position_m, joints = plant.pose().translation_m, plant.displacements()
-        state = pilot.step(state, reference, Measurement(position_m, joints))
-        kept.append((position_m, joints))
-        plant.step(state.inputs, PERIOD_S)
-    return [np.array(column) for column in zip(*kept, strict=True)]
+# The loop without a mechanism.
 
 
 def test_the_stepped_loop_is_the_linear_one_of_python_control():
     """Where nothing saturates and nothing fails."""
-    linear, gain = arms()[2], arms_mapping().major_gain()
-    P = control.c2d(control.ss(linear.A, linear.B, linear.C_twist[LOAD], 0), PERIOD_S, "zoh")
-    model = FaultModel(P.A, P.B, P.C, np.eye(len(P.A)), np.zeros(len(P.A)))
-    found = [tick.output for tick in steps([Stage(model, gain=gain)], P.C, loops(), REFERENCE)]
-    L = P * control.ss([], [], [], gain, PERIOD_S)
-    L = L * control.append(*(each.discrete for each in loops()))
-    T = control.feedback(L, np.eye(L.noutputs))
-    expected = np.asarray(control.forced_response(T, TIME_S, REFERENCE.T).outputs).T
-    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-14)
+    own, gain = stage(), stage().mapping().major_gain()
+    P = control.c2d(own.plant, PERIOD_S, "zoh")
+    model = FaultModel(P.A, P.B, P.C, np.eye(P.nstates), np.zeros(P.nstates))
+    reference = 1e-3 * np.random.default_rng(0).normal(size=(800, 2)).cumsum(axis=0)
+    ticks = steps([Stage(model, gain=gain)], P.C, [own.loop] * 2, reference)
+    L = P * control.ss([], [], [], gain, PERIOD_S) * control.append(*[own.loop.discrete] * 2)
+    T, time_s = control.feedback(L, np.eye(2)), PERIOD_S * np.arange(len(reference))
+    expected = np.asarray(control.forced_response(T, time_s, reference.T).outputs).T
+    found = [tick.output for tick in ticks]
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12)
+    assert np.linalg.norm(reference - expected) < 0.7 * np.linalg.norm(reference)
 
 
 def test_a_crossover_that_no_loop_can_have_is_refused():
     with pytest.raises(UnstableLoop, match="crossover of 80"):
-        compensator(channel(0), replace(SHAPE, crossover_hz=80.0, roll_off_hz=400.0), PERIOD_S)
-
-
-def test_with_the_joint_locked_the_load_follows_as_before():
-    """J_m M = I whatever has failed and is known; unknown, the lock costs the position."""
-
-    def rms_error_m(position_m: np.ndarray) -> np.ndarray:
-        return np.sqrt(((REFERENCE - position_m)[LATE] ** 2).mean(axis=0))
-
-    position_m, joints = flown(arms_mapping())
-    before = rms_error_m(position_m)
-    assert np.linalg.norm(before) < 0.5 * np.linalg.norm(np.sqrt((REFERENCE[LATE] ** 2).mean(0)))
-    known = arms_mapping(replace(TWELVE, locked_at={JOINT: float(joints[LOCK_TICK, JOINT])}))
-    position_m, joints = flown(arms_mapping(), known, lock=True)
-    np.testing.assert_allclose(rms_error_m(position_m), before, rtol=0.1)
-    joint = joints[LOCK_TICK:, JOINT]
-    assert abs(joint[0]) > 1e-4 and np.abs(joint - joint[0]).max() < 1e-6
-    lost = rms_error_m(flown(arms_mapping(), lock=True)[0])
-    assert (np.abs(lost / before - 1)).max() > 0.3
+        compensator(stage().channel, LoopShape(80.0, 400.0, 0.7), PERIOD_S)

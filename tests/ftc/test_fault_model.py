@@ -291,37 +291,6 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     assert np.abs(X[1]).max() > 1e-6
 
 
-def diagnosed(seed: int, fault: Fault | None, actual: float = 1.0):
-    """On carts that follow slow commands, whose friction is `actual` times that of the model."""
-    rng, n, nominal = np.random.default_rng(seed), 3, rubbing_carts(seed)
-    plant = rubbing_carts(seed, 0.05 * actual)
-    before, after = fault_model(plant), fault_model(plant, [fault] if fault else [])
-    watch = monitor(nominal)
-    state, x, u = watch.start(), np.zeros(2 * n), np.zeros(n)
-    for tick in range(1600):
-        if tick == 1000:
-            x = after.onset @ x
-        y = nominal.plant.C @ x + nominal.noise * rng.normal(size=n)
-        state = watch.step(state, y, u)
-        if state.diagnosis is not None:
-            break
-        time_s = tick * nominal.period_s
-        u = 2e-3 * np.sin(2 * np.pi * np.array([0.5, 0.7, 0.3]) * time_s)
-        x = (before if tick < 1000 else after).step(x, u)
-    return state.diagnosis
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(2))
-def test_friction_of_at_most_the_stated_size_is_no_failure_and_hides_none(seed):
-    """A locked cart no longer follows, and friction of the stated size does not hold one so."""
-    for actual in (0.5, 0.8, 1.0):
-        assert diagnosed(seed, None, actual) is None
-    found = diagnosed(seed, Fault(0, "locked"))
-    assert found is not None
-    assert found.fault.actuator == 0
-
-
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 @pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
 def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
