@@ -83,10 +83,16 @@ def test_scaled_demands_keep_their_direction(seed):
     assert 0 <= achieved @ demand <= demand @ demand + 1e-9
 
 
-def test_limits_of_increments_are_refused():
-    box = np.zeros(5), np.ones(5)
-    with pytest.raises(ValueError, match='form must be "absolute" or "gauss_newton" with limits'):
-        PrioritizedMapping(serial(0), Goal(), MAJOR, SECONDARY, limits=box, form="incremental")
+@pytest.mark.parametrize(
+    ("goal", "limits", "why"),
+    [
+        (Goal(), (np.zeros(5), np.ones(5)), "with limits"),
+        (Goal(locked_at={1: 0.1}), None, "with an actuator locked off centre"),
+    ],
+)
+def test_what_increments_cannot_do_is_refused(goal, limits, why):
+    with pytest.raises(ValueError, match=f'form must be "absolute" or "gauss_newton" {why}'):
+        PrioritizedMapping(serial(0), goal, MAJOR, SECONDARY, limits=limits, form="incremental")
 
 
 # A tick in one compiled call is the mapping by its objects, on five robots.

@@ -143,8 +143,9 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
     last = PreviousCommand(np.array([1e-5, 1e-5]), before, np.zeros(6))
     further = incremental.displacements(pointing, NOMINAL, last=last)
     np.testing.assert_allclose(further, wanted, atol=1e-18)
-    with pytest.raises(ValueError, match="commanded must be given in gauss_newton form"):
-        gauss_newton.displacements(pointing, NOMINAL)
+    for form, missing in ((incremental, "last"), (gauss_newton, "commanded")):
+        with pytest.raises(ValueError, match=f"{missing} must be given in {form.form} form"):
+            form.displacements(pointing, NOMINAL)
 
 
 def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
