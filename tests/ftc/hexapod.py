@@ -35,12 +35,8 @@ def pointing_of(displacements: np.ndarray) -> np.ndarray:
     return jacobian()[MAJOR] @ displacements
 
 
-def supervisor(dither: Dither | None = None) -> Supervisor:
-    return _supervisor(dither)
-
-
 @cache
-def _supervisor(dither: Dither | None) -> Supervisor:
+def supervisor(dither: Dither | None = None) -> Supervisor:
     return hexapod_rig().supervisor(dither)
 
 

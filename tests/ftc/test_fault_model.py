@@ -142,11 +142,6 @@ def test_a_load_that_nothing_holds_does_not_rest():
     assert resting_displacements(nominal, [Fault(0, "weak", 0.1)], np.zeros(2)) is not None
 
 
-def delayed(sent: np.ndarray) -> np.ndarray:
-    """Commands that came before each tick."""
-    return np.vstack([0 * sent[:1], sent[:-1]])
-
-
 @kinds
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 8))]
@@ -167,7 +162,8 @@ def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
     fault = Fault(int(rng.integers(n)), kind, rng.uniform(0.2, 0.7) * (kind == "weak"))
     sent = random_walk(n, 900, rng)
     y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
-    state, named = watched(monitor(model.nominal()), y, delayed(sent))
+    late = np.vstack([0 * sent[:1], sent[:-1]])  # what came before each tick
+    state, named = watched(monitor(model.nominal()), y, late)
     assert named and not state.unexplained
     first = named[: 1 + next((k for k, each in enumerate(named) if each.confirmed), len(named))]
     assert {each.fault.actuator for each in first} == {fault.actuator}

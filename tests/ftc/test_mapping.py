@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from ftc import Goal, PrioritizedMapping, mapping_for
+from ftc import Goal, LocalGeometry, PrioritizedMapping, mapping_for
 from ftc.control import PreviousCommand
 from prioritized import ConstrainedSystem
 from sim import MODELS, NOMINAL, Mechanism, load_model
@@ -93,6 +93,18 @@ def test_scaled_demands_keep_their_direction(seed):
 def test_what_increments_cannot_do_is_refused(goal, limits, why):
     with pytest.raises(ValueError, match=f'form must be "absolute" or "gauss_newton" {why}'):
         PrioritizedMapping(serial(0), goal, MAJOR, SECONDARY, limits=limits, form="incremental")
+
+
+@given(SEEDS)
+def test_around_a_lock_off_centre_the_others_close_the_loops_and_do_the_task(seed):
+    rng = np.random.default_rng(seed)
+    J, C, demand = rng.normal(size=(3, 6)), rng.normal(size=(1, 6)), rng.normal(size=2)
+    own = LocalGeometry(ConstrainedSystem(J, C, range(6)))
+    mapping = PrioritizedMapping(own, Goal((1.0,) * 6, locked_at={1: 0.2}), [0, 1], [2])
+    moved = mapping.displacements(demand, mapping.nominal)
+    moved[1] = 0.2
+    np.testing.assert_allclose(C @ moved, 0.0, atol=1e-9)
+    np.testing.assert_allclose(J[:2] @ moved, demand, atol=1e-9)
 
 
 # A tick in one compiled call is the mapping by its objects, on five robots.

@@ -126,10 +126,7 @@ def settled(mapping, demand: np.ndarray, steps: int = 30):
 @pytest.mark.parametrize("name", ["arm", "arms"])
 @pytest.mark.parametrize("seed", range(3))
 def test_when_a_lock_off_centre_is_told_the_major_task_stays_where_it_is(name, seed):
-    """Its displacement is in the task already: counted again it would move it at first order.
-
-    In closed loops the others yield to it.
-    """
+    """Its displacement is in the task already: counted again it would move it at first order."""
     own, demand = mechanism(name), np.random.default_rng(seed).uniform(-3e-3, 3e-3, 3)
     n = len(own.nominal.displacements)
     equal, every = Goal((1.0,) * n), np.arange(n)
