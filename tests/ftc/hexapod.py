@@ -35,8 +35,12 @@ def pointing_of(displacements: np.ndarray) -> np.ndarray:
     return jacobian()[MAJOR] @ displacements
 
 
-@cache
 def supervisor(dither: Dither | None = None) -> Supervisor:
+    return _supervisor(dither)
+
+
+@cache
+def _supervisor(dither: Dither | None) -> Supervisor:
     return hexapod_rig().supervisor(dither)
 
 
