@@ -1,7 +1,7 @@
 """Carts on springs and on servos: their linear models, and runs as a diagnosis sees them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import control
@@ -205,6 +205,14 @@ class ServoCarts:
                 v = v + step_s * moving * (servo - self.load - self.springs @ q) / self.mass
                 q = q + step_s * v
         return np.array(seen)
+
+
+def rubbing_carts(seed: int, limit: float | list[float] = 0.05, n: int = 3) -> NominalModel:
+    """Carts on servos, each with dry friction."""
+    plant = ServoCarts.random(n, seed)
+    push, limits = np.diag(1 / plant.mass), np.broadcast_to(limit, n).astype(float)
+    friction = push, np.eye(n), limits, np.diag(push) / 9, np.full(n, 105.0)
+    return replace(plant.nominal(), friction=friction)
 
 
 def random_walk(n: int, ticks: int, rng: np.random.Generator) -> np.ndarray:

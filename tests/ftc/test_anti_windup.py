@@ -54,12 +54,6 @@ def test_an_integrator_does_not_run_away_from_what_is_achieved(anti_windup):
     assert left < 0.1 if anti_windup else left > 0.9
 
 
-def test_without_limits_anti_windup_changes_no_bit():
-    free = limited(serial(4), None)
-    plain, held = (driven(pilot_of(free, anti_windup=each), 0.3, 50)[0] for each in (False, True))
-    np.testing.assert_array_equal(plain, held)
-
-
 @pytest.mark.parametrize("slowness", [1.0, 7.0])
 def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
     """The Riccati equation is c^2 P^2 = b^2 (c^2 P + r), and L = c P / (c^2 P + r), r = slowness^2.
@@ -90,14 +84,6 @@ def test_compensators_that_observe_what_is_achieved_are_stable(seed, integrators
 
 
 DELAY = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], PERIOD_S)
-
-
-@pytest.mark.parametrize("gain", [0.2, 0.9, 1.5])
-def test_the_circle_margin_of_a_gain_behind_a_tick_is_one_minus_the_gain(gain):
-    """H = k / z: its real part is at least -k."""
-    proportional = control.ss([], [], [], [[gain]], PERIOD_S)
-    margin = circle_margin(DELAY, [proportional], anti_windup=True)
-    assert margin == pytest.approx(1 - gain, abs=1e-4)
 
 
 @pytest.mark.parametrize("anti_windup", [True, False])

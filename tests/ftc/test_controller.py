@@ -1,8 +1,6 @@
 """One mapping takes over from another: no command steps, no task is lost; actuators out of use."""
 
 from dataclasses import replace
-from functools import cache
-from typing import Any
 
 import control
 import numpy as np
@@ -10,26 +8,22 @@ import pytest
 
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.detector import pointing_angles
-from fjh.rig.hexapod.rig import hexapod_rig
 from ftc import (
     DirectDrive,
     Goal,
     LocalGeometry,
     LoopShape,
     Measurement,
-    OracleController,
     PrioritizedController,
     PrioritizedMapping,
     Stage,
     compensator,
-    margins,
     steps,
 )
 from ftc.control import DisplacementForm, UnstableLoop
-from ftc.controller import BumplessTransfer, ControllerState
+from ftc.controller import ControllerState
 from ftc.fdi.fault_model import FaultModel
 from prioritized import ConstrainedSystem
-from sim import MODELS, Failure, Plant, jacobians, linearize, load_model
 from tests.ftc.hexapod import (
     DESIRED,
     EQUAL,
@@ -43,6 +37,7 @@ from tests.ftc.hexapod import (
     reading,
     steady,
 )
+from tests.ftc.small_stage import PERIOD_S, stage
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -90,20 +85,6 @@ def test_what_is_left_of_the_former_mapping_fades_without_moving_the_task(name):
         assert np.abs(surviving_m(first) - own).max() > 1e-7
 
 
-@pytest.mark.parametrize(
-    ("part", "left"),
-    [(0.0, 1.0), (0.25, 0.5 + 0.125**0.5), (0.5, 0.5), (0.75, 0.5 - 0.125**0.5), (1, 0), (1.5, 0)],
-)
-def test_the_former_secondary_motion_fades_as_half_a_cosine(part, left):
-    """It begins and ends with no rate, so that no mode is struck, and does not come back."""
-    after, reference = controller(GOALS["W_b"]), np.array([1.0, 0, 0, -1.0, 0, 0]) * 1e-6
-    still = np.zeros(6)
-    owed = BumplessTransfer(np.zeros(2), reference, still, still, np.zeros(2))
-    owed = replace(owed, age_s=part * after.handover_s)
-    state = steady(after, replace(after.start(), bumpless_transfer=owed), 1)
-    np.testing.assert_allclose(state.asked.secondary_reference, left * reference, atol=1e-20)
-
-
 def test_a_handover_of_a_handover_owes_both_and_the_dither_goes_through():
     first, second, third = map(controller, (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"]))
     state = steady(second, second.transfer(out()), 100)
@@ -113,15 +94,6 @@ def test_a_handover_of_a_handover_owes_both_and_the_dither_goes_through():
     state = pulled(first, shaken)
     then = steady(second, second.transfer(state), 1, shaken)
     assert np.abs(then.inputs - state.inputs).max() <= 1.5 * LSB_PERCENT
-
-
-def test_the_others_make_up_at_once_for_what_a_free_actuator_loses():
-    after, state = controller(WITHOUT_2), out()
-    commanded_m = after.drives.displacements(state.inputs)
-    lost = np.where(np.arange(6) == 2, commanded_m, 0.0)
-    now_m = after.drives.displacements(steady(after, after.transfer(state, lost), 1).inputs)
-    now_m[2] = 0.0
-    np.testing.assert_allclose(pointing_of(now_m), pointing_of(commanded_m), atol=6e-8)
 
 
 def test_a_weak_actuator_that_is_known_is_commanded_the_more():
@@ -140,21 +112,6 @@ def test_a_weak_actuator_that_is_known_is_commanded_the_more():
     assert owed is not None
     np.testing.assert_allclose(owed.demand, 0, atol=2e-7)
     np.testing.assert_allclose(owed.secondary_reference, 0, atol=4e-8)
-
-
-@pytest.mark.long
-def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
-    """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
-    rig = hexapod_rig()
-    failures, path = [Failure(0, "locked", 3.0)], rig.control.testbed.bench.spiral_rad(3.3)
-    fault_unaware = rig.fly(rig.controller(EQUAL), path, failures=failures)
-    stuck_m = float(fault_unaware.displacement[3000, 0])
-    told = rig.reconfigured(EQUAL, Goal(EQUAL.joint_weight, locked_at={0: stuck_m}), 3.0)
-    run = rig.fly(told, path, failures=failures)
-    error = 1e6 * np.linalg.norm(run.error, axis=1)
-    assert error[3000:].max() < 1.3 * error[2500:3000].max()
-    step = np.abs(np.diff(run.inputs[2990:3010], axis=0))[:, 1:]
-    assert step.max() < 5 * LSB_PERCENT
 
 
 # An actuator out of use: its command stays or fades, and the others take over.
@@ -266,136 +223,24 @@ def test_one_that_closed_loops_take_along_is_commanded_where_they_take_it(seed):
     assert abs(state.inputs[2]) > 1e-2 and pilot.mapping.followed(np.zeros(4)) is not None
 
 
-# Two arms of twelve joints carry one load, in physics; the shoulder of the first locks.
-
-LOAD, ORIENTATION, JOINT = [3, 4, 5], [0, 1, 2], 1
-PERIOD_S, LOCK_TICK, TICKS = 1e-3, 1000, 1800
-SHAPE = LoopShape(crossover_hz=2.0, roll_off_hz=8.0, roll_off_damping=0.7)
-TIME_S = PERIOD_S * np.arange(TICKS)
-REFERENCE = 2e-3 * np.sin(np.pi * np.outer(TIME_S, [1.0, 0.8, 0.6]))
-"""Of the load's position, [m], shape (N, 3)."""
-LATE = slice(LOCK_TICK + 300, TICKS)
-"""When what the lock's impact has done is over."""
-TWELVE = Goal(joint_weight=(1.0,) * 12)
-
-
-@cache
-def arms():
-    """Model, Jacobians, linear plant."""
-    import mujoco
-
-    model = load_model(MODELS / "arms.xml")
-    data = mujoco.MjData(model)
-    return model, jacobians(model, data, site="payload", axes="base"), linearize(model, data)
-
-
-def arms_mapping(goal: Goal = TWELVE, **changed: Any) -> PrioritizedMapping:
-    own: dict[str, Any] = {name: getattr(arms()[1], name) for name in ("J_T", "J_C", "active")}
-    system = ConstrainedSystem(**(own | changed))
-    return PrioritizedMapping(LocalGeometry(system), goal, LOAD, ORIENTATION)
-
-
-def channel(row: int) -> control.StateSpace:
-    linear = arms()[2]
-    drive = linear.B @ arms_mapping().major_gain()[:, [row]]
-    return control.ss(linear.A, drive, linear.C_twist[[LOAD[row]]], 0)
-
-
-@cache
-def loops():
-    return [compensator(channel(row), SHAPE, PERIOD_S) for row in range(3)]
-
-
-def arms_controller(mapping: PrioritizedMapping) -> PrioritizedController:
-    return PrioritizedController(loops(), mapping, DirectDrive(), handover_s=0.3)
-
-
-def flown(before: PrioritizedMapping, after=None, ticks: int = TICKS, lock: bool = False):
-    """Positions of the load (N, 3), joints and commands (N, 12) of the closed loop in physics."""
-    first, second = arms_controller(before), arms_controller(after or before)
-    pilot = OracleController(first, second, LOCK_TICK if after else None)
-    plant, state, kept = Plant(arms()[0]), pilot.start(), []
-    for tick in range(ticks):
-        if lock and tick == LOCK_TICK:
-            Failure(JOINT, "locked").strike(plant)
-        position_m, joints = plant.pose().translation_m, plant.displacements()
-        state = pilot.step(state, REFERENCE[tick], Measurement(position_m, joints))
-        kept.append((position_m, joints, state.inputs))
-        plant.step(state.inputs, PERIOD_S)
-    return [np.array(column) for column in zip(*kept, strict=True)]
-
-
-@cache
-def healthy():
-    return flown(arms_mapping())
-
-
-@cache
-def reconfigured():
-    stuck_rad = float(healthy()[1][LOCK_TICK, JOINT])
-    known = arms_mapping(replace(TWELVE, locked_at={JOINT: stuck_rad}))
-    return flown(arms_mapping(), known, lock=True)
-
-
-@cache
-def predicted_m() -> np.ndarray:
-    """The same loop with the linear plant, shape (N, 3)."""
-    linear = arms()[2]
-    P = control.c2d(control.ss(linear.A, linear.B, linear.C_twist[LOAD], 0), PERIOD_S, "zoh")
-    model = FaultModel(P.A, P.B, P.C, np.eye(len(P.A)), np.zeros(len(P.A)))
-    stage = Stage(model, gain=arms_mapping().major_gain())
-    return np.array([tick.output for tick in steps([stage], P.C, loops(), REFERENCE)])
-
-
-def is_as_predicted(position_m: np.ndarray) -> bool:
-    ticks = slice(len(position_m))
-    error = np.linalg.norm(REFERENCE[ticks] - position_m)
-    off = np.linalg.norm(position_m - predicted_m()[ticks])
-    lag = np.linalg.norm(REFERENCE[ticks] - predicted_m()[ticks])
-    return bool(off < 0.03 * lag) and bool(error < 0.5 * np.linalg.norm(REFERENCE[ticks]))
-
-
-def test_the_load_follows_as_predicted_and_with_a_wrong_mapping_does_not():
-    assert is_as_predicted(healthy()[0])
-    J, columns = arms()[1], np.arange(arms()[1].J_T.shape[1])
-    columns[J.active[[0, 2]]] = J.active[[2, 0]]
-    wrong: list[dict[str, Any]] = [{"J_T": J.J_T[:, columns], "J_C": J.J_C[:, columns]}]
-    for factor in (-1.0, 0.8):
-        wrong.append({"J_T": J.J_T * np.where(np.arange(6) == 3, factor, 1.0)[:, None]})
-    for changed in wrong:
-        assert not is_as_predicted(flown(arms_mapping(**changed), ticks=400)[0])
+# The loop without a mechanism.
 
 
 def test_the_stepped_loop_is_the_linear_one_of_python_control():
     """Where nothing saturates and nothing fails."""
-    linear = arms()[2]
-    B = linear.B @ arms_mapping().major_gain()
-    P = control.c2d(control.ss(linear.A, B, linear.C_twist[LOAD], 0), PERIOD_S, "zoh")
-    L = P * control.append(*(each.discrete for each in loops()))
-    T = control.feedback(L, np.eye(L.noutputs))
-    expected = np.asarray(control.forced_response(T, TIME_S, REFERENCE.T).outputs).T
-    np.testing.assert_allclose(predicted_m(), expected, rtol=1e-8, atol=1e-14)
+    own, gain = stage(), stage().mapping().major_gain()
+    P = control.c2d(own.plant, PERIOD_S, "zoh")
+    model = FaultModel(P.A, P.B, P.C, np.eye(P.nstates), np.zeros(P.nstates))
+    reference = 1e-3 * np.random.default_rng(0).normal(size=(800, 2)).cumsum(axis=0)
+    ticks = steps([Stage(model, gain=gain)], P.C, [own.loop] * 2, reference)
+    L = P * control.ss([], [], [], gain, PERIOD_S) * control.append(*[own.loop.discrete] * 2)
+    T, time_s = control.feedback(L, np.eye(2)), PERIOD_S * np.arange(len(reference))
+    expected = np.asarray(control.forced_response(T, time_s, reference.T).outputs).T
+    found = [tick.output for tick in ticks]
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12)
+    assert np.linalg.norm(reference - expected) < 0.7 * np.linalg.norm(reference)
 
 
-def test_compensators_have_the_crossover_asked_for_and_margins():
-    for row, one in enumerate(loops()):
-        found = margins(control.c2d(channel(row), PERIOD_S, "zoh") * one.discrete)
-        assert found.crossover_hz == pytest.approx(SHAPE.crossover_hz, rel=1e-3)
-        assert found.phase_margin_deg > 45.0
-        assert found.gain_margin_db > 6.0
+def test_a_crossover_that_no_loop_can_have_is_refused():
     with pytest.raises(UnstableLoop, match="crossover of 80"):
-        compensator(channel(0), replace(SHAPE, crossover_hz=80.0, roll_off_hz=400.0), PERIOD_S)
-
-
-def test_with_the_joint_locked_the_load_follows_as_before():
-    """J_m M = I whatever has failed and is known; unknown, the lock costs the position."""
-
-    def rms_error_m(run) -> np.ndarray:
-        return np.sqrt(((REFERENCE - run[0])[LATE] ** 2).mean(axis=0))
-
-    before = rms_error_m(healthy())
-    np.testing.assert_allclose(rms_error_m(reconfigured()), before, rtol=0.1)
-    joint = reconfigured()[1][LOCK_TICK:, JOINT]
-    assert abs(joint[0]) > 1e-4 and np.abs(joint - joint[0]).max() < 1e-6
-    lost = rms_error_m(flown(arms_mapping(), lock=True))
-    assert (np.abs(lost / before - 1)).max() > 0.3
+        compensator(stage().channel, LoopShape(80.0, 400.0, 0.7), PERIOD_S)

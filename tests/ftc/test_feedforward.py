@@ -90,23 +90,6 @@ def test_the_demands_are_the_least_squares_answer(backwards):
     )
 
 
-def test_a_zero_outside_the_unit_circle_is_inverted_ahead_of_time():
-    """The demand begins before the step, the earlier the slower the zero, and stays bounded."""
-    zeros = BACKWARDS.plant.zeros().real
-    assert zeros.max() > 5.0
-    step, at = np.zeros((1500, 1)), 750
-    step[at:] = 1e-3
-    demands = inverse_feedforward(BACKWARDS, ONE, step)
-    assert np.abs(demands).max() < (1 + 0.5 / np.sqrt(WEIGHT)) * 1e-3
-    ahead = np.abs(demands[:at, 0])
-    # It grows as exp(zero t): over a tenth of a second, long before the step.
-    decay = ahead[at - 200] / ahead[at - 250]
-    assert decay == pytest.approx(np.exp(zeros.max() * 50 * PERIOD_S), rel=0.2)
-    left, lag = (step - response(BACKWARDS, ONE, u) for u in (demands, step))
-    assert np.linalg.norm(left) < 0.5 * np.linalg.norm(lag)
-    assert np.abs(left[: at - 250]).max() < 1e-2 * np.abs(left).max()
-
-
 @given(scale=st.floats(1e-6, 1e6), row=st.integers(0, 1))
 def test_units_do_not_matter(scale, row):
     """A path of another size, and a row in other units, which its sensor's noise has, too."""

@@ -5,29 +5,16 @@ import re
 import signal
 import time
 from dataclasses import replace
-from functools import cache
 from typing import Any, NamedTuple
 
-import control
 import numpy as np
 import pytest
 
-from ftc import ControlTask, DirectDrive, Goal, GuardedController, LoopRun, Measurement, run_loop
-from ftc.fdi import NominalModel
+from ftc import ControlTask, GuardedController, LoopRun, Measurement, run_loop
+from tests.ftc.small_stage import stage
 
-PERIOD_S, TICKS, BAD = 1e-3, 20, 7
-J = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
+TICKS, BAD = 20, 7
 REFERENCE = np.random.default_rng(0).normal(size=(TICKS, 2))
-
-
-@cache
-def task() -> ControlTask:
-    one, none = np.eye(3), np.zeros((3, 3))
-    A, B = np.block([[none, one], [-100 * one, -20 * one]]), np.vstack([none, 100 * one])
-    plant = control.ss(A, B, np.hstack([J, 0 * J]), 0)
-    nominal = NominalModel(plant, np.eye(3, 6), np.full(2, 1e-3), PERIOD_S, PERIOD_S)
-    limits = (np.full(3, -1.0), np.full(3, 1.0))
-    return ControlTask(nominal, J, (0, 1), Goal(), DirectDrive(), limits, np.ones(2))
 
 
 class State(NamedTuple):
@@ -80,7 +67,7 @@ def failing(bad: Any) -> type[Proportional]:
 
 
 def run(factory: Any, limit_s: float = 1.0, machine: Any = None) -> LoopRun:
-    guarded = GuardedController("my:own", factory, task(), limit_s)
+    guarded = GuardedController("my:own", factory, stage().task, limit_s)
     return run_loop(machine or Still(), guarded, REFERENCE)
 
 
@@ -186,4 +173,4 @@ def test_the_clock_is_stopped_between_steps():
 
 def test_a_task_that_does_not_fit_together_is_refused():
     with pytest.raises(ValueError, match="major must have a row for each of the 2 outputs"):
-        replace(task(), major=(0,))
+        replace(stage().task, major=(0,))

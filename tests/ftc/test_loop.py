@@ -1,6 +1,5 @@
 """The loop of any controller and machine, and the same with a linear plant, setting by setting."""
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import control
@@ -13,7 +12,7 @@ from fjh.rig.hexapod.fault_tolerance import nominal_model
 from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc import Measurement, Stage, one_tick, run_loop, steps
 from ftc.fdi import fault_model
-from tests.ftc.carts import ServoCarts
+from tests.ftc.carts import rubbing_carts
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
@@ -92,10 +91,7 @@ def test_a_batch_of_settings_is_each_setting_alone(model, rubs):
     """Limits of demands, anti-windup and starts of the hexapod; dry friction of carts on servos."""
     rng = np.random.default_rng(0)
     if rubs:
-        carts = ServoCarts.random(3, 0)
-        push = np.diag(1 / carts.mass)
-        friction = push, np.eye(3), np.full(3, 0.05), np.diag(push) / 9, np.full(3, 105.0)
-        nominal = replace(carts.nominal(), friction=friction)
+        nominal = rubbing_carts(0)
         stage = Stage(fault_model(nominal))
         loops: Any = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3
         settings, disturbance = {}, None

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from ftc import Goal, PrioritizedMapping, mapping_for
+from ftc import Goal, LocalGeometry, PrioritizedMapping, mapping_for
 from ftc.control import PreviousCommand
 from prioritized import ConstrainedSystem
 from sim import MODELS, NOMINAL, Mechanism, load_model
@@ -84,18 +84,27 @@ def test_scaled_demands_keep_their_direction(seed):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("goal", "limits", "why"),
     [
-        ({"limits": (np.ones(5), np.zeros(5))}, "limits must be a lower and an upper limit"),
-        (
-            {"limits": (np.zeros(5), np.ones(5)), "form": "incremental"},
-            'form must be "absolute" or "gauss_newton" with limits',
-        ),
+        (Goal(), (np.zeros(5), np.ones(5)), "with limits"),
+        (Goal(locked_at={1: 0.1}), None, "with an actuator locked off centre"),
     ],
 )
-def test_limits_without_sense_are_refused(options, words):
-    with pytest.raises(ValueError, match=words):
-        PrioritizedMapping(serial(0), Goal(), MAJOR, SECONDARY, **options)
+def test_what_increments_cannot_do_is_refused(goal, limits, why):
+    with pytest.raises(ValueError, match=f'form must be "absolute" or "gauss_newton" {why}'):
+        PrioritizedMapping(serial(0), goal, MAJOR, SECONDARY, limits=limits, form="incremental")
+
+
+@given(SEEDS)
+def test_around_a_lock_off_centre_the_others_close_the_loops_and_do_the_task(seed):
+    rng = np.random.default_rng(seed)
+    J, C, demand = rng.normal(size=(3, 6)), rng.normal(size=(1, 6)), rng.normal(size=2)
+    own = LocalGeometry(ConstrainedSystem(J, C, range(6)))
+    mapping = PrioritizedMapping(own, Goal((1.0,) * 6, locked_at={1: 0.2}), [0, 1], [2])
+    moved = mapping.displacements(demand, mapping.nominal)
+    moved[1] = 0.2
+    np.testing.assert_allclose(C @ moved, 0.0, atol=1e-9)
+    np.testing.assert_allclose(J[:2] @ moved, demand, atol=1e-9)
 
 
 # A tick in one compiled call is the mapping by its objects, on five robots.
@@ -185,22 +194,6 @@ def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mapping
                 np.testing.assert_allclose(lacking, known, atol=1e-9 * np.abs(demand).max())
         compiled += mapping._ticks[mapping.limits is not None] is not None
     assert compiled == mappings
-
-
-def test_limits_that_hold_the_task_back_leave_what_the_achieved_task_lacks():
-    """By the Jacobian of the posture: what is not reached is demanded less J times what moves."""
-    model, rows, limits = (
-        mechanism("arm"),
-        list(ROBOTS["arm"]),
-        (np.full(7, -1e-4), np.full(7, 1e-4)),
-    )
-    mapping = mapping_for(model, Goal((1.0,) * 7), rows, limits)
-    demand = np.array([1e-2, 0.0, 0.0])
-    found, lacking = mapping.tick(demand, mapping.nominal, np.zeros(7))
-    assert lacking is not None
-    J = model.jacobians(mapping.nominal).J_T[rows]
-    np.testing.assert_allclose(lacking, demand - J @ found, atol=1e-15)
-    assert (np.abs(found) <= 1e-4).all() and np.abs(lacking).max() > 1e-3
 
 
 def test_next_to_a_singularity_the_objects_decide():

@@ -4,7 +4,6 @@ from dataclasses import replace
 from fractions import Fraction
 from unittest.mock import patch
 
-import control
 import numpy as np
 import pytest
 import scipy.linalg
@@ -15,7 +14,7 @@ from ftc.fdi import CERTAIN, Fault, Uncertainty, observer
 from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.observer import (
-    MEMORY_S,
+    LEARNING_S,
     ORDER,
     Observer,
     ObserverState,
@@ -128,35 +127,18 @@ def test_a_random_step_adds_its_variance_and_leaves_the_root_triangular(seed):
     np.testing.assert_array_equal(np.triu(after.root, 1), 0.0)
 
 
-def test_what_drifts_stays_uncertain_as_by_the_riccati_equation():
-    """A random walk of variance q a sample in unit noise: P = (q + sqrt(q^2 + 4 q)) / 2."""
-    drifting = replace(CERTAIN, offset=3.0, offset_rate=0.8)
-    q = 0.8**2 * PERIOD_S
-    state = watched(cart_observer(drifting), np.zeros((600, 2)), np.zeros((600, 2)))[-1]
-    expected = (q + np.sqrt(q**2 + 4 * q)) / 2
-    np.testing.assert_allclose(state.parameters.covariance, expected * np.eye(2), rtol=1e-6)
-
-
-def test_the_spectrum_is_remembered_for_the_time_stated():
-    """Of what was before a silence, e^-1 is left after so long."""
-    N = round(MEMORY_S / PERIOD_S)
-    y = np.vstack([np.random.default_rng(0).standard_normal((N, 2)), np.zeros((N, 2))])
-    states = watched(cart_observer(CERTAIN), y, np.zeros((2 * N, 2)))
-    left = states[-1].spectrum.covariance[0] / states[N - 1].spectrum.covariance[0]
-    np.testing.assert_allclose(left, (1 - 1 / N) ** N, rtol=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_what_the_motion_shows_is_learned(seed):
-    """A gain of 5 % more, by commands that move both carts, within what is left uncertain."""
-    healthy = carts(1).plant
-    stronger = control.ss(healthy.A, healthy.B * [1.05, 1.0], healthy.C, healthy.D)
-    record = Record.of(replace(carts(1), plant=stronger), 2, seed, samples=300, size=5e-2)
-    state = watched(cart_observer(replace(CERTAIN, gain=0.05)), record.y, record.u)[-1]
-    mean, covariance = state.parameters.mean[:2], state.parameters.covariance[:2, :2]
-    assert np.diag(covariance).max() < 0.01
-    off = mean - [1.0, 0.0]
-    assert off @ np.linalg.solve(covariance, off) < 20
+def test_after_relearning_the_machine_is_what_it_has_shown_since():
+    """Louder, and its sensors off: of what was known a quarter of the time of learning counts."""
+    watch, rng = cart_observer(replace(CERTAIN, offset=3.0)), np.random.default_rng(0)
+    known = watched(watch, rng.standard_normal((400, 2)), np.zeros((400, 2)))[-1]
+    v, zero = np.append(np.zeros(4), 1.0), np.array([40.0, -60.0])
+    state, since = watch.relearning(watch.step(known, v, zero, learns=False)[0]), []
+    for _ in range(round(LEARNING_S / PERIOD_S)):
+        state, _ = watch.step(state, v, zero + 4 * rng.normal(size=2))
+        since.append(state.spectrum.recent[-1])
+    np.testing.assert_allclose(state.parameters.mean, zero, atol=2.0)
+    expected = 0.2 * known.spectrum.covariance[0] + 0.8 * np.mean(np.square(since), axis=0)
+    np.testing.assert_allclose(state.spectrum.covariance[0], expected, rtol=0.02)
 
 
 def strongest(left: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -197,46 +179,24 @@ def test_what_a_weak_actuator_has_left_is_followed(seed):
 
 # The filter of a model's errors, against least squares in one go.
 
-J, P = 4, 2
-seeds = pytest.mark.parametrize("seed", range(5))
-STEADY = replace(CERTAIN, offset=3.0)
+J, P, OFFSET = 4, 2, 3.0
 
 
-def measurements(seed: int, samples: int, true: np.ndarray | None = None):
-    """Regressors (N, J + p, p), whitened residuals (N, p), and parameters drawn from the prior."""
-    rng = np.random.default_rng(seed)
-    spread = np.concatenate([np.ones(J), np.full(P, STEADY.offset)])
-    true = spread * rng.standard_normal(J + P) if true is None else true
-    moving = rng.normal(size=(samples, J, P)) * 10.0 ** rng.uniform(-2, 0, (1, J, 1))
-    regressors = np.concatenate([moving, np.broadcast_to(np.eye(P), (samples, P, P))], axis=1)
-    white = np.einsum("r,nrp->np", true, regressors) + rng.standard_normal((samples, P))
-    return regressors, white, true
-
-
-def without_states(errors: int, outputs: int, rates: Uncertainty) -> Observer:
-    """An observer of a model of which the test says what it predicts."""
-    M, N = np.zeros((errors + 1, 0, 1)), np.zeros((errors + 1, outputs, 1))
-    none = np.zeros((0, 0)), M, np.zeros((outputs, 0)), N, np.zeros((0, 0))
-    model = UncertainModel(*none, 1, None, 0.0, errors + 1)
-    return Observer(model, FdiConfig(uncertainty=rates), 0.01)
-
-
-def updated(watch: Observer, parameters: Parameters, white, moving):
-    """As at a sample, without a spectrum; regressors of offsets are one."""
-    errors, p = moving.shape
-    predicted, memory = np.vstack([np.zeros(p), moving]), np.zeros((1, errors + 1, p))
-    plain, spectrum = np.ones((1, p)), Spectrum(white[None], white[None], 0)
-    before = ObserverState(0, moving, memory, parameters, spectrum, plain, plain, white, 1)
-    with patch.object(UncertainModel, "step", lambda *_: (predicted, moving)):
-        after, _ = watch.step(before, np.zeros(1), white)
-    return after.parameters, after.residual
-
-
-def tracked(regressors, white, rates: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:
-    watch, found, innovations = without_states(J, P, rates), Parameters.prior(J, P, STEADY), []
+def tracked(regressors, white) -> tuple[Parameters, np.ndarray]:
+    """By an observer without a spectrum, of a model that predicts the regressors of each sample."""
+    M, N = np.zeros((J + 1, 0, 1)), np.zeros((J + 1, P, 1))
+    none = np.zeros((0, 0)), M, np.zeros((P, 0)), N, np.zeros((0, 0))
+    model = UncertainModel(*none, 1, None, 0.0, J + 1)
+    watch, plain = Observer(model, FdiConfig(uncertainty=CERTAIN), 0.01), np.ones((1, P))
+    found, innovations = Parameters.prior(J, P, replace(CERTAIN, offset=OFFSET)), []
     for H, e in zip(regressors, white, strict=True):
-        found, innovation = updated(watch, found, e, H[:J])
-        innovations.append(innovation)
+        predicted, memory = np.vstack([np.zeros(P), H[:J]]), np.zeros((1, J + 1, P))
+        spectrum = Spectrum(e[None], e[None], 0)
+        before = ObserverState(0, H[:J], memory, found, spectrum, plain, plain, e, 1)
+        with patch.object(UncertainModel, "step", return_value=(predicted, H[:J])):
+            after, _ = watch.step(before, np.zeros(1), e)
+        found = after.parameters
+        innovations.append(after.residual)
     return found, np.array(innovations)
 
 
@@ -252,7 +212,7 @@ def solved_exactly(regressors, white) -> tuple[np.ndarray, np.ndarray]:
         for i in range(J + P)
     ]
     for i in range(J + P):
-        sums[i][i] += 1 if i < J else 1 / Fraction(STEADY.offset**2)
+        sums[i][i] += 1 if i < J else 1 / Fraction(OFFSET**2)
         sums[i] += [Fraction(i == j) for j in range(J + P)]
     for i in range(J + P):  # information is positive definite: no pivot is zero
         sums[i] = [x / sums[i][i] for x in sums[i]]
@@ -263,28 +223,19 @@ def solved_exactly(regressors, white) -> tuple[np.ndarray, np.ndarray]:
     return solved[:, 0], solved[:, 1:]
 
 
-@seeds
-def test_what_does_not_drift_is_estimated_as_by_the_normal_equations(seed):
-    regressors, white, _ = measurements(seed, 20)
-    found, _ = tracked(regressors, white)
-    mean, covariance = solved_exactly(regressors, white)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-8)
-
-
-@seeds
+@pytest.mark.parametrize("seed", range(5))
 def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     """A motion that shows one direction far better than the others, as least squares has it.
 
     A covariance that is updated by a difference is indefinite after three such samples.
     """
-    regressors, white, true = measurements(seed, 8)
-    rng = np.random.default_rng([seed, 2])
+    rng = np.random.default_rng(seed)
+    true = np.append(np.ones(J), np.full(P, OFFSET)) * rng.standard_normal(J + P)
     size = 10.0 ** rng.uniform(0, 12, (8, 1, P))
-    moving = rng.normal(size=(J, 1)) * size + regressors[:, :J]
-    white += np.einsum("j,njp->np", true[:J], moving - regressors[:, :J])
-    regressors[:, :J] = moving
-    found, innovations = tracked(regressors, white, CERTAIN)
+    moving = rng.normal(size=(J, 1)) * size + rng.normal(size=(8, J, P))
+    regressors = np.concatenate([moving, np.broadcast_to(np.eye(P), (8, P, P))], axis=1)
+    white = np.einsum("r,nrp->np", true, regressors) + rng.standard_normal((8, P))
+    found, innovations = tracked(regressors, white)
     mean, covariance = solved_exactly(regressors, white)
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), deviation, rtol=1e-3)
@@ -292,112 +243,24 @@ def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     assert np.abs(innovations).max() < 6.0
 
 
-@pytest.mark.parametrize("drift", [STEADY, replace(STEADY, drift_rate=2.0, offset_rate=10.0)])
-def test_innovations_are_white_of_unit_variance(drift):
-    """Also of parameters that drift: the rate is a deviation after a second, of each."""
-    every = []
-    for seed in range(40):
-        rng = np.random.default_rng([seed, 1])
-        regressors, _, true = measurements(seed, 100)
-        rate = np.repeat([drift.drift_rate, drift.offset_rate], [J, P])
-        walk = true + np.cumsum(rate * 0.1 * rng.standard_normal((100, J + P)), axis=0)
-        noise = rng.standard_normal((100, P))
-        white = np.einsum("nr,nrp->np", walk, regressors) + noise
-        every.append(tracked(regressors, white, drift)[1])
-    found = np.array(every)
-    np.testing.assert_allclose(found.var(axis=(0, 1)), 1.0, atol=5 * np.sqrt(2 / 4000))
-    for lag in (1, 2, 5):
-        products = (found[:, lag:] * found[:, :-lag]).mean(axis=(0, 1))
-        assert np.abs(products).max() < 5 / np.sqrt(40 * (100 - lag))
-
-
-@pytest.mark.parametrize("which", [0, J - 1, J])
-def test_a_parameter_is_followed_if_it_may_drift(which):
-    """A ramp of three standard deviations in 20 s."""
-    rng = np.random.default_rng(which)
-    regressors, white, _ = measurements(which, 2000, np.zeros(J + P))
-    regressors[:, :J] = rng.normal(size=(2000, J, P))
-    white = white + 3 * np.linspace(0, 1, 2000)[:, None] * regressors[:, which]
-    follows, _ = tracked(regressors, white, replace(STEADY, drift_rate=0.3, offset_rate=0.3))
-    stays, _ = tracked(regressors, white)
-    assert follows.mean[which] == pytest.approx(3.0, abs=0.4)
-    assert stays.mean[which] < 2.2
-
-
-@seeds
-def test_what_the_motion_does_not_show_keeps_its_prior(seed):
-    """Its covariance stays that of the prior, and the share of the rest is unmoved by it."""
-    regressors, white, _ = measurements(seed, 100)
-    rng = np.random.default_rng(seed)
-    hidden = np.linalg.qr(rng.normal(size=(J, J)))[0][:, 0]
-    regressors[:, :J] -= np.einsum("j,k,nkp->njp", hidden, hidden, regressors[:, :J])
-    found, _ = tracked(regressors, white)
-    direction = np.concatenate([hidden, np.zeros(P)])
-    np.testing.assert_allclose(found.covariance @ direction, direction, atol=1e-9)
-    assert abs(found.mean @ direction) < 1e-9
-    shown = np.linalg.eigvalsh(found.covariance[:J, :J])
-    assert shown[-1] == pytest.approx(1.0) and shown[-2] < 1.0
-
-
 # Spectra of residuals, and the filters that whiten them.
 
 LAGS = 6
 
 
-def coloured(seed: int, samples: int, outputs: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Gaussian processes (N, p) of random poles, and deviations (p,) of what drives them."""
-    rng = np.random.default_rng(seed)
-    deviation, found = 10.0 ** rng.uniform(-2, 2, outputs), []
-    for each in deviation:
-        radius, angle = rng.uniform(0.3, 0.95, 2), rng.uniform(0, np.pi, 2)
-        poles = radius * np.exp(1j * angle)
-        a = np.poly([*poles, *poles.conj()]).real
-        white = each * rng.standard_normal(samples + 500)
-        found.append(scipy.signal.lfilter([1.0], a, white)[500:])
-    return np.column_stack(found), deviation
-
-
-def filtered(weights: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    parts = [np.convolve(r, w, "valid") for r, w in zip(residuals.T, weights.T, strict=True)]
-    return np.column_stack(parts)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_a_process_becomes_white_noise_by_its_own_autoregression(seed):
-    """Another record of it, of unit variance: no product with any earlier sample is left."""
-    process, deviation = coloured(seed, 20_000)
-    weights = spectrum_of(process[:4000], LAGS).filter()
-    white = filtered(weights, process[4000:8000])
-    np.testing.assert_allclose(white.var(axis=0), 1.0, atol=0.1)
-    for lag in range(1, 2 * LAGS):
-        products = (white[lag:] * white[:-lag]).mean(axis=0)
-        assert np.abs(products).max() < 5 / np.sqrt(len(white))
-    weights = spectrum_of(process, LAGS).filter()
-    np.testing.assert_allclose(1 / weights[0], deviation, rtol=0.05)
-    left = filtered(weights * deviation, process)
-    np.testing.assert_allclose(np.sqrt((left**2).mean(axis=0)), deviation, rtol=0.05)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
-    """Its weights, but for the first, predict: they satisfy Toeplitz equations of the products."""
+    """Its weights, but for the first, predict; what is left has unit variance."""
     rng = np.random.default_rng(seed)
     residuals = np.cumsum(rng.standard_normal((300, 2)), axis=0) % 3.0
     spectrum = spectrum_of(residuals, LAGS)
-    for weights, c in zip(spectrum.filter().T, spectrum.covariance.T, strict=True):
+    for weights, c, own in zip(
+        spectrum.filter().T, spectrum.covariance.T, residuals.T, strict=True
+    ):
         toeplitz = scipy.linalg.toeplitz(c[:LAGS]) + 1e-4 * c[0] * np.eye(LAGS)  # the ridge
         expected = np.linalg.solve(toeplitz, c[1:])
         np.testing.assert_allclose(-weights[1:] / weights[0], expected, rtol=1e-9, atol=1e-11)
-
-
-def test_white_noise_is_left_alone_and_twice_of_it_weighed_half():
-    """But for what 20 000 samples leave uncertain, 1 / sqrt(N)."""
-    noise = np.random.default_rng(0).standard_normal((20_000, 3))
-    weights = spectrum_of(noise, LAGS).filter()
-    np.testing.assert_allclose(weights[0], 1.0, atol=0.03)
-    np.testing.assert_allclose(weights[1:], 0.0, atol=0.04)
-    twice = spectrum_of(2 * noise, LAGS).filter()
-    np.testing.assert_allclose(2 * twice, weights, rtol=1e-9, atol=1e-9)
+        assert np.convolve(own, weights, "valid").var() == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, np.pi])
@@ -440,19 +303,8 @@ def test_slow_inputs_are_noise_to_a_filter_that_is_decoupled_from_them(slow):
 
 # When residuals are more than noise: rates of false alarms, and what is seen how soon.
 
-TICK_S, DITHER_HZ = 4e-3, 20.0
-dithers = pytest.mark.parametrize("dither_hz", [None, DITHER_HZ])
-WINDOWS = ResidualTest(1, 0.01, TICK_S).windows
-LONGEST = WINDOWS[-1]
-
-
-def alarms(watch: ResidualTest, residuals: np.ndarray) -> np.ndarray:
-    """Windows (N,) in which each sample raised an alarm, 0 for none."""
-    recent, found = watch.start(), []
-    for residual in residuals:
-        recent = np.vstack([recent[1:], residual])
-        found.append(watch.alarm(recent))
-    return np.array(found)
+TICK_S = 4e-3
+dithers = pytest.mark.parametrize("dither_hz", [None, 20.0])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -489,56 +341,7 @@ def test_the_rate_of_false_alarms_is_kept_and_not_by_far(outputs, dither_hz):
     """
     watch = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
     rng = np.random.default_rng(outputs)
-    records = 4000
-    found = sum(watch.alarm(rng.standard_normal((LONGEST, outputs))) > 0 for _ in range(records))
+    records, shape = 4000, watch.start().shape
+    found = sum(watch.alarm(rng.standard_normal(shape)) > 0 for _ in range(records))
     assert found <= binom.ppf(0.999, records, 0.02)
     assert found >= binom.ppf(0.001, records, 0.02 / 2)
-
-
-@pytest.mark.parametrize("outputs", [1, 3])
-@dithers
-def test_each_mean_has_its_share_of_false_alarms(outputs, dither_hz):
-    """A union bound shares the rate out evenly: by the quantile of simulated chi-squares."""
-    rng, share = np.random.default_rng(0), 0.01
-    tests = len(WINDOWS) + (0 if dither_hz is None else 5)
-    watch = ResidualTest(outputs, tests * share * 3600 / TICK_S, TICK_S, dither_hz)
-    squares = (rng.standard_normal((200_000, 2 * outputs)) ** 2).cumsum(axis=1)
-    assert (squares[:, outputs - 1] > watch.threshold).mean() == pytest.approx(share, rel=0.1)
-    both = (squares[:, -1] > watch.demodulated_threshold).mean()
-    assert both == pytest.approx(share, rel=0.1)
-
-
-@pytest.mark.parametrize(("shift", "longest"), [(20.0, 1), (3.0, 8), (0.6, 128)])
-def test_a_small_shift_is_seen_over_a_long_window_and_a_large_one_at_once(shift, longest):
-    """The mean of M samples of noise has the deviation 1 / sqrt(M)."""
-    found = alarms(ResidualTest(2, 0.01, TICK_S), np.tile([shift, 0.0], (LONGEST, 1)))
-    first = np.flatnonzero(found)[0]
-    assert longest / 4 < found[first] <= longest and first < longest
-
-
-def wave(hz: float, size: float, phase: float = 0.3) -> np.ndarray:
-    times = TICK_S * np.arange(3 * LONGEST)
-    return np.outer(np.sin(2 * np.pi * hz * times + phase), [size, -0.5 * size])
-
-
-@pytest.mark.parametrize("phase", np.linspace(0, np.pi, 4))
-def test_a_lock_in_sees_a_sinusoid_that_no_mean_sees(phase):
-    """Of its own frequency, in any phase: a little larger than the noise."""
-    swing = wave(DITHER_HZ, 1.2, phase)
-    assert not alarms(ResidualTest(2, 0.01, TICK_S), swing).any()
-    assert alarms(ResidualTest(2, 0.01, TICK_S, DITHER_HZ), swing)[-1] > 0
-
-
-@pytest.mark.parametrize("hz", [10.0, 27.0, 31.0, 45.0, 70.0])
-def test_a_lock_in_does_not_see_another_frequency(hz):
-    """Farther off than the reciprocal of its window, 0.5 s: but for its side lobes."""
-    assert not alarms(ResidualTest(2, 0.01, TICK_S, DITHER_HZ), wave(hz, 1.2)).any()
-
-
-def test_a_lock_in_alarms_by_its_mean_square_projection():
-    """A sinusoid of amplitude a has a demodulated energy of M a^2 / 2."""
-    watch = ResidualTest(1, 0.01, TICK_S, DITHER_HZ)
-    least = np.sqrt(2 * watch.demodulated_threshold / LONGEST)
-    swing = np.sin(2 * np.pi * DITHER_HZ * TICK_S * np.arange(LONGEST))[:, None]
-    assert watch.alarm(1.02 * least * swing) == LONGEST
-    assert watch.alarm(0.95 * least * swing) == 0

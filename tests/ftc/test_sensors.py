@@ -14,7 +14,7 @@ from ftc.sensors import SensorState
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
 NAMED = "the task's sensor", "the commands are held"
-STUCK, GAP = 35, 20  # ticks of the usual times
+STUCK = 35  # ticks of the usual time
 SOON = 10  # ticks of a slower loop, for which random readings repeat now and then
 
 
@@ -70,36 +70,15 @@ def test_the_rule_is_that_of_a_few_lines(spec):
         lost = state.lost
 
 
-@pytest.mark.parametrize("bad", NO_NUMBERS, ids=repr)
-def test_what_is_no_reading_is_missing_for_as_long_as_it_lasts(bad):
-    """A gap ends with the next reading, however long it was."""
-    for ticks in (1, GAP, GAP + 1, 100):
-        states = read([*noise(30), *[bad] * ticks, *noise(50, seed=1)])
-        used = [state.usable for state in states]
-        assert not any(used[30 : 30 + ticks]) and states[-1].missing == ticks
-        assert states[-1].losses == (ticks > GAP)
-        assert used == [True] * 30 + [False] * ticks + [True] * 50
-
-
-@pytest.mark.parametrize("rows", [[0], [1], [0, 1]])
-def test_a_row_that_repeats_is_stuck_after_a_while_and_lost_at_once(rows):
-    readings = noise(150)
-    for reading in readings[41:120]:
-        reading[rows] = readings[40][rows]
-    states = read(readings)
-    used = [state.usable for state in states]
-    assert used == [True] * (40 + STUCK) + [False] * (80 - STUCK) + [True] * 30
-    said = states[100].sentence(PERIOD_S, *NAMED)
-    assert said == "the task's sensor repeats one value since 0.041 s: the commands are held"
-
-
 @pytest.mark.parametrize("period_s", [0.5e-3, 1e-3, 2e-3])
 def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
     """But for five repetitions, for which a slow loop waits."""
     check = SensorCheck(period_s)
-    stuck, gone = read([np.ones(2)] * 100, check), read([*noise(1), *[None] * 100], check)
+    stuck = read([np.ones(2)] * 100, check)
+    gone = read([*noise(1), *[None] * 100, *noise(9, seed=1)], check)
+    assert gone[-1].usable and gone[-1].losses == 1  # a gap ends with the next reading
     assert sum(state.usable for state in stuck) * period_s == pytest.approx(35e-3, abs=period_s)
-    lost_s = sum(not state.lost for state in gone) * period_s
+    lost_s = sum(not state.lost for state in gone[:101]) * period_s
     assert lost_s == pytest.approx(20e-3, abs=1.5 * period_s)
     slow = read([np.ones(2)] * 8, SensorCheck(0.1))
     assert [state.usable for state in slow] == [True] * 5 + [False] * 3
@@ -109,7 +88,8 @@ def test_a_machine_at_rest_may_repeat_itself_and_one_without_noise_always():
     """Commands that stand still say nothing of the sensor."""
     still = [np.zeros(2)] * 100
     assert all(state.usable for state in read(still, moving=False))
-    assert not all(state.usable for state in read(still))
+    said = read(still)[-1].sentence(PERIOD_S, *NAMED)
+    assert said == "the task's sensor repeats one value since 0.001 s: the commands are held"
     assert all(state.usable for state in read(still, SensorCheck(PERIOD_S, noisy=False)))
 
 
@@ -124,16 +104,6 @@ def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
     assert states[-1].repeated == (len(rows) == 2)
     if len(rows) == 2:
         assert states[-1].sentence(PERIOD_S, *NAMED) == "the task's sensor is usable (1 repeated)"
-
-
-@given(st.lists(st.tuples(st.integers(1, 30), st.integers(1, 50)), min_size=1, max_size=8))
-def test_bursts_of_repeats_are_used_and_not_called_stuck(bursts):
-    """However often they come: of up to 30 ms, far from what a stuck sensor does."""
-    fresh, readings = iter(noise(700)), [np.zeros(2)]
-    for repeated, good in bursts:
-        readings += [readings[-1].copy()] * repeated + [next(fresh) for _ in range(good)]
-    states = read(readings)
-    assert all(state.usable for state in states) and states[-1].losses == 0
 
 
 def test_after_a_loss_the_value_before_it_is_no_reading():

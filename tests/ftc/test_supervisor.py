@@ -8,7 +8,6 @@ import pytest
 
 from fjh.rig import Rig
 from fjh.rig.events import Event
-from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.rig import hexapod_rig
 from ftc import Goal, Measurement
 from ftc.fdi import Cause, Diagnosis, Fault, fault_model
@@ -46,26 +45,17 @@ def displacements(states) -> np.ndarray:
     return np.array([drives.displacements(state.inputs) for state in states])
 
 
-def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
-    pilot = supervisor(DITHER)
-    state = pilot.start()
-    once, again = (pilot.step(state, DESIRED, reading(np.zeros(2))) for _ in range(2))
-    np.testing.assert_array_equal(once.inputs, again.inputs)
-    assert state.ticks == state.watch.ticks == 0
+def test_a_supervisor_says_when_the_task_is_lost():
+    pilot = supervisor()
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
     assert pilot.is_possible(locked)
     assert not pilot.is_possible([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
     assert pilot.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
 
 
-def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
+def test_of_one_actuator_stands_what_was_settled_last():
     weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
-    other = diagnosis(Fault(4, "free"))
-    state = supervisor().start()
-    assert state.standing == []
-    state = replace(state, confirmed=(weak, locked))
-    assert state.standing == [locked]
-    assert replace(state, watch=replace(state.watch, diagnosis=other)).standing == [locked, other]
+    assert replace(supervisor().start(), confirmed=(weak, locked)).standing == [locked]
 
 
 def test_what_is_named_is_flown_around_and_what_is_settled_stays():
@@ -106,8 +96,6 @@ def test_the_supervisor_dithers_by_its_own_clock():
         np.testing.assert_array_equal(
             state.controller.asked.secondary_reference, DITHER.at(tick * 1e-3)
         )
-    for current in (pilot.first, pilot.reconfigured([diagnosis(Fault(1, "locked"))])):
-        assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == "constant"
 
 
 def test_commands_stand_while_the_task_is_lost():
@@ -203,29 +191,28 @@ def test_an_alarm_that_is_not_confirmed_leaves_no_trace_in_the_commands():
 
 def test_the_status_says_what_is_believed_and_done():
     start, locked = supervisor().start(), Diagnosis.told(Fault(2, "locked"), 1e-6)
-    assert "believed sound" in start.status
-    confirmed = replace(start, confirmed=(locked,))
-    assert confirmed.status == "strut3 is locked; the other actuators do the task."
-    doubt = replace(locked, confirmed=False, kinds=("locked", "free"))
-    named = replace(start, watch=replace(start.watch, diagnosis=doubt))
-    assert "strut3 is locked or free, not yet confirmed" in named.status
-    assert "the major task is lost" in replace(confirmed, task_lost=True).status
-    assert "expected to cost less" in replace(confirmed, refused=locked).status
     again = Diagnosis.told(Fault(2, "weak", 1.0))
-    works = replace(start.watch, diagnosis=replace(again, confirmed=False))
-    assert "strut3 seems to work again" in replace(confirmed, watch=works).status
-    learns = replace(start, watch=replace(start.watch, relearns=3))
-    assert "learned as part of the machine" in learns.status
-    causes = {
-        None: "something slow",
-        Cause("offset", 3): "an offset of strut4",
-        Cause("supply"): "a change of what all commands do",
-        Cause("scale"): "a change of the sensors' scale",
-    }
-    for cause, words in causes.items():
-        caused = replace(start, watch=replace(start.watch, causes=(cause,)))
-        assert f"explained by {words}, which is no failure" in caused.status
+    confirmed = replace(start, confirmed=(locked,))
     assert replace(start, confirmed=(locked, again)).status == start.status
+
+    def watching(state, **changed):
+        return replace(state, watch=replace(state.watch, **changed))
+
+    doubt = replace(locked, confirmed=False, kinds=("locked", "free"))
+    for state, words in (
+        (start, "believed sound"),
+        (confirmed, "strut3 is locked; the other actuators do the task"),
+        (watching(start, diagnosis=doubt), "strut3 is locked or free, not yet confirmed"),
+        (replace(confirmed, task_lost=True), "the major task is lost"),
+        (replace(confirmed, refused=locked), "expected to cost less"),
+        (watching(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
+        (watching(start, relearns=3), "learned as part of the machine"),
+        (watching(start, causes=(None,)), "explained by something slow, which is no failure"),
+        (watching(start, causes=(Cause("offset", 3),)), "an offset of strut4"),
+        (watching(start, causes=(Cause("supply"),)), "a change of what all commands do"),
+        (watching(start, causes=(Cause("scale"),)), "a change of the sensors' scale"),
+    ):
+        assert words in state.status
 
 
 # In physics.
@@ -256,22 +243,13 @@ def test_a_second_failure_soon_after_the_first_is_found_too():
     assert error[-300:].max() < 1.5 * error[500:700].max()
 
 
-class Dead:
-    """Coil 2 has no current for two seconds, more than it takes to be confirmed."""
-
-    def sent(self, tick, inputs):
-        """Of the period."""
-        return np.where((np.arange(6) == 1) & (1300 <= tick < 3300), 0.0, inputs)
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("what", [Dead(), [Event("lock_released", 1.3, 1)]], ids=["coil", "lock"])
-def test_an_actuator_that_works_again_is_given_back_without_a_step(what):
-    run = rig(3).fly(rig(3).supervisor(), rig(3).path("circle", duration_s=6.0), events=what)
+def test_an_actuator_that_works_again_is_given_back_without_a_step():
+    path, opens = rig(3).path("circle", duration_s=6.0), [Event("lock_released", 1.3, 1)]
+    run = rig(3).fly(rig(3).supervisor(), path, events=opens)
     named = run.diagnoses[0]
     assert named.actuator == "strut2" and named.withdrawn_s is not None
-    ended_s = 3.3 if isinstance(what, Dead) else 1.4
-    assert ended_s + 1.0 < named.withdrawn_s < ended_s + 2.0  # a second to confirm it
+    assert 2.4 < named.withdrawn_s < 3.4  # a second to confirm it
     assert 1 not in [each.fault.actuator for each in run.state.standing]
     assert not run.state.current.mapping.unused[1]
     back = round(named.withdrawn_s / rig(3).period_s)
@@ -311,7 +289,7 @@ def pilots():
 
 @cache
 def after_a_lock():
-    """A state 0.15 s after a strut was locked, and a tick that follows, the same for everybody."""
+    """A state 0.15 s after a strut was locked, and a tick that follows."""
     path = rig().path("circle", duration_s=1.05)
     run = rig().fly(pilots()["same goal"], path, failures=[Failure(3, "locked", 0.9)])
     assert [each.fault.actuator for each in run.state.standing] == [3]
@@ -320,7 +298,7 @@ def after_a_lock():
 
 @pytest.mark.parametrize("name", ["same goal", "another goal"])
 def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
-    """Against the tick that the former one would have done; with a bare mapping they would."""
+    """Against the tick that the former one would have done."""
     pilot, (state, reference, seen) = pilots()[name], after_a_lock()
     transferred = pilot.transfer(state)
     for each in ("standing", "diagnoses", "confirmed", "withdrawn", "ticks", "task_lost"):
@@ -328,21 +306,15 @@ def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
     assert transferred.watch is state.watch and transferred.sensors is state.sensors
     assert 3 in goal_of(transferred).locked_at
     assert goal_of(transferred).joint_weight == pilot.first.mapping.goal.joint_weight
-    goes_on = pilots()["same goal"].step(state, reference, seen).inputs
-
-    def stepped(begun) -> float:
-        change = np.abs(pilot.step(begun, reference, seen).inputs - goes_on)
-        return np.delete(change, 3).max()
-
+    change = pilot.step(transferred, reference, seen).inputs
+    change = change - pilots()["same goal"].step(state, reference, seen).inputs
     # The first tick of the fade, and the converters' last bit.
-    assert stepped(transferred) <= 2 * LSB_PERCENT
-    bare = replace(state, current=pilot.reconfigured(state.standing))
-    assert name == "same goal" or stepped(bare) > 10 * LSB_PERCENT
+    assert np.abs(np.delete(change, 3)).max() <= 2 * LSB_PERCENT
 
 
 def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
-    path, pilot, other = rig().path("circle", duration_s=0.3), rig().controller(), pilots()
-    run, other = rig().fly(pilot, path), other["another goal"]
+    path, pilot = rig().path("circle", duration_s=0.3), rig().controller()
+    run, other = rig().fly(pilot, path), pilots()["another goal"]
     taken_over = other.transfer(run.state)
     assert taken_over.is_learning and taken_over.ticks == 0
     assert not taken_over.diagnoses and not taken_over.standing
@@ -351,5 +323,3 @@ def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
     goes_on = pilot.step(run.state, path[-1], seen).inputs
     change = other.step(taken_over, path[-1], seen).inputs - goes_on
     assert np.abs(change).max() <= 1.5 * LSB_PERCENT
-    bare = other.step(replace(taken_over, controller=run.state), path[-1], seen).inputs
-    assert np.abs(bare - goes_on).max() > LSB_PERCENT * 10

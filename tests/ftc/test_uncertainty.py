@@ -1,7 +1,5 @@
 """What each error of a model does to its outputs, against plants that really have that error."""
 
-import pickle
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -122,17 +120,6 @@ def predicted(nominal: NominalModel, uncertainty, faults, sent, of: int) -> np.n
 
 @machines
 @failures
-@pytest.mark.parametrize("of", [1, 4])
-def test_a_sample_is_the_mean_of_its_ticks(seed, servo, faults, of):
-    nominal, sent = Struts.random(seed, servo).nominal(), commands(3, 80, of)
-    expected = outputs(nominal, faults, sent, of)
-    found = predicted(nominal, CERTAIN, faults, sent, of)
-    assert found.shape[1] == 1
-    np.testing.assert_allclose(found[:, 0], expected, atol=1e-9 * np.abs(expected).max())
-
-
-@machines
-@failures
 @pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
 def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, faults, error):
     """Another mass, spring, damper or force in Newton's equations, healthy and failed alike.
@@ -161,15 +148,3 @@ def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, faults,
     found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), faults, sent, of)[:, 1]
     expected = outputs(nominal, faults, late, of) - outputs(nominal, faults, sent, of)
     np.testing.assert_allclose(found, expected, atol=close * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("copied", [deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
-def test_a_model_that_was_stepped_is_copied_and_steps_as_before(copied):
-    """What it keeps for the kernels are addresses, which a copy has of its own arrays."""
-    nominal = Struts.random(0, servo=True).nominal()
-    model = uncertain_model(lambda faults: fault_model(nominal, faults), [], delay_ticks=0.5)
-    given = np.ones((len(model.M), len(model.A))), np.linspace(-1.0, 1.0, 7)
-    expected, other = model.step(*given), copied(model)
-    del model
-    for found, each in zip(other.step(*given), expected, strict=True):
-        np.testing.assert_array_equal(found, each)

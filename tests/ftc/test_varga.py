@@ -40,7 +40,6 @@ from tests.ftc.spectra import spectrum_of
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
 PLANT = sampled()[:, :2]
 ALONE, TOGETHER = [1, 2, 3, 6], [4, 5, 7, 8]  # models with one actuator weak, with both
-seeds = pytest.mark.parametrize("seed", range(8))
 
 
 def grams(w: np.ndarray) -> np.ndarray:

@@ -64,9 +64,9 @@ def noise(ticks: int) -> np.ndarray:
 
 
 @cache
-def quiet(samples: int, offset: float, dither_hz: float | None) -> tuple[Monitor, list]:
+def quiet(samples: int, offset: float) -> tuple[Monitor, list]:
     """A monitor, and its states at the ticks of so many samples of noise alone."""
-    watch = replace(usual(), config=replace(CONFIG, dither_hz=dither_hz))
+    watch = replace(usual())
     own = {each.name: getattr(usual().bank, each.name) for each in fields(HypothesisBank)}
     vars(watch)["bank"], states = Guarded(**own), [watch.start()]
     for y in noise(TICKS * samples):
@@ -79,10 +79,9 @@ def judged(
     samples: int = 360,
     shock: int = SHOCK,
     offset: float = 0.0,
-    dither_hz: float | None = None,
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
-    watch, before = quiet(min(samples, shock), offset, dither_hz)
+    watch, before = quiet(min(samples, shock), offset)
     states = {tick // TICKS - 1: before[tick + 1] for tick in range(TICKS, len(before) - 1, TICKS)}
     state = before[-1]
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.optimize import minimize
 
-from experiments.jacobian import GROWN, RECORDED, VARIANTS, checks, growth_of
+from experiments.jacobian import GROWN, VARIANTS, checks
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.controller import StrutMapping
@@ -94,19 +94,6 @@ def test_what_a_constant_jacobian_leaves_out_grows_with_the_square():
     assert large / small == pytest.approx(10, rel=0.05)
 
 
-@pytest.mark.long
-def test_the_present_jacobian_on_displacements_errs_the_other_way():
-    """L = A_0 x + x'Hx/2 + ...: A_0 leaves the half out, A(x) x counts it twice."""
-    path = circle(1e-3)
-    gone = {name: follow(variant(name), path) for name in ("constant", "analytic", "relinearized")}
-    constant = gone["constant"].secondary - gone["relinearized"].secondary
-    analytic = gone["analytic"].secondary - gone["relinearized"].secondary
-    around = slice(40, -40)
-    # t_x and t_y, which W_e asks to be small, and for which there is no freedom left.
-    sums, each = (constant + analytic)[around, 1:3], constant[around, 1:3]
-    assert np.linalg.norm(sums) < 0.1 * np.linalg.norm(each)
-
-
 def test_one_gauss_newton_step_a_tick_stays_at_the_optimum():
     """Where the struts' own length is the goal, the present Jacobian is exact.
 
@@ -161,23 +148,6 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
             form.displacements(pointing, NOMINAL)
 
 
-def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
-    """The pose estimate knows where the stuck strut has put the payload; increments do not."""
-    goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at={0: 1e-4})
-    mapping = StrutMapping(machine(), goal, "analytic", form="gauss_newton")
-    pose, strut_m, wanted = NOMINAL, np.zeros(6), np.array([5e-5, 2e-5])
-    for _ in range(5):
-        pose = mapping.estimate(strut_m, pose)
-        strut_m = mapping.displacements(wanted, pose, strut_m)
-    there = forward_kinematics(machine(), strut_m + np.array([1e-4, 0, 0, 0, 0, 0]))
-    np.testing.assert_allclose(pointing_angles(there.rotation), wanted, atol=1e-12)
-    assert strut_m[0] == 0.0
-    absolute = StrutMapping(machine(), goal, "analytic").displacements(wanted, pose)
-    np.testing.assert_allclose(strut_m, absolute, atol=2e-7)
-    with pytest.raises(ValueError, match=r'form must be "absolute" or "gauss_newton".*incremental'):
-        StrutMapping(machine(), goal, "analytic", form="incremental")
-
-
 def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     constant, slope = variant("constant"), []
     strut_m = np.random.default_rng(5).uniform(-3e-3, 3e-3, (1, 6))
@@ -218,32 +188,6 @@ def tables(jacobian_study):
     return {name: pd.DataFrame(jacobian_study[name]) for name in names}
 
 
-def test_at_nominal_size_the_choice_of_jacobian_is_below_the_noise(tables):
-    runs = tables["runs"].query("spiral_factor == 1").set_index("name")
-    changes = runs[[name for name in runs.columns if "_change_" in name]]
-    noise = changes.loc[f"{GROWN}_x1_analytic_seed1"]
-    assert (changes.loc[f"{GROWN}_x1_constant_seed0"] < noise).all()
-    assert (changes.loc[f"{GROWN}_x1_analytic_seed0"] == 0).all()
-
-
-def test_geometry_alone_says_what_the_simulation_shows_once_it_shows(tables):
-    growth, runs = growth_of(tables["runs"]), tables["runs"].set_index("name")
-    extra = growth["extra_percent"].iloc[-1]
-    static = growth["static_extra_percent", "constant"].iloc[-1]
-    assert extra.constant == pytest.approx(static, rel=0.1)
-    assert static > 5
-    assert extra.relinearized < 0.2 * extra.analytic
-    assert (growth["e_visited_frobenius"].max(axis=1) < growth["e_box_frobenius"].min(axis=1)).all()
-    assert (growth["pointing_cost_percent", "constant"].abs() < 2).all()
-    for size, each in growth["extra_percent"].iterrows():  # of one seed and column
-        assert set(each.index) == set(VARIANTS)
-        for name, percent in each.items():
-            assert percent == runs.extra_percent[f"{GROWN}_x{size:g}_{name}_seed0"]
-    costs, sizes = tables["costs"], growth.index
-    assert len(costs)
-    assert costs.spiral_factor.between(sizes.min(), sizes.max()).all()
-
-
 @pytest.mark.parametrize(
     ("row", "column", "value", "word"),
     [
@@ -257,15 +201,3 @@ def test_an_unsound_loop_fails_a_check(tables, row, column, value, word):
     runs.loc[runs.index[row], column] = value
     (sentence,) = [str(check) for check in checks(tables, 0.0) if not check.passed]
     assert word in sentence
-
-
-def test_the_command_leaves_data_and_recordings(jacobian_folder, tables):
-    runs = tables["runs"]
-    sizes = zip(runs.stroke_factor, runs.spiral_factor, strict=True)
-    kept = (runs.column == GROWN) & np.array([size in RECORDED for size in sizes])
-    assert list(kept) == list(runs.data.notna())
-    for one in runs[kept].itertuples():
-        assert (jacobian_folder / str(one.recording)).is_file()
-        with np.load(jacobian_folder / str(one.data)) as data:
-            assert data["true_rad"].shape == data["desired_rad"].shape
-            assert data["strut_displacement_m"].shape[1] == 6
