@@ -10,13 +10,11 @@ from scipy.optimize import lsq_linear
 
 from experiments.limits import (
     BENCH,
-    HEAVE_M,
     RANGE_RAD,
     Condition,
     Strategy,
     allocation,
     excess_row,
-    limits_of,
     line_of_sight,
     move_arm,
     redistributed,
@@ -29,7 +27,7 @@ from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import Testbed
 from ftc import Goal, PrioritizedController
-from prioritized import ConstrainedSystem, velocity_mapping
+from prioritized import ConstrainedSystem
 from sim import Failure
 from tests.experiments.results import Results
 from tests.profiles import examples
@@ -86,17 +84,6 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
         np.testing.assert_allclose(rates[moving], expected, atol=1e-9)
 
 
-def test_the_redistributed_pseudo_inverse_does_not_give_the_least_error():
-    """Rates (-1.5, 2) are both fixed at (-1, 1), error (0.5, 1); that of (-0.5, 1) is (0, 1)."""
-    J_m, v = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 2.0])
-    limits = -np.ones(2), np.ones(2)
-    kinematics = ConstrainedSystem(J_m, None, range(2)).kinematics()
-    found = redistributed(kinematics, limits, [0, 1], []).solve(v)
-    np.testing.assert_allclose(found.rates, [-1, 1])
-    strict = velocity_mapping(J_m, [0, 1], rate_limits=limits)
-    np.testing.assert_allclose(strict(v), [-0.5, 1])
-
-
 @pytest.mark.long
 def test_out_of_reach_strict_priority_misses_least_and_others_by_more(model):
     """The oracle is the distance from the outline of what is attainable."""
@@ -109,14 +96,6 @@ def test_out_of_reach_strict_priority_misses_least_and_others_by_more(model):
     assert most["strict"] < 1e-9
     assert most["redistributed"] > 1
     assert most["clipping"] > 10
-
-
-def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
-    lower, upper = limits_of(Testbed(model, BENCH, loops=()))  # pyright: ignore[reportArgumentType]
-    assert upper[[1, 4]] == pytest.approx(2.0 * 20.0 / 126e3)
-    assert upper[[0, 2, 3, 5]] == pytest.approx(635e-6, rel=1e-4)
-    assert -lower == pytest.approx(upper, rel=1e-4)
-    assert upper.min() > HEAVE_M
 
 
 @pytest.mark.long

@@ -16,12 +16,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.app.command import conduct
 from experiments.study import Where, basis_of, rows_of
 from fjh.study import provenance, workers
 from fjh.study.errors import Interrupted, OutputError, Unsound, WrongInput
 from fjh.study.files import LOCK, STAGING, UNFINISHED, alone_in
-from fjh.study.option import OnProgress
 from fjh.study.result import Result
 from fjh.study.workers import finished, in_parallel, processes
 from tests.experiments import work
@@ -184,14 +182,6 @@ def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
     assert json.loads((tmp_path / UNFINISHED).read_text().splitlines()[0]) == other
 
 
-@pytest.mark.parametrize("text", ["", "[]\n", "nothing that we wrote\n", "\0" * 300 + "\n"])
-def test_a_file_that_is_not_what_was_written_is_refused_and_stays(here, tmp_path, text):
-    (tmp_path / UNFINISHED).write_text(text)
-    with pytest.raises(WrongInput, match=rf"remove {tmp_path / UNFINISHED}|it has another"):
-        table(tmp_path)
-    assert (tmp_path / UNFINISHED).read_text() == text
-
-
 @pytest.mark.long
 def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path):
     said = "run 6 failed: ValueError in work.py, line [0-9]+: no such number; finished "
@@ -200,18 +190,6 @@ def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path
         table(tmp_path, made=failing)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) > 4
     assert table(tmp_path)["value"].tolist() == [row(run)["value"] for run in TEN]
-
-
-def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
-    """A study may compute for minutes beside its rows."""
-
-    def slow(*, folder: Path, on_progress: OnProgress) -> Result:
-        table(folder)
-        raise KeyboardInterrupt
-
-    with pytest.raises(Interrupted, match="finished runs are kept, and --resume continues"):
-        conduct(slow, tmp_path, shown=False)
-    assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
 
 
 def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monkeypatch):
@@ -224,13 +202,6 @@ def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monk
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert_same(table(tmp_path), whole)
-
-
-def test_where_is_one_place():
-    with pytest.raises(WrongInput, match="must be an address, got 'a b'"):
-        Where(scheduler="a b")
-    with pytest.raises(WrongInput, match="omit it with --scheduler"):
-        Where(scheduler="tcp://127.0.0.1:8786", workers=2)
 
 
 # The folder.
@@ -258,13 +229,6 @@ def test_a_folder_is_one_studys_until_that_is_killed(tmp_path):
     with alone_in(folder):
         pass
     assert list(folder.iterdir()) == []
-
-
-def test_a_folder_that_cannot_be_locked_is_one_sentence(tmp_path):
-    (tmp_path / "out").write_text("mine")
-    with pytest.raises(OutputError, match="could not be written"), alone_in(tmp_path / "out"):
-        pass
-    assert (tmp_path / "out").read_text() == "mine"
 
 
 # A cluster.

@@ -12,7 +12,7 @@ from PIL import Image
 from experiments.studies import LINES, study
 from experiments.sweep import beside_model
 from fjh.study.result import records_of
-from tests.experiments.conftest import AT_NIGHT
+from tests.conftest import AT_NIGHT
 from tests.experiments.results import Results
 
 pytestmark = pytest.mark.long
@@ -21,15 +21,15 @@ pytestmark = pytest.mark.long
 @pytest.fixture
 def results(request, name) -> Results:
     """Of the study of this name, by day the short one if there is one."""
-    at_night = request.node.get_closest_marker("night")
-    short = "short_" if f"{name}_folder" in AT_NIGHT and not at_night else ""
-    return Results(request.getfixturevalue(f"{short}{name}_folder"), name)
+    if name in AT_NIGHT and not request.node.get_closest_marker("night"):
+        return Results(request.getfixturevalue("smaller_study")(name), name)
+    return Results(request.getfixturevalue(f"{name}_folder"), name)
 
 
 WHOLE = [
     pytest.param(name, marks=pytest.mark.night, id=f"{name} in full")
     for name in LINES
-    if f"{name}_folder" in AT_NIGHT
+    if name in AT_NIGHT
 ]
 
 

@@ -13,7 +13,6 @@ from experiments.systems import (
     Mechanism,
     Probed,
     classified,
-    coast,
     respond,
 )
 from sim import MODELS, Jacobians, Plant, jacobians, load_model
@@ -81,24 +80,6 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     reach = jac.J_T @ motions
     assert np.linalg.matrix_rank(reach) == len(task)
     np.testing.assert_allclose(np.delete(reach, task, axis=0), 0.0, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", ["hand", "arms", "platform"])
-def test_no_torque_failure_of_a_loop_leaves_self_motion(name):
-    """With any one motor limp the others, held, still hold everything, and not by a hair."""
-    jac, motions = nominal(name)
-    for k in range(len(jac.active)):
-        held = motions[np.delete(jac.active, k)]
-        assert np.linalg.svd(held, compute_uv=False)[-1] > 0.05
-
-
-def test_the_arm_points_whichever_joint_fails():
-    """Any one lock leaves both pointing rows; any but the elbow's leaves all six."""
-    J = nominal("arm")[0].J_T
-    for k in range(7):
-        rest = np.delete(J, k, axis=1)
-        assert np.linalg.svd(rest[:2], compute_uv=False)[-1] > 0.5
-        assert np.linalg.matrix_rank(rest, tol=1e-3) == (5 if k == 3 else 6)
 
 
 @each_name
@@ -233,15 +214,6 @@ def test_each_mechanism_is_classified_as_a_mechanic_would(
     assert one["constrained_active"] == one["simulated_constrained_active"] == constrained
 
 
-def test_an_arm_keeps_pointing_whatever_joint_locks_and_loses_a_column(entries):
-    """Serial arms: the failed column is dropped, section 2.3.2."""
-    _, healthy = classified(model_of("arm"), BY_NAME["arm"], "SSSSSSS")
-    _, locked = classified(model_of("arm"), BY_NAME["arm"], "SSSLSSS")
-    np.testing.assert_array_equal(locked.J, np.delete(healthy.J, 3, axis=1))
-    assert not entries["arm", "4 locked"]["unmanipulable"]
-    assert entries["arm", "4 locked"]["lost_task_directions"] == 1
-
-
 def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
     mechanism = BY_NAME["hand"]
@@ -252,8 +224,3 @@ def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     dropped = moved - np.delete(healthy.J, 0, axis=1) @ np.eye(3)
     assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)
     assert np.linalg.norm(dropped) > 0.1 * np.linalg.norm(moved)
-
-
-def test_a_push_leaves_a_healthy_mechanism_at_rest_and_a_limp_one_coasting():
-    assert np.abs(coast(probed(BY_NAME["platform"], "SSSS"))).max() < 1e-6
-    assert np.abs(coast(probed(BY_NAME["platform"], "FFSS"))).max() > 0.05

@@ -4,15 +4,9 @@ import copy
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
-import pytest
 
 from experiments.table1 import (
-    MISMATCH_TOLERANCE,
-    NOT_FLOWN,
     REPRESENTATIVE,
-    by_angle,
-    checks,
     mismatched_errors,
     mismatched_rigs,
 )
@@ -52,28 +46,3 @@ def test_drift_of_the_detectors_zero_is_not_charged_to_the_controller():
     )
     np.testing.assert_allclose(predicted, expected)
     assert (predicted > 1.1 * still).any()
-
-
-def flown(off: float | None) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """W_a as predicted, with mismatch off by a part in beta or not flown; and no further run."""
-    both = (2.5, 3.0)
-    row = {"name": "W_a", "origin": "fitted", "closure_residual_max_m": 1e-9}
-    row |= by_angle("*_rms_urad", both) | by_angle("predicted_*_rms_urad", both)
-    row |= by_angle("mismatched_predicted_*_rms_urad", NOT_FLOWN if off is None else both)
-    theirs = NOT_FLOWN if off is None else (2.5, 3.0 * (1 + off))
-    row |= by_angle("mismatched_*_rms_urad", theirs)
-    return pd.DataFrame([row]), pd.DataFrame(columns=["runs", "closure_residual_max_m"])
-
-
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_pointing_that_does_not_hold_fails_the_check_by_name(sign):
-    assert all(check.passed for check in checks(*flown(sign * 0.9 * MISMATCH_TOLERANCE), 16.0))
-    found = checks(*flown(sign * 1.1 * MISMATCH_TOLERANCE), 16.0)
-    (failed,) = [check for check in found if not check.passed]
-    assert "RMS error of beta with all mismatches" in str(failed)
-
-
-def test_where_nothing_was_flown_nothing_is_checked():
-    found = checks(*flown(None), 16.0)
-    assert all(check.passed and "mismatches" not in check.what for check in found)
-    assert len(checks(*flown(0.0), 16.0)) == len(found) + 2
