@@ -9,7 +9,6 @@ import pytest
 from experiments.force import (
     FIXTURE,
     HOT,
-    LEVERED,
     PLATFORM_MJCF,
     PLATFORM_TASK,
     SPARING,
@@ -28,7 +27,6 @@ from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, jacobians, load_model
 from tests.experiments.results import Results
-from tests.force_theorems import theorem_7, theorem_8
 
 
 @pytest.fixture(scope="module")
@@ -101,21 +99,6 @@ def test_every_simulated_force_is_the_mappings(tables):
     assert trials[trials.kind != "locked"].pressed_major_off_percent.max() < 0.005
     # 36 closures and a fixture together stay as closed as those of Table I.
     assert trials.closure_residual_max_m.max() < 5e-9
-
-
-def test_torques_of_the_healthy_hexapod_are_those_of_the_printed_theorems(data, lines):
-    """Eqs. (34) and (36) with the closed-form Jacobian, and Theorem 9."""
-    J, asked = np.linalg.inv(lines), data["asked_wrench"]
-    J_m, J_s = J[MAJOR], J[SECONDARY]
-    W3, W4 = np.diag(SPARING), np.diag(LEVERED)
-    major, goals = theorem_7(J_m, J_s, W3, W4)
-    printed = {
-        7: asked[:, MAJOR] @ major.T + asked[:, SECONDARY] @ goals[:, 6:].T,
-        8: asked[:, MAJOR] @ theorem_8(J_m, J_s, W3)[0].T,
-        9: asked @ J,
-    }
-    for theorem, torques in printed.items():
-        np.testing.assert_allclose(data[f"sound_theorem_{theorem}_torques_n"], torques, atol=1e-9)
 
 
 def test_what_is_exact_is_not_cheaper_and_what_is_cheaper_is_not_exact(tables):

@@ -267,16 +267,3 @@ def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
         e = np.abs(change).max() / size(nominal(), norm)
         assert tried.loc[theirs, norm] == pytest.approx(e, rel=1e-12)
         assert round(e, 4) == paper.JACOBIAN_VARIATION[norm]
-
-
-def test_a_part_of_the_stroke_that_would_do_does(study):
-    tried = study.tables["tried"].set_index("reading")
-    low, high = tried.loc["inverse of J", ["low_fraction", "high_fraction"]]
-    for part, fits in ((low + high) / 2, True), (0.9 * low, False), (1.1 * high, False):
-        e = {n: variation(machine(), part * STROKE_M, n, inverse).value for n in NORMS}
-        tolerance = paper.JACOBIAN_VARIATION_TOLERANCE
-        both = [abs(e[n] - paper.JACOBIAN_VARIATION[n]) < tolerance for n in NORMS]
-        assert all(both) == fits
-    assert tried.loc["twist, base axes", ["low_fraction", "high_fraction"]].isna().all()
-    # Local searches end at corners, all of them above the printed number.
-    assert tried.frobenius["twist; lowest local maximum"] > 0.0015

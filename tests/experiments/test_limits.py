@@ -1,7 +1,5 @@
 """The study of limits in the loop: its oracle, its strategies and its checks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,15 +18,8 @@ from experiments.limits import (
     redistributed,
     room,
 )
-from fjh.rig.hexapod.amplifier import displacement_limits
-from fjh.rig.hexapod.closed_form import hexapod
-from fjh.rig.hexapod.controller import StrutMapping
-from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import Testbed
-from ftc import Goal, PrioritizedController
 from prioritized import ConstrainedSystem
-from sim import Failure
 from tests.experiments.results import Results
 from tests.profiles import examples
 
@@ -108,31 +99,6 @@ def test_joints_of_the_arm_keep_their_range_and_the_elbow_its_lock():
     assert np.abs(joint_rad).max() <= RANGE_RAD + 1e-12
     locked = joint_rad[len(joint_rad) // 2 + 1 :, 3]
     assert np.ptp(locked) == 0.0
-
-
-@pytest.mark.long
-def test_near_a_singularity_the_demand_is_bounded_but_amplifiers_saturate(model):
-    """One pointing direction is lost at the nominal pose, and back with a gain of 1e-5 beside it.
-
-    An exact mapping spends all that limits allow on it: they do not replace damping.
-    """
-    stiffness = strut_and_payload_stiffness(model)
-    testbed = replace(nominal_testbed(), stiffness=stiffness)
-    goal = Goal(joint_weight=(1.0,) * 6, locked_at={2: 0.0, 5: 0.0}, free=(0, 3))
-    strike = [Failure(2, "locked"), Failure(5, "locked"), Failure(0, "free"), Failure(3, "free")]
-    box = displacement_limits(model, testbed.amplifier())
-    demand_rad, saturated = {}, {}
-    for name, limits in (("without", None), ("within", box)):
-        mapping = StrutMapping(hexapod(model), goal, "analytic", stiffness, limits=limits)
-        controller = PrioritizedController(
-            testbed.loops, mapping, testbed.amplifier(), 0.0, anti_windup=True
-        )
-        path = testbed.bench.spiral_rad(2.0)
-        run = hexapod_rig(testbed).fly(controller, path, failures=strike)
-        demand_rad[name] = np.abs(run.state.asked.demand).max()
-        saturated[name] = (np.abs(run.inputs) > 99.9).any(axis=1).mean()
-    assert demand_rad["within"] < 0.3 * demand_rad["without"]
-    assert min(saturated.values()) > 0.5
 
 
 def test_the_data_have_the_errors_of_the_table_and_strict_priority_points(limits_folder):

@@ -22,7 +22,6 @@ from experiments.recover.tables import (
     delays,
     grouped,
     noise_of,
-    notes,
     per_hour,
     share,
 )
@@ -209,18 +208,6 @@ def test_events_have_rows_a_table_and_checks(tmp_path):
     thrown = flown.assign(peak_supervised_since=99.0, closure_residual_max_m=2e-7)
     [found] = failed(study, rows=thrown, by_event=good)
     assert "an event throws far" in found
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_a_robot_recovers_from_events_by_the_same_command(tmp_path):
-    hand = HEXAPOD_MJCF.with_name("hand.xml")
-    words = ["--model", str(hand), "--major", "3,4", "--events", "--quick", "--workers", "1"]
-    assert main(["recover", *words, "--quiet", "--out", str(tmp_path)]) in (0, 1)
-    study = Results(tmp_path, "recover")
-    assert tuple(study.tables["by_event"].event) == plan.QUICK_ROBOT_EVENTS
-    refused = study.rows.assign(status="refused", message="motor1 has no spring")
-    assert notes(refused, study.tables) == ["Not simulated: motor1 has no spring."]
 
 
 @pytest.mark.parametrize(

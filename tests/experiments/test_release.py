@@ -52,12 +52,6 @@ def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
     assert abs(hexapod(model).displacements(pose)[0]) > 1e-6
 
 
-def test_in_orbit_nothing_needs_the_preload(model):
-    plant = Plant(weightless(model))
-    plant.settle(0.1)
-    assert np.abs(plant.displacement()).max() == np.abs(plant.data.qfrc_passive).max() == 0.0
-
-
 @pytest.mark.parametrize("kind", ["free", "loose"])
 def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
     """Z (Z^T K Z)^-1 Z^T B u: constraint softness must not leak a stiff spring into a soft motion.
@@ -78,19 +72,6 @@ def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
     by_model = -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ command)
     # The linearization's own finite differences are good to 1e-7.
     np.testing.assert_allclose(by_model, by_springs, rtol=1e-6)
-
-
-def test_a_push_at_the_payload_does_the_work_of_its_wrench(model):
-    """Force on the velocities is J_T^T times the wrench, wherever the centre of mass is."""
-    plant = Plant(model)
-    wrench = np.array([0.1, -0.2, 0.3, 1.0, 2.0, -1.5])
-    jac = jacobians(plant.model, plant.data, "payload", "base")
-    mujoco.mj_forward(plant.model, plant.data)
-    alone = plant.data.qfrc_smooth.copy()
-    plant.push(wrench)
-    mujoco.mj_forward(plant.model, plant.data)
-    # Against a weight of 60 N.
-    np.testing.assert_allclose(plant.data.qfrc_smooth - alone, jac.J_T.T @ wrench, atol=1e-12)
 
 
 def test_with_its_spring_a_freed_strut_costs_what_a_locked_one_does(spirals, table1):

@@ -16,7 +16,7 @@ from experiments.systems import (
     respond,
 )
 from sim import MODELS, Jacobians, Plant, jacobians, load_model
-from sim.mjcf import joint_stiffness, mass_matrix
+from sim.mjcf import mass_matrix
 
 PERIOD_S = 1e-3
 STROKE = 1e-3
@@ -25,9 +25,6 @@ CLOSURE_LIMIT_M = 1e-7
 BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
 FREEDOMS = {"arm": 7, "hand": 3, "arms": 6, "platform": 3}
 each_name = pytest.mark.parametrize("name", FREEDOMS)
-each_actuator = pytest.mark.parametrize(
-    ("name", "k"), [(name, k) for name, it in BY_NAME.items() for k in range(len(it.conditions[0]))]
-)
 
 
 @cache
@@ -48,15 +45,6 @@ def admissible(name: str, seed: int) -> np.ndarray:
     jac, motions = nominal(name)
     free = motions[jac.active] @ np.random.default_rng(seed).normal(size=motions.shape[1])
     return STROKE * free / np.abs(free).max()
-
-
-def swing(plant: Plant, command: np.ndarray, seconds: float) -> float:
-    """Follow the command as a sine of 2 Hz; the largest closure residual on the way."""
-    worst = 0.0
-    for _ in range(round(seconds / PERIOD_S)):
-        plant.step(command * np.sin(4 * np.pi * plant.data.time), PERIOD_S)
-        worst = max(worst, plant.closure_residual_m())
-    return worst
 
 
 # The files.
@@ -116,40 +104,6 @@ def test_servos_reach_admissible_displacements_and_move_the_payload(name, seed):
     for part in (slice(0, 3), slice(3, 6)):
         error = np.linalg.norm(moved[part] - expected[part])
         assert error < 0.02 * np.linalg.norm(expected[part])
-
-
-@each_actuator
-def test_a_joint_locked_in_flight_stays_and_a_released_one_feels_no_force(name, k):
-    """To a thousandth of the motion; neither motor nor spring nor damper."""
-    locked, command = Plant(model_of(name)), admissible(name, seed=4)
-    swing(locked, command, 0.06)
-    locked.lock(k)
-    where = locked.displacements()[k]
-    for _ in range(100):
-        assert swing(locked, command, PERIOD_S) < CLOSURE_LIMIT_M
-        assert abs(locked.displacements()[k] - where) < 1e-6
-    released = Plant(model_of(name))
-    swing(released, command, 0.06)
-    released.release(k)
-    assert swing(released, command, 0.1) < CLOSURE_LIMIT_M
-    dof = nominal(name)[0].active[k]
-    assert released.coil_force_n()[k] == released.data.qfrc_actuator[dof] == 0.0
-    assert np.all(np.delete(released.coil_force_n(), k) != 0.0)
-    np.testing.assert_array_equal(released.data.qfrc_passive, 0.0)
-    np.testing.assert_array_equal(joint_stiffness(released.model), 0.0)
-
-
-@pytest.mark.parametrize("k", range(7))
-def test_a_released_joint_of_the_arm_coasts(k):
-    """With all others locked its momentum is kept: the locks give way by nanometres only."""
-    plant = Plant(model_of("arm"))
-    plant.release(k)
-    for other in set(range(7)) - {k}:
-        plant.lock(other)
-    plant.data.qvel[k] = 1.0
-    plant.step(np.zeros(7), 0.2)
-    assert plant.data.qvel[k] == pytest.approx(1.0, abs=1e-5)
-    assert plant.displacements()[k] == pytest.approx(0.2, abs=1e-5)
 
 
 def test_the_humanoid_floats_has_29_joints_and_is_its_own_mirror_image():

@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 
 from experiments.uncorrected import (
-    CANDIDATES,
     Candidate,
     at_crossover,
     damped,
@@ -24,7 +23,6 @@ from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
-from fjh.rig.prediction import open_loop, pole_radius
 from fjh.rig.run import Run, rms
 from ftc import Goal
 from sim import NOMINAL, Failure, Plant, linearize
@@ -185,13 +183,3 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
     assert np.isinf(errors[1]).all()
     assert np.isinf(poles[1]).all()
     assert np.all(poles[0] < 1)
-
-
-@pytest.mark.long
-def test_an_unstable_loop_has_no_predicted_error_and_a_finite_run():
-    candidate = Candidate("resonance", CANDIDATES["resonance"])
-    testbed = candidate.testbed
-    assert predicted(testbed, candidate, "W_d") is None
-    assert predicted(testbed, candidate, "W_a") is not None
-    rig = hexapod_rig(testbed)
-    assert pole_radius(open_loop(rig, rig.goal)) < 1

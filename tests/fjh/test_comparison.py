@@ -116,22 +116,11 @@ def test_a_check_that_fails_and_did_not_is_exit_code_one(capsys):
     assert main(["results", "b.json", "--against", "b.json"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("contents", "why"),
-    [
-        (("{", "{}"), "a.json is not readable JSON"),
-        (("[]", "[]"), "a.json is no result of a study"),
-        (('{"experiment": []}',) * 2, "a.json is no result of a study"),
-        (('{"experiment": "table1"}', '{"experiment": "force"}'), "is of fjh table1, b.json of"),
-        (('{"experiment": "x", "x": ' + '{"x": ' * 960 + "1" + "}" * 961,) * 2, "a.json"),
-    ],
-)
-def test_what_is_no_pair_of_results_is_one_sentence(capsys, contents, why):
-    for name, content in zip("ab", contents, strict=True):
-        Path(f"{name}.json").write_text(content)
+def test_results_of_two_studies_are_not_compared(capsys):
+    for name, study in (("a", "table1"), ("b", "force")):
+        Path(f"{name}.json").write_text(json.dumps({"experiment": study}))
     assert main(["results", "b.json", "--against", "a.json"]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("fjh: ") and why in error and error.count("\n") == 1
+    assert "is of fjh table1, b.json of" in capsys.readouterr().err
 
 
 def test_nothing_that_is_printed_commands_a_terminal(capsys):

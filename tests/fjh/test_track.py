@@ -250,14 +250,6 @@ def test_no_command_leaves_a_limit_that_binds_and_other_joints_do_the_task(tmp_p
     assert error[2] > 10 * error[1]
 
 
-@pytest.mark.long
-def test_a_published_robot_moves_by_encoders_alone(tmp_path):
-    """Held against gravity; forward kinematics through the gear of its fingers."""
-    one = tracked(panda(tmp_path), **TO_THE_HAND, sense="joints", diagnosis="off")
-    rows = one.tables["rows"]
-    np.testing.assert_allclose(rows.rms_before, rows.predicted_rms_before, rtol=0.2)
-
-
 # What most of an error comes from.
 
 
