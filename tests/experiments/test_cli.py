@@ -132,10 +132,6 @@ def test_an_empty_path_is_not_the_current_folder(refused, command):
     assert f"after {command} is empty" in refused(command, "")
 
 
-def test_the_sentence_commands_no_terminal(refused):
-    refused("track", "a\x1b[2J\nb.xml")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [

@@ -16,7 +16,6 @@ from experiments.systems import (
     respond,
 )
 from sim import MODELS, Jacobians, Plant, jacobians, load_model
-from sim.mjcf import mass_matrix
 
 PERIOD_S = 1e-3
 STROKE = 1e-3
@@ -68,21 +67,6 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     reach = jac.J_T @ motions
     assert np.linalg.matrix_rank(reach) == len(task)
     np.testing.assert_allclose(np.delete(reach, task, axis=0), 0.0, atol=1e-15)
-
-
-@each_name
-def test_servos_are_fast_and_near_critical_damping(name):
-    """Modes of the closed mechanism on its servos between 10 and 30 Hz, damping 0.5 to 1.5."""
-    model, (jac, motions) = model_of(name), nominal(name)
-    gain, damper = np.zeros((2, model.nv))
-    gain[jac.active] = model.actuator_gainprm[:, 0]
-    damper[jac.active] = -model.actuator_biasprm[:, 2]
-    mass = motions.T @ mass_matrix(model, mujoco.MjData(model)) @ motions
-    squares, shapes = scipy.linalg.eigh(motions.T @ np.diag(gain) @ motions, mass)
-    omega = np.sqrt(squares)
-    assert np.all((omega > 2 * np.pi * 10) & (omega < 2 * np.pi * 30))
-    damping = np.einsum("ij,i,ij->j", motions @ shapes, damper, motions @ shapes) / (2 * omega)
-    assert np.all((damping > 0.5) & (damping < 1.5))
 
 
 @each_name
