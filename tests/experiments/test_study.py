@@ -16,10 +16,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.app.command import conduct
 from experiments.study import Where, basis_of, rows_of
 from fjh.study import provenance, workers
 from fjh.study.errors import Interrupted, OutputError, Unsound, WrongInput
 from fjh.study.files import LOCK, STAGING, UNFINISHED, alone_in
+from fjh.study.option import OnProgress
 from fjh.study.result import Result
 from fjh.study.workers import finished, in_parallel, processes
 from tests.experiments import work
@@ -192,6 +194,18 @@ def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path
     assert table(tmp_path)["value"].tolist() == [row(run)["value"] for run in TEN]
 
 
+def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
+    """A study may compute for minutes beside its rows."""
+
+    def slow(*, folder: Path, on_progress: OnProgress) -> Result:
+        table(folder)
+        raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted, match="finished runs are kept, and --resume continues"):
+        conduct(slow, tmp_path, shown=False)
+    assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
+
+
 def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # nor cut what others import
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -269,6 +283,7 @@ def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys,
 
 TLS = """
 from distributed import LocalCluster, Security
+from experiments.app.command import conduct
 from experiments.study import Where, basis_of, rows_of
 from fjh.study.errors import WrongInput
 from pathlib import Path
