@@ -367,23 +367,6 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(words, capfd, tmp_path):
     assert ASKED[words] in refused(capfd, tmp_path / "out", *usual, *words.split())
 
 
-OF_A_FILE = {
-    **{"site": "stem1", "axes": "base", "major": "3,4", "noise": "1e-6", "crossover": "5"},
-    **{"period": "0.002", "joint-weight": "2", "secondary-weight": "1", "pinned": "payload"},
-    **{"limits": "none", "keyframe": "0", "servo": "20", "sense": "task"},
-}
-
-
-def test_the_hexapod_refuses_an_option_that_would_do_nothing(capfd, tmp_path):
-    for name, value in OF_A_FILE.items():
-        said = refused(capfd, tmp_path / "out", f"--{name}", value)
-        assert said.startswith(f"fjh: --{name} needs a MODEL.xml")
-    others = {each.name for each in fields(RobotOptions)} - {
-        name.replace("-", "_") for name in OF_A_FILE
-    }
-    assert others == {"size", "feedforward"}
-
-
 def test_a_path_beyond_the_ranges_names_the_actuators_at_their_limits(capfd, tmp_path, monkeypatch):
     """A text that is no failure is refused before a file is read."""
     words = "--site hand --major 1,3,5 --crossover 0.5 --size 0.05 --turn 8"
