@@ -84,17 +84,7 @@ def test_every_event_has_cases_and_those_of_one_draw_differ_in_it_alone():
     assert len(times) == len(same) == 12
     told = {case.events[0].name for case in cases if "informed" in case.compared}
     assert told == {name for name in EVENTS if name in get_args(FailureKind)}
-    # All courses and struts are run with either family, some before all is learned.
-    cases = cases[:12]
-    after_s = [case.happens_s - case.begin_s for case in cases]
-    assert sum(each < 0.8 for each in after_s) == 2 and max(after_s) > 2.0
-    for mismatch in ("all", "other family"):
-        own = [case for case in cases if case.mismatch == mismatch]
-        assert len({(case.course, case.turn_s, case.radius) for case in own}) == plan.COURSES
-        assert {case.events[0].actuator for case in own} == set(range(6))
-    for case in cases:
-        assert case.begin_s + case.duration_s <= 16.0
-        assert case.path(exact_rig()).shape == (round(1e3 * case.duration_s), 2)
+    assert {case.events[0].actuator for case in cases[:12]} == set(range(6))
 
 
 def test_the_other_family_is_log_normal_correlated_and_twice_as_wide():
