@@ -15,9 +15,11 @@ import pandas as pd
 
 from fjh.study.errors import Interrupted, OutputError, Unsound, WrongInput
 from fjh.study.files import UNFINISHED
+from fjh.study.foreign import read_json
 from fjh.study.option import OnProgress, Option
 from fjh.study.provenance import code_sha256, processor, versions
 from fjh.study.result import plain
+from fjh.study.spelling import check_file
 from fjh.study.workers import CORES, cluster, finished, processes
 from sim.mjcf import model_sha256
 
@@ -162,13 +164,13 @@ def _kept(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | None
     file, index = folder / UNFINISHED, folder / f"{name}.json"
     again = f"to start again, remove {file}"
     try:
-        if file.exists():
+        if os.path.lexists(file):
             if resume is False:
                 raise WrongInput(f"--out {folder} has unfinished runs: --resume, or {again}")
             former, *rows = _lines(file) or [{}]
-        elif resume and index.exists():
-            former = json.loads(index.read_bytes())["basis"]
-            rows = pd.read_parquet(folder / f"{name}.parquet").to_dict("records")
+        elif resume and os.path.lexists(index):
+            former = read_json(index)["basis"]
+            rows = pd.read_parquet(check_file(folder / f"{name}.parquet")).to_dict("records")
         else:
             return []
         changed = [name for name in basis if former.get(name) != basis[name]]
@@ -185,7 +187,7 @@ def _kept(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | None
 
 def _lines(file: Path) -> list[Row]:
     """What the lines of a file hold; a last one that was not written to its end is removed."""
-    *whole, torn = file.read_bytes().split(b"\n")
+    *whole, torn = check_file(file).read_bytes().split(b"\n")
     if torn:
         os.truncate(file, file.stat().st_size - len(torn))
     return [json.loads(line) for line in whole]

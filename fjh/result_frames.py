@@ -67,9 +67,11 @@ def _named(
     frames = [pd.DataFrame(each) for each in (runs, checks, kinds)]
     # Numbers of other studies may be missing beside them, and whole numbers stay whole.
     frames = [each.astype(dict.fromkeys(each.select_dtypes("integer"), "Int64")) for each in frames]
-    for frame in frames:
-        frame.insert(0, "folder", str(folder))
-        frame.insert(0, "study", name)
+    for k, frame in enumerate(frames):
+        own = frame.get("study", name)  # a recording says itself which study it is of
+        frames[k] = frame.drop(columns=["study", "folder"], errors="ignore")
+        frames[k].insert(0, "folder", str(folder))
+        frames[k].insert(0, "study", own)
     return tuple(frames)
 
 

@@ -25,18 +25,23 @@ profiles.register()
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-AT_LENGTH = {
-    *(f"{name}_folder" for name in LINES),
-    *("scheduler", "compared"),
-}
-"""Fixtures that run a study or a cluster."""
+AT_NIGHT = {"table1", "release", "systems", "recover", "goals", "jacobian", "limits", "uncorrected"}
+"""Studies that take 15 s of a core and more: by day the contract of studies holds smaller ones."""
+PAGES = Path(__file__).with_name("project")
+"""Its tests show what a reader of the pages has, by day as well."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as long whatever needs the files of a study, however it comes by them."""
     for item in items:
-        if AT_LENGTH & set(getattr(item, "fixturenames", ())):
+        names = set[str](getattr(item, "fixturenames", ()))
+        if callspec := getattr(item, "callspec", None):
+            names.add(f"{callspec.params.get('study')}_folder")
+        if names & {"scheduler", "compared", *(f"{name}_folder" for name in LINES)}:
             item.add_marker(pytest.mark.long)
+        if names & {f"{name}_folder" for name in AT_NIGHT} and PAGES not in item.path.parents:
+            item.add_marker(pytest.mark.long)
+            item.add_marker(pytest.mark.night)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -23,7 +23,7 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
 from fjh.study.foreign import read_arrays
-from fjh.study.spelling import LARGEST_FILE
+from fjh.study.spelling import LARGEST_FILE, check_file
 from sim import MODELS, load_model
 from sim.mjcf import model_sha256
 
@@ -178,7 +178,7 @@ def _machine_of(path: Path, found: Mapping[str, Any], given: Path | None) -> Pat
     """The machine file of a run, by what its recording states."""
     named, sha256 = str(found["model_file"]), found["model_sha256"]
     if given is not None:
-        if sha256 != model_sha256(given):
+        if sha256 != model_sha256(check_file(given)):
             raise WrongInput(f"{path} is a run of another machine; --model FILE draws that")
         return given
     candidates: Iterator[Path] = (Path(each) for each in ([named] if named else []))

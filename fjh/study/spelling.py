@@ -38,6 +38,8 @@ def check_file(path: Path) -> Path:
             return path
         if path.exists():
             raise WrongInput(f"{shown} is no file but a folder, a pipe or a device")
+        if path.is_symlink():
+            raise WrongInput(f"{shown} is a symbolic link that leads to no file")
         others = (each for each in path.parent.iterdir() if each != path and each.is_file())
         beside = [str(each) for each in others if each.suffix == path.suffix]
     except (OSError, ValueError):  # there is no such folder; or it is no path at all

@@ -1,26 +1,15 @@
 """Studies that only these tests need, made by their commands once a session."""
 
 import logging
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.conftest import fjh, folder_of
-
-AT_NIGHT = {f"{name}_folder" for name in ("table1", "release", "goals", "recover")}
-"""Studies that take 30 to 60 s of a core: by day they run at the size of the `short_` fixtures."""
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave for the night what needs one of these studies at its own length."""
-    for item in items:
-        needs = AT_NIGHT & set(getattr(item, "fixturenames", ()))
-        if needs and Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.long)
-            item.add_marker(pytest.mark.night)
-
 
 HERE = ("--workers", "2")
 SHORT_SWEEP = Path(__file__).with_name("short_sweep.toml")
@@ -51,44 +40,54 @@ def smaller(made_once):
     return made
 
 
-@pytest.fixture(scope="session")
-def short_table1_folder(smaller):
-    """A second of the spiral."""
-    from experiments.table1 import CONFIGURATIONS
+def second_of_the_spiral() -> Any:
     from fjh.rig.hexapod.testbed import TestbedConfig
 
-    bench = TestbedConfig(quick_duration_s=1.0)
-    return smaller("table1", {"table1.CONFIGURATIONS": CONFIGURATIONS | {"calibrated": bench}})
+    return TestbedConfig(quick_duration_s=1.0)
+
+
+def smaller_values(name: str) -> dict[str, Any]:
+    """By day: a second of the spiral, and of each sort the first or the one that costs least."""
+    if name == "table1":
+        from experiments.table1 import CONFIGURATIONS
+
+        return {"table1.CONFIGURATIONS": CONFIGURATIONS | {"calibrated": second_of_the_spiral()}}
+    if name == "release":
+        from experiments.release import RATIOS
+        from fjh.rig.hexapod.rig import nominal_testbed
+
+        testbed = nominal_testbed(second_of_the_spiral())
+        ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # of which --quick takes every third
+        return {"release.nominal_testbed": lambda: testbed, "release.RATIOS": ratios}
+    if name == "goals":  # the singularity of the arm
+        from experiments.goals import GOALS
+
+        return {"goals.GOALS": GOALS[3:]}
+    if name == "recover":
+        from experiments.recover.plan import QUICK
+
+        few = [(*block[:3], 1) for block in QUICK if block[2] in (0.3, 1.0)]
+        return {"recover.plan.QUICK": few}
+    if name == "systems":
+        from experiments.systems import MECHANISMS
+
+        few = [replace(each, conditions=each.conditions[:2]) for each in MECHANISMS[:2]]
+        return {"systems.MECHANISMS": few}
+    if name == "limits":
+        from experiments.limits import Strategy
+
+        how = [Strategy(kind) for kind in ("strict", "clipping", "unlimited")]
+        how.insert(1, Strategy("strict", slowness=inf))
+        return {"limits.strategies": lambda *, quick, loop: how if loop else [how[0], *how[2:]]}
+    if name == "uncorrected":
+        return {"uncorrected.QUICK": ("lost_strut",), "uncorrected.ROLL_OFF_HZ": (25.0,)}
+    return {}  # of jacobian --quick, without its loop
 
 
 @pytest.fixture(scope="session")
-def short_release_folder(smaller):
-    """A second of the spiral, the first and the last stiffness."""
-    from experiments.release import RATIOS
-    from fjh.rig.hexapod.rig import nominal_testbed
-    from fjh.rig.hexapod.testbed import TestbedConfig
-
-    testbed = nominal_testbed(TestbedConfig(quick_duration_s=1.0))
-    ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # of which --quick takes every third
-    values = {"release.nominal_testbed": lambda: testbed, "release.RATIOS": ratios}
-    return smaller("release", values)
-
-
-@pytest.fixture(scope="session")
-def short_goals_folder(smaller):
-    """The stroke of the hexapod, and the singularity of the arm."""
-    from experiments.goals import GOALS
-
-    return smaller("goals", {"goals.GOALS": GOALS[1::2]})
-
-
-@pytest.fixture(scope="session")
-def short_recover_folder(smaller):
-    """A case of each sort."""
-    from experiments.recover.plan import QUICK
-
-    few = [(*block[:3], 1) for block in QUICK if block[2] in (0.3, 1.0)]
-    return smaller("recover", {"recover.plan.QUICK": few})
+def smaller_study(smaller) -> Callable[[str], Path]:
+    """The folder of one of the studies `AT_NIGHT` by day."""
+    return lambda name: smaller(name, smaller_values(name))
 
 
 FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")

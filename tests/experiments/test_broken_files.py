@@ -34,20 +34,20 @@ SOUND_UNLESS_OTHERWISE = CUT_OFF.keys() | {"a flipped byte"}
 ANY = NO_FILES | CONTENTS
 SOME = {kind: ANY[kind] for kind in ("missing", "pipe", "endless", "pickled")}
 """Of a reader that reads as another one does."""
-BESIDE = {kind: NO_FILES[kind] for kind in ("pipe", "folder", "symbolic loop", "endless")}
+BESIDE = {kind: each for kind, each in NO_FILES.items() if kind != "missing"}
 NO_MACHINE = {"no machine": MODELS["no machine"]}
 READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
     "review of a run": ("made.npz", "review {file} --out {out}/it.rrd", ANY | ARRAYS),
     "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", BESIDE | CUT_OFF),
     "recording of a run": ("made.rrd", "review {folder} --out {out}/it.rrd", CONTENTS | CUT_OFF),
     "index of a run": ("made.json", "review {folder} --out {out}/it.rrd", BESIDE | CONTENTS | JSON),
-    "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", BESIDE),
+    "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", NO_FILES),
     "animate": ("made.npz", "animate {file} --out {out}/it.gif", SOME | CUT_OFF),
     "render": ("made.rrd", "render {file} --out {out}/it.png", NO_FILES),
     "results": ("result.json", "results {folder}", BESIDE | CONTENTS | JSON),
     "results against": ("result.json", f"results {PUBLISHED} --against {{file}}", ANY | JSON),
     "sweep --design": ("it.toml", "sweep --design {file} --out {out}", ANY),
-    "sweep --resume": ("unfinished.jsonl", "sweep --resume --out {folder}", CONTENTS),
+    "sweep --resume": ("unfinished.jsonl", "sweep --resume --out {folder}", BESIDE | CONTENTS),
     "track MODEL": ("it.xml", "track {file} --out {out}", ANY | MODELS),
     "track --path": ("it.npz", "track --path {file} --out {out}", ANY | ARRAYS | PATHS),
     "table1 --model": ("it.xml", "table1 --model {file} --out {out}", SOME | NO_MACHINE),

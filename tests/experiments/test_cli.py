@@ -1,6 +1,5 @@
 """The command line: wrong words in one sentence, help, completion, and what it leaves."""
 
-import json
 import os
 import re
 import shlex
@@ -19,7 +18,6 @@ from experiments.app.cli import app_of, main
 from experiments.studies import LINES, PAPER, ROBOT, command_of, study
 from fjh.study.option import words_of
 from sim import HEXAPOD_MJCF, MODELS
-from tests import rrd
 from tests.made import keep_made
 
 ROOT = Path(__file__).parents[2]
@@ -70,21 +68,16 @@ def refused(capfd, place):
 
 # Words, and what the sentence names: the argument, or the name that was meant.
 REFUSED = [
-    ("table7", "table7"),
     ("tabel1", "table1"),
     ("goals much", "much"),
-    ("systems --seed x", "--seed"),
-    ("table1 --seed -1", "--seed"),
     ("table1 --seed 4294967296", "--seed"),
     ("table1 --sed 3", "--seed"),
     ("table1 --jacobian analitic", "analytic"),
-    ("table1 --fast", "--fast"),
     # Where results are to be written.
     ("table1 --out taken", "taken"),
     ("table1 --out taken/below", "taken/below"),
     ("table1 --out dangling", "dangling"),
     (f"table1 --out {'x' * 300}", "too long"),
-    ("live --out taken", "taken"),
     ("live --out taken/below", "below"),
     ("review made.npz --out review.txt", ".rrd"),
     ("render made.rrd --out a.jpg", ".png"),
@@ -94,35 +87,25 @@ REFUSED = [
     ("track ARM --axes bse", "base"),
     ("track ARM --pinned paylaod:point", "payload"),
     ("track ARM --fail joint44:locked@1", "joint4"),
-    ("recover --model ARM --site paylaod", "payload"),
-    ("survey ARM --site paylaod", "payload"),
-    ("track --fail strt1:locked@1", "strut1"),
     ("track --fail strut1:loked@1", "locked"),
     ("track --event slow:strt1@3", "strut1"),
     ("track --event hardover:strut1@3", "hard_over"),
     ("track --path spirl", "spiral"),
     ("track --dither desinged", "designed"),
     ("track --controller json:lods", "loads"),
-    *((f"track ARM --{option} {DIGITS}", "") for option in ("keyframe", "site", "pinned")),
+    *((f"track ARM --{option} {DIGITS}", "") for option in ("keyframe", "site", "pinned", "major")),
     # Numbers that no robot has any use for, by their options.
-    *((f"track ARM --noise={value}", "noise") for value in ("1e300", "1e-300", "-1", "nan")),
-    *((f"track ARM --size={value}", "size") for value in ("1e300", "1e-300", "0", "inf")),
+    *(
+        (f"track ARM --{option}={value}", option.replace("-", "_"))
+        for option in ("noise", "size", "servo", "crossover", "period", "turn", "duration")
+        for value in ("1e300", "1e-300", "nan")
+    ),
     *((f"track ARM --joint-weight={value}", "joint_weight") for value in ("1e200", "nan", "1,x")),
-    *((f"track ARM --secondary-weight={value}", "secondary_") for value in ("1e200", "1,inf")),
-    *((f"track ARM --servo={value}", "servo") for value in ("1e9", "1e-9")),
-    *((f"track ARM --crossover={value}", "crossover") for value in ("1e300", "1e-300")),
-    *((f"track ARM --period={value}", "period") for value in ("1e9", "1e-9")),
-    *((f"track ARM --turn={value}", "turn") for value in ("1e300", "1e-300", "nan")),
-    *((f"track ARM --duration={value}", "duration") for value in ("1e300", "1e-300")),
-    *((f"track ARM --major={value}", "major") for value in (DIGITS, "0,0", "-1")),
-    (f"track ARM --seed {DIGITS}", "seed"),
+    ("track ARM --secondary-weight=1,inf", "secondary_"),
     # The page, and what is shown of runs.
-    ("live ARM --site tools --major 3,4,5", "tools"),
     ("live ARM --site payload --major 3,9", "major must be"),
     ("live --site tool", "--site needs a MODEL.xml"),
-    ("live --port 0", "--port"),
     ("live --port 70000", "--port"),
-    ("live --port many", "--port"),
     ("review empty --out a.rrd", "empty"),
     ("review made.npz made.npz --out a.rrd", "made.npz"),
     ("review made.npz --model ARM --out a.rrd", "another machine"),
@@ -137,18 +120,9 @@ def test_wrong_words_are_one_sentence_that_names_them(refused, words, named):
     assert named in refused(*[arm if word == "ARM" else word for word in words.split()])
 
 
-@pytest.mark.parametrize(
-    ("words", "near"),
-    [
-        ("track", "arm.xml"),
-        ("review", "made.npz"),
-        ("render --out a.png", "made.rrd"),
-        ("animate --out a.gif", "made.npz"),
-    ],
-)
-def test_a_mistyped_file_is_answered_with_its_neighbour(refused, words, near):
-    folder = MODELS if near == "arm.xml" else Path()
-    assert near in refused(*words.split(), str(folder / near.replace("a", "ae")))
+def test_a_mistyped_file_is_answered_with_its_neighbour(refused):
+    assert "arm.xml" in refused("track", str(MODELS / "arme.xml"))
+    assert "made.npz" in refused("review", "maed.npz")
 
 
 @pytest.mark.parametrize("command", SHOWN)
@@ -158,10 +132,6 @@ def test_an_empty_path_is_not_the_current_folder(refused, command):
     assert f"after {command} is empty" in refused(command, "")
 
 
-def test_the_sentence_commands_no_terminal(refused):
-    refused("track", "a\x1b[2J\nb.xml")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [
@@ -169,8 +139,6 @@ def test_the_sentence_commands_no_terminal(refused):
         ('<site name="payload"', '<site name="top"', 'site named "payload"'),
         ('name="coil2"', 'name="motor2"', 'actuator named "coil2"'),
         ('"tip6"', '"end6"', 'body named "tip6"'),
-        ('"strut5"', '"leg5"', 'joint named "strut5"'),
-        ('"stem1"', '"rod1"', 'body named "stem1"'),
         # Nothing is missing, but it cannot point.
         ("<weld ", "<weld active='false' ", "six degrees of freedom"),
         ('gainprm="126000"', 'gainprm="0"', "has gain 0"),
@@ -284,7 +252,6 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
 @pytest.mark.parametrize(
     ("name", "given"),
     [
-        ("table1", {"jacobian": "constant", "quick": True, "seed": 3}),
         ("survey", {"major": "x,y", "sensors": "off", "postures": 0}),
         ("track", {"crossover": 0.5, "joint_weight": "1.0,2.0", "fail": ["a:free@1", "b:free@2"]}),
         ("sweep", {"workers": 2, "resume": True}),
@@ -296,19 +263,3 @@ def test_the_words_of_options_are_read_as_these_options(name, given):
     assert len(words) <= 2 + 2 * len(given)
     read = commands()[name].make_context(name, words).params
     assert {key: read[key] for key in given} == given
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_a_quick_table_has_no_numbers_of_the_papers_length_beside_it(capsys, tmp_path):
-    words = ["table1", "--quick", "--configuration", "demand-limit", "--seed", "5"]
-    assert main([*words, "--out", str(tmp_path)]) == 0
-    printed, page = capsys.readouterr().out, (tmp_path / "table1.md").read_text()
-    summary = json.loads((tmp_path / "table1.json").read_text())
-    assert (summary["seed"], summary["configuration"]) == (5, "demand-limit")
-    for column in summary["columns"]:
-        assert f"{column['alpha_rms_urad']:.4f}" in printed
-        predicted = column["predicted_alpha_rms_urad"]
-        assert column["alpha_rms_urad"] == pytest.approx(predicted, rel=0.05)
-    for shown in (printed, page, rrd.notes(tmp_path / "W_a.rrd")):
-        assert "9.8167" not in shown and "2.4476" not in shown

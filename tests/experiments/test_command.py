@@ -1,7 +1,6 @@
 """A study as a command: what a person at a terminal and what a script sees."""
 
 import io
-import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -44,14 +43,6 @@ def run(result: Result, *words: str) -> None:
     study_app(list(words), standalone_mode=False)
 
 
-def test_tables_legends_and_notes_are_printed_with_their_units(capsys):
-    run(SOUND)
-    out, err = capsys.readouterr()
-    for word in ("Heights [m]", "Hohe <Acht> [km]", "747.00", "Above [urad].", "So it is."):
-        assert word in out
-    assert err == ""
-
-
 def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, tmp_path):
     place = tmp_path / "a folder of so long a name that eighty columns are not wide enough for it"
     run(SOUND, "--out", str(place))
@@ -61,14 +52,6 @@ def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, t
     assert following == "Next: fjh paper report --quick"
     run(SOUND, "--quick")
     assert capsys.readouterr().out.splitlines()[-1] == "Next: fjh paper measure"
-
-
-def test_a_recording_is_looked_at_next(capsys, tmp_path):
-    recorded = replace(SOUND, records=[lambda folder: (folder / "it.rrd").write_text("")])
-    run(recorded, "--out", str(tmp_path / "two words"))
-    following = capsys.readouterr().out.splitlines()[-1].removeprefix("Next: ")
-    assert shlex.split(following) == ["rerun", str(tmp_path / "two words" / "it.rrd")]
-    assert Path(shlex.split(following)[1]).is_file()
 
 
 @pytest.mark.parametrize("quiet", [False, True])

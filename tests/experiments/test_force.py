@@ -1,8 +1,6 @@
 """Theorems 7 to 9 in simulation: forces exerted on a fixture, and held against a push."""
 
-import re
 from functools import cache
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,7 +9,6 @@ import pytest
 from experiments.force import (
     FIXTURE,
     HOT,
-    LEVERED,
     PLATFORM_MJCF,
     PLATFORM_TASK,
     SPARING,
@@ -30,9 +27,6 @@ from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, jacobians, load_model
 from tests.experiments.results import Results
-from tests.force_theorems import theorem_7, theorem_8
-
-PAGE = (Path(__file__).parents[2] / "docs" / "force.md").read_text()
 
 
 @pytest.fixture(scope="module")
@@ -105,32 +99,6 @@ def test_every_simulated_force_is_the_mappings(tables):
     assert trials[trials.kind != "locked"].pressed_major_off_percent.max() < 0.005
     # 36 closures and a fixture together stay as closed as those of Table I.
     assert trials.closure_residual_max_m.max() < 5e-9
-
-
-def test_torques_of_the_healthy_hexapod_are_those_of_the_printed_theorems(data, lines):
-    """Eqs. (34) and (36) with the closed-form Jacobian, and Theorem 9."""
-    J, asked = np.linalg.inv(lines), data["asked_wrench"]
-    J_m, J_s = J[MAJOR], J[SECONDARY]
-    W3, W4 = np.diag(SPARING), np.diag(LEVERED)
-    major, goals = theorem_7(J_m, J_s, W3, W4)
-    printed = {
-        7: asked[:, MAJOR] @ major.T + asked[:, SECONDARY] @ goals[:, 6:].T,
-        8: asked[:, MAJOR] @ theorem_8(J_m, J_s, W3)[0].T,
-        9: asked @ J,
-    }
-    for theorem, torques in printed.items():
-        np.testing.assert_allclose(data[f"sound_theorem_{theorem}_torques_n"], torques, atol=1e-9)
-
-
-def test_what_is_exact_is_not_cheaper_and_what_is_cheaper_is_not_exact(tables):
-    """Simulated: the stark contrast to a conventional weighted pseudo-inverse."""
-    torques = tables["tradeoff"].set_index("way")
-    others, pseudo = torques.loc["others"], torques.loc["pseudo_inverse"]
-    assert (torques.drop("pseudo_inverse").major_off_percent < 0.01).all()
-    assert (others.weighed_over_mapping > 1).all()
-    assert (pseudo.weighed_over_mapping < 1).all()
-    assert (pseudo.major_off_percent > 0.1).all()
-    assert pseudo.major_off_percent.is_monotonic_decreasing
 
 
 def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines):
@@ -221,60 +189,3 @@ def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, 
     assert (used.weighed_rms_n < 0.9 * without.weighed_rms_n).all()
     assert (used.hot_motor_rms_n / without.hot_motor_rms_n).max() < 0.5
     assert without.least_squeeze_n["squeezed"] < 0 < used.least_squeeze_n["squeezed"]
-
-
-HOW = ("simulated", "predicted")
-
-
-def printed(label: str) -> list[float]:
-    """Numbers in the last of the page's table rows that start with a label."""
-    row = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.MULTILINE)[-1]
-    return [float(number) for number in re.findall(r"-?\d+\.?\d*", row)]
-
-
-def test_the_pages_numbers_are_those_that_come_out(tables):
-    """Its largest distances are of all six struts: strut 1 must be within, and not far below."""
-    trials = tables["theorems"].fillna({"kind": "sound"}).groupby("kind").max()
-    rows = re.findall(r"^\| (\w+) \|((?: [\w. ]+ \|){4})$", PAGE, re.MULTILINE)
-    assert {kind for kind, _ in rows} == set(trials.index)
-    for kind, cells in rows:
-        names = ("pressed_major_off", "pressed_off", "held_off", "moved")
-        for name, cell in zip(names, cells.split("|"), strict=False):
-            if "not" not in cell:
-                assert 0.3 * float(cell) < trials.loc[kind, f"{name}_percent"] < 1.1 * float(cell)
-    first = tables["prescribed"].query("load == 1").set_index(["condition", "mapping"])
-    ways = [f"{how}_{what}" for what in ("translation_um", "pointing_urad") for how in HOW]
-    for label, key in {
-        "sound": ("sound", "rigid"),
-        "locked": ("strut 1 locked", "rigid"),
-        "free": ("strut 1 free", "rigid"),
-        "free, elastic": ("strut 1 free", "elastic"),
-    }.items():
-        numbers, one = printed(label), first.loc[key]
-        np.testing.assert_allclose(numbers[0], one.lacking_force_n, atol=0.06)
-        np.testing.assert_allclose(numbers[-4:], one[ways].astype(float), atol=0.06)
-    lock = tables["reaction"].query("load == 1 and theorem == 9").iloc[0]
-    bears = [lock[f"{how}_n"] for how in HOW]
-    np.testing.assert_allclose(printed("locked")[1:3], bears, atol=0.06)
-    torques = tables["tradeoff"].set_index("way")
-    for _, one in torques.loc["pseudo_inverse"].iterrows():
-        label = f"pseudo-inverse, w = {one.major_weight_per_n_m:g}"
-        if f"| {label} |" in PAGE:
-            found = [one.weighed_over_mapping, one.major_off_percent]
-            np.testing.assert_allclose(printed(label), found, rtol=0.02, atol=5e-3)
-    for name, use in tables["internal_force"].groupby("name"):
-        columns = ["weighed_rms_n", "hot_motor_rms_n", "least_squeeze_n"]
-        found = use[columns].to_numpy().T.ravel()
-        np.testing.assert_allclose(printed(str(name)), found[~np.isnan(found)], atol=0.06)
-
-
-def test_the_pages_sentences_are_true(tables, lines):
-    K = payload_stiffness(load_model())
-    np.testing.assert_allclose(K, np.diag(np.diag(K)), atol=1e-9 * K.max())
-    assert "$K$ = 252 kN/m in translation" in PAGE.replace("\n", " ")
-    np.testing.assert_allclose(np.diag(K)[[0, 1, 3, 4, 5]] / 1e3, [10.4] * 2 + [252] * 3, rtol=4e-3)
-    elastic = tables["prescribed"].query("mapping == 'elastic' and load == 1")
-    assert elastic.lacking_major_n_m.item() == pytest.approx(1.9, abs=0.05)
-    locked = tables["theorems"].query("kind == 'locked'").pressed_major_off_percent
-    assert locked.between(16, 96).all()
-    assert "39 to 96 %" in PAGE.replace("\n  ", " ")

@@ -1,7 +1,5 @@
 """The study of limits in the loop: its oracle, its strategies and its checks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,27 +8,18 @@ from scipy.optimize import lsq_linear
 
 from experiments.limits import (
     BENCH,
-    HEAVE_M,
     RANGE_RAD,
     Condition,
     Strategy,
     allocation,
     excess_row,
-    limits_of,
     line_of_sight,
     move_arm,
     redistributed,
     room,
 )
-from fjh.rig.hexapod.amplifier import displacement_limits
-from fjh.rig.hexapod.closed_form import hexapod
-from fjh.rig.hexapod.controller import StrutMapping
-from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
-from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import Testbed
-from ftc import Goal, PrioritizedController
-from prioritized import ConstrainedSystem, velocity_mapping
-from sim import Failure
+from prioritized import ConstrainedSystem
 from tests.experiments.results import Results
 from tests.profiles import examples
 
@@ -86,17 +75,6 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
         np.testing.assert_allclose(rates[moving], expected, atol=1e-9)
 
 
-def test_the_redistributed_pseudo_inverse_does_not_give_the_least_error():
-    """Rates (-1.5, 2) are both fixed at (-1, 1), error (0.5, 1); that of (-0.5, 1) is (0, 1)."""
-    J_m, v = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 2.0])
-    limits = -np.ones(2), np.ones(2)
-    kinematics = ConstrainedSystem(J_m, None, range(2)).kinematics()
-    found = redistributed(kinematics, limits, [0, 1], []).solve(v)
-    np.testing.assert_allclose(found.rates, [-1, 1])
-    strict = velocity_mapping(J_m, [0, 1], rate_limits=limits)
-    np.testing.assert_allclose(strict(v), [-0.5, 1])
-
-
 @pytest.mark.long
 def test_out_of_reach_strict_priority_misses_least_and_others_by_more(model):
     """The oracle is the distance from the outline of what is attainable."""
@@ -111,14 +89,6 @@ def test_out_of_reach_strict_priority_misses_least_and_others_by_more(model):
     assert most["clipping"] > 10
 
 
-def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
-    lower, upper = limits_of(Testbed(model, BENCH, loops=()))  # pyright: ignore[reportArgumentType]
-    assert upper[[1, 4]] == pytest.approx(2.0 * 20.0 / 126e3)
-    assert upper[[0, 2, 3, 5]] == pytest.approx(635e-6, rel=1e-4)
-    assert -lower == pytest.approx(upper, rel=1e-4)
-    assert upper.min() > HEAVE_M
-
-
 @pytest.mark.long
 def test_joints_of_the_arm_keep_their_range_and_the_elbow_its_lock():
     views = line_of_sight(np.linspace(0, 40, 401), 40.0)
@@ -129,31 +99,6 @@ def test_joints_of_the_arm_keep_their_range_and_the_elbow_its_lock():
     assert np.abs(joint_rad).max() <= RANGE_RAD + 1e-12
     locked = joint_rad[len(joint_rad) // 2 + 1 :, 3]
     assert np.ptp(locked) == 0.0
-
-
-@pytest.mark.long
-def test_near_a_singularity_the_demand_is_bounded_but_amplifiers_saturate(model):
-    """One pointing direction is lost at the nominal pose, and back with a gain of 1e-5 beside it.
-
-    An exact mapping spends all that limits allow on it: they do not replace damping.
-    """
-    stiffness = strut_and_payload_stiffness(model)
-    testbed = replace(nominal_testbed(), stiffness=stiffness)
-    goal = Goal(joint_weight=(1.0,) * 6, locked_at={2: 0.0, 5: 0.0}, free=(0, 3))
-    strike = [Failure(2, "locked"), Failure(5, "locked"), Failure(0, "free"), Failure(3, "free")]
-    box = displacement_limits(model, testbed.amplifier())
-    demand_rad, saturated = {}, {}
-    for name, limits in (("without", None), ("within", box)):
-        mapping = StrutMapping(hexapod(model), goal, "analytic", stiffness, limits=limits)
-        controller = PrioritizedController(
-            testbed.loops, mapping, testbed.amplifier(), 0.0, anti_windup=True
-        )
-        path = testbed.bench.spiral_rad(2.0)
-        run = hexapod_rig(testbed).fly(controller, path, failures=strike)
-        demand_rad[name] = np.abs(run.state.asked.demand).max()
-        saturated[name] = (np.abs(run.inputs) > 99.9).any(axis=1).mean()
-    assert demand_rad["within"] < 0.3 * demand_rad["without"]
-    assert min(saturated.values()) > 0.5
 
 
 def test_the_data_have_the_errors_of_the_table_and_strict_priority_points(limits_folder):

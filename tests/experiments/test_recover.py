@@ -22,7 +22,6 @@ from experiments.recover.tables import (
     delays,
     grouped,
     noise_of,
-    notes,
     per_hour,
     share,
 )
@@ -58,10 +57,8 @@ def test_the_failures_are_found_named_and_gone_around(study):
     assert failures.right_count["all"] == mixed.right.sum()
     assert (mixed.rms_supervised_after < 0.95 * mixed.rms_unaware_after).all()
     assert (mixed.alarm_s.gt(0) & mixed.alarm_s.le(mixed.named_s)).all()
-    assert mixed.kind_confidence.ge(0.5).all()
-    [healthy], quiet = tables["healthy"].itertuples(), flown[flown.sort == "healthy"]
+    [healthy] = tables["healthy"].itertuples()
     assert healthy.alarms == healthy.commands_changed == healthy.healthy_named_count == 0
-    assert healthy.hours == pytest.approx(quiet.duration_s.sum() / 3600)
     cost = tables["dither_cost"]
     assert cost.change.abs().max() < 0.5 * cost.reseeded.abs().max()  # less than another seed
 
@@ -151,7 +148,7 @@ def test_the_groups_count_what_the_rows_say():
     found = grouped(made, 0.0)
     assert {*found} == {"by_mismatch", "by_kind"}
     [mixed], [free, locked] = (each.to_dict("records") for each in found.values())
-    assert [mixed["runs"], mixed["ended"], locked["ended"], free["ended"]] == [3, 1, 1, 0]
+    assert [mixed["runs"], mixed["ended"], locked["ended"]] == [3, 1, 1]
     assert [free["right_count"], free["right_cases"], locked["right_cases"]] == [1, 2, 0]
     assert free["isolable_right_count"] == free["kinds_alike"] == free["kind_right_cases"] == 1
     assert free["named_median_s"] == 0.1  # of the right one
@@ -189,9 +186,6 @@ def test_harm_is_more_than_a_tenth_and_more_than_the_noise_in_either_span(errors
     assert entry.harmed == harmed and entry.counted_worst == pytest.approx(worst)
 
 
-# Events.
-
-
 @pytest.mark.long
 @pytest.mark.night
 def test_events_have_rows_a_table_and_checks(tmp_path):
@@ -199,9 +193,7 @@ def test_events_have_rows_a_table_and_checks(tmp_path):
     assert main(["recover", "--events", "--quick", "--quiet", "--out", str(tmp_path)]) in (0, 1)
     study = Results(tmp_path, "recover")
     flown, events = study.rows, study.tables["by_event"]
-    assert list(flown.case) == list(range(5))
     assert tuple(events.event) == plan.QUICK_EVENTS
-    assert set(study.summary["files"]) == {path.name for path in tmp_path.iterdir()}
     lock = flown[flown.event == "locked"].iloc[0]
     assert lock.right and lock.kind_right and not lock.healthy_named
     # Told at once, a controller is better than one that does nothing; the diagnosis comes near it.
@@ -216,33 +208,14 @@ def test_events_have_rows_a_table_and_checks(tmp_path):
     thrown = flown.assign(peak_supervised_since=99.0, closure_residual_max_m=2e-7)
     [found] = failed(study, rows=thrown, by_event=good)
     assert "an event throws far" in found
-    # Of another robot.
-    hand = HEXAPOD_MJCF.with_name("hand.xml")
-    words = ["--model", str(hand), "--major", "3,4", "--events", "--quick", "--workers", "1"]
-    assert main(["recover", *words, "--quiet", "--out", str(tmp_path / "hand")]) in (0, 1)
-    study = Results(tmp_path / "hand", "recover")
-    events = study.tables["by_event"]
-    assert tuple(events.event) == plan.QUICK_ROBOT_EVENTS
-    assert study.summary["path_size_m"] == study.summary["path_size"]
-    spoilt = {"by_event": events.assign(counted_worst=[1.0, 1.2, 1.0], ended=[0, 0, 1])}
-    judged = checks(study.summary, study.rows, spoilt)
-    assert [each.where for each in judged if not each.passed][-2:] == ["sag", "bias"]
-    refused = study.rows.assign(status="refused", message="motor1 has no spring")
-    assert notes(refused, spoilt) == ["Not simulated: motor1 has no spring."]
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         ("--events --hours 3", "--hours does not go with --events"),
-        ("--events --controller ftc.loop:Stage", "--controller does not go"),
         ("--scheduler x --controller ftc.loop:Stage", "module is here"),
-        ("--hours nan", "hours must be a number from 0.001"),
-        ("--model ARM --turn 0", "turn must be a number from 0.001 to"),
-        ("--model ARM --major 0,9", "major must be different rows from 0 to 5"),
-        ("--model ARM --noise -1", "noise must be a number from 1e-15 to 1000, got -1"),
         ("--model ARM --dither often", "dither must be none, default, designed, or a frequency"),
-        ("--model ARM --joint-weight 1,2", "joint_weight must be one number or 7, got 2"),
         ("--model ARM --scheduler tcp://there:1", "--scheduler does not go with --model"),
         ("--crossover 0.7", "--crossover needs --model"),
     ],
@@ -252,4 +225,4 @@ def test_wrong_input_of_the_study_is_a_sentence(words, said, tmp_path, capfd):
     assert main(["recover", "--quick", *given, "--out", str(tmp_path / "out")]) == 2
     error = capfd.readouterr().err
     assert said in error and error.count("\n") == 1
-    assert not (tmp_path / "out" / "recover.json").exists()
+    assert not (tmp_path / "out").exists()

@@ -173,14 +173,6 @@ def test_an_unsound_chapter_is_told_and_the_others_still_run(report, tmp_path):
     assert ran == ["0"]  # what diverged left no files, and is tried again
 
 
-def test_wrong_input_is_refused_before_any_work(report, tmp_path):
-    (tmp_path / "out").write_text("taken")
-    ran: list[str] = []
-    code, _, error = report(one=stub(ran))
-    assert code == 2 and ran == []
-    assert "cannot be a folder" in error
-
-
 @pytest.mark.long
 @pytest.mark.night
 def test_a_real_study_is_on_the_page(tmp_path, monkeypatch):

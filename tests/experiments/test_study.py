@@ -184,14 +184,6 @@ def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
     assert json.loads((tmp_path / UNFINISHED).read_text().splitlines()[0]) == other
 
 
-@pytest.mark.parametrize("text", ["", "[]\n", "nothing that we wrote\n", "\0" * 300 + "\n"])
-def test_a_file_that_is_not_what_was_written_is_refused_and_stays(here, tmp_path, text):
-    (tmp_path / UNFINISHED).write_text(text)
-    with pytest.raises(WrongInput, match=rf"remove {tmp_path / UNFINISHED}|it has another"):
-        table(tmp_path)
-    assert (tmp_path / UNFINISHED).read_text() == text
-
-
 @pytest.mark.long
 def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path):
     said = "run 6 failed: ValueError in work.py, line [0-9]+: no such number; finished "
@@ -226,13 +218,6 @@ def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monk
     assert_same(table(tmp_path), whole)
 
 
-def test_where_is_one_place():
-    with pytest.raises(WrongInput, match="must be an address, got 'a b'"):
-        Where(scheduler="a b")
-    with pytest.raises(WrongInput, match="omit it with --scheduler"):
-        Where(scheduler="tcp://127.0.0.1:8786", workers=2)
-
-
 # The folder.
 
 HOLD = """
@@ -258,13 +243,6 @@ def test_a_folder_is_one_studys_until_that_is_killed(tmp_path):
     with alone_in(folder):
         pass
     assert list(folder.iterdir()) == []
-
-
-def test_a_folder_that_cannot_be_locked_is_one_sentence(tmp_path):
-    (tmp_path / "out").write_text("mine")
-    with pytest.raises(OutputError, match="could not be written"), alone_in(tmp_path / "out"):
-        pass
-    assert (tmp_path / "out").read_text() == "mine"
 
 
 # A cluster.
@@ -305,6 +283,7 @@ def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys,
 
 TLS = """
 from distributed import LocalCluster, Security
+from experiments.app.command import conduct
 from experiments.study import Where, basis_of, rows_of
 from fjh.study.errors import WrongInput
 from pathlib import Path

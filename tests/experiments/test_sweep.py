@@ -3,9 +3,7 @@
 import itertools
 import json
 import pickle
-import re
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,37 +22,30 @@ from experiments.sweep import (
     checks,
     classified,
     disagreements,
-    influence,
     prediction,
     representatives,
     row_of,
     sweep,
-    verdicts,
 )
 from experiments.sweep_design import (
-    BENCH,
-    CHOICES,
     DEFAULT,
     MOST_RUNS,
-    VARIED,
     Design,
     read_design,
     runs_of,
     sweep_run,
 )
-from experiments.sweep_design import LIMITS as NUMBERS
 from experiments.table1 import CONFIGURATIONS
 from fjh.rig.conditions import every_condition
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import secondary
 from fjh.rig.hexapod.controller import StrutMapping
-from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from fjh.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import LIMITS, TestbedConfig
 from fjh.study.errors import Interrupted, WrongInput
 from ftc import Goal
-from prioritized import failure_atlas
 from sim import NOMINAL, Failure, SimulationDiverged
 from tests.experiments.conftest import FLOWN, SHORT_SWEEP
 from tests.experiments.results import Results
@@ -106,38 +97,24 @@ def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
         assert [row["roll_off_hz"], row["detector_noise_m"]] == pytest.approx(numbers, rel=1e-12)
 
 
-def test_the_designs_of_the_repository_vary_what_they_are_for():
-    """That of the demand limit has the configuration of the table among its runs."""
-    varied = set(read_design(None).factors)
-    assert {"struts", "failure_time_s", "known", "joint_weight_1"} < varied < set(VARIED)
-    assert "secondary_weight_gamma" in varied and len(varied & set(BENCH)) >= 6
+def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table():
     design = read_design(DEFAULT.with_name("sweep_demand_limit.toml"))
-    assert (design.runs, design.duration_s) == (1472, TestbedConfig().duration_s)
     runs = runs_of(design, seed=3)
+    assert len(runs) == design.runs and design.duration_s == TestbedConfig().duration_s
     # Of each: healthy or locked, corrected or not.
     assert [run.bench for run in runs].count(CONFIGURATIONS["demand-limit"]) == 4
-    assert {run.seed for run in runs} == {0}
 
 
 def test_a_bench_has_no_constant_beyond_its_limits():
-    assert set(LIMITS) | {"spiral_direction", "anti_windup"} == {
-        f.name for f in fields(TestbedConfig)
-    }
-    assert set(VARIED) == {"struts", *CHOICES, *NUMBERS}
     for name, (low, high) in LIMITS.items():
         for value in (low, high):
             assert getattr(replace(TestbedConfig(), **{name: value}), name) == value
-        beyond = [low - 1, np.nextafter(low, -np.inf), np.nextafter(high, np.inf), 10**400]
-        none = [] if name == "demand_limit_urad" else [None]  # which is no limit
-        for value in [*beyond, *none, np.nan, np.inf, -np.inf, True, "1", [1.0], 1j]:
+        for value in [np.nextafter(low, -np.inf), np.nextafter(high, np.inf), 10**400, np.nan, "1"]:
             with pytest.raises(ValueError, match=rf"{name} must be a .*number from .* to .*, got"):
                 replace(TestbedConfig(), **{name: value})
-    with pytest.raises(ValueError, match="must be a whole number from 2 to 32"):
-        replace(TestbedConfig(), **{"dac_bits": 16.5})
 
 
-HUGE = "1" + 400 * "0"
-SPREAD = "latin-hypercube'\nruns = "
+SPREAD = "layout = 'latin-hypercube'\nruns = "
 
 
 @pytest.mark.parametrize(
@@ -147,27 +124,16 @@ SPREAD = "latin-hypercube'\nruns = "
         ("layout = 'random'", "layout must be latin-hypercube or grid, got 'random'"),
         ("layout = 'grid'", r"\[vary\] must name at least one"),
         ("layout = 'grid'\nruns = 3\nvary.seed = [1]", "runs must not be given for a grid"),
-        ("layout = 'latin-hypercube'\nvary.seed = [1]", "runs must be a whole number"),
-        (f"layout = '{SPREAD}2\nvary.seed = {{from=1, to=2, points=2}}", "points"),
-        (f"layout = '{SPREAD}{HUGE}\nvary.seed = [1]", "at most 200000 runs"),
-        (f"duration_s = {HUGE}\nvary.seed = [1]", "duration_s must be a number from 0.001 to 16"),
+        (f"{SPREAD}2\nvary.seed = {{from=1, to=2, points=2}}", "points"),
+        (f"{SPREAD}1{400 * '0'}\nvary.seed = [1]", "at most 200000 runs"),
         ("duration_s = 0.02\nvary.control_period_s = [1e-3, 0.05]", "duration_s .* from 0.05"),
         ("vary.colour = ['red']", "no 'colour' to vary; there are struts, known"),
         ("vary.struts = ['SSSXSS']", "struts must be six letters out of SLFB, got 'SSSXSS'"),
         ("vary.weight = ['W_z']", 'weight must be one of "W_a", .*, got .W_z.'),
-        ("vary.known = [1]", "known must be one of true, false, got 1"),
-        ("vary.roll_off_hz = 0", "roll_off_hz .* from 0.01 to 10000, got 0"),
-        ("vary.roll_off_hz = {from = 1, to = 2}", "points of roll_off_hz must be a number from 2"),
         ("vary.roll_off_hz = {from = 2, to = 1, points = 2}", "from below to, got 2.0 to 1.0"),
-        (
-            "vary.roll_off_hz = {from = 1, to = 2, points = 1_000_000_000_000}",
-            "at most 200000 runs",
-        ),
+        ("vary.roll_off_hz = {from = 1, to = 2, points = 1_000_000_000_000}", "at most 200000"),
         ("vary.dac_bits = {from = 2, to = 9, log = true, points = 2}", "dac_bits can have log"),
-        ("vary.dac_bits = [16, 0]", "dac_bits must be a whole number from 2 to 32, got 0"),
         (f"vary.dac_bits = 0x{'f' * 6000}", "from 2 to 32, got a huge int"),
-        (f"vary.dac_bits = {'9' * 6000}", "4300"),
-        ("vary.focal_length_m = nan", "focal_length_m must be a number .* got nan"),
         (f"vary.seed = {'[' * 100_000}", "recursion"),
         ("\xff", "can't decode"),
     ],
@@ -322,16 +288,6 @@ def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
     assert checks(none) == []
 
 
-def test_errors_that_are_all_alike_depend_on_nothing(rows):
-    """A limit that is never reached changes no error: there is no rank correlation."""
-    varied = ["roll_off_hz", "settling_s"]  # the second is a constant
-    found = influence(rows, varied).set_index("name")
-    mean = rows.roll_off_hz.rank().corr(rows.alpha_rms_urad.rank())
-    assert list(found.index) == ["roll_off_hz"] and found.alpha.iloc[0] == pytest.approx(mean)
-    assert influence(rows.assign(beta_rms_urad=1.0), varied).empty
-    assert influence(rows.head(2), varied).empty
-
-
 # The atlas.
 
 
@@ -367,17 +323,6 @@ def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
         assert (alike.drop(columns=[c for c in alike if "gain" in c]).nunique() == 1).all()
 
 
-def test_verdicts_stand_beside_their_conditions(model):
-    atlas, asked = failure_atlas(elastic_system(model), [0, 1]), ["LLLLLL", "SSSSSS", "SLSSSF"]
-    columns = classified().loc[asked]
-    at = [atlas.row(range(6)), atlas.row(), atlas.row(locked=[1], free=[5])]
-    assert atlas.elastic is not None
-    assert columns.rigid_possible.tolist() == atlas.possible[at].tolist()
-    assert columns.elastic_possible.tolist() == atlas.elastic.possible[at].tolist()
-    assert columns.failures.tolist() == [6, 0, 2]
-    assert columns.verdict.tolist() == ["none", "rigid", "springs"]
-
-
 def test_what_the_library_calls_possible_points_and_nothing_else_does(atlas):
     """In the physics: as well as the healthy machine, or as badly as one that cannot move."""
     assert len(atlas) == 2 * len(FLOWN)
@@ -407,48 +352,3 @@ def test_the_only_disagreement_is_at_a_singularity_of_the_nominal_pose(model, at
         for pose in (NOMINAL, NOMINAL.moved(np.full(6, 1e-5)))
     )
     assert near > 1e3 * at
-
-
-def test_the_tables_of_the_atlas_are_those_of_its_rows(atlas_folder, atlas):
-    summary = Results(atlas_folder, "atlas").summary
-    told = [each["case"] for each in summary["disagreements"]]
-    assert told == disagreements(atlas).case.tolist()
-    assert sum(each["runs"] for each in summary["verdicts"]) == summary["runs"] == len(atlas)
-    found = verdicts(atlas).set_index(["verdict", "jacobian"]).loc["rigid", "analytic"]
-    alike = atlas.query("verdict == 'rigid' and jacobian == 'analytic'")
-    assert found.simulated_beta_median_urad == alike.beta_rms_urad.median()
-    assert found.largest_off_percent == alike.off_percent.max()
-
-
-# The page.
-
-PAGE = (Path(__file__).parents[2] / "docs" / "sweep.md").read_text()
-
-
-def first_cells(heading: str) -> set[str]:
-    """Names in the first column of the table below a heading, `a_1` to `a_3` counted out."""
-    table = PAGE[PAGE.index(heading) :].split("\n\n")[0]
-    names = set()
-    for cell in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE):
-        names |= set(re.findall(r"`(\w+)`", cell))
-        for stem, first, last in re.findall(r"`(\w+?)(\d)` to `\w+?(\d)`", cell):
-            names |= {f"{stem}{k}" for k in range(int(first), int(last) + 1)}
-    return names
-
-
-def test_the_page_names_the_columns_of_the_files(study, atlas_folder):
-    columns, of_atlas = set(study.rows), set(Results(atlas_folder, "atlas").rows)
-    assert first_cells("| column | |") == columns < of_atlas
-    assert {name for name in of_atlas - columns if f"`{name}`" not in PAGE} == set()
-
-
-def test_the_page_names_what_can_be_varied_and_its_lines_read_a_dataset(
-    study, monkeypatch, tmp_path, capsys
-):
-    assert first_cells("| what can be varied | |") | set(BENCH) == set(VARIED)
-    path = tmp_path / "mine.toml"
-    path.write_text(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)[0])
-    assert read_design(path).runs == 10000
-    monkeypatch.chdir(study.folder)
-    exec(re.findall(r"```python\n(import pandas.*?)```", PAGE, re.DOTALL)[0], {})
-    assert "SLSSSS" in capsys.readouterr().out

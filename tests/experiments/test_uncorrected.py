@@ -1,18 +1,14 @@
 """Table I's last column: the physics of each candidate explanation, and the study as a whole."""
 
 import copy
-import re
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pandas as pd
 import pytest
 import scipy.linalg
-from rerun.chunk import RrdReader
 
 from experiments.uncorrected import (
-    CANDIDATES,
     Candidate,
     at_crossover,
     damped,
@@ -27,10 +23,9 @@ from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
-from fjh.rig.prediction import open_loop, pole_radius
 from fjh.rig.run import Run, rms
 from ftc import Goal
-from sim import NOMINAL, Failure, Plant, linearize, load_model
+from sim import NOMINAL, Failure, Plant, linearize
 from tests.experiments.results import Results
 from tests.sim.machines import pole_of, ring_down
 
@@ -89,27 +84,6 @@ def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
     by_push = pushed.displacement()[3:]
     assert np.linalg.norm(sag[3:]) > np.linalg.norm(by_push)
     np.testing.assert_allclose(sag[3:], by_push, rtol=0.25)
-
-
-def test_shaking_and_damping_leave_the_callers_model_alone(model):
-    before = model.dof_damping.copy()
-    damped(model, 0.01)
-    np.testing.assert_array_equal(model.dof_damping, before)
-    np.testing.assert_array_equal(load_model().dof_damping, before)
-    plant = Plant(model)
-    plant.shake(np.ones(3))
-    assert model.opt.gravity.tolist() == [0, 0, -9.81]
-    # z_b points down: a floor that falls with g leaves nothing to carry.
-    plant.shake(np.array([0, 0, 9.81]))
-    np.testing.assert_allclose(plant.model.opt.gravity, 0, atol=1e-12)
-    plant.shake(np.zeros(3))
-    assert plant.model.opt.gravity.tolist() == model.opt.gravity.tolist()
-
-
-def test_a_floor_of_another_length_than_the_path_is_refused():
-    rig = hexapod_rig(floor_m_per_s2=np.zeros((50, 3)))
-    with pytest.raises(ValueError, match="floor_m_per_s2 must have shape"):
-        rig.fly(rig.controller(), TestbedConfig().spiral_rad(0.1))
 
 
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
@@ -178,27 +152,6 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
         damped(model, 0)
 
 
-DOCS = (Path(__file__).parents[2] / "docs" / "uncorrected.md").read_text()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "name", ["lost_strut", "off_centre", "retuned", "limit", "limit_speed", "limit_anti_windup"]
-)
-def test_the_page_says_the_linear_models_ratios(name):
-    row = re.search(rf"^\| {name.replace('_', ' ')} \|(.*)\|$", DOCS, re.MULTILINE)
-    assert row
-    printed = [float(number) for number in row.group(1).split("|")[2].split(",")]
-    candidate = Candidate(name, CANDIDATES[name])
-    testbed = candidate.testbed
-    sound, uncorrected = (
-        predicted(testbed, candidate, column) for column in ("W_a", "W_a_uncorrected")
-    )
-    assert sound is not None
-    assert uncorrected is not None
-    np.testing.assert_allclose(rms(uncorrected) / rms(sound), printed, atol=0.006)
-
-
 def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
     """Outermost turn: W_a asks 16.6 um of every strut, uncorrected 24.9 um of strut 4."""
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
@@ -230,35 +183,3 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
     assert np.isinf(errors[1]).all()
     assert np.isinf(poles[1]).all()
     assert np.all(poles[0] < 1)
-
-
-@pytest.mark.long
-def test_an_unstable_loop_has_no_predicted_error_and_a_finite_run():
-    candidate = Candidate("resonance", CANDIDATES["resonance"])
-    testbed = candidate.testbed
-    assert predicted(testbed, candidate, "W_d") is None
-    assert predicted(testbed, candidate, "W_a") is not None
-    rig = hexapod_rig(testbed)
-    assert pole_radius(open_loop(rig, rig.goal)) < 1
-
-
-def test_the_data_have_the_errors_of_the_table_and_one_recording(study, runs):
-    simulated = runs.set_index(["candidate", "column"])
-    for candidate in study.summary["candidates"]:
-        data = study.arrays(candidate["data"])
-        error = 1e6 * rms(data["desired_rad"] - data["true_rad"])
-        own = simulated.loc[(candidate["name"], "W_a_uncorrected")]
-        np.testing.assert_allclose(error, [own.alpha_simulated_urad, own.beta_simulated_urad])
-        assert bool(candidate["recording"]) == (candidate["name"] == "lost_strut")
-    # The paper's numbers are of 16 s, not of the part of the spiral that was run.
-    notes = RrdReader(study.folder / "lost_strut.rrd").stream().filter(content="/notes").to_chunks()
-    assert "paper" not in str([chunk.to_record_batch().to_pydict() for chunk in notes])
-    data = study.arrays("map.npz")
-    shape = (2, len(data["damping_ratio"]), len(data["alpha_crossover_hz"]))
-    assert data["rms_urad"].shape == (*shape, 2, 2)
-    assert data["largest_pole"].shape == (*shape, 4)
-
-
-def test_a_strut_lost_at_its_centre_has_nothing_to_settle(runs):
-    known = runs[(runs.candidate == "lost_strut") & runs.column.isin(["W_d", "W_e"])]
-    np.testing.assert_allclose(known.alpha_settled_urad, known.alpha_predicted_urad, rtol=0.02)

@@ -2,8 +2,6 @@
 
 import copy
 import json
-import random
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -41,13 +39,6 @@ def spoilt(name: str, key: str, factor: float, **changed: Any) -> dict[str, Any]
     return other
 
 
-def test_a_result_beside_itself_in_any_order_has_not_changed():
-    other = dict(TABLE1)
-    other["columns"] = random.Random(0).sample(TABLE1["columns"], 6)
-    found = compared(TABLE1, other)
-    assert found.compared > 200 and not len(found.changed) and not len(found.settings)
-
-
 @pytest.mark.parametrize(("factor", "changed"), [(1 + 1e-8, 0), (1 + 1e-5, 1), (1.066, 1)])
 def test_with_the_same_settings_more_than_rounding_is_a_change(factor, changed):
     found = compared(TABLE1, spoilt("W_b", "alpha_measured_rms_urad", factor))
@@ -61,27 +52,12 @@ def test_another_seed_is_said_and_its_noise_is_none(factor, changed):
     assert len(found.changed) == changed
 
 
-def test_what_is_small_beside_the_largest_of_its_name_is_noise_of_a_seed():
-    other = copy.deepcopy(TABLE1) | {"seed": 1}
-    column = next(each for each in other["columns"] if each["name"] == "W_b")
-    column["secondary_peak"]["gamma_urad"] *= 2  # 0.04 where others have 17
-    assert not len(compared(TABLE1, other).changed)
-
-
 def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
     one = {"seed": 0, "status": "exact", "x": None, "y": 1.0, "rules": {"gain": 1.0}}
     found = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
     assert set(found.changed.place) == {"status", "x"}
     found = compared(one, one | {"rules": {"gain": 1.0, "friction": 0.5}, "y": 1.01})
     assert list(found.changed.place) == ["y"] and len(found.settings) == 1
-
-
-def test_versions_are_said_and_change_no_bound():
-    other = spoilt("W_a", "beta_measured_rms_urad", 1.03)
-    other["versions"]["mujoco"] = "4.1.0"
-    found = compared(TABLE1, other)
-    assert not found.drawn and len(found.changed) == 1
-    assert list(found.settings.place) == ["versions.mujoco"]
 
 
 def test_bounds_of_confidence_count_where_the_draws_differ():
@@ -140,22 +116,11 @@ def test_a_check_that_fails_and_did_not_is_exit_code_one(capsys):
     assert main(["results", "b.json", "--against", "b.json"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("contents", "why"),
-    [
-        (("{", "{}"), "a.json is not readable JSON"),
-        (("[]", "[]"), "a.json is no result of a study"),
-        (('{"experiment": []}',) * 2, "a.json is no result of a study"),
-        (('{"experiment": "table1"}', '{"experiment": "force"}'), "is of fjh table1, b.json of"),
-        (('{"experiment": "x", "x": ' + '{"x": ' * 960 + "1" + "}" * 961,) * 2, "a.json"),
-    ],
-)
-def test_what_is_no_pair_of_results_is_one_sentence(capsys, contents, why):
-    for name, content in zip("ab", contents, strict=True):
-        Path(f"{name}.json").write_text(content)
+def test_results_of_two_studies_are_not_compared(capsys):
+    for name, study in (("a", "table1"), ("b", "force")):
+        Path(f"{name}.json").write_text(json.dumps({"experiment": study}))
     assert main(["results", "b.json", "--against", "a.json"]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("fjh: ") and why in error and error.count("\n") == 1
+    assert "is of fjh table1, b.json of" in capsys.readouterr().err
 
 
 def test_nothing_that_is_printed_commands_a_terminal(capsys):
@@ -163,11 +128,3 @@ def test_nothing_that_is_printed_commands_a_terminal(capsys):
     compared({evil: 1.0, "word": "a"}, {evil: 2.0, "word": evil})
     assert main(["results", "b.json", "--against", "a.json"]) == 0
     assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
-
-
-def test_folders_are_named_by_what_they_hold():
-    Path("empty").mkdir()
-    assert main(["results", "empty", "--against", str(DATA / "table1.json")]) == 2
-    Path("own").mkdir()
-    shutil.copy(DATA / "table1.json", "own")
-    assert main(["results", "own", "--against", str(DATA / "table1.json")]) == 0

@@ -8,6 +8,7 @@ import pytest
 from fjh.result_frames import results
 from fjh.study.errors import WrongInput
 from fjh.study.result import Check, Result
+from tests.made import keep_made
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 
@@ -20,6 +21,14 @@ def test_runs_checks_and_files_of_every_folder_are_frames():
     assert {"study", "folder"} <= set(found.files)
     with pytest.raises(WrongInput, match="no results of a study"):
         results("nowhere")
+
+
+def test_a_folder_of_recordings_alone_is_a_row_for_each(tmp_path):
+    for name in ("one", "two"):
+        keep_made(tmp_path, name)
+    found = results(tmp_path)
+    assert list(found.runs.recording) == ["one", "two"] and set(found.runs.study) == {"made"}
+    assert list(found.runs)[:2] == list(found.files)[:2] == ["study", "folder"]
 
 
 def test_a_study_of_tables_gives_its_first_and_its_checks(tmp_path):
