@@ -11,7 +11,7 @@ from fjh.rig.hexapod import paper
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import ConstrainedSystem
-from sim import MODELS, NOMINAL, Pose, jacobians, load_model
+from sim import MODELS, NOMINAL, jacobians, load_model
 
 
 def system_of(model: mujoco.MjModel, axes: str | None = None) -> ConstrainedSystem:
@@ -59,11 +59,3 @@ def test_kinematics_agree_with_every_motion_that_the_loops_allow(name):
         left -= kin.self_motion @ (kin.self_motion.T @ left)  # eq. (12)
         np.testing.assert_allclose(left, 0, atol=1e-7)
         np.testing.assert_allclose(kin.active_constraint @ motions[kin.active], 0, atol=1e-8)
-
-
-def test_a_pose_that_moves_and_moves_stays_on_the_manifold():
-    rng = np.random.default_rng(0)
-    pose = Pose(np.eye(3), np.zeros(3))
-    for _ in range(1000):
-        pose = pose.moved(0.1 * rng.normal(size=6))
-    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)

@@ -18,7 +18,6 @@ from fjh.rig.robot import robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES
 from fjh.study.errors import WrongInput
-from sim import load_model
 from tests.fjh.rigs import path_of, rig
 from tests.robots import TEST_MODELS
 
@@ -107,11 +106,6 @@ def excited(one: Rig) -> np.ndarray:
     return np.array(read)
 
 
-@cache
-def unchanged(robot: str) -> np.ndarray:
-    return excited(rig(robot))
-
-
 @pytest.mark.parametrize(
     ("robot", "name"),
     [*(("hexapod", name) for name in hexapod.SIZES), *(("arm", name) for name in SIZES)],
@@ -120,7 +114,7 @@ def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name
     one = rig(robot)
     drawn = one.drawn(alone(one.machine.everything, name), 5)
     other, again = excited(drawn), excited(drawn)
-    assert not np.array_equal(unchanged(robot), other)
+    assert not np.array_equal(excited(one), other)
     np.testing.assert_array_equal(again, other)
 
 
@@ -145,27 +139,9 @@ def test_scaling_takes_all_sizes_along():
     assert Mismatch(delay_ticks=2).scaled(1.4).delay_ticks == 3
     with pytest.raises(ValueError, match=r"damping must be a number from 0 to 0\.99"):
         everything.scaled(10)
-    with pytest.raises(ValueError, match="factor must be a number"):
-        everything.scaled(-1)
-
-
-@pytest.mark.parametrize("name", [*LIMITS, "timestep_s", "steps"])
-@pytest.mark.parametrize("bad", [-1, np.nan, "much", 1e9])
-def test_a_size_that_is_none_is_refused_by_name(name, bad):
-    with pytest.raises(ValueError, match=name):
-        Mismatch(**{name: bad})
 
 
 def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
     for name in rig("arm").machine.unknown:
-        sizes = replace(EXACT, **{name: 1e-3})
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
-            rig("arm").drawn(sizes, 0)
-    with pytest.raises(WrongInput, match="no mismatch of"):
-        rig("hexapod").drawn(Mismatch(steps=2, floor_um_per_s=1.0), 0)
-    with pytest.raises(WrongInput, match='mismatch must be "exact", "all" or a Mismatch, got'):
-        rig("arm").drawn("ALL", 0)  # type: ignore[arg-type]
-    stiff = load_model()
-    stiff.jnt_stiffness[stiff.actuator_trnid[2, 0]] = 0.0
-    with pytest.raises(ValueError, match="suspension springs"):
-        hexapod.differing(stiff, hexapod.ALL, 0)
+            rig("arm").drawn(replace(EXACT, **{name: 1e-3}), 0)
