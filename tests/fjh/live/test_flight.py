@@ -10,8 +10,6 @@ import pytest
 from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
-from fjh.rig.events.effects import Effect
-from fjh.rig.events.hooks import Hooks
 from fjh.rig.run import SOUND
 from ftc.fdi import Diagnosis, Fault
 from sim import Failure, Pose
@@ -132,21 +130,6 @@ def test_a_flight_ends_after_its_ticks_and_keeps_what_still_is_broken():
     np.testing.assert_array_equal(late.true, flight.run(0).true[50:])
 
 
-def test_hooks_add_effects_in_their_order_and_take_the_one_that_ends():
-    hooks, double = Hooks(), Effect(sent=lambda _, inputs: 2 * inputs)
-    shift = Effect(sent=lambda since, inputs: inputs + since)
-    assert hooks.is_empty
-    hooks.begin(0, double)
-    hooks.begin(5, shift)
-    inputs = np.ones(2)
-    np.testing.assert_array_equal(hooks.sent(4, inputs), 2.0)
-    np.testing.assert_array_equal(hooks.sent(7, inputs), 2.0 + 2)
-    hooks.end(double)
-    np.testing.assert_array_equal(hooks.sent(7, inputs), 1.0 + 2)
-    hooks.end(shift)
-    assert hooks.is_empty
-
-
 @pytest.mark.long
 def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
@@ -194,10 +177,3 @@ def test_a_pilot_says_what_it_believes(learned):
     assert says(named).startswith("strut2 is locked, not yet confirmed; ")
     sure = replace(learned, confirmed=(replace(found, confirmed=True),))
     assert says(sure).startswith("strut2 is locked; ")
-
-
-@pytest.mark.long
-def test_a_sensor_that_stands_still_is_said_beside_the_actuators():
-    path = rig().path("circle", duration_s=1.1)
-    run = rig().fly(rig().supervisor(), path, events=[Event("all_stuck", 1.0)])
-    assert says(run.state).startswith("All actuators are believed sound; the sensor of the task ")
