@@ -25,20 +25,12 @@ def authority():
     return run(PAGE.read_text())["authority"]
 
 
-def test_the_authority_of_all_motors_is_the_distance_of_the_face_of_two(authority):
-    assert authority() == pytest.approx(PAIR, abs=1e-12)
-
-
 @pytest.mark.parametrize("lost", range(6))
 def test_x_of_the_thrust_restores_x_of_the_authority_until_yaw_is_nearer(authority, lost):
-    for x in np.linspace(0, 1, 21):
+    assert authority() == pytest.approx(PAIR, abs=1e-12)
+    for x in (IN_PX4, *np.linspace(0, 1, 21)):
         left = authority(lost=[lost], reversed_motor=(lost + 3) % 6, fraction=x)
         assert left == pytest.approx(min(x * PAIR, YAW), abs=1e-12)
-
-
-def test_the_fraction_of_px4_restores_as_much_of_the_authority(authority):
-    left = authority(lost=[0], reversed_motor=3, fraction=IN_PX4)
-    assert left / authority() == pytest.approx(IN_PX4, abs=1e-12)
 
 
 @pytest.mark.parametrize("turns", ["PNPNPN", "PPNNPN"])

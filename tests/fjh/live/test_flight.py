@@ -148,32 +148,24 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     assert run.status == f"{named}." and flight.belief.startswith("strut4 is locked")
 
 
-# What a pilot says that it believes.
-
-
-@pytest.fixture(scope="module")
-def learned() -> Any:
-    """A supervisor's state when it knows the sound machine."""
-    return rig().fly(rig().supervisor(dither=None), rig().path("circle", duration_s=0.9)).state
-
-
-def says(state: Any) -> str:
-    flight = Flight(rig(), rig().controller(), 1, 0)
-    flight.state = state
-    return flight.belief
-
-
-def test_a_pilot_says_what_it_believes(learned):
+def test_a_pilot_says_what_it_believes():
     """Learning, all sound, a failure with its kind; what it learns anew is no first second."""
-    new = rig().supervisor(dither=None).start()
-    assert says(rig().controller().start()).startswith("Does not diagnose")
-    assert says(new).startswith("It takes the first 0.8 s")
-    assert says(learned) == "All actuators are believed sound."
-    relearning = replace(learned, watch=replace(new.watch, relearns=1))
-    assert relearning.is_learning
-    assert says(relearning).startswith("All actuators are believed sound; what no failure explains")
+    pilot = rig().supervisor(dither=None)
+    new, learned = pilot.start(), rig().fly(pilot, rig().path("circle", duration_s=0.9)).state
     found = Diagnosis(Fault(1, "locked"), ("locked",), 1.0, 1.0, 0.0, 0, 0, 10, confirmed=False)
-    named = replace(learned, watch=replace(learned.watch, diagnosis=found))
-    assert says(named).startswith("strut2 is locked, not yet confirmed; ")
-    sure = replace(learned, confirmed=(replace(found, confirmed=True),))
-    assert says(sure).startswith("strut2 is locked; ")
+    flight = Flight(rig(), pilot, 1, 0)
+    for flight.state, said in (
+        (rig().controller().start(), "Does not diagnose"),
+        (new, "It takes the first 0.8 s"),
+        (learned, "All actuators are believed sound."),
+        (
+            replace(learned, watch=replace(new.watch, relearns=1)),
+            "All actuators are believed sound; what no failure explains",
+        ),
+        (
+            replace(learned, watch=replace(learned.watch, diagnosis=found)),
+            "strut2 is locked, not yet confirmed; ",
+        ),
+        (replace(learned, confirmed=(replace(found, confirmed=True),)), "strut2 is locked; "),
+    ):
+        assert flight.belief.startswith(said)

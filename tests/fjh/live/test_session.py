@@ -147,15 +147,6 @@ def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
     assert session.advance(10) == 10
 
 
-def test_without_diagnosis_both_machines_fly_alike(session):
-    session.diagnose(False)
-    session.restart()
-    session.advance(30)
-    one, other = session.flights
-    np.testing.assert_array_equal(one.run(0).qpos, other.run(0).qpos)
-    assert said(session).startswith("Does not diagnose")
-
-
 # What takes seconds of flight.
 
 

@@ -39,21 +39,19 @@ HEXAPOD = {
 ARM = {"/task/true": ("true", 1e6), "/actuators/displacement": ("displacement", 1.0)}
 
 
-@pytest.mark.parametrize(
-    ("robot", "entity"), [("hexapod", each) for each in HEXAPOD] + [("arm", each) for each in ARM]
-)
-def test_a_recording_holds_the_signals_of_the_run_to_the_bit(kept, made, robot, entity):
+@pytest.mark.parametrize("signals", [HEXAPOD, ARM], ids=["hexapod", "arm"])
+def test_a_recording_holds_the_signals_of_the_run_to_the_bit(kept, made, signals):
     """Each line has a name with its unit."""
-    file = made / "made.rrd" if robot == "hexapod" else kept.file
-    name, factor = (HEXAPOD if robot == "hexapod" else ARM)[entity]
-    times, values = rrd.scalars(file, entity)
+    file = made / "made.rrd" if signals is HEXAPOD else kept.file
     with np.load(file.with_suffix(".npz")) as arrays:
-        ours = factor * arrays[name][::EVERY]
-        np.testing.assert_array_equal(values, ours.reshape(values.shape))
-        np.testing.assert_array_equal(times, np.rint(1e9 * arrays["time_s"][::EVERY]))
-    names = rrd.static(file, entity, "SeriesLines:names")
-    assert len(names) == values.shape[1]
-    assert all(re.search(r"\[(u|n)?(rad|m|%)\]$", each) for each in names)
+        for entity, (name, factor) in signals.items():
+            times, values = rrd.scalars(file, entity)
+            ours = factor * arrays[name][::EVERY]
+            np.testing.assert_array_equal(values, ours.reshape(values.shape), err_msg=entity)
+            np.testing.assert_array_equal(times, np.rint(1e9 * arrays["time_s"][::EVERY]))
+            names = rrd.static(file, entity, "SeriesLines:names")
+            assert len(names) == values.shape[1]
+            assert all(re.search(r"\[(u|n)?(rad|m|%)\]$", each) for each in names)
 
 
 def test_error_and_arrays_are_those_of_the_run(kept):
@@ -197,27 +195,23 @@ def test_recordings_of_table_1_state_bench_results_and_the_papers_numbers(table1
         alpha, beta = paper.TABLE_I_URAD[column["name"]]
         assert f"| paper | {alpha:.4f} | {beta:.4f} |" in told
         assert f"| here | {column['alpha_rms_urad']:.4f} | {column['beta_rms_urad']:.4f} |" in told
-    held = rrd.properties(table1_folder / "W_a.rrd")
+    held = properties_of(table1_folder / "W_a.rrd")
     for name, value in table1["bench"].items():
         assert name not in held if value is None else np.all(np.equal(held[name], value)), name
     for name, version in table1["versions"].items():
         assert held[f"version_{name.replace('-', '_')}"] == version
 
 
-STUDIES = ("table1", "release", "recover", "systems", "jacobian", "goals")
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("study", STUDIES)
+@pytest.mark.parametrize("study", ["table1", "release", "recover", "systems", "jacobian", "goals"])
 def test_every_recording_of_a_study_is_whole_small_and_self_describing(request, study):
     """By the viewer's own check, too; each has an application of its own with one screen."""
     files = sorted(request.getfixturevalue(f"{study}_folder").glob("*.rrd"))
     applications = {RrdReader(path).recordings()[0].application_id for path in files}
     assert len(applications) == len(files) > 0
     for path in files:
-        held = rrd.properties(path)
+        held = properties_of(path)
         assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(held), path
-        assert "| parameter | value |" in rrd.notes(path)
         assert len(RrdReader(path).blueprints()) == 1
         # Of a mechanism in up to ten conditions; the same flight scatters by 0.3 %.
         assert path.stat().st_size < (8e6 if study == "systems" else 3.1e6)

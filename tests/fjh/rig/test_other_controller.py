@@ -14,7 +14,6 @@ import pytest
 from experiments.app.cli import main
 from experiments.recover import hexapod_basis, plan
 from experiments.recover.row import row_of
-from experiments.recover.tables import goals
 from experiments.table1 import CONFIGURATIONS
 from experiments.table1 import checks as table1_checks
 from fjh.rig.hexapod.columns import COLUMNS
@@ -182,11 +181,8 @@ def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
     assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
     assert SENTENCE in (compared["out"] / "table1.md").read_text()
     columns, further = (pd.DataFrame(compared[name]) for name in ("columns", "further_runs"))
-    failed = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
-    assert len(failed) == 1 and SENTENCE in failed[0]
-    columns.loc[columns.name == THEIRS[2], "closure_residual_max_m"] = 2e-8
-    found = table1_checks(columns, further, SHORT_S)
-    assert len([each for each in found if not each.passed]) == 2
+    [failed] = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
+    assert SENTENCE in failed
 
 
 @pytest.mark.night
@@ -212,24 +208,18 @@ def test_another_controller_recovers_or_not_in_the_same_case():
 @pytest.mark.long
 @pytest.mark.night
 def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
-    """With the least of everything: notes, JSON, dataset, figure and recording."""
+    """With the least of everything: JSON, dataset and recording."""
     monkeypatch.setattr(plan, "QUICK", LEAST)
     words = ["--quick", "--quiet", "--out", str(tmp_path)]
     main(["recover", *words, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
-    names = ("beliefs", "by_mismatch", "by_kind", "healthy", "pairs", "shown", "controller")
-    tables = {name: pd.DataFrame(summary[name]) for name in names}
-    [entry] = tables["controller"].itertuples()
-    assert entry.name == "page_examples:LQG" and entry.failed == 0
+    [entry] = summary["controller"]
+    assert entry["name"] == "page_examples:LQG" and entry["failed"] == 0
     assert {"LQG_locked.npz", "LQG_locked.rrd"} <= set(summary["files"])
-    assert "RMS error of page_examples:LQG" in (tmp_path / "recover.md").read_text()
     rows = pd.read_parquet(tmp_path / "recover.parquet")
     [row] = rows.query("sort == 'failure' and mismatch == 'all'").itertuples()
-    assert entry.after_over_informed == pytest.approx(row.rms_other_after / row.rms_informed_after)
-    assert goals(tables)[-1].passed
-    spoilt = tables["controller"].assign(failed=1, failure="it raised")
-    found = goals(tables | {"controller": spoilt})[-1]
-    assert not found.passed and "it raised" in str(found)
+    ratio = row.rms_other_after / row.rms_informed_after
+    assert entry["after_over_informed"] == pytest.approx(ratio)
 
 
 def test_a_controller_whose_module_has_changed_is_another(folder):

@@ -1,10 +1,9 @@
 """One rig for every robot: names, paths, files, copies, threads; and what it prints."""
 
 import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from functools import cache
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -183,21 +182,6 @@ def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(copied, nam
         for log in ("qpos", "rotation", "displacement", "actuator_force"):
             np.testing.assert_array_equal(getattr(each, log), getattr(bench, log), err_msg=log)
         assert each.plant.model is not bench.plant.model
-
-
-def diagnosed(given: tuple[Rig, Any]) -> Run:
-    """A flight in which a failure is named."""
-    return flown(*given, duration_s=1.8)
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_another_process_flies_what_it_is_sent_and_finds_what_fails():
-    given = rig("arm"), pilot_of("arm", "supervisor")
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        there = pool.submit(diagnosed, given)
-        assert_same(there.result(), here := diagnosed(given))
-    assert here.diagnoses
 
 
 @pytest.mark.long

@@ -21,10 +21,8 @@ from fjh.survey.isolation import (
     with_sensors,
 )
 from fjh.survey.subject import matrix_subject, robot_subject
-from ftc import tracking
-from ftc.control.compensator import minimal
 from ftc.fdi import DEFAULT_CONFIG, separations
-from sim import MODELS, Mechanism, Plant, load_model
+from sim import MODELS
 from tests.random_systems import SEEDS
 
 TOLERANCE = 1e-9
@@ -68,13 +66,6 @@ def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.rad2deg(np.arctan2(across, abs(a @ b))))
 
 
-def test_units_of_the_effects_change_no_verdict_and_no_angle():
-    B = np.random.default_rng(5).normal(size=(3, 5))
-    one = alike_columns(B, range(5), TOLERANCE)
-    other = alike_columns(np.diag([1e6, 1.0, 1e-6]) @ B, range(5), TOLERANCE)
-    assert one == other | {"smallest_angle_deg": pytest.approx(other["smallest_angle_deg"])}
-
-
 def test_rotors_on_one_arm_look_alike(tmp_path):
     """Two rotors above each other, in the same sense: one column twice."""
     (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
@@ -104,28 +95,6 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
         assert isolable(more[name]) == with_it > before
         assert max(map(isolable, more.values())) == with_it
         watched, before = more[name], with_it
-
-
-@pytest.mark.long
-def test_sensors_of_a_survey_are_those_of_the_library():
-    """Built from `ftc` and `sim` alone, as on docs/diagnosis-design.md."""
-    rig, model = hand(), load_model(MODELS / "hand.xml")
-    noise = [rig.noise] * 2 + [rig.encoder_noise] * 4
-    track = tracking(
-        Mechanism(model, axes=None),
-        Plant(model, base=None).linear(),
-        [3, 4],
-        noise=noise,
-        period_s=rig.period_s,
-        step_s=model.opt.timestep,
-        goal=rig.goal,
-        sense="both",
-    )
-    ours = with_sensors(rig, "both").watched
-    np.testing.assert_allclose(ours.noise, track.watched.noise)
-    hz = 2 * np.pi * np.array([1.0, 20.0])
-    for one, other in ((ours.plant, track.watched.plant), (minimal(ours.plant), ours.plant)):
-        np.testing.assert_allclose(one(1j * hz), other(1j * hz), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(
