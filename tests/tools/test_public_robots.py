@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from sim import Body, jacobians
+from sim import MODELS, Body, jacobians
 from tools.public_robots.page import GENERATED, page, silently_wrong
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
@@ -70,30 +70,17 @@ def test_files_that_others_include_and_those_of_tests_are_no_robots(tmp_path):
     assert [file.name for file in files(tmp_path)] == ["scene.xml"]
 
 
-LEG = """
-<body name="hip{0}" pos="{1} 0 0"><joint name="hip{0}" axis="0 1 0"/><geom size="0.05"/>
-  <body pos="0 0 -0.5"><joint name="knee{0}" axis="0 1 0"/><geom size="0.05"/>
-    <site name="sole{0}" pos="0 0 -0.4"/></body></body>
-"""
-ARM = """
-<body name="arm" pos="0 0 0.3"><joint name="shoulder" axis="0 0 1"/><geom size="0.05"/>
-  <body name="hand" pos="0.3 0 0"><geom size="0.05"/></body></body>
-"""
-
-
-def walker(arm=""):
-    driven = ["hip1", "knee1", "hip2", "knee2"] + ["shoulder"] * bool(arm)
-    motors = "".join(f'<position joint="{name}"/>' for name in driven)
-    return of_text(
-        f'<mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>'
-        f"{LEG.format(1, 0.2)}{LEG.format(2, -0.2)}{arm}</body></worldbody>"
-        f"<actuator>{motors}</actuator></mujoco>"
-    )
-
-
 def test_a_robot_stands_on_its_lowest_sites_and_works_with_what_is_no_foot():
-    assert task_frame(*walker()) == ("trunk", ("sole1", "sole2"))
-    assert task_frame(*walker(ARM)) == ("hand", ("sole1", "sole2"))
+    spec = mujoco.MjSpec.from_file(str(MODELS / "quadruped.xml"))
+    feet = ("front_left", "front_right", "rear_left", "rear_right")
+    model = spec.compile()
+    assert task_frame(model, mujoco.MjData(model)) == ("trunk", feet)
+    arm = spec.body("trunk").add_body(name="arm", pos=[0, 0, 0.3], mass=1, inertia=[1, 1, 1])
+    arm.add_joint(name="shoulder")
+    arm.add_body(name="hand", pos=[0.3, 0, 0])
+    spec.add_actuator(name="m", target="shoulder", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    model = spec.compile()
+    assert task_frame(model, mujoco.MjData(model)) == ("hand", feet)
 
 
 def test_the_task_of_an_arm_is_the_end_of_its_longest_driven_chain():

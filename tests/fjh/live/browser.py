@@ -34,9 +34,8 @@ _PATIENCE_S = 120.0
 _LONG_S = 3.0
 """Longer than a click takes: after it, new machines are younger than the former ones were."""
 _SAID = re.compile(
-    r"(?P<clock_s>[\d.]+) s, [\d.]+ of real time\n+State: (?P<happens>.*)\n+"
-    r"supervised [^\n]* RMS\n(?P<supervised>.*)\n+"
-    r"not supervised [^\n]* RMS\n.*\n+(?:(?P<last>.*)\n+)?Error, %"
+    r"([\d.]+) s, [\d.]+ of real time\n+State: (.*)\n+supervised [^\n]* RMS\n(.*)\n+"
+    r"not supervised [^\n]* RMS\n.*\n+(?:(.*)\n+)?Error, %"
 )
 
 
@@ -66,23 +65,17 @@ class Seen:
         page.goto(url)
         self.until(lambda said: said.clock_s > 0)
 
-    @property
-    def said(self) -> Said | None:
-        """None where it says nothing yet."""
-        found = _SAID.search(self.page.locator("body").inner_text())
-        if found is None:
-            return None
-        last = found["last"] or ""
-        return Said(float(found["clock_s"]), found["happens"], found["supervised"], last)
-
     def until(self, holds: Callable[[Said], bool]) -> Said:
         """What it says when something holds of it."""
         end = time.monotonic() + _PATIENCE_S
         while True:
-            said = self.said
-            if said is not None and holds(said):
-                return said
-            assert time.monotonic() < end, f"the page still says {said}"
+            text = self.page.locator("body").inner_text()
+            if found := _SAID.search(text):
+                clock_s, happens, supervised, last = found.groups(default="")
+                said = Said(float(clock_s), happens, supervised, last)
+                if holds(said):
+                    return said
+            assert time.monotonic() < end, f"the page still says {text}"
             self.page.wait_for_timeout(50)
 
     def make(self, actuator: str, word: str) -> None:
@@ -102,11 +95,9 @@ class Seen:
         """A box, which changes."""
         self.page.get_by_label(box, exact=True).click()
 
-    def write(self, slider: str, value: float) -> None:
-        """A number into the field of a slider."""
-        field = self.beside(slider).locator("input[inputmode=decimal]")
-        field.fill(f"{value:g}")
-        field.press("Enter")
+    def field(self, slider: str) -> Locator:
+        """Where its number is written."""
+        return self.beside(slider).locator("input[inputmode=decimal]")
 
     def close_notice(self) -> None:
         """That the browser draws without a graphics card."""
@@ -185,4 +176,4 @@ def free_port() -> int:
 def listens(process: int) -> list[tuple[str, int]]:
     """Addresses and ports at which a process listens."""
     found = psutil.Process(process).net_connections("inet")
-    return [tuple(each.laddr) for each in found if each.status == psutil.CONN_LISTEN]
+    return [each.laddr[:2] for each in found if each.status == psutil.CONN_LISTEN]

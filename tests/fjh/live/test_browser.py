@@ -188,9 +188,9 @@ def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser
         each.until(lambda said: said.supervised.startswith("strut2 is free"))
     for each in (other, page):
         each.page.get_by_text("Weights: what a motion costs").click()
-    other.write("W1 strut5", 7.5)
-    field = page.beside("W1 strut5").locator("input[inputmode=decimal]")
-    page.until(lambda _: field.input_value() == "7.5")
+    other.field("W1 strut5").fill("7.5")
+    other.field("W1 strut5").press("Enter")
+    page.until(lambda _: page.field("W1 strut5").input_value() == "7.5")
     other.page.close()
     begin = page.until(lambda _: True).clock_s
     page.until(lambda said: said.clock_s > begin + 0.5)

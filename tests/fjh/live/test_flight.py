@@ -10,7 +10,6 @@ import pytest
 from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
-from fjh.rig.run import SOUND
 from ftc.fdi import Diagnosis, Fault
 from sim import Failure, Pose
 from tests.fjh.live.robots import NAMES, rig
@@ -84,9 +83,8 @@ FAR, KINDS = np.full(2, 1e-5), get_args(Kind)
 @pytest.mark.parametrize(
     ("clicks", "others"),
     [
-        # Struck in every way, and repaired, between two ticks.
+        # Struck in every way, and repaired; an event that was not begun is ended, one begun twice.
         ([], [(50, "make", 2, kind) for kind in (*KINDS[1:], KINDS[0])]),
-        # An event that was not begun is ended, and one is begun twice.
         ([(20, "begin", "sag")], [(0, "end", "sag"), *[(20, "begin", "sag")] * 2]),
     ],
 )
@@ -94,40 +92,6 @@ def test_what_is_undone_between_two_ticks_leaves_no_trace(clicks, others):
     one, other = held_at(FAR, 100, *clicks), held_at(FAR, 100, *others)
     np.testing.assert_array_equal(one.qpos, other.qpos)
     np.testing.assert_array_equal(one.inputs, other.inputs)
-
-
-def test_an_event_that_has_ended_does_nothing_more():
-    """The hum is on the readings of its ticks alone."""
-    calm, hum = (
-        held_at(0 * FAR, 120),
-        held_at(0 * FAR, 120, (40, "begin", "hum"), (80, "end", "hum")),
-    )
-    read = [run.measured - run.true for run in (calm, hum)]
-    differs = np.any(np.abs(read[1] - read[0]) > 1e-6, axis=1)
-    assert not differs[:40].any() and differs[41:80].any() and not differs[80:].any()
-
-
-def test_a_flight_ends_after_its_ticks_and_keeps_what_still_is_broken():
-    """A repair in time is forgotten, and what was made of an actuator since is not."""
-    one = rig()
-    path = one.path("circle", duration_s=0.1)
-    flight = Flight(one, one.controller(), len(path), SEED)
-    clicks: dict[int, tuple[int, Kind]]
-    clicks = {10: (0, "locked"), 20: (1, "weak"), 30: (0, SOUND), 40: (2, "free"), 70: (3, "weak")}
-    for k, reference in enumerate(path):
-        assert flight.left == len(path) - k and flight.now_s == pytest.approx(k * one.period_s)
-        if k in clicks:
-            flight.make(*clicks[k])
-        if k == 5:
-            flight.begin("bump")
-        flight.step(reference, None)
-    assert flight.left == 0
-    late = flight.run(50)
-    still = [(each.actuator, each.kind) for each in late.failures]
-    assert still == [(1, "weak"), (2, "free"), (3, "weak")]
-    assert late.events == () and [each.name for each in flight.run(0).events] == ["bump"]
-    np.testing.assert_array_equal(late.time_s, np.arange(50, 100) * one.period_s)
-    np.testing.assert_array_equal(late.true, flight.run(0).true[50:])
 
 
 @pytest.mark.long

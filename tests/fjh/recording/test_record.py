@@ -20,7 +20,6 @@ from fjh.recording.view import Change, view_of
 from fjh.rig import Diagnosed
 from fjh.rig.events import Event
 from fjh.rig.hexapod import paper
-from fjh.study.errors import OutputError
 from tests import rrd
 from tests.made import ABOUT, made_run, made_view
 
@@ -120,13 +119,6 @@ def test_every_event_is_in_the_list_and_among_the_states(kept, tmp_path):
     assert {text: at // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == when
     _, states = rrd.rows(file, "/state/motor2_taken_for", "StateChange:state")
     assert [state for (state,) in states] == ["sound", "free", "sound", "locked"]
-
-
-def test_another_ending_is_refused_and_nothing_written(kept, tmp_path):
-    _, rig, run = kept
-    with pytest.raises(OutputError, match=r"path .*run\.npz must end in \.rrd"):
-        record(tmp_path / "run.npz", rig, run)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long

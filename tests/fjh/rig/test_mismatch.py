@@ -1,10 +1,8 @@
 """Plants drawn off the model: each size is drawn as it says, and none is the model itself."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -14,7 +12,7 @@ from fjh.rig.draw import Draw
 from fjh.rig.hexapod import mismatch as hexapod
 from fjh.rig.mismatch import EXACT, LIMITS, Mismatch, sampled_model
 from fjh.rig.options import RobotOptions
-from fjh.rig.robot import robot_of
+from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES
 from fjh.study.errors import WrongInput
@@ -23,7 +21,6 @@ from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
 DRAWN = {"hexapod": hexapod.DRAWN, "driven": ("gain", "damping", "inertia")}
-Plants = Callable[[Mismatch, int], dict[str, np.ndarray]]
 
 
 def alone(everything: Mismatch, name: str) -> Mismatch:
@@ -31,19 +28,17 @@ def alone(everything: Mismatch, name: str) -> Mismatch:
 
 
 @cache
-def plants(name: str) -> Plants:
+def driven() -> Robot:
+    return robot_of(TEST_MODELS / "driven.xml", RobotOptions(noise=1e-5), settle=False)
+
+
+def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
     """Relative differences of a plant's model from the known one, by what is drawn."""
     if name == "hexapod":
-        known = rig(name).model
-        return lambda sizes, seed: relative(known, rig(name).drawn(sizes, seed).machine.model)
-    robot = robot_of(TEST_MODELS / "driven.xml", RobotOptions(noise=1e-5), settle=False)
-    return lambda sizes, seed: relative(
-        robot.model,
-        sampled_model(robot.model, robot.known.drives, sizes, Draw(seed, sizes.family))[0],
-    )
-
-
-def relative(known: mujoco.MjModel, other: mujoco.MjModel) -> dict[str, np.ndarray]:
+        known, other = rig(name).model, rig(name).drawn(sizes, seed).machine.model
+    else:
+        known, draw = driven().model, Draw(seed, sizes.family)
+        other, _ = sampled_model(known, driven().known.drives, sizes, draw)
     springs, bodies = known.jnt_stiffness > 0, known.body_mass > 0
     dampers = known.jnt_dofadr[known.actuator_trnid[:, 0]]
     servos = known.actuator_biasprm[:, 2] < 0
@@ -65,7 +60,7 @@ def relative(known: mujoco.MjModel, other: mujoco.MjModel) -> dict[str, np.ndarr
 
 @cache
 def many(machine: str) -> list[dict[str, np.ndarray]]:
-    return [plants(machine)(EVERYTHING[machine], seed) for seed in range(40)]
+    return [off(machine, EVERYTHING[machine], seed) for seed in range(40)]
 
 
 @pytest.mark.parametrize(
@@ -78,7 +73,7 @@ def test_a_size_fills_its_range_and_is_drawn_alike_with_and_without_others(machi
     assert kstest(drawn.ravel() / size, "uniform", (-1, 2)).pvalue > 1e-3
     assert abs(np.corrcoef(drawn[:, 0], drawn[:, 1])[0, 1]) < 0.5
     for seed in (3, 7):
-        found = plants(machine)(alone(everything, name), seed)
+        found = off(machine, alone(everything, name), seed)
         np.testing.assert_allclose(found.pop(name), drawn[seed], rtol=0, atol=1e-14)
         for other in found.values():
             assert np.abs(other).max() < 1e-12

@@ -185,15 +185,6 @@ def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
     assert SENTENCE in failed
 
 
-@pytest.mark.night
-def test_our_columns_are_those_without_another_controller(compared):
-    column, path = COLUMNS[3], TestbedConfig().spiral_rad(SHORT_S)
-    own = pursuing(rig("hexapod"), column.goal, jacobian="analytic")
-    alone = own.fly(own.controller(), path, failures=column.failures)
-    with np.load(compared["out"] / "W_d.npz") as data:
-        assert np.array_equal(data["true_rad"], alone.true)
-
-
 @pytest.mark.long
 @pytest.mark.night
 def test_another_controller_recovers_or_not_in_the_same_case():
