@@ -1,16 +1,13 @@
 """Control authority of two hexacopters, as Du, Quan, Yang and Cai (2015) published it."""
 
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from tests.pages import run
 from tests.published.faces import ARM, LARGEST, ROUNDED, WEIGHT, distances, effectiveness
 
-PAGE = Path(__file__).parents[2] / "docs" / "published" / "hexacopters.md"
 HOVER = np.array([WEIGHT, 0, 0, 0])
 PUBLISHED = {
     "PNPNPN": [1.4861, 0, 0, 0, 0, 0, 0],
@@ -32,12 +29,6 @@ SECOND = {
 
 Its gravity is that of its standard atmosphere.
 """
-
-
-@pytest.fixture(scope="module")
-def authority():
-    """The function of the page, which prints what the page says."""
-    return run(PAGE.read_text())["authority"]
 
 
 @pytest.mark.parametrize("case", SECOND)

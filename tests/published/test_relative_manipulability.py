@@ -6,7 +6,6 @@ Manipulators, Towards New Applications (2008), theorem 1 (proof: eqs. 13 to 15) 
 
 from itertools import combinations
 from math import comb
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -17,16 +16,7 @@ from scipy.linalg import null_space
 
 from prioritized import ConstrainedSystem
 from sim import jacobians
-from tests.pages import run
 from tests.random_systems import SEEDS
-
-PAGE = Path(__file__).parents[2] / "docs" / "published" / "relative-manipulability.md"
-
-
-@pytest.fixture(scope="module")
-def page():
-    """Names of the page's script, which prints what the page says."""
-    return run(PAGE.read_text())
 
 
 def theorem(n: int, m: int, i: int) -> float:

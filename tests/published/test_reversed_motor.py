@@ -1,15 +1,11 @@
 """What reversing the opposite of a failed motor restores: PX4-Autopilot, pull request 28078."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from prioritized import ConstrainedSystem
-from tests.pages import run
 from tests.published.faces import ARM, DRAG, LARGEST, WEIGHT, distances, effectiveness
 
-PAGE = Path(__file__).parents[2] / "docs" / "published" / "reversed-motor.md"
 IN_PX4 = 0.4
 """Default of CA_REV_THR_FRAC: "a standard prop has about 40 %" of its thrust in reverse."""
 
@@ -17,12 +13,6 @@ PAIR = 3 * DRAG * ARM * LARGEST / np.hypot(2 * DRAG, ARM)
 """Distance of hover from a face that only two opposite motors change, all motors sound."""
 YAW = 2 * DRAG * (2 * LARGEST - WEIGHT / 2) / np.hypot(1, DRAG)
 """From that of two motors of one sense, which is left to them by the third."""
-
-
-@pytest.fixture(scope="module")
-def authority():
-    """The function of the page, which prints what the page says."""
-    return run(PAGE.read_text())["authority"]
 
 
 @pytest.mark.parametrize("lost", range(6))

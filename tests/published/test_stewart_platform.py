@@ -1,7 +1,6 @@
 """A Stewart platform of T. Dehaeze, stewart-simscape: what he published, from his parameters."""
 
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from fjh.rig import Rig
 from sim import Failure, Plant, load_model
-from tests.pages import run
-
-PAGE = (Path(__file__).parents[2] / "docs" / "published" / "stewart-platform.md").read_text()
 
 MODES_HZ = [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.6]
 """org/identification.org, modal analysis; to 0.05."""
@@ -29,12 +25,6 @@ STIFFNESS, DAMPING, ROD, DISC = 2e7, 20.0, 0.1, 1.0
 """Of a strut [N/m], [N s/m]; masses of each half of a strut and of the disc [kg]."""
 BALL = 1000 * 4 / 3 * np.pi * 1e-9
 """Mass of each of six balls of 1 mm radius [kg], which the Simscape blocks have by default."""
-
-
-@pytest.fixture(scope="module")
-def page():
-    """Names of the page's script, which prints what the page says."""
-    return run(PAGE)
 
 
 @pytest.fixture(scope="module")

@@ -125,11 +125,10 @@ def browsed() -> Iterator[Browser]:
 
 @dataclass(frozen=True)
 class Served:
-    """The command that runs, in a session of its own: its page, the folder of its recordings."""
+    """The command that runs, in a session of its own, and its page."""
 
     process: "subprocess.Popen[str]"
     url: str
-    folder: Path
 
 
 def started(folder: Path, *words: str) -> "subprocess.Popen[str]":
@@ -159,7 +158,7 @@ def served(folder: Path, *words: str) -> Iterator[Served]:
         line = process.stdout.readline()
         found = re.search(r"http://127\.0\.0\.1:\d+", line)
         assert found, line + process.stderr.read()
-        yield Served(process, found[0], folder)
+        yield Served(process, found[0])
     finally:
         if process.poll() is None:
             process.kill()

@@ -4,7 +4,6 @@ Of a failure that is seen for a moment a pilot may name two kinds, such as "free
 that happened is among them.
 """
 
-import json
 import os
 import signal
 import socket
@@ -163,20 +162,6 @@ def test_a_bump_is_said_and_diagnosis_goes_off_and_on(page):
     page.until(lambda said: said.supervised.startswith("Does not diagnose"))
     page.tick("Diagnosis")
     page.until(lambda said: said.supervised.startswith(SOUND))
-
-
-@pytest.mark.night
-def test_a_saved_minute_is_where_the_page_says_and_holds_what_happened(page, hexapod):
-    page.make("strut3", "lock")
-    page.until(lambda said: "strut3" in said.supervised)
-    page.click("Save the last minute")
-    said = page.until(lambda said: "live_1.rrd" in said.last).last
-    file = hexapod.folder / "live_1.rrd"
-    assert said.endswith(f"are in {file}.") and [*hexapod.folder.iterdir()] == [file]
-    stated = json.loads(properties_of(file)["flight"])
-    struck = [(each["actuator"], each["kind"]) for each in stated["incidents"]]
-    assert struck == [("strut3", "locked")]
-    assert stated["diagnoses"] and stated["diagnoses"][0]["actuator"] == "strut3"
 
 
 @pytest.mark.night

@@ -13,11 +13,10 @@ import pytest
 
 from fjh.recording import read as reading
 from fjh.recording.read import read_run
-from fjh.recording.view import PUBLISHED, Change, view_of
+from fjh.recording.view import PUBLISHED, view_of
 from fjh.rig.hexapod.columns import hexapod_arrays
 from fjh.study.errors import WrongInput
 from fjh.study.files import write_arrays
-from tests import rrd
 from tests.made import made_run
 
 
@@ -30,25 +29,6 @@ def test_a_run_read_back_is_shown_as_it_was(kept):
     displacements, qpos = (run.arrays[name][[0, 299]] for name in ("task", "qpos"))
     own, other = (each.motion(displacements, qpos, 3.0) for each in (read, view))
     np.testing.assert_array_equal(own.position_m, other.position_m)
-
-
-def test_a_run_comes_back_from_its_data_with_failures_and_parameters(
-    table1, table1_folder, runs, recover_folder
-):
-    kept = read_run(table1_folder / "W_e.npz")
-    np.testing.assert_array_equal(kept.view.arrays["true"], runs["W_e"]["true_rad"])
-    assert kept.view.stated.incidents == [Change("strut1", "locked", 0.0)]
-    assert (kept.view.stated.known, kept.view.stated.diagnoses) == ("corrected", [])
-    assert kept.study == "table1"
-    assert kept.parameters["detector_noise_m"] == table1["bench"]["detector_noise_m"]
-    found = read_run(recover_folder / "locked.npz").view
-    (failure,) = found.failures
-    diagnosis = found.diagnosis_of(failure)
-    assert diagnosis is not None
-    assert failure.time_s < diagnosis.time_s < failure.time_s + 0.3
-    assert (diagnosis.actuator, diagnosis.kind) == ("strut1", "locked")
-    rms_urad = 1e6 * np.sqrt((kept.view.error**2).mean(axis=0))
-    assert f"| here | {rms_urad[0]:.4f}" in rrd.notes(table1_folder / "W_e.rrd")
 
 
 SHAPE = "must be float64 of shape"
