@@ -8,7 +8,6 @@ that this processor can follow; the last keeps the choice and reverses the order
     python tools/processors.py NAME ...   those named
 """
 
-import argparse
 import os
 import subprocess
 import sys
@@ -69,13 +68,10 @@ def run(name: str, environment: dict[str, str]) -> bool:
 
 def main() -> int:
     """Number of settings in which a test failed."""
-    parser = argparse.ArgumentParser(description="The short tests as on other processors.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help="settings; all unless given")
-    words = parser.parse_args()
     known = settings()
-    if unknown := set(words.names) - set(known):
-        parser.error(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(known)}")
-    chosen = words.names or list(known)
+    chosen = sys.argv[1:] or list(known)
+    if unknown := set(chosen) - set(known):
+        sys.exit(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(known)}")
     failed = [name for name in chosen if not run(name, known[name])]
     print(f"{len(chosen) - len(failed)} of {len(chosen)} settings passed", *failed, sep="\n")
     return len(failed)

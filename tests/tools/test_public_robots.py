@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 
 from sim import MODELS, Body, jacobians
-from tools.public_robots.page import GENERATED, page, silently_wrong
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
 from tools.public_robots.task_frame import task_frame
@@ -16,11 +15,8 @@ MESHED = """
   <default>
     <default class="shown"><geom type="mesh" material="grey" density="700"/></default>
   </default>
-  <asset>
-    <mesh name="wedge" vertex="0 0 0  0.2 0 0  0 0.3 0  0 0 0.4"/>
-    <material name="grey" rgba="0.5 0.5 0.5 1"/>
-    <texture name="sky" type="skybox" builtin="gradient" width="8" height="48"/>
-  </asset>
+  <asset><mesh name="wedge" vertex="0 0 0  0.2 0 0  0 0.3 0  0 0 0.4"/><material name="grey"/>
+    <texture name="sky" type="skybox" builtin="gradient" width="8" height="48"/></asset>
   <worldbody>
     <body name="upper">
       <joint name="j1" axis="0 1 0" frictionloss="0.1"/>
@@ -109,32 +105,3 @@ def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
     mujoco.mj_forward(model, data)
     assert difference_error(model, data, bad, body) > 0.1
     assert power_error(model, data, bad, body) > 0.01
-
-
-def flown(name, measured_um, warnings=()):
-    """The lock alone may be off."""
-    common = {"of_path": 0.1, "leaves": None, "uncompared": None, "wrong": []}
-    flight = common | {"named_after_ms": 56, "predicted": [1e-6]}
-    return {
-        "package": "robosuite",
-        "name": name,
-        "stage": None,
-        "load": {"actuators": 2},
-        "rig": {"warnings": list(warnings), "rows": [3, 4]},
-        "sound": flight | {"measured": [1e-6]},
-        "lock": flight | {"measured": [1e-6 * measured_um]},
-    }
-
-
-REFUSED = {"package": "robosuite", "name": "c", "stage": "rig", "refused": 'gravity moves "a|b"'}
-
-
-def test_the_page_keeps_its_text_and_shows_what_is_wrong_without_a_warning():
-    records = [flown("a", 1.5), flown("b", 1.5, ["friction is left out"]), flown("d", 1.1)]
-    assert [silently_wrong(each, "sound", "lock") for each in records] == [True, False, False]
-    text = page(f"# Robots\n\nText.\n\n{GENERATED}\nold", [*records, REFUSED], "Today.")
-    assert text.startswith(f"# Robots\n\nText.\n\n{GENERATED}\n\n## Results\n\nToday.")
-    assert "| `a` | 2 | x, y | 10 % | 1.00 | **1.50** | 56 ms | 0 |  |" in text
-    assert "| 1.50 | 56 ms | 0 | friction is left out |" in text
-    assert 'rig: gravity moves "a\\|b" |' in text and "* 1 at rig: gravity moves" in text
-    assert page(text, [*records, REFUSED], "Today.") == text

@@ -76,9 +76,7 @@ def main(file: Path, out: Path) -> None:
     except REFUSALS as error:
         keep(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
     except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(last.filename).name}:{last.lineno} in {last.name}"
-        says = f"{type(error).__name__}: {' '.join(str(error).split())} ({where})"
+        says = " ".join(traceback.format_exception_only(error)[-1].split())
         keep(traceback=says, whole=traceback.format_exc())
     keep(duration_s=round(time.monotonic() - start, 1))
 

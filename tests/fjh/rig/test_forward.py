@@ -1,7 +1,6 @@
 """Forward kinematics of the hexapod: from strut lengths to the pose."""
 
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -65,31 +64,6 @@ def test_a_batch_is_its_members_one_by_one(shape):
         alone = forward_kinematics(machine(), asked[index])
         np.testing.assert_allclose(together.rotation[index], alone.rotation, atol=1e-14)
         np.testing.assert_allclose(together.translation_m[index], alone.translation_m, atol=1e-14)
-
-
-def newton_errors_m(asked: np.ndarray) -> list[float]:
-    errors = []
-    for steps in range(10):
-        try:
-            pose = forward_kinematics(machine(), asked, most_steps=steps)
-        except UnreachableLengths as not_yet:
-            errors.append(float(not_yet.residual_m))
-        else:
-            return [*errors, float(np.abs(machine().displacements(pose) - asked).max())]
-    raise AssertionError("ten steps were not enough")
-
-
-def test_each_newton_step_squares_the_error():
-    """Over ten decades: were it a fixed rate, the multiple would grow as the error falls."""
-    asked = 0.01 * np.array([1, 1, -1, -1, -1, -1])
-    errors = newton_errors_m(asked)
-    squares = [after / before**2 for before, after in pairwise(errors)]
-    before_round_off = [s for s, after in zip(squares, errors[1:], strict=True) if after > 1e-14]
-    assert len(before_round_off) >= 3
-    assert 0.5 < min(before_round_off) <= max(before_round_off) < 10
-    assert errors[0] > 1e10 * errors[len(before_round_off)]
-    # On the paper's stroke: 0.6 mm, 3 um, 7 pm, round-off.
-    assert len(newton_errors_m(asked * 0.0635)) == 4
 
 
 def test_the_pose_is_where_the_physics_takes_the_payload(model):

@@ -13,7 +13,6 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.recover import hexapod_basis, plan
-from experiments.recover.row import row_of
 from experiments.table1 import CONFIGURATIONS
 from experiments.table1 import checks as table1_checks
 from fjh.rig.hexapod.columns import COLUMNS
@@ -183,17 +182,6 @@ def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
     columns, further = (pd.DataFrame(compared[name]) for name in ("columns", "further_runs"))
     [failed] = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
     assert SENTENCE in failed
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_another_controller_recovers_or_not_in_the_same_case():
-    """Told of no failure, the integrator of the page is about a fault-unaware one."""
-    case = plan.hexapod_failures(LEAST, 0, 1.0, 0, "page_examples:PseudoInverse")[1]
-    row = row_of(case)
-    assert row["status"] == "flown" and row["controller_failure"] is None
-    for span in ("before", "during", "after"):
-        assert 0.3 < row[f"rms_other_{span}"] / row[f"rms_unaware_{span}"] < 3
 
 
 @pytest.mark.long
