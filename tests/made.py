@@ -67,10 +67,10 @@ def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
     return replace(made_run(), pose=pose, **known)
 
 
-def keep_made(folder: Path, *, locked: bool = True) -> None:
+def keep_made(folder: Path, name: str = "made", *, locked: bool = True) -> None:
     """`made.npz` and `made.rrd`, as any study of the hexapod writes a run; strut 1 is locked."""
     run = replace(made_run(), failures=(Failure(0, "locked"),) * locked)
-    file, arrays = folder / "made.rrd", hexapod_arrays(run)
+    file, arrays = folder / f"{name}.rrd", hexapod_arrays(run)
     write_run(file, hexapod(), run, ABOUT, arrays=arrays, known="known")
 
 
