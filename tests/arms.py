@@ -17,21 +17,13 @@ _THICKNESS_M, _ARMATURE = 0.06, 0.1
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm whose tool lies `flange` beyond its last joint.
+    """Its tool lies `flange` beyond its last joint; rows are a and d [m] and alpha [deg]."""
 
-    Attributes:
-        rows: One joint each: a [m] and alpha [deg] before it, d [m] along it.
-        flange: Along the axis of the last joint, [m].
-        mass: Of each link, [kg].
-        home: Joint angles of its keyframe, [rad].
-        servos: kp, kv and largest torque of each joint.
-    """
-
-    rows: Sequence[tuple[float, float, float]]
+    rows: Sequence[tuple[float, float, float]]  # a and alpha before a joint, d along it
     flange: float
     mass: Sequence[float]
     home: Sequence[float]
-    servos: Sequence[tuple[float, float, float]]
+    servos: Sequence[tuple[float, float, float]]  # kp, kv and largest torque
 
     def write(self, file: Path, joint: str = "") -> Path:
         """As MJCF; `joint` are attributes that all joints have besides."""
@@ -98,10 +90,6 @@ ARMS = {
         flange=0.107,
         mass=[4.97, 0.65, 3.23, 3.59, 1.23, 1.67, 0.74],
         home=[0, 0, 0, -1.57079, 0, 1.57079, -0.7853],
-        servos=[
-            *[(4500, 450, 87)] * 2,
-            *[(3500, 350, 87)] * 2,
-            *[(2000, 200, 12)] * 3,
-        ],
+        servos=[*[(4500, 450, 87)] * 2, *[(3500, 350, 87)] * 2, *[(2000, 200, 12)] * 3],
     ),
 }

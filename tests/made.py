@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -27,9 +27,9 @@ def hexapod() -> Rig:
     return Rig.hexapod()
 
 
-def made_run(ticks: int = 400) -> Run:
+def made_run() -> Run:
     """The spiral's beginning, tracked up to noise; nothing else moves."""
-    rng, bench = np.random.default_rng(0), TestbedConfig()
+    rng, bench, ticks = np.random.default_rng(0), TestbedConfig(), 400
     desired = bench.spiral_rad(ticks * bench.control_period_s)
 
     def noise(size: float, *shape: int) -> np.ndarray:
@@ -61,25 +61,24 @@ def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
     """A run of the hexapod from the arrays of its `.npz`."""
     published = {"desired": "desired_rad", "true": "true_rad", "measured": "measured_rad"}
     published |= {"inputs": "strut_input_percent", "displacement": "strut_displacement_m"}
+    published |= {"time_s": "time_s", "closure_m": "closure_residual_m"}
     pose = NOMINAL.moved(np.hstack([arrays["true_rad"], arrays["secondary"]]))
     known = {name: arrays[key] for name, key in published.items()}
-    known |= {"time_s": arrays["time_s"], "closure_m": arrays["closure_residual_m"], "pose": pose}
-    return replace(made_run(), **known)
+    return replace(made_run(), pose=pose, **known)
 
 
-def keep_made(folder: Path, name: str = "made", *, locked: bool = True, **parameters: Any) -> None:
+def keep_made(folder: Path, name: str = "made", *, locked: bool = True) -> None:
     """`made.npz` and `made.rrd`, as any study of the hexapod writes a run; strut 1 is locked."""
     run = replace(made_run(), failures=(Failure(0, "locked"),) * locked)
-    about = replace(ABOUT, parameters={**ABOUT.parameters, **parameters})
-    arrays = hexapod_arrays(run)
-    write_run(folder / f"{name}.rrd", hexapod(), run, about, arrays=arrays, known="known")
+    file, arrays = folder / f"{name}.rrd", hexapod_arrays(run)
+    write_run(file, hexapod(), run, ABOUT, arrays=arrays, known="known")
 
 
 def made_view(
-    *incidents: Change, diagnoses: Sequence[Change] = (), ticks: int = 400, **arrays: np.ndarray
+    *incidents: Change, diagnoses: Sequence[Change] = (), **arrays: np.ndarray
 ) -> RunView:
     """A made run as it is shown, with what happened in it and some arrays of its file changed."""
-    rig, own = hexapod(), hexapod_arrays(made_run(ticks)) | arrays
+    rig, own = hexapod(), hexapod_arrays(made_run()) | arrays
     stated = replace(stated_of(rig), incidents=list(incidents), diagnoses=list(diagnoses))
     return RunView(stated, as_run_arrays(own), rig.model)
 

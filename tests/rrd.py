@@ -36,15 +36,6 @@ def notes(path: Path) -> str:
     return static(path, "/notes", "TextDocument:text")[0]
 
 
-def properties(path: Path) -> dict[str, Any]:
-    """What makes the run self-describing; a property that is no list comes without one."""
-    chunks = RrdReader(path).stream().filter(content="/__properties/run").to_chunks()
-    batch = chunks[0].to_record_batch()
-    names = [name for name in batch.schema.names if not name.startswith("rerun.")]
-    cells = {name: batch.column(name).to_pylist()[0] for name in names}
-    return {name: cell[0] if len(cell) == 1 else cell for name, cell in cells.items()}
-
-
 def entities(path: Path) -> set[str]:
     """Where something is logged."""
     return set(RrdReader(path).store().schema().entity_paths(include_properties=False))

@@ -67,7 +67,7 @@ class Environment:
         return run(str(self.bin / command), *words, cwd=self.folder, code=code)
 
     def install(self, *requirements: str) -> None:
-        """Install from the index, the versions that CI uses."""
+        """From the index, the versions that CI uses."""
         options = ("--quiet", "--no-compile", "--constraint", str(ROOT / "constraints.txt"))
         self("python", "-m", "pip", "install", *options, *requirements)
 

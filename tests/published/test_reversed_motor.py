@@ -1,15 +1,11 @@
 """What reversing the opposite of a failed motor restores: PX4-Autopilot, pull request 28078."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from prioritized import ConstrainedSystem
-from tests.pages import run
 from tests.published.faces import ARM, DRAG, LARGEST, WEIGHT, distances, effectiveness
 
-PAGE = Path(__file__).parents[2] / "docs" / "published" / "reversed-motor.md"
 IN_PX4 = 0.4
 """Default of CA_REV_THR_FRAC: "a standard prop has about 40 %" of its thrust in reverse."""
 
@@ -19,26 +15,12 @@ YAW = 2 * DRAG * (2 * LARGEST - WEIGHT / 2) / np.hypot(1, DRAG)
 """From that of two motors of one sense, which is left to them by the third."""
 
 
-@pytest.fixture(scope="module")
-def authority():
-    """The function of the page, which prints what the page says."""
-    return run(PAGE.read_text())["authority"]
-
-
-def test_the_authority_of_all_motors_is_the_distance_of_the_face_of_two(authority):
-    assert authority() == pytest.approx(PAIR, abs=1e-12)
-
-
 @pytest.mark.parametrize("lost", range(6))
 def test_x_of_the_thrust_restores_x_of_the_authority_until_yaw_is_nearer(authority, lost):
-    for x in np.linspace(0, 1, 21):
+    assert authority() == pytest.approx(PAIR, abs=1e-12)
+    for x in (IN_PX4, *np.linspace(0, 1, 21)):
         left = authority(lost=[lost], reversed_motor=(lost + 3) % 6, fraction=x)
         assert left == pytest.approx(min(x * PAIR, YAW), abs=1e-12)
-
-
-def test_the_fraction_of_px4_restores_as_much_of_the_authority(authority):
-    left = authority(lost=[0], reversed_motor=3, fraction=IN_PX4)
-    assert left / authority() == pytest.approx(IN_PX4, abs=1e-12)
 
 
 @pytest.mark.parametrize("turns", ["PNPNPN", "PPNNPN"])

@@ -2,13 +2,11 @@
 
 import mujoco
 import numpy as np
-import pytest
 
-from sim import Body, jacobians
-from tools.public_robots.page import GENERATED, outcome, page, silently_wrong
+from sim import MODELS, Body, jacobians
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
-from tools.public_robots.task_frame import NoTask, task_frame
+from tools.public_robots.task_frame import task_frame
 from tools.public_robots.trial import difference_error, power_error
 
 MESHED = """
@@ -17,11 +15,8 @@ MESHED = """
   <default>
     <default class="shown"><geom type="mesh" material="grey" density="700"/></default>
   </default>
-  <asset>
-    <mesh name="wedge" vertex="0 0 0  0.2 0 0  0 0.3 0  0 0 0.4"/>
-    <material name="grey" rgba="0.5 0.5 0.5 1"/>
-    <texture name="sky" type="skybox" builtin="gradient" width="8" height="48"/>
-  </asset>
+  <asset><mesh name="wedge" vertex="0 0 0  0.2 0 0  0 0.3 0  0 0 0.4"/><material name="grey"/>
+    <texture name="sky" type="skybox" builtin="gradient" width="8" height="48"/></asset>
   <worldbody>
     <body name="upper">
       <joint name="j1" axis="0 1 0" frictionloss="0.1"/>
@@ -71,30 +66,17 @@ def test_files_that_others_include_and_those_of_tests_are_no_robots(tmp_path):
     assert [file.name for file in files(tmp_path)] == ["scene.xml"]
 
 
-LEG = """
-<body name="hip{0}" pos="{1} 0 0"><joint name="hip{0}" axis="0 1 0"/><geom size="0.05"/>
-  <body pos="0 0 -0.5"><joint name="knee{0}" axis="0 1 0"/><geom size="0.05"/>
-    <site name="sole{0}" pos="0 0 -0.4"/></body></body>
-"""
-ARM = """
-<body name="arm" pos="0 0 0.3"><joint name="shoulder" axis="0 0 1"/><geom size="0.05"/>
-  <body name="hand" pos="0.3 0 0"><geom size="0.05"/></body></body>
-"""
-
-
-def walker(arm=""):
-    driven = ["hip1", "knee1", "hip2", "knee2"] + ["shoulder"] * bool(arm)
-    motors = "".join(f'<position joint="{name}"/>' for name in driven)
-    return of_text(
-        f'<mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>'
-        f"{LEG.format(1, 0.2)}{LEG.format(2, -0.2)}{arm}</body></worldbody>"
-        f"<actuator>{motors}</actuator></mujoco>"
-    )
-
-
 def test_a_robot_stands_on_its_lowest_sites_and_works_with_what_is_no_foot():
-    assert task_frame(*walker()) == ("trunk", ("sole1", "sole2"))
-    assert task_frame(*walker(ARM)) == ("hand", ("sole1", "sole2"))
+    spec = mujoco.MjSpec.from_file(str(MODELS / "quadruped.xml"))
+    feet = ("front_left", "front_right", "rear_left", "rear_right")
+    model = spec.compile()
+    assert task_frame(model, mujoco.MjData(model)) == ("trunk", feet)
+    arm = spec.body("trunk").add_body(name="arm", pos=[0, 0, 0.3], mass=1, inertia=[1, 1, 1])
+    arm.add_joint(name="shoulder")
+    arm.add_body(name="hand", pos=[0.3, 0, 0])
+    spec.add_actuator(name="m", target="shoulder", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    model = spec.compile()
+    assert task_frame(model, mujoco.MjData(model)) == ("hand", feet)
 
 
 def test_the_task_of_an_arm_is_the_end_of_its_longest_driven_chain():
@@ -110,15 +92,6 @@ def test_the_task_of_an_arm_is_the_end_of_its_longest_driven_chain():
     assert task_frame(model, data) == ("tool", ())
 
 
-def test_a_model_whose_actuators_move_no_joint_has_no_task():
-    model, data = of_text(
-        '<mujoco><worldbody><body name="b"><joint name="j"/><geom size="0.1"/></body></worldbody>'
-        '<actuator><position joint="j" gear="0"/></actuator></mujoco>'
-    )
-    with pytest.raises(NoTask, match="no actuator moves a joint"):
-        task_frame(model, data)
-
-
 def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
     model, data = of_text(MESHED)
     data.qpos[:] = [0.4, -0.7]
@@ -132,49 +105,3 @@ def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
     mujoco.mj_forward(model, data)
     assert difference_error(model, data, bad, body) > 0.1
     assert power_error(model, data, bad, body) > 0.01
-
-
-def flight(measured, predicted, **more):
-    common = {
-        "of_path": 0.1,
-        "leaves": None,
-        "uncompared": None,
-        "wrong": [],
-        "named_after_ms": None,
-    }
-    return common | {"measured": measured, "predicted": predicted} | more
-
-
-def flown(name, lock_ratio, warnings=()):
-    return {
-        "package": "robosuite",
-        "name": name,
-        "stage": None,
-        "load": {"actuators": 2},
-        "jacobians": {"error": 1e-10},
-        "power": {"error": 1e-16},
-        "classified": {"major": [3, 4]},
-        "rig": {"warnings": list(warnings), "rows": [3, 4]},
-        "sound": flight([3e-6, 4e-6], [5e-6, 0.0]),
-        "lock": flight([lock_ratio * 1e-6], [1e-6], named_after_ms=56),
-    }
-
-
-REFUSED = {"package": "robosuite", "name": "c", "stage": "rig", "refused": 'gravity moves "a|b"'}
-
-
-def test_the_page_keeps_its_text_and_shows_what_is_wrong_without_a_warning():
-    off, warned = flown("a", 1.5), flown("b", 1.5, ["dry friction of j1 is left out"])
-    assert silently_wrong(off) and not silently_wrong(warned)
-    assert not silently_wrong(flown("d", 1.1))
-    text = page(f"# Robots\n\nText.\n\n{GENERATED}\nold", [off, warned, REFUSED], "Today.")
-    assert text.startswith(f"# Robots\n\nText.\n\n{GENERATED}\n\n## Results\n\nToday.")
-    assert "| `a` | 2 | x, y | 10 % | 1.00 | **1.50** | 56 ms | 0 |  |" in text
-    assert "| 1.50 | 56 ms | 0 | dry friction of ... is left out |" in text
-    off["lock"] |= {"predicted": None, "leaves": "j1"}
-    there = page(text, [off], "Today.")
-    assert "| not comparable | 56 ms | 0 | j1 leaves its range in the linear model |" in there
-    assert 'rig: gravity moves "a\\|b" |' in text
-    assert "* 1 at rig: gravity moves" in text
-    assert text.count(GENERATED) == there.count(GENERATED) == 1
-    assert [outcome(each) for each in (off, REFUSED)] == ["flies", "refused"]

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from fjh.study.provenance import processor, versions
-from tools.public_robots.page import page
+from tools.public_robots.page import outcome, page, said
 from tools.public_robots.registry import Model, install, models
 from tools.public_robots.trial import LIMIT_S
 
@@ -40,19 +40,16 @@ def main() -> None:
         chosen = [each for each in found if _is_due(each, words.only)]
         with ThreadPoolExecutor(PROCESSES) as pool:
             for done, (model, record) in enumerate(pool.map(_tried, chosen), 1):
-                print(f"{done} of {len(chosen)} {_label(model)}: {_outcome(record)}", flush=True)
-    records = {_label(each): _entry(each) for each in found if _result(each).is_file()}
+                says = f"{outcome(record)} {said(record)}"[:200]
+                print(f"{done} of {len(chosen)} {model.label}: {says}", flush=True)
+    records = {each.label: _entry(each) for each in found if _result(each).is_file()}
     (BUILD / "robots.json").write_text(json.dumps(records, indent=1))
     text = page(PAGE.read_text(encoding="utf-8"), list(records.values()), _conditions(records))
     PAGE.write_text(text, encoding="utf-8")
 
 
-def _label(model: Model) -> str:
-    return f"{model.package}/{model.name}"
-
-
 def _result(model: Model) -> Path:
-    return BUILD / "trials" / model.package / f"{model.name}.json"
+    return BUILD / "trials" / f"{model.label}.json"
 
 
 def _entry(model: Model) -> dict[str, Any]:
@@ -75,7 +72,7 @@ def _conditions(records: dict[str, dict[str, Any]]) -> str:
 
 def _is_due(model: Model, only: list[str] | None) -> bool:
     if only:
-        return any(part in _label(model) for part in only)
+        return any(part in model.label for part in only)
     return not _result(model).is_file()
 
 
@@ -86,7 +83,7 @@ def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
     if model.xml is None:
         out.write_text(json.dumps({"stage": "load", "refused": model.refusal}))
         return model, _entry(model)
-    file = BUILD / "models" / model.package / f"{model.name}.xml"
+    file = BUILD / "models" / f"{model.label}.xml"
     unfinished = out.with_suffix(".part")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(model.xml)
@@ -102,13 +99,6 @@ def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
     out.write_text(json.dumps(begun | more, indent=1))
     unfinished.unlink(missing_ok=True)
     return model, _entry(model)
-
-
-def _outcome(record: dict[str, Any]) -> str:
-    for key in ("traceback", "refused"):
-        if key in record:
-            return f"{record['stage']}: {key}: {record[key]}"[:200]
-    return "flies" if record["stage"] is None else f"{record['stage']}: more than {LIMIT_S} s"
 
 
 if __name__ == "__main__":

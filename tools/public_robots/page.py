@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
@@ -12,6 +12,10 @@ from tools.public_robots.registry import PACKAGES
 AGREES = 0.2
 """Relative error up to which an RMS is as predicted."""
 GENERATED = "<!-- From here on written by `make robots`. -->"
+_COLUMNS = (
+    *("robot", "actuators", "rows", "rms", "measured / predicted", "after the lock"),
+    *("named", "wrong", "refused, or warned"),
+)
 _WIDEST = 110
 Record = dict[str, Any]
 
@@ -25,44 +29,45 @@ def page(before: str, records: Sequence[Record], conditions: str) -> str:
         conditions: Date, versions and machine, one sentence.
     """
     text = before.partition(GENERATED)[0].rstrip()
-    parts = [text, GENERATED, "## Results", conditions, _counts(records)]
+    parts = [text, GENERATED, "## Results", conditions, _listed(_counts(records))]
     for package, version in PACKAGES.items():
-        rows = [_row(each) for each in records if each["package"] == package]
+        rows = [_cells(each) for each in records if each["package"] == package]
         if rows:
-            header = [_line(_COLUMNS), _line(["---"] * len(_COLUMNS))]
-            parts += [f"### {package} {version}", "\n".join([*header, *rows])]
-    parts += ["## What refused them", _refusals(records)]
+            table = [_COLUMNS, ["---"] * len(_COLUMNS), *rows]
+            lines = [f"| {' | '.join(cells)} |" for cells in table]
+            parts += [f"### {package} {version}", "\n".join(lines)]
+    counted = Counter(_kind(said(each)) for each in records if outcome(each) not in _ENDED)
+    refusals = [f"{count} at {_short(sentence)}" for sentence, count in counted.most_common()]
+    parts += ["## What refused them", _listed(refusals) or "Nothing."]
     return "\n\n".join(parts) + "\n"
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+_ENDED = ("flies", "timeout_s")
 
 
-_COLUMNS = (
-    *("robot", "actuators", "rows", "rms", "measured / predicted", "after the lock"),
-    *("named", "wrong", "refused, or warned"),
-)
+def _listed(lines: Sequence[str]) -> str:
+    return "\n".join(f"* {line}" for line in lines)
 
 
 def outcome(record: Record) -> str:
-    """One of flies, refused, traceback and timeout."""
+    """One of flies, refused, traceback and timeout_s."""
     if record.get("stage", "load") is None:
         return "flies"
     return next(key for key in ("traceback", "refused", "timeout_s") if key in record)
 
 
-def ratio(flight: Record | None) -> float | None:
+def ratio(record: Record, flight: str) -> float | None:
     """Measured over predicted RMS, all rows together; None where nothing is predicted of it."""
-    if flight is None or flight["predicted"] is None or flight["uncompared"] is not None:
+    numbers = record[flight]
+    if numbers["predicted"] is None or numbers["uncompared"] is not None:
         return None
-    measured, predicted = (hypot(*flight[key]) for key in ("measured", "predicted"))
+    measured, predicted = (hypot(*numbers[key]) for key in ("measured", "predicted"))
     return measured / predicted if predicted else None
 
 
-def silently_wrong(record: Record) -> bool:
+def silently_wrong(record: Record, *flights: str) -> bool:
     """Whether a prediction is off by more than 20 %, and no warning says what it leaves out."""
-    found = [ratio(record.get(flight)) for flight in ("sound", "lock")]
+    found = [ratio(record, flight) for flight in flights if flight in record]
     off = any(each is not None and not _is_close(each) for each in found)
     return off and not record["rig"]["warnings"]
 
@@ -71,30 +76,28 @@ def _is_close(value: float) -> bool:
     return abs(value - 1.0) <= AGREES
 
 
-def _counts(records: Sequence[Record]) -> str:
+def _counts(records: Sequence[Record]) -> list[str]:
     """Headlines, each with what it is of."""
     kinds = Counter(map(outcome, records))
-    flights = [each for each in records if "sound" in each]
-    close = [r for each in flights if (r := ratio(each["sound"])) is not None]
-    locks = [each for each in records if "lock" in each]
-    after = [r for each in locks if (r := ratio(each["lock"])) is not None]
-    named = [each for each in locks if each["lock"]["named_after_ms"] is not None]
-    lines = [
+    flown = {of: [each for each in records if of in each] for of in ("sound", "lock")}
+    found = {of: [ratio(each, of) for each in some] for of, some in flown.items()}
+    ratios = {of: [each for each in some if each is not None] for of, some in found.items()}
+    close = {of: f"{sum(map(_is_close, some))} of {len(some)}" for of, some in ratios.items()}
+    without = [str(len(found[of]) - len(ratios[of])) for of in found]
+    silent = sum(silently_wrong(each, "sound", "lock") for each in flown["sound"])
+    named = sum(each["lock"]["named_after_ms"] is not None for each in flown["lock"])
+    wrong = sum(bool(each["sound"]["wrong"]) for each in flown["sound"])
+    return [
         f"models tried: {len(records)}; both flights: {kinds['flies']}; refused: "
         f"{kinds['refused']}; tracebacks: {kinds['traceback']}; "
         f"not done after the time limit: {kinds['timeout_s']}",
         f"Jacobians: {_worst(records, 'jacobians')}; power: {_worst(records, 'power')}",
-        f"RMS as predicted within 20 % without a failure: {_of(close)}; after the lock: "
-        f"{_of(after)}; off without a warning in either: {sum(map(silently_wrong, flights))}; "
-        f"without a prediction: {len(flights) - len(close)} and {len(locks) - len(after)}",
-        f"lock named: {len(named)} of {len(locks)}; flights without a failure in which something "
-        f"was named: {sum(bool(each['sound']['wrong']) for each in flights)} of {len(flights)}",
+        f"RMS as predicted within 20 % without a failure: {close['sound']}; after the lock: "
+        f"{close['lock']}; off without a warning in either: {silent}; "
+        f"without a prediction: {' and '.join(without)}",
+        f"lock named: {named} of {len(flown['lock'])}; flights without a failure in which "
+        f"something was named: {wrong} of {len(flown['sound'])}",
     ]
-    return "\n".join(f"* {line}" for line in lines)
-
-
-def _of(ratios: Sequence[float]) -> str:
-    return f"{sum(map(_is_close, ratios))} of {len(ratios)}"
 
 
 def _worst(records: Sequence[Record], stage: str) -> str:
@@ -102,47 +105,43 @@ def _worst(records: Sequence[Record], stage: str) -> str:
     return f"{len(errors)} models, largest relative error {max(errors, default=0.0):.1e}"
 
 
-def _row(record: Record) -> str:
-    sound, lock = record.get("sound"), record.get("lock")
-    cells = [
-        f"`{record['name']}`",
-        _cell(record.get("load"), lambda load: str(load["actuators"])),
-        _cell(record.get("rig"), lambda rig: ", ".join(ROWS[k] for k in rig["rows"])),
-        _cell(sound, lambda flight: f"{100 * flight['of_path']:.3g} %"),
-        _compared(sound, record),
-        _compared(lock, record),
-        _cell(lock, _when_named),
-        _cell(sound, lambda flight: str(len(flight["wrong"]) + len(lock["wrong"] if lock else ()))),
-        _said(record),
-    ]
-    return _line(cells)
+def _cells(record: Record) -> list[str]:
+    """Empty where a robot did not come that far."""
+    cells = {"robot": f"`{record['name']}`", "refused, or warned": _short(said(record))}
+    if "load" in record:
+        cells["actuators"] = str(record["load"]["actuators"])
+    if "rig" in record:
+        cells["rows"] = ", ".join(ROWS[k] for k in record["rig"]["rows"])
+    if "sound" in record:
+        cells["rms"] = f"{100 * record['sound']['of_path']:.3g} %"
+        cells["measured / predicted"] = _compared(record, "sound")
+        wrong = [record[flight]["wrong"] for flight in ("sound", "lock") if flight in record]
+        cells["wrong"] = str(sum(map(len, wrong)))
+    if "lock" in record:
+        delay_ms = record["lock"]["named_after_ms"]
+        cells["named"] = "never" if delay_ms is None else f"{delay_ms} ms"
+        cells["after the lock"] = _compared(record, "lock")
+    return [cells.get(column, "") for column in _COLUMNS]
 
 
-def _cell(part: Record | None, say: Callable[[Record], str]) -> str:
-    return "" if part is None else say(part)
-
-
-def _compared(flight: Record | None, record: Record) -> str:
-    value = ratio(flight)
-    if flight is None or value is None:
-        return "" if flight is None else "not comparable"
-    bold = "**" if not _is_close(value) and not record["rig"]["warnings"] else ""
+def _compared(record: Record, flight: str) -> str:
+    value = ratio(record, flight)
+    if value is None:
+        return "not comparable"
+    bold = "**" * silently_wrong(record, flight)
     return f"{bold}{value:.2f}{bold}"
 
 
-def _when_named(lock: Record) -> str:
-    return "never" if lock["named_after_ms"] is None else f"{lock['named_after_ms']} ms"
-
-
-def _said(record: Record) -> str:
+def said(record: Record) -> str:
+    """What a robot is refused for, or warned of."""
     kind = outcome(record)
     if kind == "flies":
         leaves = {record[flight]["leaves"] for flight in ("sound", "lock")} - {None}
         beyond = [f"{name} leaves its range in the linear model" for name in sorted(leaves)]
-        return _short("; ".join(dict.fromkeys([*beyond, *map(_kind, record["rig"]["warnings"])])))
+        return "; ".join(dict.fromkeys([*beyond, *map(_kind, record["rig"]["warnings"])]))
     if kind == "timeout_s":
         return f"{record['stage']}: not done after {record[kind]:g} s"
-    return _short(f"{record['stage']}: {'traceback, ' * (kind == 'traceback')}{record[kind]}")
+    return f"{record['stage']}: {'traceback, ' * (kind == 'traceback')}{record[kind]}"
 
 
 def _short(sentence: str) -> str:
@@ -156,14 +155,3 @@ def _kind(sentence: str) -> str:
     plain = re.sub(r'(?:"...", )+', "", plain)
     plain = re.sub(r"dry friction of \S+", "dry friction of ...", plain)
     return re.sub(r"\d[\d.e+-]*", "#", plain)
-
-
-def _refusals(records: Sequence[Record]) -> str:
-    """Sentences with their counts, the most frequent first."""
-    counted = Counter(
-        f"{each['stage']}: {'traceback, ' * (kind == 'traceback')}{_kind(each[kind])}"
-        for each in records
-        if (kind := outcome(each)) in ("refused", "traceback")
-    )
-    lines = [f"* {count} at {_short(sentence)}" for sentence, count in counted.most_common()]
-    return "\n".join(lines) or "Nothing."

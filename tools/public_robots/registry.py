@@ -29,21 +29,18 @@ _INCLUDED = re.compile(r'<include\s+file\s*=\s*"([^"]+)"')
 
 @dataclass(frozen=True)
 class Model:
-    """A robot of a package.
-
-    Attributes:
-        package: That ships it.
-        name: Folder and name of its file, without the end.
-        source: The file in the package.
-        xml: Its MJCF without meshes; None where MuJoCo does not compile it.
-        refusal: What MuJoCo then says.
-    """
+    """A robot: of a package, by folder and name of its file; without XML where it is refused."""
 
     package: str
     name: str
     source: str
     xml: str | None
     refusal: str = ""
+
+    @property
+    def label(self) -> str:
+        """Of its files."""
+        return f"{self.package}/{self.name}"
 
 
 def install(folder: Path) -> None:

@@ -32,15 +32,11 @@ def _keep_inertias(spec: Any, whole: mujoco.MjModel) -> None:
     for body in spec.bodies[1:]:
         k = body.id
         if whole.body_mass[k] > 0:
-            _set_inertial(body, whole.body_mass[k], whole.body_inertia[k])
+            body.explicitinertial, body.fullinertia = True, [float("nan")] * 6
+            body.mass, body.inertia = whole.body_mass[k], whole.body_inertia[k]
             body.ipos, body.iquat = whole.body_ipos[k], whole.body_iquat[k]
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     spec.compiler.settotalmass = -1
-
-
-def _set_inertial(body: Any, mass_kg: float, inertia: Any) -> None:
-    body.explicitinertial, body.mass, body.inertia = True, mass_kg, inertia
-    body.fullinertia = [float("nan")] * 6
 
 
 def _without_files(spec: Any) -> None:
@@ -48,12 +44,8 @@ def _without_files(spec: Any) -> None:
     for geom in list(spec.geoms):
         if geom.type in SHAPES or geom.meshname or geom.hfieldname:
             spec.delete(geom)
-        else:
-            geom.material = ""
-    for site in spec.sites:
-        site.material = ""
-    for tendon in spec.tendons:
-        tendon.material = ""
+    for each in (*spec.geoms, *spec.sites, *spec.tendons):
+        each.material = ""
     for kind in ("skins", "meshes", "hfields", "materials", "textures", "flexes"):
         for each in list(getattr(spec, kind)):
             spec.delete(each)

@@ -23,12 +23,7 @@ class NoTask(ValueError):
 
 
 class TaskFrame(NamedTuple):
-    """The task of a robot.
-
-    Attributes:
-        frame: Name of a body.
-        pinned: Names of the feet, sites or bodies; none where the robot has no free base.
-    """
+    """Name of a body, and of the feet, sites or bodies; none where there is no free base."""
 
     frame: str
     pinned: tuple[str, ...]
@@ -51,7 +46,8 @@ def task_frame(model: mujoco.MjModel, data: mujoco.MjData) -> TaskFrame:
         raise NoTask("no actuator moves a joint")
     best = _longest(model, reach, range(1, model.nbody))
     base = int(model.body_rootid[best])
-    if not _is_free(model, base):
+    joint = model.body_jntadr[base]
+    if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
         return TaskFrame(model.body(best).name, ())
     feet = _feet(model, data, base, ends)
     hands = [k for end in ends if end not in feet for k in (end, *_below(model, end))]
@@ -85,11 +81,6 @@ def _longest(model: mujoco.MjModel, reach: Array, bodies: object) -> int:
     if not named:
         raise NoTask("no body of a chain that actuators move has a name")
     return max(named, key=lambda k: (*np.round(reach[k], _DIGITS), -k))
-
-
-def _is_free(model: mujoco.MjModel, body: int) -> bool:
-    first = model.body_jntadr[body]
-    return bool(first >= 0 and model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE)
 
 
 def _feet(model: mujoco.MjModel, data: mujoco.MjData, base: int, ends: list[int]) -> dict[int, str]:

@@ -10,11 +10,10 @@ import resource
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import date
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ import mujoco
 import numpy as np
 
 from argument_checks.ties import ascending
-from fjh.rig import Rig, Run
+from fjh.rig import Rig
 from fjh.rig.dither import dither_of
 from fjh.rig.reach import learnt_s, uncompared
 from fjh.rig.run import rms
@@ -42,7 +41,7 @@ from sim import (
     load_model,
 )
 from sim.mjcf import drive_rows, drives
-from tools.public_robots.task_frame import NoTask, TaskFrame, task_frame
+from tools.public_robots.task_frame import NoTask, task_frame
 
 STAGES = ("load", "assemble", "jacobians", "power", "classified", "rig", "sound", "lock")
 REFUSALS = (ModelError, WrongInput, SimulationDiverged, NoTask)
@@ -71,170 +70,110 @@ def main(file: Path, out: Path) -> None:
     keep(stage=STAGES[0])
     start = time.monotonic()
     try:
-        for stage, numbers in Trial(file).stages():
+        for stage, numbers in stages(file):
             following = STAGES[(STAGES.index(stage) + 1) :]
             keep(**{stage: numbers}, stage=following[0] if following else None)
     except REFUSALS as error:
         keep(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
     except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(last.filename).name}:{last.lineno} in {last.name}"
-        says = f"{type(error).__name__}: {' '.join(str(error).split())} ({where})"
+        says = " ".join(traceback.format_exception_only(error)[-1].split())
         keep(traceback=says, whole=traceback.format_exc())
     keep(duration_s=round(time.monotonic() - start, 1))
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A robot of a file."""
-
-    file: Path
-
-    def stages(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Each stage, and its numbers."""
-        yield "load", {"actuators": len(drives(self.model)), "velocities": int(self.model.nv)}
-        frame = self.task
-        yield "assemble", {"frame": frame.frame, "pinned": frame.pinned}
-        yield "jacobians", {"error": difference_error(self.model, self.start, self.jac, self.body)}
-        yield "power", {"error": power_error(self.model, self.start, self.jac, self.body)}
-        yield "classified", {"major": self.major, "says": str(self.report).splitlines()[0]}
-        rig = self.rig
-        yield (
-            "rig",
-            {
-                "warnings": rig.warnings,
-                "left_out": rig.left_out,
-                "pinned": self._rig_and_pins[1],
-                "rows": rig.major,
-                "crossover_hz": rig.margins[0].crossover_hz,
-            },
-        )
-        yield "sound", self._flown(())
-        failed = self.expendable
-        yield (
-            "lock",
-            {"actuator": rig.actuators[failed]}
-            | self._flown((Failure(failed, "locked", FAILS_S),)),
-        )
-
-    @cached_property
-    def model(self) -> mujoco.MjModel:
-        """As the user loads it."""
-        return load_model(self.file)
-
-    @cached_property
-    def start(self) -> mujoco.MjData:
-        """Closed, from the first keyframe or zero."""
-        data = mujoco.MjData(self.model)
-        if self.model.nkey:
-            mujoco.mj_resetDataKeyframe(self.model, data, 0)
-        return assemble(self.model, data)
-
-    @cached_property
-    def task(self) -> TaskFrame:
-        """By the rule of :mod:`tools.public_robots.task_frame`."""
-        return task_frame(self.model, self.start)
-
-    @property
-    def body(self) -> int:
-        """Of the task frame."""
-        return self.model.body(self.task.frame).id
-
-    @cached_property
-    def jac(self) -> Jacobians:
-        """With the feet pinned."""
-        sites = {self.model.site(k).name for k in range(self.model.nsite)}
-        pinned = [name if name in sites else Body(name) for name in self.task.pinned]
-        return jacobians(self.model, self.start, Body(self.task.frame), pinned=pinned)
-
-    @cached_property
-    def system(self) -> ConstrainedSystem:
-        """Of the Jacobians."""
-        return ConstrainedSystem.of(self.jac)
-
-    @cached_property
-    def major(self) -> tuple[int, ...]:
-        """The first of :data:`ROWS` that the actuators reach, or all translations."""
-        kin = self.system.kinematics()
-        reached = (rows for rows in ROWS if is_possible(kin.manipulability(major=list(rows))))
-        return next(reached, ROWS[0])
-
-    @cached_property
-    def report(self) -> Any:
-        """The classification of the sound robot."""
-        return self.system.kinematics().manipulability(major=list(self.major))
-
-    @cached_property
-    def expendable(self) -> int:
-        """Of the actuators without which the task remains possible, the one that moves it most.
-
-        Of all, where it never remains so.
-        """
-        system, major = self.rig.control.system, list(self.rig.major)
-        moves = np.linalg.norm(system.kinematics().J[major], axis=0)
-        order = ascending(-moves).tolist()
-
-        def spared(k: int) -> bool:
-            left = system.with_failures(locked=[k]).kinematics()
-            return is_possible(left.manipulability(major=major))
-
-        return next((k for k in order if moves[k] > 0 and spared(k)), order[0])
-
-    @property
-    def rig(self) -> Rig:
-        """The robot with its loops; torque motors and velocity servos become position servos."""
-        return self._rig_and_pins[0]
-
-    @cached_property
-    def _rig_and_pins(self) -> tuple[Rig, list[str]]:
-        """The rig; where it is refused for what it stands on, with the pins that the refusal names.
-
-        The major rows are then the first that remain.
-        """
-        pins = [f"{name}:point" for name in self.task.pinned]
-        try:
-            return self._rig(pins, self.major), pins
-        except ModelError as error:
-            if (advised := _ADVISED.search(str(error))) is None:
-                raise
-        pins = advised[1].split(",")
-        for rows in (self.major, *ROWS[:-1]):
-            with suppress(WrongInput):
-                return self._rig(pins, rows), pins
-        return self._rig(pins, ROWS[-1]), pins
-
-    def _rig(self, pins: list[str], rows: tuple[int, ...]) -> Rig:
-        given = {"site": self.task.frame, "major": rows, "pinned": pins}
-        return Rig.of_mjcf(self.file, **given, servo_hz=servo_hz(self.model))
-
-    def _flown(self, failures: tuple[Failure, ...]) -> dict[str, Any]:
-        """A flight with a diagnosing controller, beside what was predicted.
-
-        The prediction is of a controller that learns of the failure when this one did.
-        """
-        rig = self.rig
-        path = rig.path("circle", duration_s=FLIGHT_S, turn_s=FLIGHT_S)
-        dither = dither_of(rig, "default", "default")
-        run = rig.fly(rig.supervisor(dither), path, failures=failures)
-        told, noise = learnt_s(rig, run, failures), run.measured - run.true
-        predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
-        of_model = predicted.rms_after if failures else predicted.rms_before
-        measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
-        return {
-            "measured": measured.tolist(),
-            "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
-            "of_path": float(np.linalg.norm(measured)) / rig.size,
-            "uncompared": uncompared(rig, run, predicted),
-            "leaves": predicted.leaves,
-            "status": run.status,
-        } | _named(run, [rig.actuators[each.number] for each in failures])
+def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Each stage of a robot, and its numbers."""
+    model = load_model(file)
+    yield "load", {"actuators": len(drives(model)), "velocities": int(model.nv)}
+    start = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, start, 0)
+    start = assemble(model, start)
+    frame, feet = task_frame(model, start)
+    yield "assemble", {"frame": frame, "pinned": feet}
+    sites = {model.site(k).name for k in range(model.nsite)}
+    pinned = [name if name in sites else Body(name) for name in feet]
+    jac, body = jacobians(model, start, Body(frame), pinned=pinned), model.body(frame).id
+    yield "jacobians", {"error": difference_error(model, start, jac, body)}
+    yield "power", {"error": power_error(model, start, jac, body)}
+    kin = ConstrainedSystem.of(jac).kinematics()
+    reached = (rows for rows in ROWS if is_possible(kin.manipulability(major=list(rows))))
+    major = next(reached, ROWS[0])
+    says = str(kin.manipulability(major=list(major))).splitlines()[0]
+    yield "classified", {"major": major, "says": says}
+    rig, pins = _rig_and_pins(
+        partial(Rig.of_mjcf, file, site=frame, servo_hz=servo_hz(model)),
+        [f"{name}:point" for name in feet],
+        major,
+    )
+    numbers = {"warnings": rig.warnings, "left_out": rig.left_out, "pinned": pins}
+    yield "rig", numbers | {"rows": rig.major, "crossover_hz": rig.margins[0].crossover_hz}
+    yield "sound", _flown(rig, ())
+    failed = _expendable(rig)
+    lock = (Failure(failed, "locked", FAILS_S),)
+    yield "lock", {"actuator": rig.actuators[failed]} | _flown(rig, lock)
 
 
-def _named(run: Run, failed: list[str]) -> dict[str, Any]:
+def _rig_and_pins(
+    rig: Callable[..., Rig], pins: list[str], major: tuple[int, ...]
+) -> tuple[Rig, list[str]]:
+    """The robot with its loops; torque motors and velocity servos become position servos.
+
+    Where it is refused for what it stands on, with the pins that the refusal names; the major rows
+    are then the first that remain.
+    """
+    try:
+        return rig(pinned=pins, major=major), pins
+    except ModelError as error:
+        if (advised := _ADVISED.search(str(error))) is None:
+            raise
+    pins = advised[1].split(",")
+    for rows in (major, *ROWS[:-1]):
+        with suppress(WrongInput):
+            return rig(pinned=pins, major=rows), pins
+    return rig(pinned=pins, major=ROWS[-1]), pins
+
+
+def _expendable(rig: Rig) -> int:
+    """Of the actuators without which the task remains possible, the one that moves it most.
+
+    Of all, where it never remains so.
+    """
+    system, major = rig.control.system, list(rig.major)
+    moves = np.linalg.norm(system.kinematics().J[major], axis=0)
+    order = ascending(-moves).tolist()
+
+    def spared(k: int) -> bool:
+        left = system.with_failures(locked=[k]).kinematics()
+        return is_possible(left.manipulability(major=major))
+
+    return next((k for k in order if moves[k] > 0 and spared(k)), order[0])
+
+
+def _flown(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
+    """A flight with a diagnosing controller, beside what was predicted.
+
+    The prediction is of a controller that learns of the failure when this one did.
+    """
+    path = rig.path("circle", duration_s=FLIGHT_S, turn_s=FLIGHT_S)
+    dither = dither_of(rig, "default", "default")
+    run = rig.fly(rig.supervisor(dither), path, failures=failures)
+    told, noise = learnt_s(rig, run, failures), run.measured - run.true
+    predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
+    of_model = predicted.rms_after if failures else predicted.rms_before
+    measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
+    failed = [rig.actuators[each.number] for each in failures]
     right = [each for each in run.diagnoses if each.actuator in failed and each.time_s >= FAILS_S]
-    wrong = [str(each) for each in run.diagnoses if each not in right]
-    delay_ms = round(1e3 * (right[0].time_s - FAILS_S)) if right else None
-    return {"named_after_ms": delay_ms, "wrong": wrong}
+    return {
+        "measured": measured.tolist(),
+        "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
+        "of_path": float(np.linalg.norm(measured)) / rig.size,
+        "uncompared": uncompared(rig, run, predicted),
+        "leaves": predicted.leaves,
+        "status": run.status,
+        "named_after_ms": round(1e3 * (right[0].time_s - FAILS_S)) if right else None,
+        "wrong": [str(each) for each in run.diagnoses if each not in right],
+    }
 
 
 def servo_hz(model: mujoco.MjModel) -> float | None:
@@ -248,25 +187,28 @@ def difference_error(
     model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body: int
 ) -> float:
     """Largest error of J_T against central differences along each velocity of the joints."""
-    ends = []
-    for sign in (1.0, -1.0):
-        poses = []
-        for k in range(model.nv):
-            moved, velocity = mujoco.MjData(model), np.zeros(model.nv)
-            moved.qpos[:] = data.qpos
-            velocity[k] = sign
-            mujoco.mj_integratePos(model, moved.qpos, velocity, _STEP)
-            mujoco.mj_kinematics(model, moved)
-            poses.append((moved.xquat[body].copy(), moved.xpos[body].copy()))
-        ends.append(poses)
     differences = np.zeros((6, model.nv))
-    for k, ((quat, there), (other, back)) in enumerate(zip(*ends, strict=True)):
+    for k, velocity in enumerate(np.eye(model.nv)):
+        (quat, there), (other, back) = (
+            _pose(model, data, body, sign * velocity) for sign in (1.0, -1.0)
+        )
         turned = np.zeros(3)  # in the axes of the body
         mujoco.mju_subQuat(turned, quat, other)
         differences[:3, k] = data.xmat[body].reshape(3, 3) @ turned
         differences[3:, k] = there - back
     wrong = jac.J_T[:, : model.nv] - differences / (2 * _STEP)
     return float(np.abs(wrong).max() / max(1.0, np.abs(jac.J_T).max()))
+
+
+def _pose(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int, velocity: Array
+) -> tuple[Array, Array]:
+    """Quaternion and place of a body, a step along a velocity of the joints further."""
+    moved = mujoco.MjData(model)
+    moved.qpos[:] = data.qpos
+    mujoco.mj_integratePos(model, moved.qpos, velocity, _STEP)
+    mujoco.mj_kinematics(model, moved)
+    return moved.xquat[body], moved.xpos[body]
 
 
 def power_error(model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body: int) -> float:

@@ -9,11 +9,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import psutil
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
 
 ROOT = Path(__file__).parents[3]
@@ -34,28 +34,17 @@ _PATIENCE_S = 120.0
 _LONG_S = 3.0
 """Longer than a click takes: after it, new machines are younger than the former ones were."""
 _SAID = re.compile(
-    r"(?P<clock_s>[\d.]+) s, (?P<pace>[\d.]+) of real time\n+State: (?P<happens>.*)\n+"
-    r"supervised (?P<error>[^\n]*) RMS\n(?P<supervised>.*)\n+"
-    r"not supervised (?P<other_error>[^\n]*) RMS\n(?P<other>.*)\n+(?:(?P<last>.*)\n+)?Error, %"
+    r"([\d.]+) s, [\d.]+ of real time\n+State: (.*)\n+supervised [^\n]* RMS\n(.*)\n+"
+    r"not supervised [^\n]* RMS\n.*\n+(?:(.*)\n+)?Error, %"
 )
-_UNITS = {"": 1.0, "m": 1e-3, "µ": 1e-6, "u": 1e-6, "n": 1e-9}
 
 
 @dataclass(frozen=True)
 class Said:
-    """What a page says at a moment.
-
-    Attributes:
-        clock_s: Time of the machines.
-        happens: What is broken and what is disturbed.
-        errors: RMS of the supervised machine and of the other one, [rad] or [m].
-        supervised: What the pilot of the supervised machine believes.
-        last: What the last click did, or nothing.
-    """
+    """Time of the machines, what happens, what the supervised one believes, the last click."""
 
     clock_s: float
     happens: str
-    errors: tuple[float, float]
     supervised: str
     last: str
 
@@ -76,36 +65,22 @@ class Seen:
         page.goto(url)
         self.until(lambda said: said.clock_s > 0)
 
-    @property
-    def said(self) -> Said | None:
-        """None where it says nothing yet."""
-        found = _SAID.search(self.page.locator("body").inner_text())
-        if found is None:
-            return None
-        errors = _in_units(found["error"]), _in_units(found["other_error"])
-        last = found["last"] or ""
-        return Said(float(found["clock_s"]), found["happens"], errors, found["supervised"], last)
-
     def until(self, holds: Callable[[Said], bool]) -> Said:
         """What it says when something holds of it."""
         end = time.monotonic() + _PATIENCE_S
         while True:
-            said = self.said
-            if said is not None and holds(said):
-                return said
-            assert time.monotonic() < end, f"the page still says {said}"
+            text = self.page.locator("body").inner_text()
+            if found := _SAID.search(text):
+                clock_s, happens, supervised, last = found.groups(default="")
+                said = Said(float(clock_s), happens, supervised, last)
+                if holds(said):
+                    return said
+            assert time.monotonic() < end, f"the page still says {text}"
             self.page.wait_for_timeout(50)
 
     def make(self, actuator: str, word: str) -> None:
         """Click a word beside the name of an actuator."""
         self.beside(actuator).get_by_role("button", name=word, exact=True).click()
-
-    @property
-    def actuators(self) -> list[str]:
-        """Names of what can be broken."""
-        text = self.page.locator("body").inner_text()
-        rows = text.partition("Break an actuator")[2].partition("Disturb")[0].split()
-        return [word for word in rows if word not in ("●", "sound", "lock", "free", "weak")]
 
     def beside(self, label: str) -> Locator:
         """The row of a label."""
@@ -120,16 +95,9 @@ class Seen:
         """A box, which changes."""
         self.page.get_by_label(box, exact=True).click()
 
-    def choose(self, dropdown: str, word: str) -> None:
-        """A word of a list."""
-        self.page.get_by_label(dropdown, exact=True).click()
-        self.page.get_by_role("option", name=word, exact=True).click()
-
-    def write(self, slider: str, value: float) -> None:
-        """A number into the field of a slider."""
-        field = self.beside(slider).locator("input[inputmode=decimal]")
-        field.fill(f"{value:g}")
-        field.press("Enter")
+    def field(self, slider: str) -> Locator:
+        """Where its number is written."""
+        return self.beside(slider).locator("input[inputmode=decimal]")
 
     def close_notice(self) -> None:
         """That the browser draws without a graphics card."""
@@ -142,13 +110,6 @@ class Seen:
         self.click("New machines")
         self.until(lambda said: said.clock_s < before)
         return self.until(lambda said: said.supervised == "All actuators are believed sound.")
-
-
-def _in_units(size: str) -> float:
-    """Of "3.56 µrad" or so; of several, the first."""
-    found = re.match(r"([\d.e+-]+) (\w?)(?:rad|m)\b", size)
-    assert found, size
-    return float(found[1]) * _UNITS[found[2]]
 
 
 @contextmanager
@@ -164,28 +125,10 @@ def browsed() -> Iterator[Browser]:
 
 @dataclass(frozen=True)
 class Served:
-    """The command that runs.
-
-    Attributes:
-        process: In a session of its own.
-        url: Of its page, as it prints it.
-        folder: Of its recordings.
-    """
+    """The command that runs, in a session of its own, and its page."""
 
     process: "subprocess.Popen[str]"
     url: str
-    folder: Path
-
-    @property
-    def port(self) -> int:
-        """That it listens at."""
-        return int(self.url.rpartition(":")[2])
-
-    def ended(self, number: int = signal.SIGINT) -> tuple[int, str, str]:
-        """Send it a signal: exit code, and what it wrote after its first line."""
-        self.process.send_signal(number)
-        out, error = self.process.communicate(timeout=60)
-        return self.process.returncode, out, error
 
 
 def started(folder: Path, *words: str) -> "subprocess.Popen[str]":
@@ -215,7 +158,7 @@ def served(folder: Path, *words: str) -> Iterator[Served]:
         line = process.stdout.readline()
         found = re.search(r"http://127\.0\.0\.1:\d+", line)
         assert found, line + process.stderr.read()
-        yield Served(process, found[0], folder)
+        yield Served(process, found[0])
     finally:
         if process.poll() is None:
             process.kill()
@@ -230,25 +173,6 @@ def free_port() -> int:
 
 
 def listens(process: int) -> list[tuple[str, int]]:
-    """Addresses and ports at which a process listens, as the kernel lists them."""
-    inodes = set[str]()
-    for entry in Path(f"/proc/{process}/fd").iterdir():
-        with suppress(FileNotFoundError):  # it was closed since
-            if found := re.fullmatch(r"socket:\[(\d+)\]", str(entry.readlink())):
-                inodes.add(found[1])
-    listening = "0A"
-    rows = [row.split() for row in _sockets()]
-    return [_address(row[1]) for row in rows if row[3] == listening and row[9] in inodes]
-
-
-def _sockets() -> list[str]:
-    tables = [Path(f"/proc/net/{name}") for name in ("tcp", "tcp6")]
-    return [row for each in tables if each.exists() for row in each.read_text().splitlines()[1:]]
-
-
-def _address(field: str) -> tuple[str, int]:
-    """Of hexadecimal words of four bytes, each the other way round, and a port."""
-    words, port = field.split(":")
-    raw = b"".join(bytes.fromhex(words[k : k + 8])[::-1] for k in range(0, len(words), 8))
-    family: Any = socket.AF_INET if len(raw) == 4 else socket.AF_INET6
-    return socket.inet_ntop(family, raw), int(port, 16)
+    """Addresses and ports at which a process listens."""
+    found = psutil.Process(process).net_connections("inet")
+    return [each.laddr[:2] for each in found if each.status == psutil.CONN_LISTEN]

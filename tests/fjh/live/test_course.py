@@ -54,16 +54,6 @@ def test_the_first_ticks_are_those_of_the_rig_of_that_path(name, path, duration_
     np.testing.assert_allclose(its.desired[: len(expected)], expected, atol=1e-12 * one.size)
 
 
-@pytest.mark.parametrize("path", [name for name in COURSES if name != REST])
-def test_the_demands_of_the_arm_are_those_of_a_path_known_beforehand(path):
-    """Half a second before its end they are the same whatever follows, to a thousandth."""
-    one, its = rig("arm"), of("arm", path)
-    demands = one.feedforward_demands(its.desired)
-    assert demands is not None and its.demands is not None
-    kept = len(its.desired) - round(SETTLED_S / one.period_s)
-    np.testing.assert_allclose(its.demands[:kept], demands[:kept], atol=1e-3 * one.size)
-
-
 def largest_step(desired: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(desired, axis=0), axis=1).max(initial=0.0))
 

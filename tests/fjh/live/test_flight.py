@@ -10,9 +10,6 @@ import pytest
 from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
-from fjh.rig.events.effects import Effect
-from fjh.rig.events.hooks import Hooks
-from fjh.rig.run import SOUND
 from ftc.fdi import Diagnosis, Fault
 from sim import Failure, Pose
 from tests.fjh.live.robots import NAMES, rig
@@ -86,9 +83,8 @@ FAR, KINDS = np.full(2, 1e-5), get_args(Kind)
 @pytest.mark.parametrize(
     ("clicks", "others"),
     [
-        # Struck in every way, and repaired, between two ticks.
+        # Struck in every way, and repaired; an event that was not begun is ended, one begun twice.
         ([], [(50, "make", 2, kind) for kind in (*KINDS[1:], KINDS[0])]),
-        # An event that was not begun is ended, and one is begun twice.
         ([(20, "begin", "sag")], [(0, "end", "sag"), *[(20, "begin", "sag")] * 2]),
     ],
 )
@@ -96,55 +92,6 @@ def test_what_is_undone_between_two_ticks_leaves_no_trace(clicks, others):
     one, other = held_at(FAR, 100, *clicks), held_at(FAR, 100, *others)
     np.testing.assert_array_equal(one.qpos, other.qpos)
     np.testing.assert_array_equal(one.inputs, other.inputs)
-
-
-def test_an_event_that_has_ended_does_nothing_more():
-    """The hum is on the readings of its ticks alone."""
-    calm, hum = (
-        held_at(0 * FAR, 120),
-        held_at(0 * FAR, 120, (40, "begin", "hum"), (80, "end", "hum")),
-    )
-    read = [run.measured - run.true for run in (calm, hum)]
-    differs = np.any(np.abs(read[1] - read[0]) > 1e-6, axis=1)
-    assert not differs[:40].any() and differs[41:80].any() and not differs[80:].any()
-
-
-def test_a_flight_ends_after_its_ticks_and_keeps_what_still_is_broken():
-    """A repair in time is forgotten, and what was made of an actuator since is not."""
-    one = rig()
-    path = one.path("circle", duration_s=0.1)
-    flight = Flight(one, one.controller(), len(path), SEED)
-    clicks: dict[int, tuple[int, Kind]]
-    clicks = {10: (0, "locked"), 20: (1, "weak"), 30: (0, SOUND), 40: (2, "free"), 70: (3, "weak")}
-    for k, reference in enumerate(path):
-        assert flight.left == len(path) - k and flight.now_s == pytest.approx(k * one.period_s)
-        if k in clicks:
-            flight.make(*clicks[k])
-        if k == 5:
-            flight.begin("bump")
-        flight.step(reference, None)
-    assert flight.left == 0
-    late = flight.run(50)
-    still = [(each.actuator, each.kind) for each in late.failures]
-    assert still == [(1, "weak"), (2, "free"), (3, "weak")]
-    assert late.events == () and [each.name for each in flight.run(0).events] == ["bump"]
-    np.testing.assert_array_equal(late.time_s, np.arange(50, 100) * one.period_s)
-    np.testing.assert_array_equal(late.true, flight.run(0).true[50:])
-
-
-def test_hooks_add_effects_in_their_order_and_take_the_one_that_ends():
-    hooks, double = Hooks(), Effect(sent=lambda _, inputs: 2 * inputs)
-    shift = Effect(sent=lambda since, inputs: inputs + since)
-    assert hooks.is_empty
-    hooks.begin(0, double)
-    hooks.begin(5, shift)
-    inputs = np.ones(2)
-    np.testing.assert_array_equal(hooks.sent(4, inputs), 2.0)
-    np.testing.assert_array_equal(hooks.sent(7, inputs), 2.0 + 2)
-    hooks.end(double)
-    np.testing.assert_array_equal(hooks.sent(7, inputs), 1.0 + 2)
-    hooks.end(shift)
-    assert hooks.is_empty
 
 
 @pytest.mark.long
@@ -165,39 +112,24 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     assert run.status == f"{named}." and flight.belief.startswith("strut4 is locked")
 
 
-# What a pilot says that it believes.
-
-
-@pytest.fixture(scope="module")
-def learned() -> Any:
-    """A supervisor's state when it knows the sound machine."""
-    return rig().fly(rig().supervisor(dither=None), rig().path("circle", duration_s=0.9)).state
-
-
-def says(state: Any) -> str:
-    flight = Flight(rig(), rig().controller(), 1, 0)
-    flight.state = state
-    return flight.belief
-
-
-def test_a_pilot_says_what_it_believes(learned):
+def test_a_pilot_says_what_it_believes():
     """Learning, all sound, a failure with its kind; what it learns anew is no first second."""
-    new = rig().supervisor(dither=None).start()
-    assert says(rig().controller().start()).startswith("Does not diagnose")
-    assert says(new).startswith("It takes the first 0.8 s")
-    assert says(learned) == "All actuators are believed sound."
-    relearning = replace(learned, watch=replace(new.watch, relearns=1))
-    assert relearning.is_learning
-    assert says(relearning).startswith("All actuators are believed sound; what no failure explains")
+    pilot = rig().supervisor(dither=None)
+    new, learned = pilot.start(), rig().fly(pilot, rig().path("circle", duration_s=0.9)).state
     found = Diagnosis(Fault(1, "locked"), ("locked",), 1.0, 1.0, 0.0, 0, 0, 10, confirmed=False)
-    named = replace(learned, watch=replace(learned.watch, diagnosis=found))
-    assert says(named).startswith("strut2 is locked, not yet confirmed; ")
-    sure = replace(learned, confirmed=(replace(found, confirmed=True),))
-    assert says(sure).startswith("strut2 is locked; ")
-
-
-@pytest.mark.long
-def test_a_sensor_that_stands_still_is_said_beside_the_actuators():
-    path = rig().path("circle", duration_s=1.1)
-    run = rig().fly(rig().supervisor(), path, events=[Event("all_stuck", 1.0)])
-    assert says(run.state).startswith("All actuators are believed sound; the sensor of the task ")
+    flight = Flight(rig(), pilot, 1, 0)
+    for flight.state, said in (
+        (rig().controller().start(), "Does not diagnose"),
+        (new, "It takes the first 0.8 s"),
+        (learned, "All actuators are believed sound."),
+        (
+            replace(learned, watch=replace(new.watch, relearns=1)),
+            "All actuators are believed sound; what no failure explains",
+        ),
+        (
+            replace(learned, watch=replace(learned.watch, diagnosis=found)),
+            "strut2 is locked, not yet confirmed; ",
+        ),
+        (replace(learned, confirmed=(replace(found, confirmed=True),)), "strut2 is locked; "),
+    ):
+        assert flight.belief.startswith(said)

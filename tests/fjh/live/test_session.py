@@ -12,7 +12,6 @@ from fjh.live.flight import Kind
 from fjh.live.panel import LASTING
 from fjh.live.session import Session
 from fjh.rig.run import SOUND
-from ftc import SupervisorState
 from tests.fjh.live.robots import rig
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -38,7 +37,6 @@ def inputs(session: Session) -> np.ndarray:
 
 def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
     """What is clicked twice is done once; the models of both machines are then the same."""
-    assert session.states == [SOUND] * 6
     for actuator in range(6):
         for kind in (*KINDS[::-1], KINDS[1]):
             for _ in range(2):
@@ -57,35 +55,23 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
 def test_a_disturbance_that_was_switched_off_is_over(session):
     """Both machines then go on without it; what is said twice is done once; it can begin anew."""
     calm = Session(rig())
-    for each in (session, calm):
-        each.advance(20)
     for name in LASTING:
         for on in (True, True, False, False):
             session.disturb(name, on)
             assert session.going_on == ({name} if on else set())
-    assert [len(flight.events) for flight in session.flights] == [len(LASTING)] * 2
     for each in (session, calm):
         each.advance(20)
     for ours, theirs in zip(session.flights, calm.flights, strict=True):
         np.testing.assert_array_equal(ours.run(0).qpos, theirs.run(0).qpos)
-    for name in LASTING:
+    for name in (*LASTING, "bump"):
         begin = session.tick
-        session.disturb(name, True)
+        session.disturb(name, None if name == "bump" else True)
+        assert session.going_on == {name} - {"bump"}  # which is over by itself
         for each in (session, calm):
             each.advance(20)
         session.disturb(name, False)
         for ours, theirs in zip(session.flights, calm.flights, strict=True):
             assert (ours.run(begin).measured != theirs.run(begin).measured).any(), name
-
-
-def test_a_bump_is_over_by_itself_and_is_felt_by_both_machines(session):
-    calm = Session(rig())
-    session.disturb("bump")
-    assert session.going_on == set()
-    for each in (session, calm):
-        each.advance(30)
-    for ours, theirs in zip(session.flights, calm.flights, strict=True):
-        assert np.abs(ours.run(0).true - theirs.run(0).true).max() > 1e-6
 
 
 def test_weights_change_without_a_step_of_the_inputs(session):
@@ -160,32 +146,16 @@ def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
     assert session.advance(10) == 10
 
 
-def test_without_diagnosis_both_machines_fly_alike(session):
-    session.diagnose(False)
-    session.restart()
-    session.advance(30)
-    one, other = session.flights
-    np.testing.assert_array_equal(one.run(0).qpos, other.run(0).qpos)
-    assert said(session).startswith("Does not diagnose")
-
-
 # What takes seconds of flight.
 
 
 def until(session: Session, holds: Callable[[Session], bool], within_s: float) -> float:
     """Fly on until something holds; the seconds that it took."""
-    begin, ticks = session.tick, round(0.02 / rig().period_s)
+    begin = session.tick
     while not holds(session):
         assert (session.tick - begin) * rig().period_s < within_s, said(session)
-        session.advance(ticks)
+        session.advance(20)
     return (session.tick - begin) * rig().period_s
-
-
-def names(session: Session) -> dict[int, str]:
-    state = session.flights[0].state
-    if not isinstance(state, SupervisorState):
-        return {}
-    return {each.fault.actuator: each.fault.kind for each in state.standing}
 
 
 @pytest.mark.long
@@ -198,7 +168,7 @@ def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while
     session.advance(LEARNED)
     if while_looking:
         session.make(0, "free")
-        until(session, lambda s: names(s) == {0: "free"}, 0.5)
+        until(session, lambda s: said(s).startswith("strut1 is free"), 0.5)
     session.diagnose(False)
     assert said(session).startswith("Does not diagnose")
     if not while_looking:
@@ -206,10 +176,8 @@ def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while
     session.advance(300)
     session.diagnose(True)
     assert "takes the first" not in said(session)
-    if while_looking:
-        until(session, lambda s: names(s).keys() == {0}, 1.0)
-    else:
-        until(session, lambda s: names(s) == {3: "locked"}, 1.0)
+    broken = "strut1 is " if while_looking else "strut4 is locked"
+    until(session, lambda s: said(s).startswith(broken), 1.0)
 
 
 @pytest.mark.long
@@ -220,14 +188,3 @@ def test_diagnosis_that_never_saw_the_sound_machine_says_that_it_learns(session)
     assert said(session).startswith("It takes the first 0.8 s")
     took = until(session, lambda s: said(s) == "All actuators are believed sound.", 1.0)
     assert took == pytest.approx(0.8, abs=0.03)
-
-
-@pytest.mark.long
-def test_weights_that_change_leave_what_is_believed(session):
-    session.advance(LEARNED)
-    session.make(4, "locked")
-    until(session, lambda s: names(s) == {4: "locked"}, 0.5)
-    session.weigh([2.0] * 6)
-    assert names(session) == {4: "locked"}
-    session.advance(200)
-    assert names(session) == {4: "locked"}

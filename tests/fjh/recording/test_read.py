@@ -13,11 +13,10 @@ import pytest
 
 from fjh.recording import read as reading
 from fjh.recording.read import read_run
-from fjh.recording.view import PUBLISHED, Change, view_of
+from fjh.recording.view import PUBLISHED, view_of
 from fjh.rig.hexapod.columns import hexapod_arrays
 from fjh.study.errors import WrongInput
 from fjh.study.files import write_arrays
-from tests import rrd
 from tests.made import made_run
 
 
@@ -32,25 +31,6 @@ def test_a_run_read_back_is_shown_as_it_was(kept):
     np.testing.assert_array_equal(own.position_m, other.position_m)
 
 
-def test_a_run_comes_back_from_its_data_with_failures_and_parameters(
-    table1, table1_folder, runs, recover_folder
-):
-    kept = read_run(table1_folder / "W_e.npz")
-    np.testing.assert_array_equal(kept.view.arrays["true"], runs["W_e"]["true_rad"])
-    assert kept.view.stated.incidents == [Change("strut1", "locked", 0.0)]
-    assert (kept.view.stated.known, kept.view.stated.diagnoses) == ("corrected", [])
-    assert kept.study == "table1"
-    assert kept.parameters["detector_noise_m"] == table1["bench"]["detector_noise_m"]
-    found = read_run(recover_folder / "locked.npz").view
-    (failure,) = found.failures
-    diagnosis = found.diagnosis_of(failure)
-    assert diagnosis is not None
-    assert failure.time_s < diagnosis.time_s < failure.time_s + 0.3
-    assert (diagnosis.actuator, diagnosis.kind) == ("strut1", "locked")
-    rms_urad = 1e6 * np.sqrt((kept.view.error**2).mean(axis=0))
-    assert f"| here | {rms_urad[0]:.4f}" in rrd.notes(table1_folder / "W_e.rrd")
-
-
 SHAPE = "must be float64 of shape"
 
 
@@ -58,16 +38,10 @@ SHAPE = "must be float64 of shape"
     ("signal", "spoil", "said"),
     [
         *((signal, lambda values: values[:-1], SHAPE) for signal in PUBLISHED.values()),
-        ("secondary", lambda values: values[:-1], SHAPE),
         ("strut_input_percent", lambda values: values[:, :4], "(400, 6), got float64"),
-        ("true_rad", lambda values: values.T.copy(), "(400, 2), got float64 of shape (2, 400)"),
         ("true_rad", lambda values: values * np.nan, "true_rad must be at most 1e+06"),
         ("secondary", lambda values: values + 1e300, "secondary must be at most 1e+06"),
-        ("measured_rad", lambda values: values - 1e7, "measured_rad must be at most 1e+06"),
-        ("desired_rad", lambda values: values.astype(np.float32), "(400, 2), got float32"),
         ("desired_rad", lambda values: values.astype(complex), "(400, 2), got complex128"),
-        ("closure_residual_m", lambda values: values + np.inf, "must be at most 1e+06 everywhere"),
-        ("time_s", lambda values: values[::-1].copy(), "time_s must increase"),
         ("time_s", lambda values: 0 * values, "time_s must increase"),
         ("time_s", lambda values: values**2, "time_s must increase in equal steps"),
         ("time_s", lambda values: values[3], "time_s must be float64"),
@@ -84,7 +58,7 @@ def test_arrays_that_are_no_run_are_refused(tmp_path, signal, spoil, said):
 def test_a_single_tick_is_no_run(tmp_path):
     arrays = {name: values[:1] for name, values in hexapod_arrays(made_run()).items()}
     write_arrays(tmp_path / "run.npz", arrays)
-    with pytest.raises(WrongInput, match=r"run\.npz is not a complete run: .*two ticks at least"):
+    with pytest.raises(WrongInput, match="two ticks at least"):
         read_run(tmp_path / "run.npz")
 
 
@@ -93,23 +67,15 @@ def test_a_single_tick_is_no_run(tmp_path):
     [
         {"actuators": None},
         {"actuators": ["motor1", "motor2"]},
-        {"robot": 3},
         {"hexapod": True},
         {"bodies": [["elsewhere"]] * 7},
         {"rows": ["x"]},
         {"major": [3, 9]},
-        {"major": [3]},
-        {"major": []},
         {"row_units": ["m"]},
         {"limits": [[None], [None]]},
-        {"limits": [["a"] * 7] * 2},
         {"input_units": []},
         {"incidents": [{"actuator": "z", "kind": "locked", "time_s": 0.1}]},
-        {"incidents": [{"actuator": "motor1", "kind": 3, "time_s": 0.1}]},
         {"incidents": [{"actuator": "motor1", "kind": "locked", "time_s": -1.0}]},
-        {"incidents": [{"actuator": "motor1", "kind": "locked", "time_s": "soon"}]},
-        {"incidents": [{"actuator": "motor1", "kind": "locked"}]},
-        {"diagnoses": [3]},
         {"diagnoses": [{"actuator": "motor1", "kind": "locked", "time_s": float("nan")}]},
     ],
 )

@@ -20,8 +20,6 @@ from fjh.recording.view import Change, view_of
 from fjh.rig import Diagnosed
 from fjh.rig.events import Event
 from fjh.rig.hexapod import paper
-from fjh.study.errors import OutputError
-from fjh.study.result import Check
 from tests import rrd
 from tests.made import ABOUT, made_run, made_view
 
@@ -40,21 +38,19 @@ HEXAPOD = {
 ARM = {"/task/true": ("true", 1e6), "/actuators/displacement": ("displacement", 1.0)}
 
 
-@pytest.mark.parametrize(
-    ("robot", "entity"), [("hexapod", each) for each in HEXAPOD] + [("arm", each) for each in ARM]
-)
-def test_a_recording_holds_the_signals_of_the_run_to_the_bit(kept, made, robot, entity):
+@pytest.mark.parametrize("signals", [HEXAPOD, ARM], ids=["hexapod", "arm"])
+def test_a_recording_holds_the_signals_of_the_run_to_the_bit(kept, made, signals):
     """Each line has a name with its unit."""
-    file = made / "made.rrd" if robot == "hexapod" else kept.file
-    name, factor = (HEXAPOD if robot == "hexapod" else ARM)[entity]
-    times, values = rrd.scalars(file, entity)
+    file = made / "made.rrd" if signals is HEXAPOD else kept.file
     with np.load(file.with_suffix(".npz")) as arrays:
-        ours = factor * arrays[name][::EVERY]
-        np.testing.assert_array_equal(values, ours.reshape(values.shape))
-        np.testing.assert_array_equal(times, np.rint(1e9 * arrays["time_s"][::EVERY]))
-    names = rrd.static(file, entity, "SeriesLines:names")
-    assert len(names) == values.shape[1]
-    assert all(re.search(r"\[(u|n)?(rad|m|%)\]$", each) for each in names)
+        for entity, (name, factor) in signals.items():
+            times, values = rrd.scalars(file, entity)
+            ours = factor * arrays[name][::EVERY]
+            np.testing.assert_array_equal(values, ours.reshape(values.shape), err_msg=entity)
+            np.testing.assert_array_equal(times, np.rint(1e9 * arrays["time_s"][::EVERY]))
+            names = rrd.static(file, entity, "SeriesLines:names")
+            assert len(names) == values.shape[1]
+            assert all(re.search(r"\[(u|n)?(rad|m|%)\]$", each) for each in names)
 
 
 def test_error_and_arrays_are_those_of_the_run(kept):
@@ -90,26 +86,13 @@ def test_bodies_are_where_mujoco_puts_them_at_the_angles_of_the_run(kept):
     np.testing.assert_allclose(np.array(places)[-7:, 0], expected, atol=1e-7)
 
 
-def test_the_spot_is_drawn_piece_by_piece(made):
-    """A piece ends where the spot is at its time, and begins where the one before it ended."""
-    run = made_run()
-    for entity, angles in (("desired", run.desired), ("reached", run.true)):
-        file = made / "made.rrd"
-        times, pieces = rrd.rows(file, f"/plane/{entity}", "LineStrips2D:strips")
-        ends = np.array(pieces)[:, 0]
-        there = 1e6 * angles[times // 1_000_000] * [1, -1]
-        np.testing.assert_allclose(ends[:, 1], there, rtol=1e-6, atol=1e-5)
-        np.testing.assert_array_equal(ends[1:, 0], ends[:-1, 1])
-
-
 def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
     times, labels = rrd.rows(kept.file, "/machine/labels/failure_0/text", "Points3D:labels")
     assert (times.tolist(), labels) == ([100_000_000], [["motor2 locked"]])
-    for geom, expected in (("link1/geom_2", []), ("link2/geom_4", [(100_000_000, 0xE7298AFF)])):
+    for geom, changes in (("link1/geom_2", []), ("link2/geom_4", [100_000_000])):
         entity = f"/machine/visual_geometries/{geom}"
-        times, colors = rrd.rows(kept.file, entity, "Capsules3D:colors")
-        changes = [(int(t), color) for t, (color,) in zip(times, colors, strict=True) if t]
-        assert changes == expected
+        times, _ = rrd.rows(kept.file, entity, "Capsules3D:colors")
+        assert times[times > 0].tolist() == changes
 
 
 def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
@@ -125,7 +108,7 @@ def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
     assert unfound.diagnosis_of(unfound.failures[0]) is None
 
 
-def test_every_event_is_a_line_over_every_plot_and_in_the_list(kept, tmp_path):
+def test_every_event_is_in_the_list_and_among_the_states(kept, tmp_path):
     _, rig, run = kept
     named = Diagnosed("motor2", "free", 0.15, 0.18), Diagnosed("motor2", "locked", 0.2, None)
     file = tmp_path / "a.rrd"
@@ -136,21 +119,6 @@ def test_every_event_is_a_line_over_every_plot_and_in_the_list(kept, tmp_path):
     assert {text: at // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == when
     _, states = rrd.rows(file, "/state/motor2_taken_for", "StateChange:state")
     assert [state for (state,) in states] == ["sound", "free", "sound", "locked"]
-    for panel in ("task/error", "actuators/input", "secondary/true"):
-        drawn = {each for each in rrd.entities(file) if each.startswith(f"/{panel}/event_")}
-        assert len(drawn) == 4  # failure, diagnoses, what was cleared, something else
-        lines = [rrd.scalars(file, each) for each in drawn]
-        assert {t // 1_000_000 for times, _ in lines for t in times} == set(when.values())
-        _, values = rrd.scalars(file, f"/{panel}")
-        for _, ends in lines:
-            assert np.nanmin(ends) < values.min() and np.nanmax(ends) > values.max()
-
-
-def test_another_ending_is_refused_and_nothing_written(kept, tmp_path):
-    _, rig, run = kept
-    with pytest.raises(OutputError, match=r"path .*run\.npz must end in \.rrd"):
-        record(tmp_path / "run.npz", rig, run)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.long
@@ -186,15 +154,6 @@ def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run():
     assert held["rms_after_rad"] == pytest.approx(both)
 
 
-@pytest.mark.parametrize(("failed_s", "absent"), [(None, "after"), (0.0, "before")])
-def test_a_run_that_nothing_divides_has_one_error(failed_s, absent):
-    failures = [] if failed_s is None else [replace(LOCK, time_s=failed_s)]
-    held = results(*failures, predicted=((1e-6, 1e-6), (1e-6, 1e-6)))
-    assert not [name for name in held if f"rms_{absent}" in name]
-    present = "before" if absent == "after" else "after"
-    assert held[f"predicted_rms_{present}_rad"] == pytest.approx(np.sqrt(2) * 1e-6)
-
-
 def test_the_first_failure_is_diagnosed_or_not():
     held = results(LOCK, diagnoses=[Change("strut2", "locked", 0.15)])
     assert held["failures"] == "strut2 locked at 0.1 s"
@@ -210,12 +169,6 @@ def test_rows_of_several_units_have_no_sum():
     view = replace(view, stated=replace(view.stated, row_units=["rad", "m"]))
     names = {name for name in results_of(ABOUT, view) if name.startswith("rms")}
     assert names == {"rms_before_alpha_rad", "rms_before_beta_m"}
-
-
-def test_the_first_check_that_failed_is_said():
-    passed, failed = Check("gap [m]", "here", 0.0, 1.0), Check("gap [m]", "there", 2.0, 1.0)
-    assert results(checks=[passed])["checks"] == "passed"
-    assert results(checks=[passed, failed])["checks"] == str(failed)
 
 
 def test_properties_come_back_from_the_recording(made):
@@ -234,28 +187,23 @@ def test_recordings_of_table_1_state_bench_results_and_the_papers_numbers(table1
         alpha, beta = paper.TABLE_I_URAD[column["name"]]
         assert f"| paper | {alpha:.4f} | {beta:.4f} |" in told
         assert f"| here | {column['alpha_rms_urad']:.4f} | {column['beta_rms_urad']:.4f} |" in told
-        assert ("strut 1 locked" in told) == bool(column["locked"])
-    held = rrd.properties(table1_folder / "W_a.rrd")
+    held = properties_of(table1_folder / "W_a.rrd")
     for name, value in table1["bench"].items():
         assert name not in held if value is None else np.all(np.equal(held[name], value)), name
     for name, version in table1["versions"].items():
         assert held[f"version_{name.replace('-', '_')}"] == version
 
 
-STUDIES = ("table1", "release", "recover", "systems", "jacobian", "goals")
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("study", STUDIES)
+@pytest.mark.parametrize("study", ["table1", "release", "recover", "systems", "jacobian", "goals"])
 def test_every_recording_of_a_study_is_whole_small_and_self_describing(request, study):
     """By the viewer's own check, too; each has an application of its own with one screen."""
     files = sorted(request.getfixturevalue(f"{study}_folder").glob("*.rrd"))
     applications = {RrdReader(path).recordings()[0].application_id for path in files}
     assert len(applications) == len(files) > 0
     for path in files:
-        held = rrd.properties(path)
+        held = properties_of(path)
         assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(held), path
-        assert "| parameter | value |" in rrd.notes(path)
         assert len(RrdReader(path).blueprints()) == 1
         # Of a mechanism in up to ten conditions; the same flight scatters by 0.3 %.
         assert path.stat().st_size < (8e6 if study == "systems" else 3.1e6)

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 from fjh.recording.scene import scenes_of
 from fjh.recording.signals import axis_of
-from fjh.recording.view import Change
 from tests.made import made_view
 
 NUMBERS = st.floats(-1e6, 1e6, allow_subnormal=False).map(lambda x: round(x, 6))
@@ -40,19 +39,3 @@ def test_what_is_constant_has_no_panel_unless_it_varies_in_a_run_beside():
     assert entities(one) == entities(other)
     assert {"actuators/input", "secondary/true"} <= set(entities(one))
     assert one.axes == other.axes
-
-
-def test_limits_are_levels_and_what_failed_is_thick_from_then_on():
-    run = made_view(Change("strut3", "free", 0.1))
-    (inputs,) = [plot for plot in run.signals if plot.entity == "actuators/input"]
-    assert list(inputs.levels) == [-100.0, 100.0]
-    assert list(inputs.failed) == [(2, 0.1)]
-    assert "at most" in inputs.note
-
-
-def test_states_are_of_what_fails_alone():
-    diagnoses = [Change("strut3", "locked", 0.2)]
-    assert made_view(Change("strut3", "free", 0.1), diagnoses=diagnoses).lanes == {
-        "strut3 is": [(0.0, "sound"), (0.1, "free")],
-        "strut3 taken for": [(0.0, "sound"), (0.2, "locked")],
-    }

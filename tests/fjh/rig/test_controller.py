@@ -8,7 +8,7 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.controller import StrutMapping, nominal_loops, sampled
 from fjh.rig.hexapod.detector import pointing_angles
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc import Goal, Measurement, PrioritizedController
+from ftc import Goal
 from sim import NOMINAL, Plant, linearize
 
 EQUAL = (1.0,) * 6
@@ -79,14 +79,3 @@ def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
         np.testing.assert_array_equal(at(value, moved), nominal)
         np.testing.assert_array_equal(other(value, NOMINAL), nominal)
         assert np.abs(other(value, moved) - nominal).max() > 1e-8
-
-
-def test_a_controller_step_is_a_pure_function(model, loops):
-    mapping = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "analytic")
-    amplifier = BENCH.amplifier(newton_per_m=126e3)
-    controller = PrioritizedController(loops, mapping, amplifier, BENCH.handover_s)
-    state, measurement = controller.start(), Measurement(np.zeros(2), np.zeros(6))
-    once, again = (controller.step(state, np.array([1e-5, 0]), measurement) for _ in range(2))
-    np.testing.assert_array_equal(once.inputs, again.inputs)
-    np.testing.assert_array_equal(state.compensator, 0.0)
-    assert np.abs(once.compensator).max() > 0

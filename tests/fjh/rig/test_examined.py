@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fjh.rig.conditions import FREE, LOCKED, few_failures, with_failures
-from fjh.rig.examined import LEAST_LEFT, directions_in_words, examine
+from fjh.rig.examined import LEAST_LEFT, examine
 from prioritized import ConstrainedSystem
 from tests.random_systems import SEEDS, systems
 
@@ -57,14 +57,3 @@ def test_no_robot_exceeds_the_mean_square_over_all_sets_of_locks(seed, m, more, 
     bound = comb(n - min(i, n), m) / comb(n, m)
     assert mean == pytest.approx(bound, rel=1e-9, abs=1e-12)
     np.testing.assert_allclose(examined.best_possible[1:] ** 2, bound, atol=1e-12)
-
-
-def test_a_direction_in_words_is_of_rows():
-    rows = ["turn z", "x", "y", "z"]
-    both = np.column_stack([np.eye(4)[1], np.array([0.6, 0, 0, -0.8])])
-    for basis, words in (
-        (np.zeros((4, 0)), "nothing"),
-        (np.eye(4)[:, [2]], "y"),
-        (both, "x; 0.6 turn z - 0.8 z"),
-    ):
-        assert directions_in_words(basis, rows) == words

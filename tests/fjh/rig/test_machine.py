@@ -138,14 +138,6 @@ def test_the_floor_moves_the_payload_as_its_linear_model_says(rig, linear):
     assert np.sqrt((error**2).mean()) < 0.04 * np.sqrt((expected**2).mean())
 
 
-def test_hysteresis_leaves_the_stiffness_of_small_motion_as_it_was(rig):
-    machine, joints = rig.drawn(ALONE["hysteresis"], 1).machine, rig.model.actuator_trnid[:, 0]
-    slipping = machine.differs.hysteresis.stiffness.sum(axis=1)
-    whole = machine.model.jnt_stiffness[joints] + slipping
-    np.testing.assert_allclose(whole, rig.model.jnt_stiffness[joints], rtol=1e-14)
-    np.testing.assert_allclose(slipping / whole, ALL.hysteresis, rtol=1e-12)
-
-
 def test_hysteresis_reads_as_its_chain_along_the_whole_loop(rig):
     """Displacement under a slow triangle of commands: forces of coil, spring and chain balance."""
     fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))

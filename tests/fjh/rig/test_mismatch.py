@@ -1,10 +1,8 @@
 """Plants drawn off the model: each size is drawn as it says, and none is the model itself."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -14,17 +12,15 @@ from fjh.rig.draw import Draw
 from fjh.rig.hexapod import mismatch as hexapod
 from fjh.rig.mismatch import EXACT, LIMITS, Mismatch, sampled_model
 from fjh.rig.options import RobotOptions
-from fjh.rig.robot import robot_of
+from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES
 from fjh.study.errors import WrongInput
-from sim import load_model
 from tests.fjh.rigs import path_of, rig
 from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
 DRAWN = {"hexapod": hexapod.DRAWN, "driven": ("gain", "damping", "inertia")}
-Plants = Callable[[Mismatch, int], dict[str, np.ndarray]]
 
 
 def alone(everything: Mismatch, name: str) -> Mismatch:
@@ -32,19 +28,17 @@ def alone(everything: Mismatch, name: str) -> Mismatch:
 
 
 @cache
-def plants(name: str) -> Plants:
+def driven() -> Robot:
+    return robot_of(TEST_MODELS / "driven.xml", RobotOptions(noise=1e-5), settle=False)
+
+
+def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
     """Relative differences of a plant's model from the known one, by what is drawn."""
     if name == "hexapod":
-        known = rig(name).model
-        return lambda sizes, seed: relative(known, rig(name).drawn(sizes, seed).machine.model)
-    robot = robot_of(TEST_MODELS / "driven.xml", RobotOptions(noise=1e-5), settle=False)
-    return lambda sizes, seed: relative(
-        robot.model,
-        sampled_model(robot.model, robot.known.drives, sizes, Draw(seed, sizes.family))[0],
-    )
-
-
-def relative(known: mujoco.MjModel, other: mujoco.MjModel) -> dict[str, np.ndarray]:
+        known, other = rig(name).model, rig(name).drawn(sizes, seed).machine.model
+    else:
+        known, draw = driven().model, Draw(seed, sizes.family)
+        other, _ = sampled_model(known, driven().known.drives, sizes, draw)
     springs, bodies = known.jnt_stiffness > 0, known.body_mass > 0
     dampers = known.jnt_dofadr[known.actuator_trnid[:, 0]]
     servos = known.actuator_biasprm[:, 2] < 0
@@ -66,7 +60,7 @@ def relative(known: mujoco.MjModel, other: mujoco.MjModel) -> dict[str, np.ndarr
 
 @cache
 def many(machine: str) -> list[dict[str, np.ndarray]]:
-    return [plants(machine)(EVERYTHING[machine], seed) for seed in range(40)]
+    return [off(machine, EVERYTHING[machine], seed) for seed in range(40)]
 
 
 @pytest.mark.parametrize(
@@ -79,7 +73,7 @@ def test_a_size_fills_its_range_and_is_drawn_alike_with_and_without_others(machi
     assert kstest(drawn.ravel() / size, "uniform", (-1, 2)).pvalue > 1e-3
     assert abs(np.corrcoef(drawn[:, 0], drawn[:, 1])[0, 1]) < 0.5
     for seed in (3, 7):
-        found = plants(machine)(alone(everything, name), seed)
+        found = off(machine, alone(everything, name), seed)
         np.testing.assert_allclose(found.pop(name), drawn[seed], rtol=0, atol=1e-14)
         for other in found.values():
             assert np.abs(other).max() < 1e-12
@@ -107,11 +101,6 @@ def excited(one: Rig) -> np.ndarray:
     return np.array(read)
 
 
-@cache
-def unchanged(robot: str) -> np.ndarray:
-    return excited(rig(robot))
-
-
 @pytest.mark.parametrize(
     ("robot", "name"),
     [*(("hexapod", name) for name in hexapod.SIZES), *(("arm", name) for name in SIZES)],
@@ -120,7 +109,7 @@ def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name
     one = rig(robot)
     drawn = one.drawn(alone(one.machine.everything, name), 5)
     other, again = excited(drawn), excited(drawn)
-    assert not np.array_equal(unchanged(robot), other)
+    assert not np.array_equal(excited(one), other)
     np.testing.assert_array_equal(again, other)
 
 
@@ -145,27 +134,9 @@ def test_scaling_takes_all_sizes_along():
     assert Mismatch(delay_ticks=2).scaled(1.4).delay_ticks == 3
     with pytest.raises(ValueError, match=r"damping must be a number from 0 to 0\.99"):
         everything.scaled(10)
-    with pytest.raises(ValueError, match="factor must be a number"):
-        everything.scaled(-1)
-
-
-@pytest.mark.parametrize("name", [*LIMITS, "timestep_s", "steps"])
-@pytest.mark.parametrize("bad", [-1, np.nan, "much", 1e9])
-def test_a_size_that_is_none_is_refused_by_name(name, bad):
-    with pytest.raises(ValueError, match=name):
-        Mismatch(**{name: bad})
 
 
 def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
     for name in rig("arm").machine.unknown:
-        sizes = replace(EXACT, **{name: 1e-3})
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
-            rig("arm").drawn(sizes, 0)
-    with pytest.raises(WrongInput, match="no mismatch of"):
-        rig("hexapod").drawn(Mismatch(steps=2, floor_um_per_s=1.0), 0)
-    with pytest.raises(WrongInput, match='mismatch must be "exact", "all" or a Mismatch, got'):
-        rig("arm").drawn("ALL", 0)  # type: ignore[arg-type]
-    stiff = load_model()
-    stiff.jnt_stiffness[stiff.actuator_trnid[2, 0]] = 0.0
-    with pytest.raises(ValueError, match="suspension springs"):
-        hexapod.differing(stiff, hexapod.ALL, 0)
+            rig("arm").drawn(replace(EXACT, **{name: 1e-3}), 0)

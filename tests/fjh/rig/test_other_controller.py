@@ -1,10 +1,6 @@
 """Somebody else's controller on the testbed: the page, its columns, its failures."""
 
-import contextlib
-import importlib
-import io
 import json
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,8 +13,6 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.recover import hexapod_basis, plan
-from experiments.recover.row import row_of
-from experiments.recover.tables import goals
 from experiments.table1 import CONFIGURATIONS
 from experiments.table1 import checks as table1_checks
 from fjh.rig.hexapod.columns import COLUMNS
@@ -28,6 +22,7 @@ from fjh.rig.other_controller import controller_factory, fly_with
 from fjh.study.errors import WrongInput
 from ftc import Goal, Measurement, run_loop
 from tests.fjh.rigs import rig
+from tests.pages import blocks
 from tests.rrd import scalars
 
 LEAST: list[plan.Block] = [
@@ -36,8 +31,7 @@ LEAST: list[plan.Block] = [
 ]
 """Of the cases of `fjh paper recover`."""
 
-PAGE = (Path(__file__).parents[3] / "docs" / "other-controllers.md").read_text()
-(EXAMPLES,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+PAGE = Path(__file__).parents[3] / "docs" / "other-controllers.md"
 BROKEN = """
 from page_examples import PseudoInverse
 
@@ -59,7 +53,7 @@ SHORT_S = 0.6
 def folder(tmp_path_factory) -> Iterator[Path]:
     """The working directory, with the page's examples and one that fails."""
     place = tmp_path_factory.mktemp("own")
-    (place / "page_examples.py").write_text(EXAMPLES)
+    (place / "page_examples.py").write_text(dict(blocks(PAGE.read_text()))["python"])
     (place / "page_broken.py").write_text(BROKEN)
     (place / "page_unimportable.py").write_text("1 / 0")
     with pytest.MonkeyPatch.context() as patch:
@@ -70,28 +64,17 @@ def folder(tmp_path_factory) -> Iterator[Path]:
         del sys.modules[name]
 
 
-@pytest.fixture(scope="module")
-def examples(folder):
-    importlib.invalidate_caches()
-    return {name: controller_factory(f"page_examples:{name}") for name in ("LQG", "PseudoInverse")}
-
-
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("page_examples", "must be package.module:factory, got page_examples"),
-        ("page_examples:", "must be package.module:factory"),
         ("../own:LQG", "must be package.module:factory"),
-        ("page_nowhere:LQG", "importing page_nowhere raised ModuleNotFoundError"),
         ("page_unimportable:LQG", "importing page_unimportable raised ZeroDivisionError"),
-        ("page_examples:lqg", r"page_examples\.py has no function or class lqg"),
         ("page_examples:np.pi", "has no function or class np.pi"),
     ],
 )
 def test_a_wrong_name_is_refused_with_what_is_wrong(name, said):
-    with pytest.raises(WrongInput, match=said) as refused:
+    with pytest.raises(WrongInput, match=said):
         controller_factory(name)
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("study", ["table1", "recover"])
@@ -122,7 +105,7 @@ def test_the_task_holds_the_machine_without_its_failures():
 
 @pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
 @pytest.mark.parametrize("locked", [(), (0,)])
-def test_the_examples_reach_a_constant_reference_without_error(examples, name, locked):
+def test_the_examples_reach_a_constant_reference_without_error(name, locked):
     """Integral action, on the linear plant: zero on average, since the converters quantize."""
     goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
     task = pursuing(rig("hexapod"), goal).task
@@ -138,7 +121,7 @@ def test_the_examples_reach_a_constant_reference_without_error(examples, name, l
             self.x = plant.A @ self.x + plant.B @ task.drives.displacements(inputs)
 
     desired = np.tile([5e-5, -2e-5], (1500, 1))
-    run = run_loop(Machine(), examples[name](task), desired)
+    run = run_loop(Machine(), controller_factory(f"page_examples:{name}")(task), desired)
     assert np.abs((run.measured - desired)[-500:].mean(axis=0)).max() < 1e-3 * 5e-5
     assert not run.inputs[:, list(locked)].any()
 
@@ -158,15 +141,11 @@ def test_another_controller_meets_the_same_noise():
 @pytest.fixture(scope="module")
 def compared(folder, tmp_path_factory):
     """Table I, 0.6 s of it, with a controller that fails in one of its columns."""
-    out, error = tmp_path_factory.mktemp("table1") / "out", io.StringIO()
-    name, words = "page_broken:Broken", ["table1", "--quick", "--out", str(out)]
-    short = TestbedConfig(quick_duration_s=SHORT_S)
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
-        patch.setitem(CONFIGURATIONS, "calibrated", short)
-        patch.setattr(sys, "stderr", error)
-        code = main([*words, "--controller", name])
-    summary = json.loads((out / "table1.json").read_text())
-    return {"out": out, "code": code, "error": error.getvalue()} | summary
+    out = tmp_path_factory.mktemp("table1") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(CONFIGURATIONS, "calibrated", TestbedConfig(quick_duration_s=SHORT_S))
+        ended = main(["table1", "--quick", "--out", str(out), "--controller", "page_broken:Broken"])
+    return {"out": out, "code": ended} | json.loads((out / "table1.json").read_text())
 
 
 THEIRS = ["Broken_W_a", "Broken_W_d", "Broken_W_a_uncorrected"]
@@ -180,13 +159,11 @@ def test_its_columns_stand_beside_ours_in_every_file(compared):
     out, columns = compared["out"], compared["columns"]
     assert [each["name"] for each in columns] == [*(each.name for each in COLUMNS), *THEIRS]
     assert {path.name for path in out.iterdir()} == set(compared["files"])
-    assert {"controller.png", "controller.pdf"} <= set(compared["files"])
     page = (out / "table1.md").read_text()
     assert f"| {' | '.join(THEIRS)} |" in page
     for column in columns[-3:]:
         with np.load(out / column["data"]) as data:
             off_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
-            assert len(off_urad) == round(1e3 * SHORT_S)
         stated = column["alpha_rms_urad"], column["beta_rms_urad"]
         np.testing.assert_allclose(stated, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
         assert f"{stated[0]:.4f}" in page
@@ -197,61 +174,31 @@ def test_its_columns_stand_beside_ours_in_every_file(compared):
 def test_the_failed_run_is_named_kept_and_fails_the_study(compared):
     """Its inputs stay as they were last sent; the two sound columns pass."""
     assert compared["code"] == 1
-    assert SENTENCE in compared["error"] and "Broken_W_d" in compared["error"]
     assert [each.get("failure") for each in compared["columns"][-3:]] == [None, SENTENCE, None]
     with np.load(compared["out"] / "Broken_W_d.npz") as data:
         inputs = data["strut_input_percent"]
     assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
     assert SENTENCE in (compared["out"] / "table1.md").read_text()
     columns, further = (pd.DataFrame(compared[name]) for name in ("columns", "further_runs"))
-    failed = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
-    assert len(failed) == 1 and SENTENCE in failed[0]
-    columns.loc[columns.name == THEIRS[2], "closure_residual_max_m"] = 2e-8
-    found = table1_checks(columns, further, SHORT_S)
-    assert len([each for each in found if not each.passed]) == 2
-
-
-@pytest.mark.night
-def test_our_columns_are_those_without_another_controller(compared):
-    column, path = COLUMNS[3], TestbedConfig().spiral_rad(SHORT_S)
-    own = pursuing(rig("hexapod"), column.goal, jacobian="analytic")
-    alone = own.fly(own.controller(), path, failures=column.failures)
-    with np.load(compared["out"] / "W_d.npz") as data:
-        assert np.array_equal(data["true_rad"], alone.true)
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_another_controller_recovers_or_not_in_the_same_case():
-    """Told of no failure, the integrator of the page is about a fault-unaware one."""
-    case = plan.hexapod_failures(LEAST, 0, 1.0, 0, "page_examples:PseudoInverse")[1]
-    row = row_of(case)
-    assert row["status"] == "flown" and row["controller_failure"] is None
-    for span in ("before", "during", "after"):
-        assert 0.3 < row[f"rms_other_{span}"] / row[f"rms_unaware_{span}"] < 3
+    [failed] = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
+    assert SENTENCE in failed
 
 
 @pytest.mark.long
 @pytest.mark.night
 def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
-    """With the least of everything: notes, JSON, dataset, figure and recording."""
+    """With the least of everything: JSON, dataset and recording."""
     monkeypatch.setattr(plan, "QUICK", LEAST)
     words = ["--quick", "--quiet", "--out", str(tmp_path)]
     main(["recover", *words, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
-    names = ("beliefs", "by_mismatch", "by_kind", "healthy", "pairs", "shown", "controller")
-    tables = {name: pd.DataFrame(summary[name]) for name in names}
-    [entry] = tables["controller"].itertuples()
-    assert entry.name == "page_examples:LQG" and entry.failed == 0
+    [entry] = summary["controller"]
+    assert entry["name"] == "page_examples:LQG" and entry["failed"] == 0
     assert {"LQG_locked.npz", "LQG_locked.rrd"} <= set(summary["files"])
-    assert "RMS error of page_examples:LQG" in (tmp_path / "recover.md").read_text()
     rows = pd.read_parquet(tmp_path / "recover.parquet")
     [row] = rows.query("sort == 'failure' and mismatch == 'all'").itertuples()
-    assert entry.after_over_informed == pytest.approx(row.rms_other_after / row.rms_informed_after)
-    assert goals(tables)[-1].passed
-    spoilt = tables["controller"].assign(failed=1, failure="it raised")
-    found = goals(tables | {"controller": spoilt})[-1]
-    assert not found.passed and "it raised" in str(found)
+    ratio = row.rms_other_after / row.rms_informed_after
+    assert entry["after_over_informed"] == pytest.approx(ratio)
 
 
 def test_a_controller_whose_module_has_changed_is_another(folder):

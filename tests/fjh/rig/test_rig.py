@@ -1,13 +1,9 @@
 """One rig for every robot: names, paths, files, copies, threads; and what it prints."""
 
-import gc
 import pickle
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from copy import copy, deepcopy
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from functools import cache
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -16,8 +12,7 @@ import pytest
 from fjh.rig import Rig, Run
 from fjh.study.errors import WrongInput
 from ftc import OracleController
-from ftc.fdi import Diagnosis, Fault
-from sim import Bench, Body, Failure
+from sim import Bench, Failure
 from tests.arms import ARMS
 from tests.fjh.rigs import ARM, path_of, rig, rig_of
 
@@ -40,31 +35,7 @@ def test_an_actuator_fails_by_its_name_or_its_number(name):
         one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
 
 
-@BOTH
-def test_what_is_printed_is_a_line_that_calls_actuators_by_their_names(name):
-    """Arrays and matrices would fill pages at a prompt."""
-    one = rig(name)
-    pilot, called = one.supervisor(dither=None), one.actuators[2]
-    run = one.fly(pilot, path_of(name, 0.02))
-    broken = replace(run.state, confirmed=(Diagnosis.told(Fault(2, "locked")),))
-    assert broken.status.startswith(f"{called} is locked; the other actuators")
-    assert run.status in repr(run)
-    for each in (broken, pilot, one):
-        assert called in repr(each)
-    for each in (broken, pilot, one, run, one.classified([Fault(2, "locked")])):
-        assert "\n" not in repr(each) and len(repr(each)) < 1000
-
-
-@pytest.mark.parametrize(
-    ("major", "rows"),
-    [
-        (["x", "y", "z"], (3, 4, 5)),
-        (("z", "rx"), (5, 0)),
-        (["ry", 5], (1, 5)),
-        ("x,y", (3, 4)),
-        (np.array([4, 3]), (4, 3)),
-    ],
-)
+@pytest.mark.parametrize(("major", "rows"), [(["ry", 5], (1, 5)), ("z,x", (5, 3))])
 def test_rows_are_called_by_name_or_by_number(major, rows):
     assert Rig.of_mjcf(ARM, major=major, crossover=0.7).major == rows
 
@@ -113,10 +84,6 @@ def test_a_robot_starts_where_it_is_told_to():
     start = np.array([0.1, 0.5, 0.2, -1.2, 0.1, 0.6, 0.0])
     one = Rig.of_mjcf(ARM, major=[3, 4, 5], start=start, crossover=0.7)
     np.testing.assert_allclose(one.fly(one.controller(), np.zeros((2, 3))).qpos[0], start)
-    with pytest.raises(ValueError, match="start"):
-        Rig.of_mjcf(ARM, major=[3, 4, 5], start=start[:3])
-    with pytest.raises(ValueError, match='pinned: the model has no site or body "foot"'):
-        Rig.of_mjcf(ARM, major=[3, 4, 5], pinned=["foot"])
 
 
 def test_a_robot_among_other_things_flies_as_predicted():
@@ -130,11 +97,6 @@ def test_a_robot_among_other_things_flies_as_predicted():
     np.testing.assert_allclose(run.rms(), expected, rtol=0.05)
     cup = one.model.joint(one.model.body("cup").jntadr[0]).qposadr[0]
     assert np.ptp(run.qpos[:, cup : cup + 3], axis=0).max() < 1e-4
-    body = int(one.model.site("tool").bodyid[0])
-    for site in (Body(body), body):
-        assert (
-            rig_of("arm_and_cup", site=site, major=(5,), crossover=0.7).actuators == one.actuators
-        )
 
 
 @pytest.mark.long
@@ -162,16 +124,14 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
 
 # Whoever has a copy of a rig or a pilot flies the same to the bit.
 
-COPIES: dict[str, Callable[[Any], Any]] = {
-    "copied": copy,
-    "deep": deepcopy,
-    "pickled": lambda thing: pickle.loads(pickle.dumps(thing)),
-}
-
 
 @cache
 def pilot_of(name: str, made: str) -> Any:
     return getattr(rig(name), made)()
+
+
+def pickled(thing: Any) -> Any:
+    return pickle.loads(pickle.dumps(thing))
 
 
 def flown(one: Rig, controller: Any, actuator: int = 0, duration_s: float = 0.1) -> Run:
@@ -191,23 +151,19 @@ def assert_same(run: Run, other: Run) -> None:
 @pytest.mark.parametrize(
     "name", ["hexapod", pytest.param("arm", marks=[pytest.mark.long, pytest.mark.night])]
 )
-@pytest.mark.parametrize(
-    "how",
-    ["pickled", *(pytest.param(how, marks=pytest.mark.long) for how in ("copied", "deep"))],
-)
-def test_a_copy_flies_the_same_to_the_bit(how, name, made):
+@pytest.mark.parametrize("copied", [pickled, pytest.param(deepcopy, marks=pytest.mark.long)])
+def test_a_copy_flies_the_same_to_the_bit(copied, name, made):
     """The rig, the pilot, both at once; and a run is copied with the state of its pilot."""
     one, pilot = rig(name), pilot_of(name, made)
-    run, copied = flown(one, pilot), COPIES[how]
-    both: tuple[Rig, Any] = copied((one, pilot))
+    run, both = flown(one, pilot), copied((one, pilot))
     for a_rig, a_pilot in (both, (copied(one), pilot), (one, copied(pilot))):
         assert_same(run, flown(a_rig, a_pilot))
     assert_same(run, copied(run))
 
 
-@pytest.mark.parametrize("how", ["deep", "pickled"])
+@pytest.mark.parametrize("copied", [deepcopy, pickled])
 @BOTH
-def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(how, name):
+def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(copied, name):
     """Neither shares anything with the other: failures, physics and noise are its own."""
     one = rig(name, "all")
     time_s, n = np.arange(40) * one.period_s, len(one.actuators)
@@ -219,28 +175,13 @@ def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(how, name):
 
     bench = one.bench(time_s, [Failure(0, "weak", 0.0), Failure(1, "locked", 0.03)], 5)
     move(bench, range(20))
-    copies = COPIES[how](bench), COPIES[how](bench)
+    copies = copied(bench), copied(bench)
     for each in (copies[0], bench, copies[1]):
         move(each, range(20, 40))
     for each in copies:
         for log in ("qpos", "rotation", "displacement", "actuator_force"):
             np.testing.assert_array_equal(getattr(each, log), getattr(bench, log), err_msg=log)
         assert each.plant.model is not bench.plant.model
-
-
-def diagnosed(given: tuple[Rig, Any]) -> Run:
-    """A flight in which a failure is named."""
-    return flown(*given, duration_s=1.8)
-
-
-@pytest.mark.long
-@pytest.mark.night
-def test_another_process_flies_what_it_is_sent_and_finds_what_fails():
-    given = rig("arm"), pilot_of("arm", "supervisor")
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        there = pool.submit(diagnosed, given)
-        assert_same(there.result(), here := diagnosed(given))
-    assert here.diagnoses
 
 
 @pytest.mark.long
@@ -253,24 +194,3 @@ def test_threads_that_share_a_rig_and_a_pilot_fly_as_one_alone(name):
         runs = pool.map(lambda actuator: flown(one, pilot, actuator), actuators)
         for actuator, run in zip(actuators, list(runs), strict=True):
             assert_same(run, flown(one, pilot, actuator))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("made", ["controller", "supervisor"])
-def test_a_tick_leaves_no_reference_cycles(made):
-    """Runs of different lengths leave as much to collect: what is left is of a run, not a tick."""
-    one = rig("arm")
-    controller = pilot_of("arm", made)
-
-    def left_by(duration_s: float) -> int:
-        gc.collect()
-        one.fly(controller, one.path("circle", duration_s=duration_s))
-        return gc.collect()
-
-    gc.disable()
-    try:
-        left_by(0.05)
-        short, long = (min(left_by(each) for _ in range(3)) for each in (0.05, 0.2))
-        assert long == short
-    finally:
-        gc.enable()

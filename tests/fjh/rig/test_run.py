@@ -12,10 +12,9 @@ import pytest
 from experiments.recover.row import Holding
 from fjh.rig import Rig, Run
 from ftc import GuardedController
-from ftc.fdi import LEARNING_S
 from sim import Failure
 from sim.mjcf import drives
-from tests.fjh.rigs import path_of, rig, rig_of
+from tests.fjh.rigs import rig, rig_of
 
 STRUCK, TICKS = 900, 1150
 """The diagnosis has learned what the plant is like after 800 ticks."""
@@ -111,7 +110,6 @@ def test_without_a_reading_the_commands_stand(what, pilot):
     assert error(run).max() < 2.1 * np.linalg.norm(run.desired, axis=1).max()
     assert not run.diagnoses
     assert "since 0.90" in run.status and "the commands are held" in run.status
-    assert run.state.sensors.task.lost and run.state.sensors.task.losses == 1
 
 
 @pytest.mark.parametrize("pilot", ["supervisor", pytest.param("guarded", marks=pytest.mark.long)])
@@ -121,17 +119,11 @@ def test_after_one_missing_reading_the_flight_goes_on_as_without(pilot):
     assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
     step = np.linalg.norm(np.diff(run.desired, axis=0), axis=1).max()
     assert np.abs(run.true - sound.true).max() < 2 * step  # of the path, in the tick lost
-    assert np.isnan(run.measured[STRUCK]).all()
-    assert "the sensor of the task is usable (1 missing)" in run.status
-    assert not run.diagnoses and "sensor" in run.status
+    assert not run.diagnoses and "the sensor of the task is usable (1 missing)" in run.status
 
 
 @pytest.mark.parametrize(
-    "what",
-    [
-        *("one NaN", "dropped"),
-        *(pytest.param(what, marks=pytest.mark.long) for what in ("repeated", "spike")),
-    ],
+    "what", ["dropped", *(pytest.param(k, marks=pytest.mark.long) for k in ("repeated", "spike"))]
 )
 def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
     run, sound = flown("hexapod", what), flown("hexapod", "none")
@@ -171,29 +163,12 @@ def test_encoders_stand_in_for_the_sensor_of_the_task(what):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_encoders_that_fail_do_not_hurt_who_does_not_use_them(name):
-    sound, run = flown(name, "none"), flown(name, "encoders")
-    np.testing.assert_array_equal(run.inputs, sound.inputs)
-    assert ("encoders" in run.status) == (name == "arm")  # the hexapod does not look at them
-
-
-@pytest.mark.long
-def test_an_encoder_that_is_stuck_is_no_actuator_that_is_locked():
+def test_encoders_that_fail_do_not_hurt_who_does_not_use_them():
+    """And one that is stuck is no actuator that is locked."""
+    np.testing.assert_array_equal(flown("arm", "encoders").inputs, flown("arm", "none").inputs)
     run = flown("arm", "encoder stuck")
     assert not run.diagnoses
     assert "the set of encoders repeats one value since 0.90" in run.status
-
-
-@pytest.mark.long
-def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():
-    """What was taken for the robot without a failure has been compared with nothing."""
-    one = rig("arm")
-    pilot = one.supervisor(dither=None)
-    short, longer = (one.fly(pilot, path_of("arm", LEARNING_S + more)) for more in (-0.1, 0.1))
-    learning = f"it takes the first {LEARNING_S:g} s for the robot without a failure"
-    assert short.undiagnosed == learning
-    assert longer.undiagnosed == "the sensors read what the model without a failure predicts"
 
 
 @pytest.mark.long

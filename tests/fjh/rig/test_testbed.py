@@ -3,10 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
+from fjh.rig.hexapod.detector import Detector, pointing_angles
 from fjh.rig.hexapod.strut_sensors import StrutSensors
 from fjh.rig.hexapod.trajectory import spiral
-from sim import NOMINAL
 
 QUIET = Detector(focal_length_m=1.0, half_width_m=5e-3, noise_m=0.0)
 
@@ -20,14 +19,6 @@ def test_pointing_angles_are_rotations_about_x_b_and_y_b_and_blind_to_z_b():
     np.testing.assert_allclose(pointing_angles(R), [3e-4, -2e-4], atol=1e-10)
     spun = R @ turned(0, 0, 0.5)
     np.testing.assert_allclose(pointing_angles(spun), pointing_angles(R), atol=1e-15)
-
-
-def test_secondary_motion_is_the_rotation_about_z_b_and_the_translation():
-    pose = NOMINAL.moved(np.array([0, 0, 2e-5, 1e-6, 2e-6, 3e-6]))
-    motion = secondary_motion(pose.rotation, pose.translation_m)
-    np.testing.assert_allclose(motion, [2e-5, 1e-6, 2e-6, 3e-6], atol=1e-12)
-    two = np.stack([pose.rotation, np.eye(3)]), np.stack([pose.translation_m, np.zeros(3)])
-    np.testing.assert_array_equal(secondary_motion(*two), [motion, np.zeros(4)])
 
 
 def test_the_detector_reads_the_pointing_angles_through_its_optics():

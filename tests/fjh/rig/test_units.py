@@ -13,10 +13,8 @@ from sim.mjcf import drives
 from tests.fjh.rigs import rig
 from tests.robots import TEST_MODELS
 
-_ROWS = st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1)
 
-
-@given(rows=_ROWS)
+@given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
 def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
     units = [unit for unit, _ in rows]
     entries = by_unit("rms", [value for _, value in rows], units)

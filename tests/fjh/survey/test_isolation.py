@@ -1,8 +1,8 @@
 """Which failures can be told apart: of a matrix by its columns, of a robot by `ftc.fdi`."""
 
 import itertools
-from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fjh.rig import Rig
-from fjh.rig.dither import MEASURED_S, rig_dither
+from fjh.rig.dither import MEASURED_S
 from fjh.rig.mjcf import robot_rig
-from fjh.rig.options import RobotOptions, Sensing
+from fjh.rig.options import RobotOptions
 from fjh.survey.isolation import (
-    SENSES,
     alike_columns,
     further_sensors,
     isolation_of,
@@ -22,21 +21,16 @@ from fjh.survey.isolation import (
     with_sensors,
 )
 from fjh.survey.subject import matrix_subject, robot_subject
-from ftc import tracking
-from ftc.control.compensator import minimal
 from ftc.fdi import DEFAULT_CONFIG, separations
-from sim import MODELS, Mechanism, Plant, load_model
+from sim import MODELS
 from tests.random_systems import SEEDS
 
-KNOWN = MEASURED_S, DEFAULT_CONFIG.uncertainty
-
 TOLERANCE = 1e-9
-PLACING = RobotOptions(major=(3, 4))
 
 
 @cache
-def placing(name: str, sense: Sensing = "both") -> Rig:
-    return robot_rig(MODELS / f"{name}.xml", replace(PLACING, sense=sense))
+def hand() -> Rig:
+    return robot_rig(MODELS / "hand.xml", RobotOptions(major=(3, 4), sense="both"))
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 7))
@@ -72,88 +66,35 @@ def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.rad2deg(np.arctan2(across, abs(a @ b))))
 
 
-def test_units_of_the_effects_change_no_verdict_and_no_angle():
-    B = np.random.default_rng(5).normal(size=(3, 5))
-    one = alike_columns(B, range(5), TOLERANCE)
-    other = alike_columns(np.diag([1e6, 1.0, 1e-6]) @ B, range(5), TOLERANCE)
-    assert one == other | {"smallest_angle_deg": pytest.approx(other["smallest_angle_deg"])}
-
-
 def test_rotors_on_one_arm_look_alike(tmp_path):
     """Two rotors above each other, in the same sense: one column twice."""
     (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
     subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
-    rows, settings = isolation_of(subject, "on", None)
+    rows, _ = isolation_of(subject, "on", None)
     [row] = rows.to_dict("records")
     assert row["alike"] == [["top", "bottom"]] and row["without_effect"] == ["idle"]
-    assert row["isolable"] == 1 and settings == {"isolation_refused": None}
-
-
-@pytest.mark.long
-def test_what_is_told_apart_is_what_the_library_says_of_each_rig():
-    """The command's own rig for these sensors, its designed dither, and separations."""
-    for sense in SENSES:
-        ours, row = told_apart(placing("hand"), sense)
-        rig = placing("hand", sense)
-        design = rig_dither(rig, "designed")
-        assert design is not None
-        np.testing.assert_allclose(
-            ours.separations.distance, design.separations.distance, rtol=1e-6, atol=1e-6
-        )
-        apart = separations(rig.watched, ours.dither, *KNOWN)
-        assert ours.separations.isolable() == apart.isolable()
-        assert row["isolable"] == len(apart.isolable()) == 12 - len(row["not_isolable"])
 
 
 @pytest.mark.long
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
-    hand = placing("hand")
-    design, row = told_apart(hand, "joints")
+    design, row = told_apart(hand(), "joints")
     assert row["further_sensors"]
-    watched, before = with_sensors(hand, "joints").watched, row["isolable"]
+
+    def isolable(watched: Any) -> int:
+        found = separations(watched, design.dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
+        return len(found.isolable())
+
+    watched, before = with_sensors(hand(), "joints").watched, row["isolable"]
+    assert isolable(watched) == before
     for name, with_it in zip(row["further_sensors"], row["isolable_with_further"], strict=True):
         more = {
             each: watched.measured(np.vstack([watched.plant.C, C]), [*watched.noise, noise])
-            for each, (C, noise) in further_sensors(hand, "joints").items()
+            for each, (C, noise) in further_sensors(hand(), "joints").items()
         }
-        isolable = separations(more[name], design.dither, *KNOWN).isolable()
-        assert len(isolable) == with_it > before
-        for other in more.values():
-            assert len(separations(other, design.dither, *KNOWN).isolable()) <= with_it
+        assert isolable(more[name]) == with_it > before
+        assert max(map(isolable, more.values())) == with_it
         watched, before = more[name], with_it
-
-
-@pytest.mark.long
-def test_sensors_of_a_survey_are_those_of_the_library():
-    """Built from `ftc` and `sim` alone, as on docs/diagnosis-design.md."""
-    rig, model = placing("hand"), load_model(MODELS / "hand.xml")
-    noise = [rig.noise] * 2 + [rig.encoder_noise] * 4
-    track = tracking(
-        Mechanism(model, axes=None),
-        Plant(model, base=None).linear(),
-        [3, 4],
-        noise=noise,
-        period_s=rig.period_s,
-        step_s=model.opt.timestep,
-        goal=rig.goal,
-        sense="both",
-    )
-    ours = with_sensors(rig, "both").watched
-    np.testing.assert_allclose(ours.noise, track.watched.noise)
-    hz = 2 * np.pi * np.array([1.0, 20.0])
-    for one, other in ((ours.plant, track.watched.plant), (minimal(ours.plant), ours.plant)):
-        np.testing.assert_allclose(one(1j * hz), other(1j * hz), rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.long
-def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
-    """All legs move alike, and with an exact model every sensor tells all twelve failures apart."""
-    for sense in SENSES:
-        design, row = told_apart(placing("platform"), sense)
-        assert row["isolable_with_exact_model"] == 12
-        np.testing.assert_allclose(design.dither.direction, np.ones(4), atol=1e-3)
-        assert design.separations.alike_actuators() == ((0, 1, 2, 3),)
 
 
 @pytest.mark.parametrize(
@@ -161,27 +102,10 @@ def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
     [
         ("hand", {"major": (2, 3, 4)}, "leaves no motion"),
         ("humanoid", {"site": "left_hand"}, "is a torque motor"),
-        pytest.param(
-            "train",
-            {"major": (3,)},
-            "it takes minutes for 13 actuators, more than 12",
-            marks=pytest.mark.long,
-        ),
     ],
 )
-def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(tmp_path, name, task, said):
-    """A task that leaves no motion, torque motors, a train of thirteen slides."""
-    file = MODELS / f"{name}.xml"
-    if name == "train":
-        body = '<body><joint name="j{0}" type="slide" axis="1 {0} 0"/><geom size=".1"/>'
-        cars = "".join(body.format(k) for k in range(13)) + '<site name="payload"/>'
-        motors = "".join(f'<position joint="j{k}" kp="9"/>' for k in range(13))
-        file = tmp_path / "train.xml"
-        file.write_text(
-            f"<mujoco><worldbody>{cars}{13 * '</body>'}</worldbody>"
-            f"<actuator>{motors}</actuator></mujoco>"
-        )
-    subject = robot_subject(file, RobotOptions(**task), None, None)
+def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(name, task, said):
+    """A task that leaves no motion, and torque motors."""
+    subject = robot_subject(MODELS / f"{name}.xml", RobotOptions(**task), None, None)
     rows, settings = isolation_of(subject, "on", None)
-    assert rows.empty
-    assert said in settings["isolation_refused"] and "\n" not in settings["isolation_refused"]
+    assert rows.empty and said in settings["isolation_refused"]

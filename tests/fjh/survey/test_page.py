@@ -2,7 +2,6 @@
 
 import json
 import re
-import shlex
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 from markdown_it import MarkdownIt
 
 from experiments.app.cli import main
-from tests.pages import assert_prints, blocks
 
 VOID = {"meta", "img"}
 HOSTILE = (
@@ -30,7 +28,7 @@ class Page(HTMLParser):
     def __init__(self, html: str):
         super().__init__()
         self.open: list[str] = []
-        self.text, self.addresses, self.tags, self.ids = "", [], set(), []
+        self.text, self.tags = "", set()
         self.feed(html)
         self.close()
         assert self.open == []
@@ -41,8 +39,6 @@ class Page(HTMLParser):
         assert len(given) == len(attrs) and not any(name.startswith("on") for name in given)
         self.tags.add(tag)
         self.open += [] if tag in VOID else [tag]
-        self.ids += [given["id"]] if "id" in given else []
-        self.addresses += [given[name] or "" for name in ("href", "src") if name in given]
 
     def handle_endtag(self, tag: str) -> None:
         """Called by the parser."""
@@ -54,34 +50,12 @@ class Page(HTMLParser):
 
 
 def page_of(folder: Path) -> tuple[Page, dict]:
-    """The page in a folder, and the numbers beside it; the laws of every page hold."""
+    """The page in a folder, which loads nothing and runs nothing, and the numbers beside it."""
     html = (folder / "survey.html").read_text()
-    page, told = Page(html), json.loads((folder / "survey.json").read_text())
-    assert html.startswith("<!DOCTYPE html>\n<html lang=")
+    page = Page(html)
     assert not page.tags & {"script", "link", "iframe", "object", "base"}
     assert not re.search(r"url\(|@import|https?:", html)
-    for address in page.addresses:
-        assert address.startswith("data:image/png;base64,") or address.removeprefix("#") in page.ids
-    assert "survey.html" in told["files"]
-    for sentence in (told["command"], *sentences(folder)):
-        assert page.text.count(sentence) >= 1, sentence
-    for name, version in told["versions"].items():
-        assert f"{name} {version}" in page.text
-    return page, told
-
-
-def sentences(folder: Path) -> list[str]:
-    """Those below the tables, without Markdown's backslashes."""
-    lines = (folder / "survey.md").read_text().splitlines()
-    return [re.sub(r"\\(?=\W)", "", line[2:]) for line in lines if line.startswith("- ")]
-
-
-def shown_by_markdown(text: str) -> str:
-    """What a reader of rendered Markdown sees; no name is markup."""
-    page = Page(MarkdownIt("commonmark").enable("table").render(text))
-    plain = {"h2", "img", "p", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
-    assert page.tags <= plain, page.tags - plain
-    return page.text
+    return page, json.loads((folder / "survey.json").read_text())
 
 
 @pytest.mark.long
@@ -93,29 +67,13 @@ def test_the_page_of_a_matrix_is_whole_and_its_names_are_no_markup(tmp_path, cap
     assert main(["survey", "--matrix", str(file), "--out", str(out)]) == 0
     printed, (page, told) = capfd.readouterr(), page_of(out)
     assert [each["actuator"] for each in told["actuators"]] == list(HOSTILE) and not printed.err
-    shown = shown_by_markdown((out / "survey.md").read_text())
+    markdown = Page(
+        MarkdownIt("commonmark").enable("table").render((out / "survey.md").read_text())
+    )
+    assert not markdown.tags & {"script", "em", "strong", "code", "a"}
     for name in HOSTILE:
-        assert all(f"{name} locked" in text for text in (page.text, printed.out, shown)), name
-    sha = told["matrix_sha256"]
-    assert sha in page.text and not list(out.glob("*.rrd"))
+        for text in (page.text, printed.out, markdown.text):
+            assert f"{name} locked" in text, name
     again = tmp_path / "again"
-    words = told["command"].split()[1:]
-    assert main([*words, "--quiet", "--out", str(again)]) == 0
-    files = told["files"]
-    assert json.loads((again / "survey.json").read_text())["files"] == files
+    assert main([*told["command"].split()[1:], "--quiet", "--out", str(again)]) == 0
     assert (again / "survey.html").read_text() == (out / "survey.html").read_text()
-
-
-@pytest.mark.long
-def test_the_page_prints_what_the_command_says(tmp_path, monkeypatch, capfd):
-    page = (Path(__file__).parents[3] / "docs" / "survey.md").read_text()
-    (matrix,) = (content for language, content in blocks(page) if language == "none")
-    (said,) = (content for language, content in blocks(page) if language == "text")
-    commands = [content for language, content in blocks(page) if language == "sh"]
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-    (tmp_path / "rotors.csv").write_text(matrix)
-    assert main(shlex.split(commands[1])[1:]) == 0
-    *_, printed = capfd.readouterr().out.partition("What the failures")
-    title, table, *_, sentences, _ = printed.strip().split("\n\n")
-    assert_prints(f"What the failures {title}\n{table}\n{sentences}", said)

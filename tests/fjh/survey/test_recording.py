@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fjh.recording.properties import properties_of
 from fjh.survey import recording
 from fjh.survey.page import headline
 from fjh.survey.recording import losses, title, write_losses
 from sim import MODELS
 from tests.fjh.survey.surveys import of_robot
 from tests.robots import TEST_MODELS
-from tests.rrd import entities, notes, scalars
+from tests.rrd import entities, notes
 
 SURVEYED = {
     "arm": (MODELS / "arm.xml", "0,1"),
@@ -72,25 +71,6 @@ def test_the_motion_is_along_the_direction_that_is_lost(name, monkeypatch, tmp_p
             assert np.abs(rates[failing]).max() > 1e-3 * np.abs(rates).max()
             if loss.drifts:
                 assert not np.delete(rates, failing).any()
-
-
-def test_every_lost_direction_of_the_survey_has_a_cell_with_its_failures(tmp_path):
-    found = survey("platform")
-    write(found, tmp_path)
-    file = tmp_path / "survey.rrd"
-    cells = [entity for entity in entities(file) if entity.endswith("/along")]
-    assert len(cells) == len(losses(found.subject, found.start)) == 1
-    _, values = scalars(file, cells[0])
-    assert np.ptp(values, axis=0)[0] > 1 and not np.ptp(values, axis=0)[1]
-    lost = {row for loss in losses(found.subject, found.start) for row in loss.rows}
-    said = [row for row in found.start.singles.ravel() if found.start.lost(row).size]
-    assert lost == set(said)
-    assert "motor1 locked, motor2 locked, motor3 locked or motor4 locked: turn z is lost" in notes(
-        file
-    )
-    known = properties_of(file)
-    assert (known["study"], known["robot"]) == ("survey", "planar platform on four legs")
-    assert known["verdict"] == headline(found.subject, found.start)
 
 
 def test_more_directions_than_a_screen_holds_are_in_further_recordings(tmp_path, monkeypatch):
