@@ -451,10 +451,10 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
         if (length > 0.0) {
             add(w->t, length, w->step + f, q);
             for (int j = 0; j < n; j++) {
-                double size = fabs(x[j]);
-                x[j] = fmin(fmax(x[j] + length * w->move[j], lower[j]), upper[j]);
-                if (fabs(x[j]) < 0.1 * ROUND_OFF * size)
-                    x[j] = 0.0;
+                double moved = x[j] + length * w->move[j];
+                if (fabs(moved) < 0.1 * ROUND_OFF * fabs(x[j]))
+                    moved = 0.0;
+                x[j] = fmin(fmax(moved, lower[j]), upper[j]);
             }
         }
         idle = length > ROUND_OFF ? 0 : idle + 1;

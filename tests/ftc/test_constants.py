@@ -1,0 +1,37 @@
+"""The page on the diagnosis has each constant with the value that the code has."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import ftc.fdi
+
+PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text()
+ROWS = re.findall(r"^\| `(\w+)\.([\w.]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", PAGE, re.MULTILINE)
+RULES = "observer", "monitor", "decision"
+"""Files whose every constant is one of the diagnosis; of the others those that decide."""
+
+
+@pytest.mark.parametrize(("file", "name", "written", "unit", "reason"), ROWS)
+def test_a_constant_of_the_page_is_that_of_the_code(file, name, written, unit, reason):
+    inside = (Path(ftc.fdi.__file__).parent / f"{file}.py").exists()
+    value = import_module(f"ftc.fdi.{file}" if inside else f"ftc.{file}")
+    for part in name.split("."):
+        value = getattr(value, part)
+    numbers = value if isinstance(value, tuple) else (value,)
+    assert [float(each) for each in written.split(",")] == [*numbers]
+    assert unit.strip() and reason.strip()
+
+
+@pytest.mark.parametrize("file", RULES)
+def test_every_constant_of_the_rules_is_on_the_page(file):
+    code = (Path(ftc.fdi.__file__).parent / f"{file}.py").read_text()
+    lines = re.findall(r"^((?:_?[A-Z]\w+, )*_?[A-Z]{2}\w+) = [-\d(]", code, re.MULTILINE)
+    found = {name for line in lines for name in line.split(", ")}
+    assert found - {name for of, name, *_ in ROWS if of == file} <= ROUND_OFF
+
+
+ROUND_OFF = {"_LEAST_OFFSET", "_MOST_SAMPLES", "_ALIKE"}
+"""They keep round-off and memory within bounds, and decide nothing."""
