@@ -52,3 +52,19 @@ def test_data_of_another_model_are_refused(model):
 def test_a_file_that_cannot_be_is_one_sentence_for_model_and_hash(read, path):
     with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
         read(path)
+
+
+def test_states_and_tasks_that_are_none_are_refused(model):
+    data = mujoco.MjData(model)
+    with pytest.raises(ValueError, match="site must not repeat a task"):
+        jacobians(model, data, site=["payload", "payload"])
+    data.qpos[0] = np.nan
+    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
+        jacobians(model, data, site="payload")
+
+
+def test_nan_in_a_file_that_is_none_is_left_to_its_reader(tmp_path):
+    file = tmp_path / "broken.xml"
+    file.write_text("<mujoco nan")
+    with pytest.raises(ModelError):
+        load_model(file)

@@ -16,8 +16,10 @@ from fjh.rig.events import Event
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.coil import Coils
 from fjh.rig.hexapod.detector import Detector, secondary_motion
+from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.rig import LARGEST_DISPLACEMENT
 from fjh.study.errors import WrongInput
+from fjh.survey.survey import survey
 from sim import MODELS, Failure, Pose, SimulationDiverged, load_model
 
 ARM = """<mujoco><option {option}/><statistic extent="1"/><worldbody><body>
@@ -267,3 +269,40 @@ def test_controls_that_mujoco_would_clear_end_a_flight():
     huge = hooked(sent=lambda tick, inputs: np.full_like(inputs, 1e20))
     with pytest.raises(SimulationDiverged, match="controls beyond"):
         one.fly(one.controller(), np.zeros((3, 2)), events=huge)
+
+
+PATH = np.zeros((3, 2))
+ADVICE: list[tuple[Callable[[], object], str]] = [
+    (lambda: Event.parse("bump"), "NAME@SECONDS or NAME:ACTUATOR@SECONDS"),
+    (lambda: TestbedConfig(spiral_direction=0), "spiral_direction must be 1 or -1"),
+    (lambda: TestbedConfig(anti_windup=2), "anti_windup must be True or False"),
+    (lambda: known("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "knows no floor"),
+    (
+        lambda: Rig.of_mjcf(MODELS / "arm.xml", major=[0], joint_weight=[1, 2]),
+        "one number or 7, got 2",
+    ),
+    (
+        lambda: survey(hold="1,2", on_progress=lambda done, total: None),
+        "--hold is for a matrix: give one with --matrix",
+    ),
+]
+
+
+@pytest.mark.parametrize(("ask", "said"), ADVICE, ids=[said for _, said in ADVICE])
+def test_wrong_combinations_are_refused_with_what_is_right(ask, said):
+    with pytest.raises((ValueError, WrongInput), match=said):
+        ask()
+
+
+def test_what_a_user_holds_says_what_it_is_on_one_line():
+    one = known("arm")
+    pilot = one.supervisor()
+    kinematics = one.control.system.kinematics()
+    for held, said in (
+        (one, "<Rig .*major rows "),
+        (one.fly(one.controller(), PATH), "<Run of 3 ticks"),
+        (pilot, "<Supervisor of "),
+        (pilot.start(), "<SupervisorState after 0 ticks"),
+        (kinematics.manipulability([0, 1]), "<Manipulability"),
+    ):
+        assert re.match(said, repr(held)) and "\n" not in repr(held)
