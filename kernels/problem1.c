@@ -92,6 +92,8 @@ int problem1_solve(const problem1 *p, const double *J, const double *sizes, cons
         ranks[0] = 0;
         lexicographic_solve(&q, A, b, scales, lower, wanted, scales + 2 + n, x + k * n, state,
                             report, ranks);
+        if (report[1] < 0.0) /* products with weights are too large */
+            return PROBLEM1_REFUSED;
         bool clear = ranks[0] == m1 && report[2] * p->tolerance > p->clear;
         if (!report[1] || (p->clear > 0.0 && !clear))
             code = PROBLEM1_IN_DOUBT;

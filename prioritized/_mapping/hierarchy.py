@@ -19,7 +19,7 @@ from prioritized._mapping.task import Status, status_of
 from prioritized._mapping.tasks import Part, Task, targets_of
 from prioritized._mapping.tick import Tick
 from prioritized._solver.arrays import none, read_only
-from prioritized._solver.packed import Equations, Packed, Point, Rows, equations, pack, solve
+from prioritized._solver.packed import Equations, Packed, Point, Rows, equations, pack, solved
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class HierarchySolution:
         box, count = self.packed.box.copy(), self._n + len(self.active_rows)
         box[:, 0, :count], box[:, 1, :count] = -np.inf, np.inf
         unlimited = self.packed._replace(box=box)
-        x = solve(unlimited).x
+        x = solved(unlimited).x
         now, before = (norm(self.packed.level(level, each)) for each in (self.point.x, x))
         return bool(now > (1.0 + ACCURACY) * before)
 
@@ -289,7 +289,7 @@ class Hierarchy:
         within = self.limiting.natural(self.asked.units[1])
         hard = (*within.rows, equations(self.constraint))
         packed = pack([*hard, *blocks, self.asked.ties], within.box, RANK_TOLERANCE)
-        return HierarchySolution(self, targets, packed, solve(packed, start))
+        return HierarchySolution(self, targets, packed, solved(packed, start))
 
     def _asked_of(self, kinematics: "Kinematics") -> Asked:
         """The levels as asked for of another mechanism."""

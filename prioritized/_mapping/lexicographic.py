@@ -13,7 +13,7 @@ from argument_checks import Array
 from prioritized._mapping.task import Status, status_of
 from prioritized._solver.arrays import read_only
 from prioritized._solver.limits import Limits, limits, plain_limits
-from prioritized._solver.packed import Equations, Packed, Point, Rows, ends_of, pack, solve
+from prioritized._solver.packed import Equations, Packed, Point, Rows, ends_of, pack, solve, solved
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
 _FLOAT64 = np.dtype(np.float64)
@@ -165,7 +165,7 @@ def lexicographic_least_squares(
     last = [_equations(T, np.zeros(len(T))) for T in ties]
     packed = pack([*hard, *blocks, *last], box, tolerance)
     hard_rows = sum(len(each.G) for each in hard)
-    point = solve(packed, begun, most_steps)
+    point = solved(packed, begun, most_steps)
     return Solution(n, hard_rows, len(levels), packed, point)
 
 

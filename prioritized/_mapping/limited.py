@@ -12,7 +12,7 @@ from argument_checks.ties import exceeds
 from prioritized._mapping.levels import Level, damped
 from prioritized._solver.arrays import beside, times
 from prioritized._solver.limits import Limits, limits
-from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, solve
+from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, solved
 
 WhenLimited = Literal["least_squares", "scaled"]
 """What becomes of a major task that limits hold back: least error, or its direction kept."""
@@ -150,7 +150,7 @@ def optimum(
     ]
     if limiting is None:
         packed = pack(equations, limits("", None, n), tolerance)
-        return Optimum(packed, solve(packed, start), n, 1, False, lead)
+        return Optimum(packed, solved(packed, start), n, 1, False, lead)
     box, rows, scaled = limiting.box, limiting.rows, limiting.when == "scaled"
     if scaled:
         achieved = times(levels[1].A, optimum(levels, p, None, tolerance).x)
@@ -158,7 +158,7 @@ def optimum(
     packed = pack([*rows, *equations], box, tolerance)
     if scaled:
         packed = packed._replace(own=n)
-    return Optimum(packed, solve(packed, start), n, len(rows) + 1, scaled, lead)
+    return Optimum(packed, solved(packed, start), n, len(rows) + 1, scaled, lead)
 
 
 def _asked(level: Level, p: Array) -> Array:

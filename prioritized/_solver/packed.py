@@ -165,6 +165,18 @@ def solve(packed: Packed, start: Point | None = None, most_steps: int | None = N
     return Point(read_only(x), active, read_only(report))
 
 
+def solved(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
+    """The solution of each problem, of numbers that were checked one by one.
+
+    Raises:
+        ValueError: A target times its weight is too large.
+    """
+    point = solve(packed, start, most_steps)
+    if (point.report[:, 1] < 0.0).any():
+        raise ValueError("targets times their weights must be below 1e120, got more")
+    return point
+
+
 @lru_cache(maxsize=512)
 def _shape(
     n: int,

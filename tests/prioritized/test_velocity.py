@@ -200,3 +200,13 @@ def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
         assert np.isfinite(small).all()
         if exponent > 20:
             np.testing.assert_allclose(small, rates(at, 0.0), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("limits", [None, (-1.0, 1.0)])
+def test_a_goal_that_its_weight_makes_too_large_is_refused(limits):
+    """Each number alone is of a size that is taken; what came was never written."""
+    weights = {"joint_weight": np.ones(3), "secondary_weight": [2.5]}
+    mapping = velocity_mapping(np.eye(2, 3), [0], rate_limits=limits, **weights)
+    assert np.isfinite(mapping([0.1], secondary_velocity=[1e100])).all()
+    with pytest.raises(ValueError, match="times their weights must be below 1e120"):
+        mapping([0.1], secondary_velocity=[8e119])
