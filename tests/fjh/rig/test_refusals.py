@@ -272,10 +272,11 @@ def test_controls_that_mujoco_would_clear_end_a_flight():
 
 
 PATH = np.zeros((3, 2))
+NO_BOOL: Any = 2
 ADVICE: list[tuple[Callable[[], object], str]] = [
     (lambda: Event.parse("bump"), "NAME@SECONDS or NAME:ACTUATOR@SECONDS"),
     (lambda: TestbedConfig(spiral_direction=0), "spiral_direction must be 1 or -1"),
-    (lambda: TestbedConfig(anti_windup=2), "anti_windup must be True or False"),
+    (lambda: TestbedConfig(anti_windup=NO_BOOL), "anti_windup must be True or False"),
     (lambda: known("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "knows no floor"),
     (
         lambda: Rig.of_mjcf(MODELS / "arm.xml", major=[0], joint_weight=[1, 2]),
