@@ -120,9 +120,9 @@ def _changes(
 ) -> list[tuple[int, list[tuple[Fault, bool]]]]:
     """Faults that occur, and those that become known, by control tick."""
     check.instance("told", told, bool, list, tuple, np.ndarray)
-    times: Sequence[float | None] = told if not isinstance(told, bool) else []
-    if isinstance(told, bool):
-        times = [each.time_s if told else None for each in failures]
+    times: Sequence[float | None] = (
+        [each.time_s if told else None for each in failures] if isinstance(told, bool) else told
+    )
     if len(times) != len(failures):
         expected = f"a time for each of {len(failures)} failures"
         raise ValueError(f"told must be {expected}, got {check.shown(told)}")

@@ -48,5 +48,8 @@ def check_file(path: Path) -> Path:
 
 
 def short(value: object) -> str:
-    """A value that came, on one line of 80 characters at most, for the message that refuses it."""
+    """A value that came, on one line of 80 characters at most, for the message that refuses it.
+
+    As `argument_checks.shown` does, without numpy, which a help text does not wait for.
+    """
     return " ".join(repr(value).split())[:80]

@@ -7,12 +7,13 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import psutil
 import pytest
+
+from tests.processes import started
 
 ROOT = Path(__file__).parents[2]
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
@@ -21,24 +22,6 @@ EVERY = pytest.mark.parametrize("number", CODES)
 ONE_BY_DAY = pytest.mark.parametrize(
     "number", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.long) for each in [15, 1])]
 )
-
-
-def heard() -> None:
-    """What `nohup` and a shell in the background have ignored, a child would ignore as well."""
-    for each in CODES:
-        signal.signal(each, signal.SIG_DFL)
-
-
-def started(*command: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, *command],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=heard,
-        text=True,
-    )
 
 
 def at(moment: str) -> subprocess.Popen[str]:

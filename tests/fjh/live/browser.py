@@ -1,12 +1,9 @@
 """The command as a process of its own, and its page in a browser that nobody sees."""
 
-import os
 import re
 import shutil
-import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +12,8 @@ from pathlib import Path
 
 import psutil
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
+
+from tests.processes import started
 
 ROOT = Path(__file__).parents[3]
 FLAGS = (
@@ -131,28 +130,15 @@ class Served:
     url: str
 
 
-def started(folder: Path, *words: str) -> "subprocess.Popen[str]":
+def live(folder: Path, *words: str) -> "subprocess.Popen[str]":
     """`fjh live` with these words."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "experiments", "live", *words, "--out", str(folder)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=_heard,
-        text=True,
-    )
-
-
-def _heard() -> None:
-    """What a shell in the background has ignored, a child would ignore as well."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return started("-m", "experiments", "live", *words, "--out", str(folder))
 
 
 @contextmanager
 def served(folder: Path, *words: str) -> Iterator[Served]:
     """The command from the line that says where its page is until the end of the block."""
-    process = started(folder, *words)
+    process = live(folder, *words)
     try:
         assert process.stdout and process.stderr
         line = process.stdout.readline()

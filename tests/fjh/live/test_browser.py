@@ -25,8 +25,8 @@ from tests.fjh.live.browser import (
     browsed,
     free_port,
     listens,
+    live,
     served,
-    started,
 )
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
@@ -99,7 +99,7 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
 
 
 def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
-    process = started(tmp_path / "out", "--port", str(free_port()))
+    process = live(tmp_path / "out", "--port", str(free_port()))
     wait_for(lambda: any(listens(process.pid)))
     interrupt(process)
     assert not (tmp_path / "out").exists()
