@@ -62,6 +62,17 @@ def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, said):
         made(None).with_failures(locked_passive=["knee"])
 
 
+def test_actuators_without_names_are_said_by_number():
+    for system, said in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
+        with pytest.raises(ValueError, match=f"got both for {said}"):
+            system.with_failures(locked=[0, 1], free=[0, 1])
+
+
+def test_names_of_another_number_are_refused():
+    with pytest.raises(ValueError, match="8 velocities and 3 actuators, got 8 and 4"):
+        ConstrainedSystem(np.ones((1, 8)), None, [0, 1, 2], names=NAMES)
+
+
 def test_the_atlas_speaks_and_understands_names():
     atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
     assert atlas.describe(0) == unnamed.describe(0) == "sound"

@@ -76,8 +76,3 @@ def test_round_off_in_a_product_is_no_negative_eigenvalue():
 def test_a_secondary_velocity_may_lie_along_the_major_one(secondary):
     """Only the force mapping refuses it."""
     assert velocity_mapping(J, [0], secondary, secondary_weight=np.ones(len(secondary)))
-
-
-def test_actuators_without_names_are_said_by_number():
-    with pytest.raises(ValueError, match=r"got both for \[0\]"):
-        ConstrainedSystem(J, None, [0, 1]).with_failures(locked=[0], free=[0])
