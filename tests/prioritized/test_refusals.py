@@ -76,3 +76,11 @@ def test_round_off_in_a_product_is_no_negative_eigenvalue():
 def test_a_secondary_velocity_may_lie_along_the_major_one(secondary):
     """Only the force mapping refuses it."""
     assert velocity_mapping(J, [0], secondary, secondary_weight=np.ones(len(secondary)))
+
+
+@np.errstate(over="ignore")
+def test_products_of_large_numbers_that_overflow_are_refused():
+    huge = np.full((2, 3), 9e119)
+    mapping = velocity_mapping(huge, huge[:1, :2], major_metric=[[9e119]])
+    with pytest.raises(ValueError, match="J, weights and metrics must have finite products"):
+        _ = mapping.major

@@ -58,12 +58,12 @@ def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
     J_m, J_s = J[:m1], J[m1:]
     W1, W2 = (rng.normal(size=(k, k)) + 3 * np.eye(k) for k in (n, m2))
     v_m, aims = rng.normal(size=m1), {"joint": rng.normal(size=n), "secondary": rng.normal(size=m2)}
-    for weights, (major_gain, goals_gain), goals, atol in (
+    for W, (major_gain, goals_gain), goals, atol in (
         ((W1, W2), theorem_3(J_m, J_s, W1, W2), ["joint", "secondary"], 1e-8),
         ((W1, None), theorem_4(J_m, W1), ["joint"], 1e-8),
         ((None, W2), theorem_5(J_m, J_s, W2), ["secondary"], 1e-6),
     ):
-        mapping = velocity_mapping(J, major, None, *weights)
+        mapping = velocity_mapping(J, major, None, *W)
         rates = mapping(v_m, *aims.values())  # before there are gains: computed another way
         expected = major_gain @ v_m + goals_gain @ np.concatenate([aims[goal] for goal in goals])
         np.testing.assert_allclose(rates, expected, atol=10 * atol)
