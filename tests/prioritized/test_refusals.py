@@ -78,7 +78,7 @@ def test_a_secondary_velocity_may_lie_along_the_major_one(secondary):
     assert velocity_mapping(J, [0], secondary, secondary_weight=np.ones(len(secondary)))
 
 
-@np.errstate(over="ignore")
+@np.errstate(over="ignore", invalid="ignore")
 def test_products_of_large_numbers_that_overflow_are_refused():
     huge = np.full((2, 3), 9e119)
     mapping = velocity_mapping(huge, huge[:1, :2], major_metric=[[9e119]])
