@@ -111,23 +111,35 @@ class Record:
     y: np.ndarray
 
     @classmethod
-    def of(cls, nominal, ticks, seed, fault=None, onset=ONSETS[1], samples=SAMPLES, size=1e-2):
-        """A run with that fault, from commands that wander."""
+    def of(
+        cls,
+        nominal,
+        ticks,
+        seed,
+        fault=None,
+        onset=ONSETS[1],
+        samples=SAMPLES,
+        size=1e-2,
+        before=(),
+    ):
+        """A run with that fault, after those before, from commands that wander."""
         rng = np.random.default_rng(seed)
         u = np.cumsum(size * rng.standard_normal((samples, nominal.actuators)), axis=0)
-        y = outputs(nominal, ticks, u, fault, onset)
+        y = outputs(nominal, ticks, u, fault, onset, before=before)
         return cls(nominal, ticks, u, y + rng.standard_normal(y.shape))
 
 
-def outputs(nominal, ticks, u, fault=None, onset=0, nudged: np.ndarray | float = 0.0, late=0.0):
+def outputs(
+    nominal, ticks, u, fault=None, onset=0, nudged: np.ndarray | float = 0.0, late=0.0, before=()
+):
     """Means (N, p) over the samples of a plant from rest, tick by tick.
 
     `nudged` (s,) moves the state at the end of the sample of onset; `late` is the part of each
     sample in which the command before still holds.
     """
-    model, x, seen = fault_model(nominal), np.zeros(nominal.plant.nstates), []
-    before = np.vstack([np.zeros_like(u[:1]), u[:-1]])
-    for sample, command in enumerate(u - late * (u - before)):
+    model, x, seen = fault_model(nominal, before), np.zeros(nominal.plant.nstates), []
+    last = np.vstack([np.zeros_like(u[:1]), u[:-1]])
+    for sample, command in enumerate(u - late * (u - last)):
         if fault is not None and sample == onset:
             model = fault_model(nominal, [fault])
             x = model.onset @ x

@@ -82,12 +82,18 @@ def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturb
     assert verdict.kind_confidences == pytest.approx((1 / 5, 1 / 5, 3 / 5))
 
 
-@pytest.mark.parametrize("lost", [0.05, 0.3, 0.45, 0.8, 0.86])
-def test_a_loss_between_the_models_is_found(lost):
-    record = Record.of(carts(2, 3), 2, 3, Fault(1, "weak", 1 - lost), 20, 60, size=5e-2)
-    _, verdict = concluded(record, np.arange(18, 23))
+@pytest.mark.parametrize(
+    ("left", "lost"), [*((1, x) for x in (0.05, 0.3, 0.45, 0.8, 0.86)), (0.6, 0.3)]
+)
+def test_a_loss_between_the_models_is_found(left, lost):
+    """Of what is left: of a healthy actuator, or of one that is known to be weak."""
+    before = [Fault(1, "weak", left)] if left < 1 else []
+    fault = Fault(1, "weak", left * (1 - lost))
+    record = Record.of(carts(2, 3), 2, 3, fault, 20, 60, size=5e-2, before=before)
+    bank = hypothesis_bank(record.nominal, before, CERTAIN, 2)
+    _, verdict = concluded(record, np.arange(18, 23), bank)
     assert (verdict.fault.actuator, verdict.fault.kind) == (1, "weak")
-    assert verdict.fault.effectiveness == pytest.approx(1 - lost, abs=0.03)
+    assert verdict.fault.effectiveness == pytest.approx(fault.effectiveness, abs=0.03)
     assert verdict.unexplained < 0.1
 
 

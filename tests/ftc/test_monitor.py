@@ -141,6 +141,17 @@ def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, learn
     assert bool(state.alarm_ticks) == (state.evidence is not None) == (not learned)
 
 
+@pytest.mark.parametrize("missing", [(), (12,), (14, 15), (12, 13, 15)])
+def test_ticks_without_a_measurement_do_not_shift_the_mean_of_a_steady_motion(missing):
+    """What is missing of the fourth sample of four ticks is taken from the slope before it."""
+    watch, rate = monitor(carts(0), config=replace(CONFIG, sample_s=20e-3)), np.array([1.0, -2.0])
+    state = watch.start()
+    for tick in range(17):
+        y = None if tick in missing else tick * rate
+        state = watch.step(state, y, np.zeros(2))
+    np.testing.assert_allclose(state.history[-1].y, 13.5 * rate / watch.nominal.noise)
+
+
 def test_residuals_are_tested_at_the_stated_rate_of_false_alarms():
     """One in 100 hours of samples of 10 ms, shared by seven means of three outputs."""
     expected = chi2.isf(0.01 * 10e-3 / 3600 / 7, 3)

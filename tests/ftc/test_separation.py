@@ -72,6 +72,16 @@ def test_a_signature_is_the_change_of_the_simulated_steady_state(seed, servo):
     np.testing.assert_allclose(found, changes, atol=1e-6 * np.abs(changes).max())
 
 
+def test_two_actuators_are_as_far_apart_as_the_nearest_of_their_failures():
+    """And an actuator from no failure as its nearest one, whichever of the two happens."""
+    found = separations(mechanism(0), random_dither(0), 1.0)
+    between = found.between_actuators
+    for i, j in np.ndindex(3, 3):
+        rows, columns = (slice(3 * k, 3 * k + 3) for k in (i, j))
+        both = found.distance[rows, columns].min(), found.distance[columns, rows].min()
+        assert between[i, j] == (found.from_none[rows].min() if i == j else min(both))
+
+
 def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -> tuple:
     """States and commands of a run in which the failure comes at rest, and then the dither."""
     before = 20
