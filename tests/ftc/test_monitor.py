@@ -144,7 +144,7 @@ def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, learn
 @pytest.mark.parametrize("missing", [(), (12,), (14, 15), (12, 13, 15)])
 def test_ticks_without_a_measurement_do_not_shift_the_mean_of_a_steady_motion(missing):
     """What is missing of the fourth sample of four ticks is taken from the slope before it."""
-    watch, rate = monitor(carts(0), config=replace(CONFIG, sample_s=20e-3)), np.array([1.0, -2.0])
+    watch, rate = monitor(carts(0), config=FdiConfig(sample_s=20e-3)), np.array([1.0, -2.0])
     state = watch.start()
     for tick in range(17):
         y = None if tick in missing else tick * rate
