@@ -117,3 +117,8 @@ def test_a_payload_turned_by_a_right_angle_is_held_by_no_struts(turn):
     top_m = 0.5 * bottom_m @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + np.eye(3)[2]
     with pytest.raises(ValueError, match="singular"):
         Hexapod(bottom_m, top_m).moved(NOMINAL, 1e-6 * np.arange(6.0))
+
+
+def test_lengths_beyond_what_numbers_hold_are_refused():
+    with pytest.raises(ValueError, match=r"displacements_m must be at most 1e\+50, got 1e\+60"):
+        forward_kinematics(machine(), np.full(6, -1e60))

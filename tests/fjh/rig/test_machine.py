@@ -15,7 +15,7 @@ from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.mismatch import EXACT
 from fjh.rig.run import rms
-from sim import Array, Failure, Plant, linearize
+from sim import Array, Failure, ModelError, Plant, linearize
 from tests.fjh.rigs import rig as shared_rig
 
 PERIOD_S = 1e-3
@@ -60,6 +60,11 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
     )
     for name in ("true", "measured", "inputs", "displacement", "qpos", "closure_m", "saturated"):
         np.testing.assert_array_equal(getattr(run, name), getattr(exact, name))
+
+
+def test_a_machine_without_suspensions_has_no_plants_of_the_hexapods_kind():
+    with pytest.raises(ModelError, match="needs struts with suspension springs"):
+        differing(shared_rig("arm").model, EXACT, 0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

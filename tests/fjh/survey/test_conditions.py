@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,13 @@ def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
     parts = of_matrix(file).start
     np.testing.assert_array_equal(parts.survived, whole.survived)
     np.testing.assert_array_equal(speeds(parts), speeds(whole))
+
+
+def test_of_many_conditions_those_with_few_failures_are_examined_and_the_rest_is_said(tmp_path):
+    found = of_matrix(written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(2, 12))))
+    examined = sum(comb(12, k) * 2**k for k in range(5))
+    [said] = found.left_out()
+    assert f"3^12 conditions those with at most 4 failures ({examined:,})" in said
 
 
 def test_the_arm_points_with_any_joint_locked_and_none_free_but_the_last():
