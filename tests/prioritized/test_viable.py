@@ -351,9 +351,6 @@ def test_the_compiled_rule_for_ties_is_the_rule(value, bound, zero):
     assert lib.exceeds(value, bound, zero) == exceeds(value, bound, zero=zero)
 
 
-# Beside what is done without it.
-
-
 def test_batches_that_do_not_fit_are_refused_by_name():
     joints = any_joints(np.random.default_rng(0), 2)
     with pytest.raises(ValueError, match=r"broadcast, got position \(2,\), rate \(3,\)"):
