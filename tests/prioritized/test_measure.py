@@ -102,6 +102,8 @@ def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dic
     n, p, m = (int(rng.integers(*ends)) for ends in ((2, 7), (0, 4), (2, 7)))
     c = int(rng.integers(0, p + 2)) if p else 0
     task, rate, loop = (np.where(rng.random(k) < 0.5, unit, 1.0) for k in (m, n + p, c))
+    if rng.random() < 0.3:  # actuators of one kind
+        rate[:n] = unit
     U, sigma, V = np.linalg.svd(rng.normal(size=(m, n + p)), full_matrices=False)
     J_T = U * np.where(rng.random(len(sigma)) < 0.5, sigma, 10.0 ** -rng.uniform(3, 7)) @ V
     J_C, one = rng.normal(size=(c, n + p)), np.ones((1, n + p))
