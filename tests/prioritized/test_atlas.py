@@ -133,6 +133,7 @@ def test_an_arm_of_twelve_joints_needs_a_list():
 
 @given(SEEDS)
 def test_each_condition_may_have_limits_of_its_own(seed):
+    """All at once, in parts as large conditions are, or one by one."""
     rng = np.random.default_rng(seed)
     arm, codes = (
         ConstrainedSystem(rng.normal(size=(2, 4)), None, range(4)),
@@ -140,11 +141,16 @@ def test_each_condition_may_have_limits_of_its_own(seed):
     )
     own = -rng.uniform(0, 2, size=(3, 4)), rng.uniform(0, 2, size=(3, 4))
     both = failure_atlas(arm, [0, 1], codes=codes, rate_limits=own, torque_limits=own)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("prioritized._analysis.worst.BLOCK", 4)
+        parts = failure_atlas(arm, [0, 1], codes=codes, rate_limits=own, torque_limits=own)
     for row, code in enumerate(codes):
         limits = own[0][row], own[1][row]
         one = failure_atlas(arm, [0, 1], codes=[code], rate_limits=limits, torque_limits=limits)
         for name in ("worst_speed", "worst_force"):
-            np.testing.assert_allclose(getattr(both, name)[row], getattr(one, name)[0], rtol=1e-9)
+            for many in (both, parts):
+                found = getattr(many, name)[row]
+                np.testing.assert_allclose(found, getattr(one, name)[0], rtol=1e-9)
 
 
 def test_the_limits_of_failed_actuators_do_not_matter():
