@@ -209,6 +209,18 @@ ARM = ConstrainedSystem([[1.0, 0.5, 0.2], [0.0, 1.0, 0.7]], None, [0, 1, 2])
 FREELY = -np.full(3, np.inf), np.full(3, np.inf)
 
 
+def test_the_tick_of_a_rougher_mechanism_takes_its_tolerance():
+    """Of a hundredth of a velocity one mechanism is sure, and the other is not."""
+    J, v, rest = np.diag([1.0, 1e-2, 1.0])[:2], np.array([1.0, 1.0]), np.zeros(3)
+    fine, rough = (ConstrainedSystem(J, None, range(3), rank_tolerance=t) for t in (1e-10, 0.1))
+    mapping = fine.kinematics().velocity_mapping([0, 1])
+    there = mapping.at(rough.kinematics())
+    np.testing.assert_allclose(ticked(mapping, fine, v, rest), [1.0, 100.0, 0.0])
+    found = ticked(there, rough, v, rest)
+    np.testing.assert_allclose(there(v), [1.0, 0.0, 0.0])
+    assert found is None or found == pytest.approx(there(v))
+
+
 def tick_of(system: ConstrainedSystem, *levels: Task) -> Tick | None:
     return system.kinematics().hierarchy(levels).tick(system.kinematics())
 
