@@ -70,10 +70,12 @@ def asked_of(
     ]
     targets = [rng.normal(size=len(each)) for each in rows]
     if rng.random() < 0.7:
-        weight = rng.uniform(0.5, 2, n) * (rng.random(n) < 0.9) if rng.random() < 0.5 else None
+        kept = rng.random(n) < rng.choice([0.5, 0.9])
+        weight = rng.uniform(0.5, 2, n) * kept if rng.random() < 0.5 else None
         levels.append(Task.joints(weight))
         targets.append(rng.normal(size=len(kin.active)))
-    metric = rng.uniform(0.5, 2, n) if rng.random() < 0.3 else None
+    metrics = None, None, rng.uniform(0.5, 2, n), rng.normal(size=(n, n))
+    metric = metrics[int(rng.integers(4))]
     hierarchy = kin.hierarchy(levels, tie_metric=metric)
     return Asked(system, hierarchy, targets, limits(rng, kin, size))
 
