@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -28,19 +27,8 @@ EXACT = (0, 0, 3)
 """Three freedoms, each driven: no self-motion, no constraint."""
 
 
-def exact(x: float) -> str:
-    return f"{x:.17g}"
-
-
-def six_digits(x: float) -> str:
-    return f"{x:.6g}"
-
-
 def three_rrr(
-    write: Callable[[float], str] = exact,
-    axes: np.ndarray | None = None,
-    base: str = "",
-    driven: str = "",
+    digits: int = 17, axes: np.ndarray | None = None, base: str = "", driven: str = ""
 ) -> mujoco.MjModel:
     """A planar 3-RRR: seven hinges, two connects of which one row each is redundant.
 
@@ -51,36 +39,26 @@ def three_rrr(
     tips, knees = 0.3 * feet + 0.01234567, np.array([[0.8, 0.3], [-0.75, 0.25], [-0.1, -0.85]])
 
     def place(v: np.ndarray) -> str:
-        return " ".join(map(write, (*v, 0.0)))
+        return " ".join(f"{x:.{digits}g}" for x in (*v, 0.0))
 
-    def axis(k: int) -> str:
-        return " ".join(map(exact, axes[k]))
+    def link(name: str, at: np.ndarray, k: int, carried: str = "") -> str:
+        axis = " ".join(f"{x:.17g}" for x in axes[k])
+        joint = f'<joint name="j{k}" axis="{axis}"/><geom size="0.05"/>'
+        return f'<body name="{name}" pos="{place(at)}">{joint}{carried}</body>'
 
-    def leg(k: int, carried: str) -> str:
-        return f"""
-        <body name="thigh{k}" pos="{place(feet[k])}">
-          <joint name="foot{k}" axis="{axis(2 * k)}"/><geom size="0.05"/>
-          <body name="shank{k}" pos="{place(knees[k] - feet[k])}">
-            <joint name="knee{k}" axis="{axis(2 * k + 1)}"/><geom size="0.05"/>{carried}
-          </body>
-        </body>"""
-
-    platform = f"""
-        <body name="platform" pos="{place(tips[0] - knees[0])}">
-          <joint name="tip0" axis="{axis(6)}"/><geom size="0.05"/><site name="tool"/>
-        </body>"""
+    legs = [link("platform", tips[0] - knees[0], 6, '<site name="tool"/>'), "", ""]
+    for k in range(3):
+        shank = link(f"shank{k}", knees[k] - feet[k], 2 * k + 1, legs[k])
+        legs[k] = link(f"thigh{k}", feet[k], 2 * k, shank)
     closures = "".join(
         f'<connect body1="shank{k}" body2="platform" anchor="{place(tips[k] - knees[k])}"/>'
         for k in (1, 2)
     )
-    motors = "".join(f'<motor joint="foot{k}"/>' for k in range(3))
-    return mujoco.MjModel.from_xml_string(f"""
-    <mujoco>
+    return mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option><flag contact="disable"/></option>
-      <worldbody><body name="base">{base}<geom size="0.1"/>
-        {leg(0, platform)}{leg(1, "")}{leg(2, "")}
-      </body></worldbody>
-      <equality>{closures}</equality><actuator>{motors}{driven}</actuator>
+      <worldbody><body name="base">{base}<geom size="0.1"/>{"".join(legs)}</body></worldbody>
+      <equality>{closures}</equality>
+      <actuator><motor joint="j0"/><motor joint="j2"/><motor joint="j4"/>{driven}</actuator>
     </mujoco>""")
 
 
@@ -117,7 +95,7 @@ def test_exact_numbers_show_no_rounding():
 
 def test_rounded_numbers_show_their_rounding():
     """Half a unit in the last of six digits, by the largest length; one component not quite 0."""
-    assert 4e-7 < taken(three_rrr(six_digits)).geometry_accuracy < 5.1e-6
+    assert 4e-7 < taken(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
     for component in range(7):
         axes = np.tile([0.0, 0.0, 1.0], (7, 1))
         axes[component, 0] = 1e-8
@@ -127,7 +105,7 @@ def test_rounded_numbers_show_their_rounding():
 @pytest.mark.parametrize("seed", range(5))
 def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
     """Off by 1e-8, without it, the loops seem to hold the machine."""
-    for rounded in (three_rrr(six_digits), three_rrr(axes=skewed(1e-8, seed))):
+    for rounded in (three_rrr(digits=6), three_rrr(axes=skewed(1e-8, seed))):
         jac = taken(rounded)
         assert jac.geometry_accuracy > 1e-9
         assert verdict(jac, jac.geometry_accuracy) == EXACT
@@ -180,21 +158,18 @@ def test_no_gap_of_a_loop_changes_a_verdict(make, expected, rate, gap):
 def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:
     """Five links in space, lengths of six decimals in 10^-unit m, directions of four."""
 
-    def text(numbers: np.ndarray, exponent: int = 0) -> str:
-        return " ".join(f"{x}e{exponent}" for x in numbers)
+    def place() -> str:
+        return " ".join(f"{x}e{unit}" for x in rng.uniform(-0.2, 0.2, size=3).round(6))
+
+    def way(size: int) -> str:
+        v = rng.normal(size=size)
+        return " ".join(map(str, (v / np.linalg.norm(v)).round(4)))
 
     links = ""
     for k in range(5):
-        offset, axis = rng.uniform(-0.2, 0.2, size=3).round(6), rng.normal(size=3)
-        quat = rng.normal(size=4)
-        unit_axis, unit_quat = (v / np.linalg.norm(v) for v in (axis, quat))
-        kind = "slide" if k == 3 else "hinge"
-        links += (
-            f'<body name="b{k}" pos="{text(offset, unit)}" quat="{text(unit_quat.round(4))}">'
-            f'<joint name="j{k}" type="{kind}" axis="{text(unit_axis.round(4))}"/>'
-            '<geom size="0.01" mass="1"/>'
-        )
-    tip = f'<site name="tip" pos="{text(rng.uniform(-0.2, 0.2, size=3).round(6), unit)}"/>'
+        links += f'<body name="b{k}" pos="{place()}" quat="{way(4)}"><geom size="0.01" mass="1"/>'
+        links += f'<joint name="j{k}" type="{"slide" if k == 3 else "hinge"}" axis="{way(3)}"/>'
+    tip = f'<site name="tip" pos="{place()}"/>'
     motors = "".join(f'<motor joint="j{k}"/>' for k in range(5))
     return mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody>{links}{tip}{'</body>' * 5}</worldbody>{loops}"
@@ -316,7 +291,7 @@ def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, roun
 
 def test_no_tick_copies_the_model(monkeypatch):
     """Of a robot with meshes a copy takes longer than a tick."""
-    model, copies = three_rrr(six_digits), []
+    model, copies = three_rrr(digits=6), []
     data, task = at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
     task.target = data.site("tool").xpos + 0.02
     ik = Ik(model, [task])

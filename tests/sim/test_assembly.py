@@ -7,6 +7,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
+import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from prioritized import ConstrainedSystem, Task
@@ -48,23 +49,19 @@ def test_small_gaps_close_with_the_least_change_in_the_mass_metric():
     data = opened(of, 1e-5)
     closed = assemble(of, data)
     step = change(of, data.qpos, closed.qpos)
-    _, sigma, Vt = np.linalg.svd(jacobians(of, closed, "tool").J_C)
-    Z = Vt[int((sigma > 1e-9).sum()) :].T
+    Z = scipy.linalg.null_space(jacobians(of, closed, "tool").J_C, rcond=1e-9)
     M = mass_matrix(of, closed)
     assert np.abs(Z.T @ M @ step).max() < 1e-4 * np.linalg.norm(M @ step)
     assert np.linalg.norm(step) > 1e-6
 
 
-@pytest.mark.parametrize("held", [["left"], [0], ["left", "right"]])
-def test_held_joints_stay(held):
+def test_held_joints_stay():
     of = model("five_bar")
     data = opened(of, 0.02)
-    closed = assemble(of, data, held=held)
-    for each in held:
-        assert closed.joint(each).qpos[0] == data.joint(each).qpos[0]
-
-
-def test_a_free_joint_may_be_held():
+    for held in (["left"], [0], ["left", "right"]):
+        closed = assemble(of, data, held=held)
+        for each in held:
+            assert closed.joint(each).qpos[0] == data.joint(each).qpos[0]
     of = load_model(MODELS / "humanoid.xml")
     closed = assemble(of, held=["root"], pinned=["left_foot"])
     np.testing.assert_array_equal(closed.qpos[:7], of.qpos0[:7])
@@ -95,8 +92,7 @@ def test_gaps_about_as_large_as_the_tolerance_close(size, seeds):
 
 def crane(L: float) -> mujoco.MjModel:
     """A box that hangs on a rod by a weld, on a slide that a gear couples; in 1/L of a metre."""
-    return mujoco.MjModel.from_xml_string(f"""
-    <mujoco><compiler angle="radian"/><worldbody>
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
       <body pos="{0.3 * L} 0 0"><joint name="lift" type="slide" axis="0 0 1"/>
         <geom size="{0.05 * L}" mass="1"/>
         <body name="arm" pos="0 0 {0.4 * L}"><joint name="swing" axis="0 1 0"/>
@@ -184,7 +180,7 @@ def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accur
 
 
 def test_what_the_numbers_of_a_model_show_needs_no_statement():
-    """Components of 1e-7 in its axes: the mechanism assembles and moves by itself."""
+    """The mechanism assembles and moves by itself."""
     of = model("five_bar")
     of.joint("left").axis, of.joint("right_elbow").axis = [1e-7, 0, 1], [0, 2e-7, 1]
     data = assemble(of, opened(of, 0.02))
