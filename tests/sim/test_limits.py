@@ -88,24 +88,42 @@ def test_limits_that_the_models_flags_switch_off_hold_nothing(flag):
     assert jacobians(data.model, data, "tool").warnings == ()
 
 
+SPRUNG = (
+    (
+        '<option gravity="0 0 0"',
+        '<option gravity="0 0 0" timestep="5e-4" integrator="implicitfast"',
+    ),
+    ('axis="0 0 1"', 'axis="0 0 1" damping="0.02" solreflimit="0.002 1"'),
+    ('name="left_elbow"', 'name="left_elbow" range="-50 0" stiffness="0.5" springref="40"'),
+    ('anchor="0.2 0.2 0"', 'anchor="0.2 0.2 0" solref="0.002 1"'),
+    (
+        '<motor name="m1" joint="left"/><motor name="m2" joint="right"/>',
+        '<position joint="left" kp="300" kv="3"/>',
+    ),
+    ('<joint name="wrist"/>', ""),
+    ('<motor name="m3" joint="wrist"/>', ""),
+)
+"""The five-bar as the finger of a 2F85: one servo, a coupler that a spring presses on its limit."""
+
+
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
-    """Predicted without, the follower turns as if the coupler were free, which it is not."""
-    finger = model("gripper")
-    finger.jnt_margin[finger.joint("coupler").id] = margin  # where the limit begins to push back
+    """Predicted without, the tool moves as if the coupler were free, which it is not."""
+    finger = model("five_bar", *SPRUNG)
+    finger.jnt_margin[finger.joint("left_elbow").id] = margin  # where the limit begins to push back
     data = assemble(finger)
     mujoco.mj_step(finger, data, 4000)  # onto the limit, which gives a little
-    start = pose_of(finger, data, "tip").translation_m
+    start = pose_of(finger, data, "tool").translation_m
     still = mujoco.MjData(finger)
     still.qpos[:] = data.qpos
     free, held = (
-        jacobians(finger, still, "tip", stuck_at_limits=choice) for choice in (False, True)
+        jacobians(finger, still, "tool", stuck_at_limits=choice) for choice in (False, True)
     )
-    assert len(free.warnings) == 1 and 'joint "coupler"' in free.warnings[0]
+    assert len(free.warnings) == 1 and 'joint "left_elbow"' in free.warnings[0]
     data.ctrl[0] += turn_rad
     mujoco.mj_step(finger, data, 4000)
-    moved = (pose_of(finger, data, "tip").translation_m - start) / turn_rad
+    moved = (pose_of(finger, data, "tool").translation_m - start) / turn_rad
     as_stuck, as_free = (kinematics(jac).J[3:, 0] for jac in (held, free))
     assert np.linalg.norm(moved - as_stuck) < 0.01 * np.linalg.norm(moved)
     assert np.linalg.norm(moved - as_free) > 0.1 * np.linalg.norm(moved)
