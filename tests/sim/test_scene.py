@@ -18,35 +18,28 @@ from sim.scene import Scene, robot_scene
 from sim.scene.scene import reduced
 from tests.models import FOLDER, saved
 
-LINK = '<joint name="{0}" axis="{1}"/><geom size="0.02" pos="0.05 0.01 0" mass="{2}"/>'
 
-
-def tree(parents: list[int], ties: list[tuple[int, int]]) -> str:
+def tree(parents: list[int], ties: list[tuple[int, int]]) -> mujoco.MjSpec:
     """A tree of hinges with a motor each, body k carried by `parents[k]`, and ties of two bodies.
 
     A tie is a connect of the origins of two bodies, open or closed: only its structure counts.
     """
-    children: dict[int, list[int]] = {}
+    spec = mujoco.MjSpec()
+    bodies = [spec.worldbody]
     for k, parent in enumerate(parents):
-        children.setdefault(parent, []).append(k)
-
-    def body(k: int) -> str:
-        axis = ("1 0 0", "0 1 0", "0 0 1")[k % 3]
-        inside = LINK.format(f"j{k}", axis, 0.1 + 0.03 * k)
-        below = "".join(body(child) for child in children.get(k, []))
-        return f'<body name="b{k}" pos="0.1 0.0{k} 0.02">{inside}{below}</body>'
-
-    bodies = "".join(body(k) for k in children.get(-1, []))
-    tied = "".join(f'<connect body1="b{a}" body2="b{b}" anchor="0 0 0"/>' for a, b in ties)
-    motors = "".join(f'<motor joint="j{k}"/>' for k in range(len(parents)))
-    return (
-        f"<mujoco><worldbody>{bodies}</worldbody><equality>{tied}</equality>"
-        f"<actuator>{motors}</actuator></mujoco>"
-    )
+        body = bodies[parent + 1].add_body(name=f"b{k}", pos=[0.1, 0.01 * k, 0.02])
+        body.add_joint(name=f"j{k}", axis=np.eye(3)[k % 3])
+        body.add_geom(size=[0.02, 0, 0], pos=[0.05, 0.01, 0], mass=0.1 + 0.03 * k)
+        spec.add_actuator(target=f"j{k}", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        bodies.append(body)
+    for a, b in ties:
+        kind, of = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_BODY
+        spec.add_equality(type=kind, objtype=of, name1=f"b{a}", name2=f"b{b}", data=np.zeros(12))
+    return spec
 
 
 @st.composite
-def trees(draw: st.DrawFn) -> tuple[str, int]:
+def trees(draw: st.DrawFn) -> tuple[mujoco.MjSpec, int]:
     """Such a file, and the number of the body that is the task frame."""
     count = draw(st.integers(2, 8))
     parents = [draw(st.integers(-1, k - 1)) for k in range(count)]
@@ -68,8 +61,7 @@ def test_a_part_is_all_that_moves_the_task_with_its_places_and_inertia(file, see
 
     What does not move is carried: the mass matrix has rows and columns of the whole one.
     """
-    xml, body = file
-    spec = mujoco.MjSpec.from_string(xml)
+    spec, body = file
     model = spec.compile()
     frame = located(model, "site", Body(f"b{body}"))
     part = task_part(model, [frame], range(model.neq))
