@@ -1,7 +1,7 @@
 """The solver of levels under bounds: against oracles, by hand, and laws of what changes nothing."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,10 +24,6 @@ class Batch:
     levels: Sequence[tuple[np.ndarray, np.ndarray]]
     lower: np.ndarray
     upper: np.ndarray
-
-    def with_levels(self, *levels: tuple[np.ndarray, np.ndarray]) -> "Batch":
-        """Others within the same bounds."""
-        return Batch(levels, self.lower, self.upper)
 
     def residuals(self, k: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """|A_k x - b_k|, and the size of what it is computed from, (B,)."""
@@ -104,7 +100,7 @@ def kernel(
 
 def unlimited(batch: Batch) -> Batch:
     """The same without bounds."""
-    side = np.full(batch.lower.shape, np.inf)
+    side = np.full(batch.lower.shape, INF)
     return Batch(batch.levels, -side, side)
 
 
@@ -199,7 +195,7 @@ SHAPES = [
 
 def assert_every_row_is_met(batch: Batch, x: np.ndarray) -> None:
     """Where x meets all, also those that are 1e8 times as light as others of their level."""
-    met = batch.with_levels(*((A, times(A, x)) for A, _ in batch.levels))
+    met = replace(batch, levels=[(A, times(A, x)) for A, _ in batch.levels])
     found = kernel(met)
     for A, b in met.levels:
         size = np.linalg.norm(A, axis=2) * (1 + np.linalg.norm(x, axis=1, keepdims=True))
@@ -417,7 +413,7 @@ def unit_last(batch: Batch) -> Batch:
     """The size of the last level one, that of zero rows zero."""
     *first, (A, b) = batch.levels
     size = np.where(sizes(A) > 0, sizes(A), 1.0)
-    return batch.with_levels(*first, (A / size[:, None, None], b / size[:, None]))
+    return replace(batch, levels=[*first, (A / size[:, None, None], b / size[:, None])])
 
 
 WEIGHTS = [
@@ -438,7 +434,7 @@ def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(drawn, weight
     rows, goal = np.broadcast_to(np.diag(w), (COUNT, 4, 4)), w * wanted
     first, (A, b) = batch.levels
     last = [(np.concatenate([A, rows], axis=1), np.concatenate([b, goal], axis=1))]
-    more = batch.with_levels(first, *(last if beside else [(A, b), (rows, goal)]))
+    more = replace(batch, levels=[first, *(last if beside else [(A, b), (rows, goal)])])
     found, best = kernel(batch, weight=weight and w, wanted=wanted, beside=beside).x, known(more)
     clear = best.gap > 100
     weighed = np.linalg.norm(w * (found - best.x), axis=1) / (1 + np.linalg.norm(goal, axis=1))

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
-from sim import HEXAPOD_MJCF, Pin, Plant, assemble, linearize, load_model
+from sim import Pin, Plant, assemble, linearize, load_model
 from sim.mjcf.frame import Body
-from tests.models import model, with_locks
+from tests.models import model
 from tests.motions import shifted
 
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
@@ -90,7 +90,7 @@ WORLD: dict[str, Any] = {"base": None, "payload": "tool"}
 
 def posed(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A model with locks, and a closed start."""
-    of = with_locks(name, *changes)
+    of = model(name, *changes, add_locks=True)
     return of, assemble(of, at(of, **POSES[name]))
 
 
@@ -114,15 +114,6 @@ def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel
 # Hexapod.
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-
-
-def edited(*replacements: tuple[str, str]) -> mujoco.MjModel:
-    """The hexapod with its MJCF text changed: how a check is shown to fail."""
-    text = HEXAPOD_MJCF.read_text()
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new)
-    return mujoco.MjModel.from_xml_string(text)
 
 
 def mode_shapes(of: mujoco.MjModel) -> np.ndarray:

@@ -13,7 +13,6 @@ import scipy.linalg
 from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
 from tests.models import model as model_of
-from tests.models import with_locks
 from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
 
 PERIOD_S = 5e-3
@@ -247,7 +246,10 @@ def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
 @pytest.mark.parametrize("actuator", range(3))
 def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
     """While the others move; in a file whose flags disable equalities, of which none comes back."""
-    model, bit = with_locks("three_joints"), int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
+    model, bit = (
+        model_of("three_joints", add_locks=True),
+        int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)),
+    )
     model.opt.disableflags |= bit
     model.jnt_limited[:], model.jnt_range[:] = flag == "CONSTRAINT", [-0.05, 0.05]
     plant, away = Plant(model, **NAMES), 0.0
@@ -263,7 +265,7 @@ def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
 
 def damped(integrator: str, step_s: float, *changes: tuple[str, str]) -> mujoco.MjModel:
     """Whose dampers are those of joints, which every integrator takes implicitly."""
-    model = with_locks("three_joints", *changes)
+    model = model_of("three_joints", *changes, add_locks=True)
     model.dof_damping[:], model.actuator_biasprm[:, 2] = 20.0, 0.0
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
     model.opt.timestep, model.eq_solref[:] = step_s, [2 * step_s, 1.0]
@@ -306,7 +308,7 @@ def test_a_lock_that_gives_way_says_so_before_anything_flies():
     assert {k: list(v) for k, v in said.items() if v} == {("IMPLICITFAST", 1e-2): [1]}
     words = r'lock of tendon "cable" gives way, by about \d+ % .* implicitfast .* of 10 ms'
     assert re.search(words, said["IMPLICITFAST", 1e-2][1])
-    soft = with_locks("three_joints", *on_cable)
+    soft = model_of("three_joints", *on_cable, add_locks=True)
     soft.eq_solref[:], soft.eq_solimp[:, 0] = [0.1, 1.0], 0.9
     assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
 
@@ -372,7 +374,7 @@ def test_all_actuators_of_a_drive_weaken_and_are_released_together():
 @pytest.mark.parametrize("off", [None, 0, 7, 30])
 def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
     """What the model has switched off stays off."""
-    model, number = with_locks("three_joints"), range(3)
+    model, number = model_of("three_joints", add_locks=True), range(3)
     model.actuator_group[:] = groups
     model.opt.disableactuator = 0 if off is None else 1 << off
     on = [k for k in number if groups[k] != off]

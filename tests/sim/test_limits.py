@@ -3,10 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+import scipy.linalg
 
 from sim import ModelError, assemble, jacobians, pose_of, ranges
 from tests.models import model
-from tests.motions import change, kinematics, motions, shifted
+from tests.motions import change, kinematics, shifted
 from tests.sim.machines import limited
 
 
@@ -49,7 +50,7 @@ def test_what_rests_on_a_limit_is_warned_about_or_taken_as_stuck(name, pose):
         there, back = (shifted(of, data, h * velocity[: of.nv]) for h in (1e-4, -1e-4))
         return abs(position(there, joint) - position(back, joint)) / 2e-4
 
-    allowed, every = motions(kinematics(held)), motions(kinematics(free))
+    allowed, every = scipy.linalg.null_space(held.J_C), scipy.linalg.null_space(free.J_C)
     assert allowed.shape[1] == every.shape[1] - 1
     assert max(map(slope, allowed.T)) < 1e-7
     assert max(map(slope, every.T)) > 0.1

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
 from sim.mjcf import element_id
 from sim.scene import robot_scene
-from tests.models import FOLDER, saved, text, with_locks
+from tests.models import FOLDER, saved, text
 from tests.models import model as model_of
 from tests.sim.machines import SHIPPED
 from tests.sim.transmissions import CASES, linkage
@@ -87,7 +87,7 @@ def test_what_may_be_infinite_small_or_a_name_is_accepted(tmp_path, old, new):
 @pytest.mark.parametrize(
     "content",
     [
-        "<mujoco",
+        "<mujoco nan",
         '<mujoco><option timestep="0"/></mujoco>',
         '<mujoco><worldbody><body><joint name="{a}"/></body></worldbody></mujoco>',
     ],
@@ -147,7 +147,7 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
 def test_each_joint_and_tendon_with_an_actuator_gets_one_lock(braked):
     """Named after its first actuator; a joint that has one, of whatever name, keeps it."""
     brake = f'<equality><joint name="brake" joint1="shoulder" active="{braked}"/></equality>'
-    model, held = with_locks("drives", ("<actuator>", f"{brake}<actuator>")), {}
+    model, held = model_of("drives", ("<actuator>", f"{brake}<actuator>"), add_locks=True), {}
     for k in range(model.neq):
         on_tendon = model.eq_type[k] == mujoco.mjtEq.mjEQ_TENDON
         part = (model.tendon if on_tendon else model.joint)(model.eq_obj1id[k])

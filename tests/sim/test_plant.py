@@ -34,10 +34,9 @@ from sim import (
 )
 from sim.plant import FailureKind
 from tests.closed_form import closed_form, modes_of
-from tests.models import with_locks
+from tests.models import model as model_of
 from tests.sim.machines import (
     SHIPPED,
-    edited,
     mode_shapes,
     pole_of,
     resumed,
@@ -47,6 +46,7 @@ from tests.sim.machines import (
 )
 
 PERIOD_S = 1e-3
+HEXAPOD = str(MODELS / "fjh")
 
 
 def swing(plant: Plant, seconds: float) -> list[float]:
@@ -218,19 +218,6 @@ def test_a_strut_locked_in_flight_stays_and_the_loops_stay_closed(strut):
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
-@pytest.mark.parametrize("strut", STRUTS)
-def test_a_coil_switched_off_in_flight_carries_no_current(strut):
-    plant = resumed(swung_state()[0])
-    assert abs(plant.coil_force_n()[strut]) > 0.1
-    plant.release(strut)
-    residuals = swing(plant, 0.6)
-    assert plant.coil_force_n()[strut] == 0.0
-    assert np.all(np.abs(np.delete(plant.coil_force_n(), strut)) > 1e-3)
-    # Its suspension holds it near the centre; the flexures let the others pull it a little.
-    assert abs(plant.displacements()[strut]) < 1e-6
-    assert max(residuals) < CLOSURE_LIMIT_M
-
-
 def test_stops_hold_the_struts_within_their_stroke(model):
     """Twice the force that the suspension takes at full stroke moves no strut past it."""
     plant = Plant(model)
@@ -242,23 +229,13 @@ def test_stops_hold_the_struts_within_their_stroke(model):
 
 
 def test_soft_loops_are_seen_and_a_machine_without_loops_has_none(model):
-    plant = Plant(edited(('solref="2.5e-4 1"', 'solref="0.02 1"')))
+    plant = Plant(model_of(HEXAPOD, ('solref="2.5e-4 1"', 'solref="0.02 1"')))
     assert max(swing(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
     cut = copy.copy(model)
     cut.eq_active0[:] = False
     plant = Plant(cut)
     plant.step(np.zeros(6), PERIOD_S)
     assert plant.closure_residual_m() == 0.0
-
-
-def test_a_geared_coil_moves_its_strut_as_far_as_commanded(model):
-    """With gear 2 the strut would move twice as far if the control were the displacement."""
-    geared = copy.copy(model)
-    geared.actuator_gear[2, 0] = 2.0
-    plant, command = Plant(geared), np.full(6, 1e-5)
-    plant.settle(0.5, command)
-    np.testing.assert_allclose(plant.displacements(), command, rtol=5e-3)
-    assert jacobians(geared, mujoco.MjData(geared), "payload").gear[2] == 2.0
 
 
 # Divergence and time.
@@ -278,7 +255,7 @@ def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
     """Also when the file leaves MuJoCo's automatic reset on, which would forget the state."""
     # Dampers that an explicit step of a millisecond cannot follow.
     too_fast = (('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
-    plant = Plant(edited(('autoreset="disable"', flag), *too_fast))
+    plant = Plant(model_of(HEXAPOD, ('autoreset="disable"', flag), *too_fast))
     former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
@@ -297,7 +274,7 @@ def test_a_control_period_must_be_whole_physics_steps(model):
 
 
 def turning() -> Plant:
-    arm = with_locks("rubbing_arm")
+    arm = model_of("rubbing_arm", add_locks=True)
     arm.opt.gravity[:] = 0.0
     return Plant(arm, base=None)
 
