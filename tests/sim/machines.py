@@ -5,9 +5,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pytest
 import scipy.linalg
 
-from sim import Pin, Plant, assemble, linearize, load_model
+from sim import MODELS, Pin, Plant, assemble, linearize, load_model
 from sim.mjcf.frame import Body
 from tests.models import model
 from tests.motions import shifted
@@ -15,6 +16,7 @@ from tests.motions import shifted
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
 """Models of this repository that a plant moves."""
 SPARSE = 'jacobian="dense"', 'jacobian="sparse"'
+stored = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
 
 
 def at(of: mujoco.MjModel, **joints: object) -> mujoco.MjData:
@@ -79,6 +81,12 @@ def feet_of(data: mujoco.MjData) -> np.ndarray:
 
 
 # Plants.
+
+
+@cache
+def humanoid() -> mujoco.MjModel:
+    return load_model(MODELS / "humanoid.xml")
+
 
 POSES = {
     "drives": {"shoulder": 0.4, "elbow": 0.5, "tube": 0.02, "lift": 0.05, "pin": 0.3},

@@ -27,10 +27,10 @@ from sim import (
 from sim.mjcf import mass_matrix
 from tests.models import model
 from tests.motions import change
-from tests.sim.machines import FEET, SPARSE, at, feet_of, opened, stretched, walker
+from tests.sim.machines import FEET, at, feet_of, humanoid, opened, stored, stretched, walker
 
 
-@pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
+@stored
 @pytest.mark.parametrize("seed", range(6))
 def test_every_kind_of_closure_closes_from_afar(storage, seed):
     """Connects, a weld, a polynomial gear and a cable, 0.1 m and rad away in every joint."""
@@ -62,9 +62,8 @@ def test_held_joints_stay():
         closed = assemble(of, data, held=held)
         for each in held:
             assert closed.joint(each).qpos[0] == data.joint(each).qpos[0]
-    of = load_model(MODELS / "humanoid.xml")
-    closed = assemble(of, held=["root"], pinned=["left_foot"])
-    np.testing.assert_array_equal(closed.qpos[:7], of.qpos0[:7])
+    closed = assemble(humanoid(), held=["root"], pinned=["left_foot"])
+    np.testing.assert_array_equal(closed.qpos[:7], humanoid().qpos0[:7])
 
 
 def test_what_cannot_close_is_named_with_its_gap():

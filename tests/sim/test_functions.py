@@ -1,6 +1,6 @@
 """Task functions: the Jacobian of each is the slope of its error on the manifold of positions."""
 
-from functools import cache
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim import (
-    MODELS,
     Body,
     CenterOfMassTask,
     DampingTask,
@@ -20,7 +19,6 @@ from sim import (
     PostureTask,
     Relative,
     RelativeFrameTask,
-    load_model,
     pose_error,
 )
 from sim.kinematics.pose import way_between
@@ -28,26 +26,13 @@ from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
 from tests.models import model as model_of
 from tests.motions import change, shifted
+from tests.sim.machines import humanoid, opened
 
 H = 1e-6
+arms = partial(model_of, "two_arms")
+"""With a ball joint and a free one."""
 POINT = np.array([0.7, -0.4, 1.1])
 TURNED = Pose(Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), POINT)
-
-
-@cache
-def humanoid() -> mujoco.MjModel:
-    return load_model(MODELS / "humanoid.xml")
-
-
-def arms() -> mujoco.MjModel:
-    """With a ball joint and a free one."""
-    return model_of("two_arms")
-
-
-def somewhere(model, seed=0):
-    """A random state."""
-    step = np.random.default_rng(seed).normal(scale=0.4, size=model.nv)
-    return shifted(model, mujoco.MjData(model), step)
 
 
 def slopes(model, data, function):
@@ -87,7 +72,7 @@ every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=
 @every_frame
 def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
     model = make()
-    data = somewhere(model)
+    data = opened(model, 0.4)
     at, seen = here(model, data, frame), here(model, data, frame, root)
     for task in (
         FrameTask(frame, target=at),
@@ -105,7 +90,7 @@ def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
 def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
     """Seen from a root that turns, the way turns as well: there, of the position."""
     model = make()
-    data = somewhere(model)
+    data = opened(model, 0.4)
     for target in (TURNED, POINT):
         located = FrameTask(frame, target=target, rows=[3, 4, 5]).on(model)
         assert np.linalg.norm(located.error(model, data)) > 0.1
@@ -118,7 +103,7 @@ def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_frame_turns_to_its_target_about_one_axis(seed):
     """And its error is that of `pose_error`; so it is from a root, in axes of the root."""
-    model, data = humanoid(), somewhere(humanoid(), seed)
+    model, data = humanoid(), opened(humanoid(), 0.4, seed)
     hand = data.site("right_hand")
     way = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
     np.testing.assert_allclose(way, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
@@ -152,7 +137,7 @@ def test_a_way_turns_as_mujoco_says(angle):
 @pytest.mark.parametrize("rows", [[5], [1, 2], [2, 0, 4], [3, 4, 5, 0, 1, 2]])
 @pytest.mark.parametrize("kind, more", [(FrameTask, ()), (RelativeFrameTask, ("left_foot",))])
 def test_rows_come_in_the_order_in_which_they_are_named(rows, kind, more):
-    model, data = humanoid(), somewhere(humanoid())
+    model, data = humanoid(), opened(humanoid(), 0.4)
     there, found = (
         kind("right_hand", *more, target=TURNED, rows=named).on(model) for named in (range(6), rows)
     )
@@ -164,7 +149,7 @@ def test_rows_come_in_the_order_in_which_they_are_named(rows, kind, more):
 
 @pytest.mark.parametrize("body", [None, "waist_pitch"])
 def test_a_centre_of_mass_moves_as_its_rows_say(body):
-    model, data = humanoid(), somewhere(humanoid())
+    model, data = humanoid(), opened(humanoid(), 0.4)
     located = CenterOfMassTask(body, rows=[2, 0], target=POINT).on(model)
     check_slopes(model, data, located)
     top = 0 if body is None else model.body(body).id
@@ -182,7 +167,7 @@ def parents(model, body):
 @pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (arms, "left")])
 def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, axis):
     model = make()
-    data = somewhere(model)
+    data = opened(model, 0.4)
     at = data.site(frame)
     target = at.xpos + 0.8 * at.xmat.reshape(3, 3) @ axis / np.linalg.norm(axis)
     located = LookAtTask(frame, axis, target=target).on(model)
@@ -194,7 +179,7 @@ def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, 
 def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
     """From anywhere: the slope of the angle is that of the error's length."""
     model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
-    data = somewhere(model, seed)
+    data = opened(model, 0.4, seed)
     located = LookAtTask("right_hand", axis, target=POINT).on(model)
 
     def angle(there: mujoco.MjData) -> float:
@@ -219,7 +204,7 @@ def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(way, missing):
 
 
 def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
-    model, data = humanoid(), somewhere(humanoid())
+    model, data = humanoid(), opened(humanoid(), 0.4)
     home = model.qpos0
     located = PostureTask(target=home).on(model)
     away = change(model, home, data.qpos)
@@ -234,7 +219,7 @@ def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
 
 
 def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
-    model, data = arms(), somewhere(arms())
+    model, data = arms(), opened(arms(), 0.4)
     located, step = PostureTask(joints=["a3"], target=model.qpos0).on(model), np.zeros(model.nv)
     step[located.velocities] = located.error(model, data)
     turned, home = (
@@ -245,7 +230,7 @@ def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
 
 
 def test_a_coupling_is_the_sum_of_positions():
-    model, data = arms(), somewhere(arms())
+    model, data = arms(), opened(arms(), 0.4)
     located = JointCouplingTask({"a1": 2.0, "a2": -3.0}, target=0.5).on(model)
     first, second = data.joint("a1").qpos[0], data.joint("a2").qpos[0]
     np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * first + 3 * second])

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import mujoco
 import numpy as np
@@ -12,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from fjh.rig.hexapod.closed_form import hexapod
 from sim import (
-    MODELS,
     NOMINAL,
     Body,
     CenterOfMass,
@@ -27,18 +25,17 @@ from sim import (
     RelativeFrameTask,
     assemble,
     jacobians,
-    load_model,
 )
 from tests.models import model
 from tests.motions import check_slope, kinematics, shifted
-from tests.sim.machines import SPARSE, at, closed, limited
+from tests.sim.machines import SPARSE, at, closed, humanoid, limited, stored
 from tests.sim.transmissions import CASES, linkage
 
 FREEDOMS = 7
 """Of `all_closures`."""
 
 
-@pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
+@stored
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
     """Move along the null space of J_C, close the loops again, and see where the tool went."""
@@ -77,11 +74,6 @@ def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
 
 
 # Readers.
-
-
-@cache
-def humanoid() -> mujoco.MjModel:
-    return load_model(MODELS / "humanoid.xml")
 
 
 TASKS = [
