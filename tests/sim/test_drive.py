@@ -125,31 +125,14 @@ def test_servos_on_tendons_move_a_simulated_tool_as_the_mapping_commands(locked)
 # An arm with any actuators.
 
 
-ARM = """
-<mujoco>
-  <option><flag contact="disable"/></option>
-  <worldbody>
-    <body name="upper">
-      <joint name="a" axis="0 1 0" {joint}/><geom size="0.05"/>
-      <body name="lower" pos="0.4 0 0">
-        <joint name="b" axis="0 1 0"/><geom size="0.05"/><site name="tool" pos="0.3 0 0"/>
-      </body>
-    </body>
-    <body name="apart" pos="0 0 3">
-      <joint name="c" axis="0 1 0"/><geom size="0.05"/><site name="flag"/>
-    </body>
-  </worldbody>
-  <tendon>
-    <fixed name="cable" {tendon}><joint joint="a" coef="1"/><joint joint="b" coef="2"/></fixed>
-  </tendon>
-  <actuator>{actuators}</actuator>
-</mujoco>
-"""
-
-
 def arm_model(actuators: str, joint: str = "", tendon: str = "") -> mujoco.MjModel:
-    xml = ARM.format(actuators=actuators, joint=joint, tendon=tendon)
-    return mujoco.MjModel.from_xml_string(xml)
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
+      <body><joint name="a" axis="0 1 0" {joint}/><geom size="0.05"/>
+        <body name="lower" pos="0.4 0 0"><joint name="b" axis="0 1 0"/><geom size="0.05"/>
+          <site name="tool" pos="0.3 0 0"/></body></body>
+      <body pos="0 0 3"><joint name="c" axis="0 1 0"/><geom size="0.05"/><site name="flag"/></body>
+      </worldbody><tendon><fixed name="cable" {tendon}><joint joint="a" coef="1"/>
+      <joint joint="b" coef="2"/></fixed></tendon><actuator>{actuators}</actuator></mujoco>""")
 
 
 def arm(actuators: str, disabled: int = 0, joint: str = "", tendon: str = "") -> Jacobians:
@@ -283,31 +266,19 @@ def test_two_actuators_of_a_joint_are_one_velocity_and_two_inputs():
     np.testing.assert_array_equal(linear.C_active, [[1.0] + [0.0] * 5])
 
 
-CROSSED = """
-<mujoco>
-  <worldbody>
-    <body><joint name="a"/><geom size="0.1"/>
-    <body><joint name="b"/><geom size="0.1"/>
-    <body><joint name="c"/><geom size="0.1"/>
-    <body><joint/><geom size="0.1"/></body></body></body></body>
-  </worldbody>
-  <actuator>
-    <motor name="b" joint="a"/><motor name="a" joint="b"/>
-    <motor name="push" joint="c"/><motor name="pull" joint="c"/>
-    <general name="c" tendon="rope"/><motor tendon="wire"/>
-  </actuator>
-  <tendon><fixed name="rope"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed>
-    <fixed name="wire"><joint joint="b" coef="1"/><joint joint="c" coef="1"/></fixed></tendon>
-</mujoco>
-"""
-
-
 def test_an_actuator_has_one_name_and_answers_to_its_joints():
     """The file's own wins, also where it is the name of another's joint; two share their joint's.
 
     Of the two motors of joint "c" the other names come next, as "c" is an actuator of the file.
     """
-    known = names_of(drives(mujoco.MjModel.from_xml_string(CROSSED)))
+    joints = '<body><joint name="a"/>{0}<body><joint name="b"/>{0}<body><joint name="c"/>{0}'
+    tendon = '<fixed name="{}"><joint joint="{}" coef="1"/><joint joint="b" coef="1"/></fixed>'
+    of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
+      {joints.format('<geom size="0.1"/>')}</body></body></body></worldbody><actuator>
+      <motor name="b" joint="a"/><motor name="a" joint="b"/><motor name="push" joint="c"/>
+      <motor name="pull" joint="c"/><general name="c" tendon="rope"/><motor tendon="wire"/></actuator>
+      <tendon>{tendon.format("rope", "a")}{tendon.format("wire", "c")}</tendon></mujoco>""")
+    known = names_of(drives(of))
     assert [own for own, *_ in known] == ["b", "a", "push", "c", "wire"]
     for k, names in enumerate(known):
         assert number_of(names[0], known) == k
