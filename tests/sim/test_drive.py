@@ -276,7 +276,8 @@ def test_an_actuator_has_one_name_and_answers_to_its_joints():
     of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
       {joints.format('<geom size="0.1"/>')}</body></body></body></worldbody><actuator>
       <motor name="b" joint="a"/><motor name="a" joint="b"/><motor name="push" joint="c"/>
-      <motor name="pull" joint="c"/><general name="c" tendon="rope"/><motor tendon="wire"/></actuator>
+      <motor name="pull" joint="c"/><general name="c" tendon="rope"/><motor tendon="wire"/>
+      </actuator>
       <tendon>{tendon.format("rope", "a")}{tendon.format("wire", "c")}</tendon></mujoco>""")
     known = names_of(drives(of))
     assert [own for own, *_ in known] == ["b", "a", "push", "c", "wire"]
