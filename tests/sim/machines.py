@@ -121,16 +121,23 @@ def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel
 
 # Hexapod.
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
-
-def mode_shapes(of: mujoco.MjModel) -> np.ndarray:
+@cache
+def mode_shapes() -> np.ndarray:
     """Generalized velocities of the six undamped modes, orthonormal on the loops, shape (6, nv)."""
-    plant = Plant(of)
+    plant = Plant(load_model())
     stiffness = -linearize(plant.model, plant.data).A[6:, :6]
     values, vectors = map(np.real, np.linalg.eig(stiffness))
     Z = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
     return (Z @ vectors[:, np.argsort(values)]).T
+
+
+@cache
+def settled(seconds: float) -> Plant:
+    """The hexapod: to be copied."""
+    plant = Plant(load_model())
+    plant.settle(seconds)
+    return plant
 
 
 def ring_down(of: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
@@ -151,26 +158,3 @@ def pole_of(samples: np.ndarray, dt: float) -> complex:
     history = np.column_stack([samples[1:-1], samples[:-2]])
     a, b = np.linalg.lstsq(history, samples[2:], rcond=None)[0]
     return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / dt
-
-
-def state_of(plant: Plant) -> np.ndarray:
-    """All that a run begins with."""
-    state = np.empty(mujoco.mj_stateSize(plant.model, STATE))
-    mujoco.mj_getState(plant.model, plant.data, state, STATE)
-    return state
-
-
-@cache
-def settled_state(seconds: float) -> np.ndarray:
-    """Of the hexapod."""
-    plant = Plant(load_model())
-    plant.settle(seconds)
-    return state_of(plant)
-
-
-def resumed(state: np.ndarray) -> Plant:
-    """The hexapod in such a state."""
-    plant = Plant(load_model())
-    mujoco.mj_setState(plant.model, plant.data, state, STATE)
-    mujoco.mj_forward(plant.model, plant.data)
-    return plant

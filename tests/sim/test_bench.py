@@ -1,5 +1,7 @@
 """A bench: hysteresis of springs, late commands, forces of friction; its log is its own."""
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,9 +10,9 @@ from hypothesis import strategies as st
 
 from sim import Bench, Body, Failure, Plant, Pose
 from sim.plant import MaxwellSlip, Reading, TaskSensor
-from tests.sim.machines import resumed, settled_state
+from tests.sim.machines import settled
 
-PERIOD_S, SETTLING_S = 1e-3, 0.25
+PERIOD_S = 1e-3
 
 
 def chain(seed: int, n: int = 3, m: int = 5) -> MaxwellSlip:
@@ -81,7 +83,7 @@ class Blind:
 
 def flown(commands: np.ndarray, **options) -> np.ndarray:
     """Displacements (N, 6) under commands (N, 6)."""
-    plant = resumed(settled_state(SETTLING_S))
+    plant = copy.deepcopy(settled(0.25))
     ticks = np.arange(len(commands)) * PERIOD_S
     bench = Bench(plant, Blind(), time_s=ticks, period_s=PERIOD_S, **options)
     for command in commands:
@@ -148,7 +150,7 @@ def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
     commands = 2e-5 * np.sin(2 * np.pi * 4 * time_s)[:, None] * np.ones(6)
     slip = MaxwellSlip(np.full((6, 4), 315.0), np.tile([0.3e-6, 1e-6, 5e-6, 2e-5], (6, 1)))
     by_tick = flown(commands, hysteresis=slip)
-    plant = resumed(settled_state(SETTLING_S))
+    plant = copy.deepcopy(settled(0.25))
     step_s, stretch, fine = model.opt.timestep, np.zeros((6, 4)), []
     before = plant.displacements()
     for command in commands:

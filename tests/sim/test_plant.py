@@ -39,10 +39,8 @@ from tests.sim.machines import (
     SHIPPED,
     mode_shapes,
     pole_of,
-    resumed,
     ring_down,
-    settled_state,
-    state_of,
+    settled,
 )
 
 PERIOD_S = 1e-3
@@ -69,16 +67,10 @@ MODES = STRUTS = some((0, 3), (1, 2, 4, 5))
 
 
 @cache
-def shapes_of_modes() -> np.ndarray:
-    return mode_shapes(load_model())
-
-
-@cache
-def swung_state() -> tuple[np.ndarray, float]:
-    """Of the hexapod after 0.8 s of swinging, and the largest closure residual on the way."""
+def swung() -> tuple[Plant, list[float]]:
+    """The hexapod after 0.8 s of swinging, and the closure residuals on the way."""
     plant = Plant(load_model())
-    residuals = swing(plant, 0.8)
-    return state_of(plant), max(residuals)
+    return plant, swing(plant, 0.8)
 
 
 # Statics and modes of the hexapod.
@@ -86,7 +78,7 @@ def swung_state() -> tuple[np.ndarray, float]:
 
 @pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
 def test_preload_holds_the_payload_at_the_nominal_pose_against_gravity(seconds):
-    plant = resumed(settled_state(seconds))
+    plant = copy.deepcopy(settled(seconds))
     assert np.abs(plant.pose().translation_m).max() < 1e-7
     assert np.abs(plant.displacements()).max() < 1e-7
 
@@ -137,7 +129,7 @@ def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
 def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model, mode):
     """Damping is the model's: what the integrator adds stays within a per cent."""
     frequency, damping = closed_form(model).modes()
-    pole = pole_of(ring_down(model, shapes_of_modes()[mode], 0.3), model.opt.timestep)
+    pole = pole_of(ring_down(model, mode_shapes()[mode], 0.3), model.opt.timestep)
     assert abs(pole) / (2 * np.pi) == pytest.approx(frequency[mode], rel=0.01)
     assert -pole.real / abs(pole) == pytest.approx(damping[mode], rel=0.01)
 
@@ -149,14 +141,14 @@ ENERGY_J = 5e-6
 @pytest.mark.parametrize("mode", MODES)
 def test_with_damping_off_energy_is_kept_at_every_step(model, mode, seconds):
     """Of each mode, within one per cent of the energy put in."""
-    plant = resumed(settled_state(seconds))
+    plant = copy.deepcopy(settled(seconds))
     undamped, data = plant.model, plant.data
     undamped.dof_damping[:] = 0.0
     undamped.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     data.qvel[:] = 0.0
     mujoco.mj_forward(undamped, data)
     rest = data.energy[0]
-    shape, momentum = shapes_of_modes()[mode], np.empty(model.nv)
+    shape, momentum = mode_shapes()[mode], np.empty(model.nv)
     mujoco.mj_mulM(undamped, data, momentum, shape)
     # Equal modes have no shape of their own: the energy put in does not depend on the one taken.
     data.qvel[:] = shape * np.sqrt(2.0 * ENERGY_J / (shape @ momentum))
@@ -200,10 +192,9 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
 
 @pytest.mark.parametrize("strut", STRUTS)
 def test_a_strut_locked_in_flight_stays_and_the_loops_stay_closed(strut):
-    state, most = swung_state()
-    plant = resumed(state)
+    plant, residuals = copy.deepcopy(swung())
     plant.lock(strut)
-    where, residuals = plant.displacements()[strut], [most]
+    where = plant.displacements()[strut]
     assert abs(where) > 1e-6, "the lock must be off centre to be a test"
     for _ in range(300):
         residuals += swing(plant, PERIOD_S)
