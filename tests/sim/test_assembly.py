@@ -28,13 +28,14 @@ from sim.mjcf import mass_matrix
 from tests.models import model
 from tests.motions import change
 from tests.sim.machines import FEET, at, feet_of, humanoid, opened, stored, stretched, walker
+from tests.sim.transmissions import TWO, linkage
 
 
 @stored
 @pytest.mark.parametrize("seed", range(6))
 def test_every_kind_of_closure_closes_from_afar(storage, seed):
     """Connects, a weld, a polynomial gear and a cable, 0.1 m and rad away in every joint."""
-    of = model("all_closures", *storage)
+    of = linkage(TWO, *storage)
     data = opened(of, 0.1, seed)
     before = data.qpos.copy()
     closed = assemble(of, data)
@@ -191,7 +192,7 @@ def test_what_the_numbers_of_a_model_show_needs_no_statement():
 
 
 def test_the_error_of_an_advance_falls_with_the_square_of_the_step():
-    of = model("all_closures")
+    of = linkage()
     data = assemble(of)
     velocity = np.linalg.svd(jacobians(of, data, "tool").J_C)[2][-1]
     coarse, fine = (

@@ -4,19 +4,20 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import Body, CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
+from sim import CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
 from tests.models import model
 from tests.motions import check_slope, shifted
 from tests.sim.machines import at, closed, opened, stored
+from tests.sim.transmissions import TWO, linkage
 
-ROWS = 3 * 3 + 6 + 1 + 1
-"""Of `all_closures`."""
+ROWS = 2 * 3 + 1 + 6 + 1
+"""Of the linkage."""
 
 
 @stored
 def test_rows_are_slopes_of_gaps(storage):
     """At a closed pose, along every velocity, admissible or not."""
-    of = model("all_closures", *storage)
+    of = linkage(TWO, *storage)
     units = np.eye(of.nv)
     for seed in range(4):
         data = closed(of, seed)
@@ -33,7 +34,8 @@ def test_rows_are_slopes_of_gaps(storage):
 @stored
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
     """They are at work in the physics."""
-    of = model("all_closures", *storage)
+    of = linkage(TWO, *storage)
+    of.opt.disableflags = 0
     data = mujoco.MjData(of)
     mujoco.mj_fwdPosition(of, data)  # finds the contacts
     full = jacobians(of, data, "tool").J_C
@@ -46,19 +48,19 @@ def test_contacts_limits_and_dry_friction_have_no_rows(storage):
 
 
 def test_an_equality_counts_while_it_is_active():
-    of, rod = model("all_closures"), Body("rod1")  # which moves whatever is open
+    of, tool = linkage(), "tool"  # which moves whatever is open
     data = mujoco.MjData(of)
-    closed_rows = jacobians(of, data, rod).J_C
+    closed_rows = jacobians(of, data, tool).J_C
     data.eq_active[of.equality("brake").id] = True
-    braked = jacobians(of, data, rod).J_C
+    braked = jacobians(of, data, tool).J_C
     np.testing.assert_array_equal(braked[:ROWS], closed_rows)
-    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("drum").dofadr)
+    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("weight").dofadr)
     data.eq_active[of.equality("grip").id] = False
-    assert len(jacobians(of, data, rod).J_C) == ROWS + 1 - 6
-    with pytest.raises(ModelError, match="no actuator moves 'tool'"):  # it has been let go
-        jacobians(of, data, "tool")
+    assert len(jacobians(of, data, tool).J_C) == ROWS + 1 - 6
+    with pytest.raises(ModelError, match="no actuator moves 'payload'"):  # it has been let go
+        jacobians(of, data, "payload")
     data.eq_active[:] = False
-    assert jacobians(of, data, rod).J_C.shape == (0, of.nv)
+    assert jacobians(of, data, tool).J_C.shape == (0, of.nv)
 
 
 @pytest.mark.parametrize("flag", ["EQUALITY", "CONSTRAINT"])

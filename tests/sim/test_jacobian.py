@@ -26,33 +26,29 @@ from sim import (
     assemble,
     jacobians,
 )
-from tests.models import model
 from tests.motions import check_slope, kinematics, shifted
 from tests.sim.machines import SPARSE, at, closed, humanoid, limited, stored
-from tests.sim.transmissions import CASES, linkage
-
-FREEDOMS = 7
-"""Of `all_closures`."""
+from tests.sim.transmissions import CASES, FREEDOMS, TWO, linkage
 
 
 @stored
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
     """Move along the null space of J_C, close the loops again, and see where the tool went."""
-    of = model("all_closures", *storage)
+    of = linkage(TWO, *storage)
     data = closed(of, seed)
-    jac = jacobians(of, data, "tool", "ground")
+    jac = jacobians(of, data, "payload", "post")
     Z = scipy.linalg.null_space(jac.J_C)
     assert Z.shape == (of.nv, FREEDOMS)
     velocity = Z @ np.random.default_rng(seed).normal(size=FREEDOMS)
     velocity /= np.linalg.norm(velocity)
-    to_ground = data.site("ground").xmat.reshape(3, 3).T
-    at_first = data.site("tool").xmat.reshape(3, 3).copy()
+    to_post = data.site("post").xmat.reshape(3, 3).T
+    at_first = data.site("payload").xmat.reshape(3, 3).copy()
 
     def pose(h: float) -> np.ndarray:
-        tool = assemble(of, shifted(of, data, h * velocity)).site("tool")
+        tool = assemble(of, shifted(of, data, h * velocity)).site("payload")
         turn = Rotation.from_matrix(tool.xmat.reshape(3, 3) @ at_first.T).as_rotvec()
-        return np.concatenate([to_ground @ turn, to_ground @ tool.xpos])
+        return np.concatenate([to_post @ turn, to_post @ tool.xpos])
 
     check_slope(jac.J_T @ velocity, pose, h=4e-3, most=1e-4)
 
@@ -103,14 +99,14 @@ def of_humanoid(axes: str | None = None, pinned: tuple = ()) -> tuple[Callable, 
 
 def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
     """Closed, open, and with other equalities."""
-    of, poses = model("all_closures", *storage), []
+    of, poses = linkage(TWO, *storage), []
     for seed in range(4):
         poses.append(data := closed(of, seed))
         data.eq_active[of.equality("brake").id] = seed == 2
         data.eq_active[of.equality("reel").id] = seed != 3
         data.qpos[:7] += 1e-3 * (seed % 2)
-    tasks = ["tool", Body("rod1")]
-    return (lambda: JacobianReader(of, tasks, "ground", closure_tolerance=np.inf)), poses
+    tasks = ["payload", Body("rocker")]
+    return (lambda: JacobianReader(of, tasks, "post", closure_tolerance=np.inf)), poses
 
 
 def of_limits() -> tuple[Callable, Poses]:
@@ -155,7 +151,7 @@ def test_views_are_to_the_bit_what_a_new_reader_finds(name):
 
 
 def test_a_reader_follows_actuators_that_are_switched_off():
-    of = model("all_closures")
+    of = linkage()
     data, reader = closed(of), JacobianReader(of, "tool")
     both = reader.at(data)
     of.actuator_group[1], of.opt.disableactuator = 1, 2

@@ -6,13 +6,13 @@ import pytest
 
 from sim import ModelError
 from sim.mjcf import joint_stiffness, mass_matrix
-from tests.models import model
 from tests.motions import shifted
 from tests.sim.machines import closed
+from tests.sim.transmissions import linkage
 
 
 def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
-    of = model("all_closures")
+    of = linkage()
     data = closed(of)
     mass = mass_matrix(of, data)
     of.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)

@@ -73,9 +73,12 @@ CASES = {
 }
 
 
-def linkage(actuators: str) -> mujoco.MjModel:
+TWO = '<motor name="m1" joint="crank" gear="-3"/><motor name="m2" jointinparent="knee"/>'
+
+
+def linkage(actuators: str = TWO, *changes: tuple[str, str]) -> mujoco.MjModel:
     """The linkage with these actuators."""
-    return model("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"))
+    return model("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"), *changes)
 
 
 def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
