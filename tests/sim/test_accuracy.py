@@ -23,9 +23,6 @@ from tests.models import model
 from tests.motions import kinematics
 from tests.sim.machines import at, stretched
 
-EXACT = (0, 0, 3)
-"""Three freedoms, each driven: no self-motion, no constraint."""
-
 
 def three_rrr(
     digits: int = 17, axes: np.ndarray | None = None, base: str = "", driven: str = ""
@@ -73,13 +70,6 @@ def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, in
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
 
-def skewed(size: float, seed: int) -> np.ndarray:
-    """Every axis off by some such angle."""
-    axes = np.tile([0.0, 0.0, 1.0], (7, 1))
-    axes[:, :2] = size * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
-    return axes
-
-
 # One number of the whole geometry.
 
 
@@ -90,7 +80,7 @@ def test_exact_numbers_show_no_rounding():
     jac = taken(three_rrr())
     assert jac.geometry_accuracy < 1e-15
     assert not jac.accuracy.J_T_error.any()
-    assert verdict(jac) == EXACT
+    assert verdict(jac) == (0, 0, 3)
 
 
 def test_rounded_numbers_show_their_rounding():
@@ -105,10 +95,12 @@ def test_rounded_numbers_show_their_rounding():
 @pytest.mark.parametrize("seed", range(5))
 def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
     """Off by 1e-8, without it, the loops seem to hold the machine."""
-    for rounded in (three_rrr(digits=6), three_rrr(axes=skewed(1e-8, seed))):
+    skewed = np.tile([0.0, 0.0, 1.0], (7, 1))
+    skewed[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
+    for rounded in (three_rrr(digits=6), three_rrr(axes=skewed)):
         jac = taken(rounded)
         assert jac.geometry_accuracy > 1e-9
-        assert verdict(jac, jac.geometry_accuracy) == EXACT
+        assert verdict(jac, jac.geometry_accuracy) == (0, 0, 3)
         kin = ConstrainedSystem.of(jac).kinematics()
         assert (kin.self_motion.shape[1], len(kin.active_constraint)) == (0, 0)
     assert verdict(jac)[1] > 0
@@ -188,9 +180,6 @@ def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
     return other
 
 
-LOOPS = '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'
-
-
 def read(model: mujoco.MjModel, qpos: np.ndarray):
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
@@ -198,7 +187,10 @@ def read(model: mujoco.MjModel, qpos: np.ndarray):
 
 
 @pytest.mark.parametrize("draws", [15, pytest.param(40, marks=pytest.mark.long)])
-@pytest.mark.parametrize("loops", ["", LOOPS])
+@pytest.mark.parametrize(
+    "loops",
+    ["", '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'],
+)
 @pytest.mark.parametrize("seed", range(5))
 def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws):
     """And the worst of the draws comes within a factor of ten of the largest error."""
@@ -219,24 +211,21 @@ def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws
     assert accuracy.error_bound < 100.0 * (errors[0] / natural[0][:, None]).max()
 
 
-SIX_DIGITS = [
-    "0.081 0.05 0.237 0.0616248:7 0.0616301:7 -0.704416:6 0.704416:6",
-    "0 0.216572:6 0.10541:5 0.00812345:8 0.999941:6 0.00213498:8 0.00701352:8",
-]
-NO_ZEROS = [
-    "0.0128347:7 -0.0405043:7 0.0203:7 0.0616248:7 0.06163:7 -0.704416:6 0.704416:6",
-    "0.31:6 0.0188531:7 0.0573:7 0.342813:6 -0.6184:6 0.6186:6 0.342628:6",
-]
-SIX_DECIMALS = [
-    "0.312346:6 -1.2:6 0.0323:6 0.061625:6 0.06163:6 -0.704416:6 0.704416:6",
-    "-1.032346:6 1.302:6 0.023432:6 0.999941:6 0.00213:6 0.008123:6 0.007014:6",
-]
-
-
-@pytest.mark.parametrize("numbers", [SIX_DIGITS, NO_ZEROS, SIX_DECIMALS])
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        "0.081 0.05 0.237 0.0616248:7 0.0616301:7 -0.704416:6 0.704416:6 "
+        "0 0.216572:6 0.10541:5 0.00812345:8 0.999941:6 0.00213498:8 0.00701352:8",
+        "0.0128347:7 -0.0405043:7 0.0203:7 0.0616248:7 0.06163:7 -0.704416:6 0.704416:6 "
+        "0.31:6 0.0188531:7 0.0573:7 0.342813:6 -0.6184:6 0.6186:6 0.342628:6",
+        "0.312346:6 -1.2:6 0.0323:6 0.061625:6 0.06163:6 -0.704416:6 0.704416:6 "
+        "-1.032346:6 1.302:6 0.023432:6 0.999941:6 0.00213:6 0.008123:6 0.007014:6",
+    ],
+    ids=["six digits", "no zeros", "six decimals"],
+)
 def test_no_text_within_its_rounding_moves_an_entry_farther(numbers):
     """Behind each number the decimals it had before its zeros were dropped; none if exact."""
-    written = [text.partition(":")[::2] for text in " ".join(numbers).split()]
+    written = [text.partition(":")[::2] for text in numbers.split()]
     exact = np.array([float(x) for x, _ in written])
     halves = np.array(
         [0.5 * 10.0 ** -int(decimals) if decimals else 0.0 for _, decimals in written]

@@ -3,6 +3,7 @@
 import copy
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -143,27 +144,29 @@ def test_without_a_state_a_model_starts_at_its_first_keyframe():
 # Motion.
 
 
-def circle(turn: float, radius_m: float = 0.02) -> np.ndarray:
-    return radius_m * np.array([np.cos(turn) - 1.0, np.sin(turn), 0.0])
+def five_bar(*rates: float, of: mujoco.MjModel | None = None) -> tuple[Any, Any, np.ndarray]:
+    """Its model, a closed state, and the velocity of all joints at these rates of its motors."""
+    of = of or model("five_bar")
+    data = assemble(of)
+    kin = ConstrainedSystem.of(jacobians(of, data, "tool")).kinematics()
+    return of, data, kin.velocities(rates)
 
 
-def planar_linkage(accuracy: float) -> mujoco.MjModel:
-    """The five-bar with axes and anchors off by random angles and lengths of this size."""
+@pytest.mark.parametrize(
+    "accuracy",
+    [
+        1e-8,
+        5e-6,
+        *(pytest.param(size, marks=pytest.mark.long) for size in (1e-12, 1e-9, 1e-7, 1e-6)),
+    ],
+)
+def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accuracy):
+    """Gaps that no motion closes stay, of the size of the inaccuracy; the path is followed."""
     rng, of = np.random.default_rng(3), model("five_bar")
     for name in ("left", "left_elbow", "right", "right_elbow"):
         axis = np.array([*rng.normal(size=2) * accuracy, 1.0])
         of.joint(name).axis = axis / np.linalg.norm(axis)
     of.eq_data[0, :3] += accuracy * rng.normal(size=3)
-    return of
-
-
-LONG = [pytest.param(accuracy, marks=pytest.mark.long) for accuracy in (1e-12, 1e-9, 1e-7, 1e-6)]
-
-
-@pytest.mark.parametrize("accuracy", [1e-8, 5e-6, *LONG])
-def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accuracy):
-    """Gaps that no motion closes stay, of the size of the inaccuracy; the path is followed."""
-    of = planar_linkage(accuracy)
     known = {"geometry_accuracy": 3 * accuracy}
     data = assemble(of, **known)
     start = pose_of(of, data, "tool").translation_m
@@ -172,7 +175,8 @@ def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accur
         jac = jacobians(of, data, "tool")
         assert jac.closure_residual < max(1e-10, 10 * accuracy)
         kin = system.at(jac.J_T, jac.J_C).kinematics()
-        step = pose_error(of, data, "tool", start + circle(turn))[[3, 4]]
+        circle = start + 0.02 * np.array([np.cos(turn) - 1.0, np.sin(turn), 0.0])
+        step = pose_error(of, data, "tool", circle)[[3, 4]]
         rates = kin.velocity_mapping(major=[3, 4], joint_weight=np.ones(3))(step)
         data = advance(of, data, kin.velocities(rates), **known)
     there = pose_of(of, data, "tool").translation_m
@@ -207,24 +211,25 @@ def test_a_held_tendon_grows_as_commanded_and_not_at_all_when_stuck():
     cable = """<tendon><fixed name="cable"><joint joint="left_elbow" coef="0.03"/>
       <joint joint="right_elbow" coef="-0.02"/></fixed></tendon><actuator>"""
     of = model("five_bar", ("<actuator>", cable), ('"m2" joint="right"', '"m2" tendon="cable"'))
-    data = assemble(of)
-    kin = ConstrainedSystem.of(jacobians(of, data, "tool")).kinematics()
     for grows, held in ((1e-3, ["cable", "left", "wrist"]), (0.0, ["cable"])):
-        there = advance(of, data, kin.velocities([0.05, grows, 0.0]), held=held)
+        _, data, velocity = five_bar(0.05, grows, 0.0, of=of)
+        there = advance(of, data, velocity, held=held)
         assert there.ten_length[0] - data.ten_length[0] == pytest.approx(grows, abs=1e-10)
 
 
 def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
     """Far from its nominal turn, where the length of its actuator is no coordinate of that rate."""
-    ball = '"wrist" type="ball"/><geom fromto="0 0 0 0 0.1 0.02"'
-    motors = "".join(
-        f'<motor name="m{k}" joint="wrist" gear="{gear}"/>'
-        for k, gear in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True)
-    )
     of = model(
         "five_bar",
-        ('"wrist"/><geom fromto="0 0 0 0 0.1 0"', ball),
-        ('<motor name="m3" joint="wrist"/>', motors),
+        (
+            '"wrist"/><geom fromto="0 0 0 0 0.1 0"',
+            '"wrist" type="ball"/><geom fromto="0 0 0 0 .1 .02"',
+        ),
+        (
+            '<motor name="m3" joint="wrist"/>',
+            '<motor joint="wrist" gear="1 0 0"/><motor joint="wrist" gear="0 1 0"/>'
+            '<motor name="mz" joint="wrist" gear="0 0 1"/>',
+        ),
     )
     turned = Rotation.from_rotvec([1.0, -0.8, 1.2]).as_quat(scalar_first=True)
     data = assemble(of, at(of, wrist=turned))
@@ -262,14 +267,6 @@ def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, s
 # Steps that are too long.
 
 TICK_S = 0.02
-
-
-def five_bar(*rates: float) -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
-    """Its model, a closed state, and the velocity of all joints at these rates of its motors."""
-    of = model("five_bar")
-    data = assemble(of)
-    kin = ConstrainedSystem.of(jacobians(of, data, "tool")).kinematics()
-    return of, data, kin.velocities(rates)
 
 
 def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, float, np.ndarray]:
