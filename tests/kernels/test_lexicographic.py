@@ -193,15 +193,6 @@ SHAPES = [
 ]
 
 
-def assert_every_row_is_met(batch: Batch, x: np.ndarray) -> None:
-    """Where x meets all, also those that are 1e8 times as light as others of their level."""
-    met = replace(batch, levels=[(A, times(A, x)) for A, _ in batch.levels])
-    found = kernel(met)
-    for A, b in met.levels:
-        size = np.linalg.norm(A, axis=2) * (1 + np.linalg.norm(x, axis=1, keepdims=True))
-        assert (abs(times(A, found.x) - b) <= 1e-5 * size)[found.gap > 10].all()
-
-
 def worst(batch: Batch, k: int, x: np.ndarray) -> float:
     """Of the conditions of an optimum, of problem k."""
     levels = [(A[k], b[k]) for A, b in batch.levels]
@@ -229,7 +220,14 @@ def test_enumeration_of_active_sets_finds_no_better_answer(seed, count, heavy):
         for found in starts(rng, batch):
             assert found.ended.all()
             assert max((worst(batch, k, found.x) for k in clear), default=0.0) < 1e-6
-        assert_every_row_is_met(unlimited(batch), rng.normal(size=(heavy, n)))
+        # Where x meets all rows, so those that are 1e8 times as light as others of their level.
+        x = rng.normal(size=(heavy, n))
+        found = kernel(
+            unlimited(replace(batch, levels=[(A, times(A, x)) for A, _ in batch.levels]))
+        )
+        for A, _ in batch.levels:
+            size = np.linalg.norm(A, axis=2) * (1 + np.linalg.norm(x, axis=1, keepdims=True))
+            assert (abs(times(A, found.x - x)) <= 1e-5 * size)[found.gap > 10].all()
 
 
 @pytest.mark.parametrize(("seed", "count"), [(0, 20), pytest.param(1, 300, marks=LONG)])
@@ -386,9 +384,9 @@ def test_a_batch_has_the_bits_of_its_problems_one_by_one(drawn):
 
 def test_x_does_not_depend_on_what_the_room_for_work_holds(drawn):
     batch, *_ = drawn
-    weights = [np.array(each) for each in ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 0.0])]
     kinds: list[dict[str, Any]] = [{}, {"beside": True}, {"damping": [0.1, 0.2]}]
-    kinds += [{"weight": each} for each in weights]
+    for weight in ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 0.0]):
+        kinds.append({"weight": np.array(weight)})
     for others in kinds:
         assert_same(kernel(batch, room=np.nan, **others), kernel(batch, room=1e300, **others))
 
@@ -409,13 +407,6 @@ def test_running_out_of_steps_leaves_x_within_bounds_and_says_so(drawn):
 # Damping and weights.
 
 
-def unit_last(batch: Batch) -> Batch:
-    """The size of the last level one, that of zero rows zero."""
-    *first, (A, b) = batch.levels
-    size = np.where(sizes(A) > 0, sizes(A), 1.0)
-    return replace(batch, levels=[*first, (A / size[:, None, None], b / size[:, None])])
-
-
 WEIGHTS = [
     None,
     [1.0, 0.0, 0.0, 0.0],
@@ -428,11 +419,14 @@ WEIGHTS = [
 @pytest.mark.parametrize("beside", [False, True])
 @pytest.mark.parametrize("weight", WEIGHTS)
 def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(drawn, weight, beside):
-    batch, w = unit_last(drawn[0]), np.ones(4) if weight is None else np.array(weight)
+    batch, w = drawn[0], np.ones(4) if weight is None else np.array(weight)
+    first, (A, b) = batch.levels
+    size = sizes(A) + (sizes(A) == 0)  # that of the last level becomes one
+    A, b = A / size[:, None, None], b / size[:, None]
+    batch = replace(batch, levels=[first, (A, b)])
     wanted = np.random.default_rng(0).normal(size=batch.lower.shape)
     wanted *= weight is not None
     rows, goal = np.broadcast_to(np.diag(w), (COUNT, 4, 4)), w * wanted
-    first, (A, b) = batch.levels
     last = [(np.concatenate([A, rows], axis=1), np.concatenate([b, goal], axis=1))]
     more = replace(batch, levels=[first, *(last if beside else [(A, b), (rows, goal)])])
     found, best = kernel(batch, weight=weight and w, wanted=wanted, beside=beside).x, known(more)
