@@ -124,7 +124,12 @@ def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine)
     """Force over stiffness is displacement, whoever exerts it; of all joints of a tendon."""
     stiffness, command, seconds = 126000.0, 1e-5 * np.arange(6.0), 0.05
     if machine == "pulley":
-        model = mujoco.MjModel.from_xml_string(PULLEY)
+        model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
+          <worldbody><body><joint name="a" stiffness="5" damping="1"/><geom size=".1" mass="1"/>
+            <body name="payload" pos=".5 0 0"><joint name="b" stiffness="3" damping="1"/>
+              <geom size=".1" mass="1"/></body></body></worldbody>
+          <tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/></fixed>
+          </tendon><actuator><position tendon="t" kp="50"/></actuator></mujoco>""")
         stiffness, command, seconds = 50.0, np.array([0.02]), 2.0
     loaded, commanded = (Plant(model, base=None, payload=Body("payload")) for _ in range(2))
     loaded.load(stiffness * command)
@@ -132,15 +137,6 @@ def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine)
     commanded.settle(seconds, command)
     assert np.abs(commanded.displacements()).max() > 1e-6
     np.testing.assert_allclose(loaded.data.qpos, commanded.data.qpos, rtol=1e-6, atol=1e-13)
-
-
-PULLEY = """<mujoco><option gravity="0 0 0" timestep="0.001"/>
-<worldbody><body><joint name="a" stiffness="5" damping="1"/><geom size=".1" mass="1"/>
-<body name="payload" pos=".5 0 0"><joint name="b" stiffness="3" damping="1"/>
-<geom size=".1" mass="1"/>
-</body></body></worldbody>
-<tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/></fixed></tendon>
-<actuator><position name="pull" tendon="t" kp="50"/></actuator></mujoco>"""
 
 
 @pytest.mark.long
