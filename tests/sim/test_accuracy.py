@@ -129,10 +129,7 @@ def parallelogram(base: str = BASE, driven: str = DRIVEN) -> mujoco.MjModel:
     ids=["four-bar", "four-bar, base driven", "3-RRR", "3-RRR, base driven"],
 )
 def test_no_gap_of_a_loop_changes_a_verdict(make, expected, rate, gap):
-    """Rows taken at two points, that far apart, would make constraints of redundant ones.
-
-    And rates depend on a gap by no more than its size.
-    """
+    """Rows taken at two points would; and rates depend on a gap by no more than its size."""
     mechanism = make()
     exact = kinematics(taken(mechanism)).J
     for axis in range(3):

@@ -342,10 +342,7 @@ def test_what_has_no_lock_is_refused_when_it_is_to_lock():
 
 
 def test_all_actuators_of_a_drive_weaken_and_are_released_together():
-    """By the product, in any state: a servo whose gain alone were less would pull elsewhere.
-
-    The others keep their forces, and their springs.
-    """
+    """By the product, in any state; the others keep their forces, and their springs."""
     shift, number = 1e-3 * np.random.default_rng(0).normal(size=(3, 20)), range(8)
     for k in number:
         plant = started("drives")

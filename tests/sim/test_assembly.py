@@ -270,15 +270,11 @@ TICK_S = 0.02
 
 
 def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, float, np.ndarray]:
-    """The walker at gain 1: its last state, how far its feet ever strayed, and its ticks [s].
-
-    The centre of mass stays over where it is at first; then the hand goes to a position (3,) in the
-    plane; then the posture returns to that of the start.
-    """
+    """The walker at gain 1: its last state, how far its feet ever strayed, and its ticks [s]."""
     model, start = walker()
     data, strayed, times = start, 0.0, [0.0]
     reader = JacobianReader(model, ["hand", CenterOfMass()], pinned=FEET)
-    levels = [Task([6]), Task([3, 5]), Task.joints()]
+    levels = [Task([6]), Task([3, 5]), Task.joints()]  # centre of mass, hand, posture
     for tick in range(ticks):
         jac = reader.at(data)
         over = (start.subtree_com[0] - data.subtree_com[0])[:1]

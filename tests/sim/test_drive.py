@@ -8,7 +8,7 @@ import pytest
 
 from prioritized import ConstrainedSystem
 from sim import Jacobians, ModelError, assemble, jacobians, linearize, pose_error, pose_of
-from sim.mjcf import Drive, drives, names_of, number_of
+from sim.mjcf import drives, names_of, number_of
 from tests.models import model
 from tests.motions import check_slope, shifted
 from tests.sim.transmissions import CASES, FREEDOMS, mechanism
@@ -42,10 +42,7 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
 
 @every_kind
 def test_the_velocity_is_mujocos_by_the_gear_and_its_force_is_dual(kind):
-    """For every actuator of a drive, and along every qvel, whether it opens loops or not.
-
-    Sum of gear force times velocity = qfrc_actuator . qvel: forces map by the transpose.
-    """
+    """Sum of gear force times velocity = qfrc_actuator . qvel, also along what opens loops."""
     of, data = mechanism(CASES[kind].mjcf)
     jac, rng = jacobians(of, data, "tool"), np.random.default_rng(2)
     for qvel in rng.normal(size=(3, of.nv)):
@@ -186,17 +183,6 @@ def test_what_pushes_to_one_side_only_is_marked_and_warned_about(actuators, side
     assert jac.warnings == ((words,) if side else ())
 
 
-def most_and_least(of: mujoco.MjModel, drives: tuple[Drive, ...]) -> np.ndarray:
-    """Of the forces along each velocity that MuJoCo computes for all extreme and zero controls."""
-    data, forces = mujoco.MjData(of), []
-    for data.ctrl[:] in itertools.product([-1e3, 0.0, 1e3], repeat=of.nu):
-        mujoco.mj_forward(of, data)
-        forces.append([drive.gear @ data.actuator_force[list(drive.outputs)] for drive in drives])
-        if drives[0].joint is not None:
-            forces[-1][0] = data.qfrc_actuator[0]
-    return np.array([np.min(forces, axis=0), np.max(forces, axis=0)]).T
-
-
 LIMITED = [
     ('<motor joint="a" ctrlrange="-1 2" gear="-3"/>', "", ""),
     ('<motor joint="a" ctrlrange="-1 2"/><motor joint="a" ctrlrange="0 3" gear="2"/>', "", ""),
@@ -214,8 +200,13 @@ LIMITED = [
 @pytest.mark.parametrize(("actuators", "joint", "tendon"), LIMITED)
 def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, joint, tendon):
     """The ranges of several add up, and the limit of the joint's or tendon's total counts."""
-    found = arm(actuators, joint=joint, tendon=tendon)
-    expected = most_and_least(arm_model(actuators, joint, tendon), found.drives)
+    found, of = arm(actuators, joint=joint, tendon=tendon), arm_model(actuators, joint, tendon)
+    data, forces = mujoco.MjData(of), []
+    for data.ctrl[:] in itertools.product([-1e3, 0.0, 1e3], repeat=of.nu):
+        mujoco.mj_forward(of, data)
+        total = [drive.gear @ data.actuator_force[list(drive.outputs)] for drive in found.drives]
+        forces.append(total if found.drives[0].joint is None else [data.qfrc_actuator[0]])
+    expected = np.transpose([np.min(forces, axis=0), np.max(forces, axis=0)])
     np.testing.assert_allclose(found.force_range, expected, rtol=1e-12)
 
 
@@ -267,10 +258,7 @@ def test_two_actuators_of_a_joint_are_one_velocity_and_two_inputs():
 
 
 def test_an_actuator_has_one_name_and_answers_to_its_joints():
-    """The file's own wins, also where it is the name of another's joint; two share their joint's.
-
-    Of the two motors of joint "c" the other names come next, as "c" is an actuator of the file.
-    """
+    """The file's own wins, also where it is the name of another's joint, as "c" of a joint of two."""
     joints = '<body><joint name="a"/>{0}<body><joint name="b"/>{0}<body><joint name="c"/>{0}'
     tendon = '<fixed name="{}"><joint joint="{}" coef="1"/><joint joint="b" coef="1"/></fixed>'
     of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>

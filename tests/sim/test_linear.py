@@ -15,10 +15,7 @@ from tests.sim.machines import WORLD, at, pendulum
 
 
 def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
-    """omega^2 = g / l: all stiffness is geometric, from the tie that turns under load.
-
-    The bob may go anywhere in a plane; a light rod ties it to a pivot.
-    """
+    """omega^2 = g / l: all stiffness is geometric, from the light rod that turns under load."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base"/>
       <body name="rod"><joint axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.005" mass="1e-9" contype="0"/></body>

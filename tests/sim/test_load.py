@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
 from sim.mjcf import element_id
-from sim.scene import robot_scene
 from tests.models import FOLDER, saved
 from tests.models import model as model_of
 from tests.sim.machines import SHIPPED
@@ -213,7 +212,7 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
         assert ("NaN" in getattr(done, stream)) == (stream == shown)
 
 
-# URDF: MuJoCo compiles it, and what it does not state is asked for.
+# URDF: MuJoCo compiles it.
 
 ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
 
@@ -246,8 +245,3 @@ def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_p
     assert row[elbow] == pytest.approx(2.0)
     assert jac.active.tolist() == [model.joint("shoulder").dofadr[0], elbow]
     np.testing.assert_array_equal(jac.force_range, [[-80, 80], [-60, 60]])
-
-
-def test_a_urdf_file_without_actuators_is_refused_with_the_remedy():
-    with pytest.raises(ModelError, match="no enabled actuator"):
-        robot_scene(ARM, TOOL, None, mujoco.MjData)

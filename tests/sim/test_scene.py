@@ -20,10 +20,7 @@ from tests.models import FOLDER, saved
 
 
 def tree(parents: list[int], ties: list[tuple[int, int]]) -> mujoco.MjSpec:
-    """A tree of hinges with a motor each, body k carried by `parents[k]`, and ties of two bodies.
-
-    A tie is a connect of the origins of two bodies, open or closed: only its structure counts.
-    """
+    """Hinges with a motor each, body k carried by `parents[k]`; connects, open ones as well."""
     spec = mujoco.MjSpec()
     bodies = [spec.worldbody]
     for k, parent in enumerate(parents):
@@ -57,10 +54,7 @@ def at(model: mujoco.MjModel, qpos: Array) -> mujoco.MjData:
 
 @given(trees(), st.integers(0, 99))
 def test_a_part_is_all_that_moves_the_task_with_its_places_and_inertia(file, seed):
-    """What is left out has zero columns in the task Jacobian, and no closure has both.
-
-    What does not move is carried: the mass matrix has rows and columns of the whole one.
-    """
+    """What is left out has zero columns, no closure has both, and M is rows of the whole one."""
     spec, body = file
     model = spec.compile()
     frame = located(model, "site", Body(f"b{body}"))
