@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
 from tests.models import model as model_of
+from tests.motions import kinematics
 from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
 
 PERIOD_S = 5e-3
@@ -97,28 +97,13 @@ def test_a_start_that_springs_actuators_or_loops_do_not_hold_is_refused():
 # Commands.
 
 
-def steps(plant: Plant) -> np.ndarray:
-    """A small displacement of each drive alone, or one that loops allow; (., n)."""
-    size = 1e-4 * np.eye(len(plant.drives))
-    if plant.model.neq and plant.data.eq_active.any():
-        kin = kinematics(plant)
-        size = size @ scipy.linalg.orth(scipy.linalg.null_space(kin.active_constraint)).T[:2].T
-        return (size @ np.linalg.pinv(size) * 1e-4)[:2]
-    return size
-
-
-def kinematics(plant: Plant):
-    start = mujoco.MjData(plant.model)
-    start.qpos[:], start.eq_active[:] = plant.data.qpos, plant.data.eq_active
-    return ConstrainedSystem.of(jacobians(plant.model, start, "tool")).kinematics()
-
-
 @pytest.mark.parametrize("name", POSES)
 def test_a_command_is_answered_as_the_linear_model_says_and_reached(name):
     """Transient within 1 % of the peak; at rest the payload has moved by the Jacobian."""
-    robot = started(name)
-    lin, J = robot.linear(), kinematics(robot).J
-    for command in steps(robot):
+    of, start = posed(name)
+    robot, kin = Plant(of, **WORLD, start=start), kinematics(jacobians(of, start, "tool"))
+    lin, Z = robot.linear(), scipy.linalg.null_space(kin.active_constraint)
+    for command in 1e-4 * Z @ Z.T:  # of each drive alone, or what loops allow of it
         plant, size = copy.deepcopy(robot), len(lin.A)
         drift = np.block([[lin.A, (lin.B @ command)[:, None]], [np.zeros((1, size + 1))]])
         tick, x = scipy.linalg.expm(drift * PERIOD_S), np.eye(size + 1)[-1]
@@ -132,8 +117,8 @@ def test_a_command_is_answered_as_the_linear_model_says_and_reached(name):
         assert error.max() < 0.01 * np.abs(seen).max()
         plant.step(command, 0.5)
         assert np.abs(plant.displacements() - command).max() < 0.01 * np.abs(command).max()
-        off = np.linalg.norm(plant.displacement() - J @ command)
-        assert off <= 0.01 * np.linalg.norm(J @ command) + 1e-9
+        off = np.linalg.norm(plant.displacement() - kin.J @ command)
+        assert off <= 0.01 * np.linalg.norm(kin.J @ command) + 1e-9
 
 
 def test_a_motor_on_a_sprung_tendon_draws_it():
@@ -246,10 +231,8 @@ def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
 @pytest.mark.parametrize("actuator", range(3))
 def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
     """While the others move; in a file whose flags disable equalities, of which none comes back."""
-    model, bit = (
-        model_of("three_joints", add_locks=True),
-        int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)),
-    )
+    model = model_of("three_joints", add_locks=True)
+    bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
     model.opt.disableflags |= bit
     model.jnt_limited[:], model.jnt_range[:] = flag == "CONSTRAINT", [-0.05, 0.05]
     plant, away = Plant(model, **NAMES), 0.0
@@ -313,15 +296,12 @@ def test_a_lock_that_gives_way_says_so_before_anything_flies():
     assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
 
 
-def brakes(*names: str) -> mujoco.MjModel:
-    """With an equality of some name for each joint."""
-    joints = "hip", "knee", "ankle"
-    pairs = zip(names, joints, strict=False)
-    each = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
-    return model_of("three_joints", ("<equality/>", f"<equality>{each}</equality>"))
-
-
 def test_locks_may_have_other_names_and_must_hold_one_joint():
+    def brakes(*names: str) -> mujoco.MjModel:
+        pairs = zip(names, ("hip", "knee", "ankle"), strict=False)
+        each = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
+        return model_of("three_joints", ("<equality/>", f"<equality>{each}</equality>"))
+
     plant = Plant(brakes("a", "b", "c"), **NAMES)
     plant.lock(2)
     np.testing.assert_array_equal(plant.data.eq_active, [False, False, True])

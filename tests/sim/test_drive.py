@@ -258,7 +258,7 @@ def test_two_actuators_of_a_joint_are_one_velocity_and_two_inputs():
 
 
 def test_an_actuator_has_one_name_and_answers_to_its_joints():
-    """The file's own wins, also where it is the name of another's joint, as "c" of a joint of two."""
+    """The name in the file wins, also where it is that of another joint: "c" of a joint of two."""
     joints = '<body><joint name="a"/>{0}<body><joint name="b"/>{0}<body><joint name="c"/>{0}'
     tendon = '<fixed name="{}"><joint joint="{}" coef="1"/><joint joint="b" coef="1"/></fixed>'
     of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
