@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fjh.rig.hexapod.closed_form import hexapod
 from sim import (
+    MODELS,
     NOMINAL,
     Body,
     CenterOfMass,
@@ -25,7 +27,10 @@ from sim import (
     RelativeFrameTask,
     assemble,
     jacobians,
+    linearize,
+    load_model,
 )
+from sim.mjcf import mass_matrix
 from tests.motions import check_slope, kinematics, shifted
 from tests.sim.machines import SPARSE, at, closed, humanoid, limited, stored
 from tests.sim.transmissions import CASES, FREEDOMS, TWO, linkage
@@ -193,3 +198,21 @@ def test_four_threads_get_arrays_of_their_own_from_one_reader():
     with ThreadPoolExecutor(4) as pool:
         for k, found in enumerate(pool.map(read, range(4))):
             assert set(found) == {alone[k].J_T.tobytes()}
+
+
+def test_data_of_another_model_are_refused(model):
+    """MuJoCo would read past their end."""
+    data = mujoco.MjData(load_model(MODELS / "arm.xml"))
+    for ask in (mass_matrix, linearize, jacobians):
+        site: dict[str, Any] = {"site": "payload"} if ask is jacobians else {}
+        with pytest.raises(ValueError, match="data must be of this model"):
+            ask(model, data, **site)
+
+
+def test_states_and_tasks_that_are_none_are_refused(model):
+    data = mujoco.MjData(model)
+    with pytest.raises(ValueError, match="site must not repeat a task"):
+        jacobians(model, data, site=["payload", "payload"])
+    data.qpos[0] = np.nan
+    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
+        jacobians(model, data, site="payload")

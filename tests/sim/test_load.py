@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
-from sim.mjcf import element_id
+from sim.mjcf import element_id, model_sha256
 from tests.models import FOLDER, saved
 from tests.models import model as model_of
 from tests.sim.machines import SHIPPED
@@ -91,6 +91,13 @@ def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, conte
             load_model(file, add_locks=add_locks)
         said.append(str(refused.value))
     assert said[0] == said[1] and "\n" not in said[0]
+
+
+@pytest.mark.parametrize("path", ["nowhere.xml", "x" * 5000, "a\0b", ""])
+@pytest.mark.parametrize("read", [load_model, model_sha256])
+def test_a_file_that_cannot_be_is_one_sentence_for_model_and_hash(read, path):
+    with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
+        read(path)
 
 
 def test_assets_in_folders_beside_the_file_are_found(tmp_path):

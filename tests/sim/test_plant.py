@@ -5,8 +5,8 @@ import copy
 import itertools
 import threading
 import time
-from functools import cache
-from typing import get_args
+from functools import cache, partial
+from typing import Any, get_args
 
 import mujoco
 import numpy as np
@@ -377,3 +377,20 @@ def test_a_text_that_is_no_failure_is_shown_with_what_was_expected(text):
     ) as said:
         Failure.parse(text)
     assert repr(text) in str(said.value)
+
+
+@pytest.mark.parametrize("actuator", [-1, 6, 0.0, True, [0]])
+def test_what_is_no_actuator_fails_none(model, actuator):
+    plant = Plant(model)
+    weaken: Any = partial(plant.weaken, effectiveness=0.5)
+    for fail in (plant.lock, plant.release, plant.break_loose, weaken):
+        with pytest.raises(ValueError, match=r"^actuator must"):
+            fail(actuator)
+    np.testing.assert_array_equal(plant.model.actuator_gainprm, model.actuator_gainprm)
+
+
+def test_what_is_no_failure_is_refused_by_name():
+    wrongs: list[dict[str, Any]] = [{"actuator": -1}, {"time_s": -1.0}, {"kind": "broken"}]
+    for wrong in wrongs:
+        with pytest.raises(ValueError, match=f"^{next(iter(wrong))} must"):
+            Failure(**{"actuator": 0, "kind": "weak"} | wrong)
