@@ -9,15 +9,7 @@ import pytest
 
 from fjh.ik import Ik
 from prioritized import ConstrainedSystem
-from sim import (
-    MODELS,
-    CenterOfMass,
-    FrameTask,
-    JacobianReader,
-    Jacobians,
-    jacobians,
-    load_model,
-)
+from sim import MODELS, CenterOfMass, FrameTask, JacobianReader, Jacobians, jacobians, load_model
 from sim.mjcf.accuracy import roundings
 from tests.models import model
 from tests.motions import kinematics

@@ -244,8 +244,7 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize(
-    ("bend", "step", "misses"),
-    [(0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)],
+    ("bend", "step", "misses"), [(0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)]
 )
 def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, step, misses):
     """Along a nearly stretched arm joints turn far for a little way: the rest is curvature."""

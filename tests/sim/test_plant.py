@@ -35,13 +35,7 @@ from sim import (
 from sim.plant import FailureKind
 from tests.closed_form import closed_form, modes_of
 from tests.models import model as model_of
-from tests.sim.machines import (
-    SHIPPED,
-    mode_shapes,
-    pole_of,
-    ring_down,
-    settled,
-)
+from tests.sim.machines import SHIPPED, mode_shapes, pole_of, ring_down, settled
 
 PERIOD_S = 1e-3
 HEXAPOD = str(MODELS / "fjh")

@@ -38,8 +38,7 @@ def test_a_servo_pulls_in_proportion_to_its_error_and_brakes_its_speed():
 
 
 @pytest.mark.parametrize(
-    ("before", "after"),
-    [("Euler", "IMPLICITFAST"), ("RK4", "RK4"), ("implicit", "IMPLICIT")],
+    ("before", "after"), [("Euler", "IMPLICITFAST"), ("RK4", "RK4"), ("implicit", "IMPLICIT")]
 )
 def test_only_a_motor_with_explicit_steps_gets_another_integrator(before, after):
     """A model that has its servos already stays as it is, all of it."""
