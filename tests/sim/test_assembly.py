@@ -28,8 +28,18 @@ from sim import (
 from sim.mjcf import mass_matrix
 from tests.models import model
 from tests.motions import change
-from tests.sim.machines import FEET, at, feet_of, humanoid, opened, stored, stretched, walker
-from tests.sim.transmissions import TWO, linkage
+from tests.sim.machines import (
+    FEET,
+    TWO,
+    at,
+    feet_of,
+    humanoid,
+    linkage,
+    opened,
+    stored,
+    stretched,
+    walker,
+)
 
 
 @stored

@@ -11,7 +11,7 @@ from sim import Jacobians, ModelError, assemble, jacobians, linearize, pose_erro
 from sim.mjcf import drives, names_of, number_of
 from tests.models import model
 from tests.motions import check_slope, shifted
-from tests.sim.transmissions import CASES, FREEDOMS, mechanism
+from tests.sim.machines import CASES, FREEDOMS, mechanism
 from tests.spaces import motions
 
 every_kind = pytest.mark.parametrize("kind", CASES)

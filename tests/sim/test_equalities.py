@@ -7,8 +7,7 @@ import pytest
 from sim import CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
 from tests.models import model
 from tests.motions import check_slope, shifted
-from tests.sim.machines import at, closed, opened, stored
-from tests.sim.transmissions import TWO, linkage
+from tests.sim.machines import TWO, at, closed, linkage, opened, stored
 
 ROWS = 2 * 3 + 1 + 6 + 1
 """Of the linkage."""

@@ -32,8 +32,18 @@ from sim import (
 )
 from sim.mjcf import mass_matrix
 from tests.motions import check_slope, kinematics, shifted
-from tests.sim.machines import SPARSE, at, closed, humanoid, limited, stored
-from tests.sim.transmissions import CASES, FREEDOMS, TWO, linkage
+from tests.sim.machines import (
+    CASES,
+    FREEDOMS,
+    SPARSE,
+    TWO,
+    at,
+    closed,
+    humanoid,
+    limited,
+    linkage,
+    stored,
+)
 
 
 @stored

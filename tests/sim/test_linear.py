@@ -1,4 +1,4 @@
-"""Linearization on closed loops: textbook motions, failed servos, friction, what is not linear."""
+"""Linearization on loops: textbook motions, failed servos, friction, what is not linear, springs."""
 
 import mujoco
 import numpy as np
@@ -6,12 +6,13 @@ import pytest
 import scipy.linalg
 
 from sim import MODELS, ModelError, Plant, assemble, jacobians, linearize, load_model
-from sim.mjcf import located
+from sim.mjcf import joint_stiffness, located, mass_matrix
 from sim.mjcf.part import task_part
 from sim.plant import Met, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
 from tests.models import model as model_of
-from tests.sim.machines import WORLD, at, pendulum
+from tests.motions import shifted
+from tests.sim.machines import WORLD, at, closed, linkage, pendulum
 
 
 def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
@@ -122,8 +123,7 @@ def test_places_that_rub_are_those_of_the_file():
     assert dry_friction(plant.model) == ("shoulder", "elbow", "belt")
     np.testing.assert_allclose(friction.limit, [0.4, 0.2, 0.1])
     np.testing.assert_allclose(np.abs(friction.rows), [[1, 0], [0, 1], [1, 1]], atol=1e-12)
-    mass = np.zeros((2, 2))
-    mujoco.mj_fullM(plant.model, plant.data, mass)
+    mass = mass_matrix(plant.model, plant.data)
     np.testing.assert_allclose(mass @ friction.push, friction.rows.T, atol=1e-12)
     plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
     assert plant.linear().friction is None
@@ -214,3 +214,36 @@ def test_what_lies_beside_a_task_is_not_met():
         met.plant(0, model, data)
     assert list(everything.sentences) == ['"cup" touched "world"']
     assert not of_task.sentences
+
+
+# Mass matrix and springs of joints.
+
+
+def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
+    of = linkage()
+    data = closed(of)
+    mass = mass_matrix(of, data)
+    of.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for velocity in np.random.default_rng(0).normal(size=(3, of.nv)):
+        data.qvel[:] = velocity
+        mujoco.mj_forward(of, data)
+        assert velocity @ mass @ velocity / 2 == pytest.approx(data.energy[1], rel=1e-12)
+
+
+def test_springs_push_back_with_their_stiffness_against_each_velocity():
+    xml = """<mujoco><option gravity="0 0 0"/><worldbody>
+      <body><joint type="ball" stiffness="3"/><geom size="0.1"/><body pos="1 0 0">
+        <joint type="slide" stiffness="2"/><geom size="0.1"/><body pos="1 0 0">
+          <joint name="hinge" stiffness="5"/><geom size="0.1"/></body></body></body>
+      <body pos="4 0 0"><joint type="free" stiffness="7"/><geom size="0.1"/></body>
+    </worldbody></mujoco>"""
+    of, h = mujoco.MjModel.from_xml_string(xml), 1e-4
+    pushed = []
+    for e in h * np.eye(of.nv):
+        data = shifted(of, mujoco.MjData(of), e)
+        mujoco.mj_forward(of, data)
+        pushed.append(-data.qfrc_passive / h)
+    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(of)), atol=1e-9)
+    plastic = xml.replace('stiffness="5"', 'stiffness="5" springyield="0.1"')
+    with pytest.raises(ModelError, match='the spring of joint "hinge" is not linear'):
+        joint_stiffness(mujoco.MjModel.from_xml_string(plastic))

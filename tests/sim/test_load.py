@@ -15,8 +15,7 @@ from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
 from sim.mjcf import element_id, model_sha256
 from tests.models import FOLDER, saved
 from tests.models import model as model_of
-from tests.sim.machines import SHIPPED
-from tests.sim.transmissions import CASES, linkage
+from tests.sim.machines import CASES, SHIPPED, linkage
 
 
 def written(folder: Path, content: str) -> Path:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from sim import ModelError, Plant, servoed
+from sim.mjcf import mass_matrix
 from sim.scene import robot_scene
 from tests.models import saved
 from tests.sim.machines import WORLD, pendulum, posed
@@ -24,9 +25,7 @@ def arm(actuators: str = MOTORS, integrator: str = "Euler") -> mujoco.MjModel:
 def test_a_servo_pulls_in_proportion_to_its_error_and_brakes_its_speed():
     model = servoed(arm(), natural_frequency_hz=FREQUENCY_HZ, damping_ratio=RATIO)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    mujoco.mj_forward(model, data)
-    M = np.zeros((2, 2))
-    mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     gear, omega = np.array([3.0, 1.0]), 2 * np.pi * FREQUENCY_HZ
     stiffness = np.diag(M) * omega**2 / gear**2
     damping = 2 * RATIO * np.diag(M) * omega / gear**2
