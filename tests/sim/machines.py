@@ -190,14 +190,14 @@ CASES = {
 TWO = '<motor name="m1" joint="crank" gear="-3"/><motor name="m2" jointinparent="knee"/>'
 
 
-def linkage(actuators: str = TWO, *changes: tuple[str, str]) -> mujoco.MjModel:
+def linkage(*changes: tuple[str, str], actuators: str = TWO) -> mujoco.MjModel:
     """The linkage with these actuators."""
     return model("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"), *changes)
 
 
 def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """And a random closed state."""
-    of = linkage(actuators)
+    of = linkage(actuators=actuators)
     return of, closed(of, seed)
 
 

@@ -30,7 +30,6 @@ from tests.models import model
 from tests.motions import change
 from tests.sim.machines import (
     FEET,
-    TWO,
     at,
     feet_of,
     humanoid,
@@ -46,7 +45,7 @@ from tests.sim.machines import (
 @pytest.mark.parametrize("seed", range(6))
 def test_every_kind_of_closure_closes_from_afar(storage, seed):
     """Connects, a weld, a polynomial gear and a cable, 0.1 m and rad away in every joint."""
-    of = linkage(TWO, *storage)
+    of = linkage(*storage)
     data = opened(of, 0.1, seed)
     before = data.qpos.copy()
     closed = assemble(of, data)

@@ -7,7 +7,7 @@ import pytest
 from sim import CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
 from tests.models import model
 from tests.motions import check_slope, shifted
-from tests.sim.machines import TWO, at, closed, linkage, opened, stored
+from tests.sim.machines import at, closed, linkage, opened, stored
 
 ROWS = 2 * 3 + 1 + 6 + 1
 """Of the linkage."""
@@ -16,7 +16,7 @@ ROWS = 2 * 3 + 1 + 6 + 1
 @stored
 def test_rows_are_slopes_of_gaps(storage):
     """At a closed pose, along every velocity, admissible or not."""
-    of = linkage(TWO, *storage)
+    of = linkage(*storage)
     units = np.eye(of.nv)
     for seed in range(4):
         data = closed(of, seed)
@@ -33,7 +33,7 @@ def test_rows_are_slopes_of_gaps(storage):
 @stored
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
     """They are at work in the physics."""
-    of = linkage(TWO, *storage)
+    of = linkage(*storage)
     of.opt.disableflags = 0
     data = mujoco.MjData(of)
     mujoco.mj_fwdPosition(of, data)  # finds the contacts

@@ -32,30 +32,19 @@ from sim import (
 )
 from sim.mjcf import mass_matrix
 from tests.motions import check_slope, kinematics, shifted
-from tests.sim.machines import (
-    CASES,
-    FREEDOMS,
-    SPARSE,
-    TWO,
-    at,
-    closed,
-    humanoid,
-    limited,
-    linkage,
-    stored,
-)
+from tests.sim.machines import CASES, SPARSE, at, closed, humanoid, limited, linkage, stored
 
 
 @stored
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
     """Move along the null space of J_C, close the loops again, and see where the tool went."""
-    of = linkage(TWO, *storage)
+    of = linkage(*storage)
     data = closed(of, seed)
     jac = jacobians(of, data, "payload", "post")
     Z = scipy.linalg.null_space(jac.J_C)
-    assert Z.shape == (of.nv, FREEDOMS)
-    velocity = Z @ np.random.default_rng(seed).normal(size=FREEDOMS)
+    assert Z.shape == (of.nv, 7)
+    velocity = Z @ np.random.default_rng(seed).normal(size=7)
     velocity /= np.linalg.norm(velocity)
     to_post = data.site("post").xmat.reshape(3, 3).T
     at_first = data.site("payload").xmat.reshape(3, 3).copy()
@@ -114,7 +103,7 @@ def of_humanoid(axes: str | None = None, pinned: tuple = ()) -> tuple[Callable, 
 
 def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
     """Closed, open, and with other equalities."""
-    of, poses = linkage(TWO, *storage), []
+    of, poses = linkage(*storage), []
     for seed in range(4):
         poses.append(data := closed(of, seed))
         data.eq_active[of.equality("brake").id] = seed == 2
@@ -132,7 +121,7 @@ def of_limits() -> tuple[Callable, Poses]:
 
 
 def of_drives(kind: str) -> tuple[Callable, Poses]:
-    of = linkage(CASES[kind].mjcf)
+    of = linkage(actuators=CASES[kind].mjcf)
     return (lambda: JacobianReader(of, "tool")), [closed(of, seed) for seed in range(3)]
 
 

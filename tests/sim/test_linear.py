@@ -1,4 +1,4 @@
-"""Linearization on loops: textbook motions, failed servos, friction, what is not linear, springs."""
+"""Linear models on loops: textbook motions, failed servos, friction, springs, what is not linear."""
 
 import mujoco
 import numpy as np

@@ -163,7 +163,7 @@ def test_a_name_that_another_equality_has_is_refused(tmp_path):
 
 def test_an_actuator_is_found_however_many_controls_others_have():
     """An orientation servo is one actuator with three controls."""
-    model = linkage(CASES["orientation servo"].mjcf)
+    model = linkage(actuators=CASES["orientation servo"].mjcf)
     assert element_id(model, "actuator", "b") == 1
     with pytest.raises(ModelError, match=r'no actuator named "hand"; it has: m, b$'):
         element_id(model, "actuator", "hand")
