@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from sim import MODELS, Pin, Plant, assemble, linearize, load_model
-from sim.mjcf.frame import Body
+from sim import MODELS, Plant, assemble, linearize, load_model
 from tests.models import model
 from tests.motions import shifted
 
@@ -59,25 +58,6 @@ def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoc
     data.qpos[:2] = hinge, slide
     mujoco.mju_axisAngle2Quat(data.qpos[2:], TURN, ball)
     return data
-
-
-# Walker.
-
-FEET = tuple(Pin(Body(f"foot_{side}"), weld=True) for side in "lr")
-
-
-def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The model, standing with bent knees."""
-    of = model("walker")
-    data = mujoco.MjData(of)
-    data.qpos[:] = [0.0, -0.035731, 0.0, *2 * (-0.3, 0.6, -0.3), -0.9, 0.8]
-    mujoco.mj_forward(of, data)
-    return of, data
-
-
-def feet_of(data: mujoco.MjData) -> np.ndarray:
-    """Where the feet are: positions and quaternions, shape (14,)."""
-    return np.concatenate([[*data.body(f).xpos, *data.body(f).xquat] for f in ("foot_l", "foot_r")])
 
 
 # Plants.

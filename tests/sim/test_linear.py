@@ -1,4 +1,4 @@
-"""Linear models on loops: textbook motions, failed servos, friction, springs, what is not linear."""
+"""Linear models on loops: textbook motions, failed servos, friction, springs, what is not so."""
 
 import mujoco
 import numpy as np
