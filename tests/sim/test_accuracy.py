@@ -101,28 +101,20 @@ def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
 
 
 BASE = '<joint name="base" axis="0.3 -0.5 0.8" pos="0.2 0.1 -0.3"/>'
-DRIVEN = '<motor joint="base"/>'
 
 
-def parallelogram(base: str = BASE, driven: str = DRIVEN) -> mujoco.MjModel:
+def parallelogram(base: str, driven: str) -> mujoco.MjModel:
     joint, motor = '<joint name="base" axis="0 0 1"/>', '<motor name="turn" joint="base"/>'
     return model("parallelogram", (joint, base), (motor, driven))
 
 
 @pytest.mark.parametrize("gap", [1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
-@pytest.mark.parametrize(
-    ("make", "expected", "rate"),
-    [
-        (lambda: parallelogram(driven=""), (1, 0, 1), 10),
-        (parallelogram, (0, 0, 2), 10),
-        (lambda: three_rrr(base=BASE), (1, 0, 3), 150),
-        (lambda: three_rrr(base=BASE, driven=DRIVEN), (0, 0, 4), 150),
-    ],
-    ids=["four-bar", "four-bar, base driven", "3-RRR", "3-RRR, base driven"],
-)
-def test_no_gap_of_a_loop_changes_a_verdict(make, expected, rate, gap):
+@pytest.mark.parametrize("driven", ["", '<motor joint="base"/>'], ids=["base free", "base driven"])
+@pytest.mark.parametrize(("make", "reach", "rate"), [(parallelogram, 1, 10), (three_rrr, 3, 150)])
+def test_no_gap_of_a_loop_changes_a_verdict(make, reach, rate, driven, gap):
     """Rows taken at two points would; and rates depend on a gap by no more than its size."""
-    mechanism = make()
+    mechanism = make(base=BASE, driven=driven)
+    expected = (0, 0, reach + 1) if driven else (1, 0, reach)
     exact = kinematics(taken(mechanism)).J
     for axis in range(3):
         of = copy.copy(mechanism)
