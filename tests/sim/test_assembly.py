@@ -271,9 +271,9 @@ FEET = Pin("foot_l", weld=True), Pin("foot_r", weld=True)
 
 def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The model, standing with bent knees."""
-    of = model("walker")
+    of = model("walker", (' armature="0.02"', ""))
     data = mujoco.MjData(of)
-    data.qpos[:] = [0.0, -0.035731, 0.0, *2 * (-0.3, 0.6, -0.3), -0.9, 0.8]
+    data.qpos[2:3], data.qpos[7:] = 0.8 - 0.035731, [*2 * (-0.3, 0.6, -0.3), -0.9, 0.8]
     mujoco.mj_forward(of, data)
     return of, data
 
