@@ -100,7 +100,7 @@ def test_a_locked_tendon_keeps_its_length(tendon):
 @pytest.mark.parametrize("locked", [None, "cable", "rope", "rail"])
 def test_servos_on_tendons_move_a_simulated_tool_as_the_mapping_commands(locked):
     """0.2 mm and mrad within 1 %, also with one of them stuck, by a tendon or joint equality."""
-    of = model("gantry")
+    of = model("gantry", ("1e-4", "5e-4"))
     data = assemble(of)
     jac = jacobians(of, data, "tool")
     system, rows = ConstrainedSystem.of(jac), [1, 3, 5]
