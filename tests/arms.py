@@ -1,9 +1,7 @@
-"""Three arms with the servos that their public models have, from published dimensions.
+"""Three arms: links are rods from joint to joint; servos are those of MuJoCo Menagerie.
 
-Kinematics are modified Denavit-Hartenberg rows as the makers publish them (Universal Robots, KUKA,
-Franka Emika), masses those of data sheets and identifications (Gaz et al. 2019 for the Panda).
-Each link is a rod from its joint to the next. Gains and largest forces of the servos are those of
-MuJoCo Menagerie.
+Modified Denavit-Hartenberg rows as the makers publish them (Universal Robots, KUKA, Franka Emika),
+masses of data sheets and identifications (Gaz et al. 2019 for the Panda).
 """
 
 from collections.abc import Sequence

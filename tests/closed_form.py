@@ -28,11 +28,8 @@ class ClosedForm:
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Undamped frequencies [Hz], ascending, and their damping ratios."""
-        zero, eye = np.zeros((6, 6)), np.eye(6)
-        state = np.block(
-            [[zero, eye], [-np.linalg.solve(self.M, self.K), -np.linalg.solve(self.M, self.C)]]
-        )
-        return modes_of(state)
+        lower = -np.linalg.solve(self.M, np.hstack([self.K, self.C]))
+        return modes_of(np.vstack([np.eye(6, 12, 6), lower]))
 
 
 def modes_of(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

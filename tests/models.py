@@ -28,28 +28,20 @@ def saved(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
     return file
 
 
-def model(name: str, *changes: tuple[str, str]) -> "mujoco.MjModel":
-    """The model, compiled once: who asks for it gets a copy."""
-    return copy.copy(_compiled(text(name, *changes)))
-
-
-def with_locks(name: str, *changes: tuple[str, str]) -> "mujoco.MjModel":
-    """The same, with a lock added for every actuator, as `load_model` adds them."""
-    return copy.copy(_with_locks(text(name, *changes)))
+def model(name: str, *changes: tuple[str, str], add_locks: bool = False) -> "mujoco.MjModel":
+    """The model, compiled once, as it is or as `load_model` adds locks: who asks gets a copy."""
+    return copy.copy(_compiled(text(name, *changes), add_locks))
 
 
 @cache
-def _with_locks(xml: str) -> "mujoco.MjModel":
+def _compiled(xml: str, add_locks: bool) -> "mujoco.MjModel":
+    import mujoco
+
     from sim import load_model
 
+    if not add_locks:
+        return mujoco.MjModel.from_xml_string(xml)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.xml"
         file.write_text(xml)
         return load_model(file, add_locks=True)
-
-
-@cache
-def _compiled(xml: str) -> "mujoco.MjModel":
-    import mujoco
-
-    return mujoco.MjModel.from_xml_string(xml)

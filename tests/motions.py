@@ -1,10 +1,9 @@
-"""Motions on the manifold of positions, and everything that a mechanism can do."""
+"""Motions on the manifold of positions, and slopes along them."""
 
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
-import scipy.linalg
 
 from prioritized import ConstrainedSystem
 from prioritized._kinematics import Kinematics
@@ -14,18 +13,6 @@ from sim import Jacobians
 def kinematics(jac: Jacobians) -> Kinematics:
     """Of the healthy system."""
     return ConstrainedSystem(jac.J_T, jac.J_C, jac.active).kinematics()
-
-
-def motions(kin: Kinematics) -> np.ndarray:
-    """Basis (N, .) of all admissible velocities, those of surviving actuators included."""
-    active = np.eye(len(kin.active))
-    if kin.active_constraint.size:
-        active = scipy.linalg.null_space(kin.active_constraint)
-    free = kin.passive_self_motion
-    basis = np.zeros((len(kin.active) + len(kin.passive), active.shape[1] + free.shape[1]))
-    basis[kin.active, : active.shape[1]] = active
-    basis[kin.passive] = np.hstack([kin.passive_gain @ active, free])
-    return basis
 
 
 def shifted(model: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray) -> mujoco.MjData:

@@ -1,8 +1,7 @@
 """Random mechanisms whose ranks are drawn, and oracles that eliminate nothing.
 
-Every size and every rank is a drawn integer, so that a failing example shrinks to the smallest
-mechanism that still fails; only the entries come from a seed.  What is not zero by rank is between
-0.5 and 2, so that each rank is far from the threshold and 1e-8 separates zero from the rest.
+Sizes and ranks are drawn integers, that shrink; entries come from a seed.  What is not zero by rank
+is between 0.5 and 2, so that 1e-8 separates zero from the rest.
 """
 
 from dataclasses import dataclass
@@ -33,24 +32,14 @@ def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.
 
 @dataclass(frozen=True)
 class Drawn:
-    """A system and the ranks it was made from.
-
-    Attributes:
-        system: The mechanism.
-        reach: Dimension of the task velocities that the actuators reach.
-        bound: Number of active rates that the loops forbid.
-        internal: Dimension of the internal forces.
-        self_motion: Dimension of the task motion with every active joint held.
-        idle: Dimension of the passive motion that the task does not see.
-        rng: For whatever else the test needs.
-    """
+    """A system, the ranks it was made from, and numbers for whatever else the test needs."""
 
     system: ConstrainedSystem
-    reach: int
-    bound: int
-    internal: int
-    self_motion: int
-    idle: int
+    reach: int  # dimension of the task velocities that the actuators reach
+    bound: int  # number of active rates that the loops forbid
+    internal: int  # dimension of the internal forces
+    self_motion: int  # dimension of the task motion with every active joint held
+    idle: int  # dimension of the passive motion that the task does not see
     rng: np.random.Generator
 
 

@@ -1,6 +1,5 @@
 """The compiled parts of a simulated tick, against numpy and scipy over random poses."""
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,14 +8,9 @@ from fjh.rig.hexapod.closed_form import Hexapod
 from kernels import lib, pointer
 from sim import Bench, Plant, Pose, load_model
 from sim.plant import TaskSensor
+from tests.sim.machines import started
 
 seeds = pytest.mark.parametrize("seed", range(8))
-
-
-def machine(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Bottom and top nodes of struts that are long enough to have a direction."""
-    bottom, top = rng.normal(size=(2, 6, 3))
-    return bottom - [0, 0, 5], top
 
 
 def pose(rng: np.random.Generator, *batch: int) -> Pose:
@@ -39,7 +33,8 @@ def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
 def test_a_step_ends_where_the_twist_of_the_missing_lengths_leads(seed):
     """And the struts follow to second order of the step."""
     rng = np.random.default_rng(seed)
-    geometry, at = Hexapod(*machine(rng)), pose(rng)
+    bottom, top = rng.normal(size=(2, 6, 3))
+    geometry, at = Hexapod(bottom - [0, 0, 5], top), pose(rng)  # struts long enough for a direction
     here = geometry.posture(at)
     asked = here.displacement_m + 1e-6 * rng.normal(size=6)
     twist = np.linalg.solve(here.inverse_jacobian, asked - here.displacement_m)
@@ -84,19 +79,10 @@ def test_the_largest_gap_in_its_unit_hides_none_that_is_not_finite(bad):
     np.testing.assert_array_equal(found, np.abs(gaps * units)[:7].max())
 
 
-MIXED = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" stiffness="9"/>
-<geom size=".1"/><site name="payload" pos="1 0 0"/>
-<body pos="1 0 0"><joint name="t" axis="0 1 0"/><geom size=".1"/></body></body></worldbody>
-<tendon><fixed name="t" stiffness="5"><joint joint="t" coef="2"/></fixed></tendon>
-<equality><joint name="lock2" joint1="j" active="false"/></equality>
-<actuator><position tendon="t" gear="3" kp="40"/><motor joint="j"/></actuator></mujoco>"""
-"""Drives of both kinds, a tendon first; seen from the world."""
-
-
 @pytest.mark.parametrize("mixed", [False, True], ids=["hexapod", "tendon and joint"])
 def test_a_log_has_what_the_plant_says_of_itself_at_each_tick(mixed):
-    model = mujoco.MjModel.from_xml_string(MIXED) if mixed else load_model()
-    plant = Plant(model, base=None) if mixed else Plant(model)
+    """Also with drives of both kinds, seen from the world."""
+    plant = started("drives") if mixed else Plant(load_model())
     sensors, period_s = TaskSensor([0], 0.0, 0.0, seed=0), plant.model.opt.timestep * 4
     bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, keep_qpos=True)
     for tick in range(3):

@@ -1,20 +1,21 @@
 """Machines that tests of several modules share, in the states in which they begin."""
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import pytest
 import scipy.linalg
 
-from sim import HEXAPOD_MJCF, Pin, Plant, assemble, linearize, load_model
-from sim.mjcf.frame import Body
-from tests.models import model, with_locks
+from sim import MODELS, Plant, assemble, linearize, load_model
+from tests.models import model
 from tests.motions import shifted
 
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
 """Models of this repository that a plant moves."""
 SPARSE = 'jacobian="dense"', 'jacobian="sparse"'
+stored = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
 
 
 def at(of: mujoco.MjModel, **joints: object) -> mujoco.MjData:
@@ -59,26 +60,13 @@ def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoc
     return data
 
 
-# Walker.
-
-FEET = tuple(Pin(Body(f"foot_{side}"), weld=True) for side in "lr")
-
-
-def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The model, standing with bent knees."""
-    of = model("walker")
-    data = mujoco.MjData(of)
-    data.qpos[:] = [0.0, -0.035731, 0.0, *2 * (-0.3, 0.6, -0.3), -0.9, 0.8]
-    mujoco.mj_forward(of, data)
-    return of, data
-
-
-def feet_of(data: mujoco.MjData) -> np.ndarray:
-    """Where the feet are: positions and quaternions, shape (14,)."""
-    return np.concatenate([[*data.body(f).xpos, *data.body(f).xquat] for f in ("foot_l", "foot_r")])
-
-
 # Plants.
+
+
+@cache
+def humanoid() -> mujoco.MjModel:
+    return load_model(MODELS / "humanoid.xml")
+
 
 POSES = {
     "drives": {"shoulder": 0.4, "elbow": 0.5, "tube": 0.02, "lift": 0.05, "pin": 0.3},
@@ -90,7 +78,7 @@ WORLD: dict[str, Any] = {"base": None, "payload": "tool"}
 
 def posed(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A model with locks, and a closed start."""
-    of = with_locks(name, *changes)
+    of = model(name, *changes, add_locks=True)
     return of, assemble(of, at(of, **POSES[name]))
 
 
@@ -111,27 +99,107 @@ def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel
       <actuator>{actuators}</actuator></mujoco>""")
 
 
+# Transmissions of every kind on one linkage, `tests/models/linkage.xml`.
+
+FREEDOMS = 7
+
+
+class Case(NamedTuple):
+    """Actuators; of each velocity the name, the actuators that share it, and their gears."""
+
+    mjcf: str
+    drives: list[tuple[str, tuple[str, ...], tuple[float, ...]]]
+
+
+CASES = {
+    "hinge": Case('<motor name="m" joint="crank" gear="-50"/>', [("crank", ("m",), (-50.0,))]),
+    "hinge in parent": Case('<motor name="m" jointinparent="knee"/>', [("knee", ("m",), (1.0,))]),
+    "position and velocity servo": Case(
+        '<position name="p" joint="crank" gear="2"/><velocity name="v" joint="crank" gear="3"/>',
+        [("crank", ("p", "v"), (2.0, 3.0))],
+    ),
+    "muscles on a joint": Case(
+        '<muscle name="a" joint="knee" gear="0.1" lengthrange="-1 1" force="9"/>'
+        '<muscle name="b" joint="knee" gear="-0.2" lengthrange="-1 1" force="9"/>',
+        [("knee", ("a", "b"), (0.1, -0.2))],
+    ),
+    "muscles on a tendon": Case(
+        '<muscle name="a" tendon="cable" lengthrange="-1 1" force="9"/>'
+        '<muscle name="b" tendon="cable" gear="-1" lengthrange="-1 1" force="9"/>',
+        [("cable", ("a", "b"), (1.0, -1.0))],
+    ),
+    "fixed tendon": Case('<motor name="m" tendon="cable" gear="3"/>', [("cable", ("m",), (3.0,))]),
+    "pulley": Case('<motor name="m" tendon="hoist" gear="-2"/>', [("hoist", ("m",), (-2.0,))]),
+    "wrapping": Case('<motor name="m" tendon="wrap" gear="2"/>', [("wrap", ("m",), (2.0,))]),
+    "slider-crank": Case(
+        '<motor name="m" cranksite="end" slidersite="deck" cranklength="0.9" gear="2"/>',
+        [("m", ("m",), (2.0,))],
+    ),
+    "site with refsite": Case(
+        '<motor name="m" site="tool" refsite="post" gear="3 0 -4 0 0 0"/>', [("m", ("m",), (5.0,))]
+    ),
+    # Without a length, or with one whose slope is not the velocity, as the rotation vector's.
+    "site": Case('<motor name="m" site="tool" gear="0 3 0 4 0 0"/>', [("m", ("m",), (5.0,))]),
+    "turn of a site": Case(
+        '<motor name="m" site="tool" refsite="post" gear="0 0 0 0 -1 0"/>', [("m", ("m",), (1.0,))]
+    ),
+    "thrusters": Case(
+        '<motor name="a" site="buoy" gear="0 0 3 0 4 0"/>'
+        '<motor name="b" site="buoy" gear="0 0 -6 0 -8 0"/>',
+        [("a", ("a", "b"), (5.0, -10.0))],
+    ),
+    "thrusters that cross": Case(
+        '<motor name="a" site="buoy" gear="0 0 3 0 4 0"/>'
+        '<motor name="b" site="buoy" gear="0 0 3 0 -4 0"/>',
+        [("a", ("a",), (5.0,)), ("b", ("b",), (5.0,))],
+    ),
+    "ball": Case('<motor name="m" joint="wrist" gear="2 -1 2"/>', [("m", ("m",), (3.0,))]),
+    "ball, also in parent": Case(
+        '<motor name="a" joint="wrist" gear="1 2 2"/>'
+        '<motor name="b" jointinparent="wrist" gear="1 2 2"/>',
+        [("a", ("a",), (3.0,)), ("b", ("b",), (3.0,))],
+    ),
+    "free": Case('<motor name="m" joint="float" gear="1 0 2 0 0 -2"/>', [("m", ("m",), (3.0,))]),
+    "orientation servo": Case(
+        '<orientation name="m" joint="wrist" kp="3"/><motor name="b" joint="crank" gear="7"/>',
+        [("m", ("m",), (1.0,))] * 3 + [("crank", ("b",), (7.0,))],
+    ),
+}
+
+
+TWO = '<motor name="m1" joint="crank" gear="-3"/><motor name="m2" jointinparent="knee"/>'
+
+
+def linkage(*changes: tuple[str, str], actuators: str = TWO) -> mujoco.MjModel:
+    """The linkage with these actuators."""
+    return model("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"), *changes)
+
+
+def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """And a random closed state."""
+    of = linkage(actuators=actuators)
+    return of, closed(of, seed)
+
+
 # Hexapod.
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
-
-def edited(*replacements: tuple[str, str]) -> mujoco.MjModel:
-    """The hexapod with its MJCF text changed: how a check is shown to fail."""
-    text = HEXAPOD_MJCF.read_text()
-    for old, new in replacements:
-        assert old in text
-        text = text.replace(old, new)
-    return mujoco.MjModel.from_xml_string(text)
-
-
-def mode_shapes(of: mujoco.MjModel) -> np.ndarray:
+@cache
+def mode_shapes() -> np.ndarray:
     """Generalized velocities of the six undamped modes, orthonormal on the loops, shape (6, nv)."""
-    plant = Plant(of)
+    plant = Plant(load_model())
     stiffness = -linearize(plant.model, plant.data).A[6:, :6]
     values, vectors = map(np.real, np.linalg.eig(stiffness))
     Z = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
     return (Z @ vectors[:, np.argsort(values)]).T
+
+
+@cache
+def settled(seconds: float) -> Plant:
+    """The hexapod: to be copied."""
+    plant = Plant(load_model())
+    plant.settle(seconds)
+    return plant
 
 
 def ring_down(of: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
@@ -152,26 +220,3 @@ def pole_of(samples: np.ndarray, dt: float) -> complex:
     history = np.column_stack([samples[1:-1], samples[:-2]])
     a, b = np.linalg.lstsq(history, samples[2:], rcond=None)[0]
     return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / dt
-
-
-def state_of(plant: Plant) -> np.ndarray:
-    """All that a run begins with."""
-    state = np.empty(mujoco.mj_stateSize(plant.model, STATE))
-    mujoco.mj_getState(plant.model, plant.data, state, STATE)
-    return state
-
-
-@cache
-def settled_state(seconds: float) -> np.ndarray:
-    """Of the hexapod."""
-    plant = Plant(load_model())
-    plant.settle(seconds)
-    return state_of(plant)
-
-
-def resumed(state: np.ndarray) -> Plant:
-    """The hexapod in such a state."""
-    plant = Plant(load_model())
-    mujoco.mj_setState(plant.model, plant.data, state, STATE)
-    mujoco.mj_forward(plant.model, plant.data)
-    return plant

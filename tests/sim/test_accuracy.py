@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -10,37 +9,15 @@ import pytest
 
 from fjh.ik import Ik
 from prioritized import ConstrainedSystem
-from sim import (
-    MODELS,
-    CenterOfMass,
-    FrameTask,
-    JacobianReader,
-    Jacobians,
-    jacobians,
-    load_model,
-)
+from sim import MODELS, CenterOfMass, FrameTask, JacobianReader, Jacobians, jacobians, load_model
 from sim.mjcf.accuracy import roundings
 from tests.models import model
 from tests.motions import kinematics
 from tests.sim.machines import at, stretched
 
-EXACT = (0, 0, 3)
-"""Three freedoms, each driven: no self-motion, no constraint."""
-
-
-def exact(x: float) -> str:
-    return f"{x:.17g}"
-
-
-def six_digits(x: float) -> str:
-    return f"{x:.6g}"
-
 
 def three_rrr(
-    write: Callable[[float], str] = exact,
-    axes: np.ndarray | None = None,
-    base: str = "",
-    driven: str = "",
+    digits: int = 17, axes: np.ndarray | None = None, base: str = "", driven: str = ""
 ) -> mujoco.MjModel:
     """A planar 3-RRR: seven hinges, two connects of which one row each is redundant.
 
@@ -51,36 +28,26 @@ def three_rrr(
     tips, knees = 0.3 * feet + 0.01234567, np.array([[0.8, 0.3], [-0.75, 0.25], [-0.1, -0.85]])
 
     def place(v: np.ndarray) -> str:
-        return " ".join(map(write, (*v, 0.0)))
+        return " ".join(f"{x:.{digits}g}" for x in (*v, 0.0))
 
-    def axis(k: int) -> str:
-        return " ".join(map(exact, axes[k]))
+    def link(name: str, at: np.ndarray, k: int, carried: str = "") -> str:
+        axis = " ".join(f"{x:.17g}" for x in axes[k])
+        joint = f'<joint name="j{k}" axis="{axis}"/><geom size="0.05"/>'
+        return f'<body name="{name}" pos="{place(at)}">{joint}{carried}</body>'
 
-    def leg(k: int, carried: str) -> str:
-        return f"""
-        <body name="thigh{k}" pos="{place(feet[k])}">
-          <joint name="foot{k}" axis="{axis(2 * k)}"/><geom size="0.05"/>
-          <body name="shank{k}" pos="{place(knees[k] - feet[k])}">
-            <joint name="knee{k}" axis="{axis(2 * k + 1)}"/><geom size="0.05"/>{carried}
-          </body>
-        </body>"""
-
-    platform = f"""
-        <body name="platform" pos="{place(tips[0] - knees[0])}">
-          <joint name="tip0" axis="{axis(6)}"/><geom size="0.05"/><site name="tool"/>
-        </body>"""
+    legs = [link("platform", tips[0] - knees[0], 6, '<site name="tool"/>'), "", ""]
+    for k in range(3):
+        shank = link(f"shank{k}", knees[k] - feet[k], 2 * k + 1, legs[k])
+        legs[k] = link(f"thigh{k}", feet[k], 2 * k, shank)
     closures = "".join(
         f'<connect body1="shank{k}" body2="platform" anchor="{place(tips[k] - knees[k])}"/>'
         for k in (1, 2)
     )
-    motors = "".join(f'<motor joint="foot{k}"/>' for k in range(3))
-    return mujoco.MjModel.from_xml_string(f"""
-    <mujoco>
+    return mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option><flag contact="disable"/></option>
-      <worldbody><body name="base">{base}<geom size="0.1"/>
-        {leg(0, platform)}{leg(1, "")}{leg(2, "")}
-      </body></worldbody>
-      <equality>{closures}</equality><actuator>{motors}{driven}</actuator>
+      <worldbody><body name="base">{base}<geom size="0.1"/>{"".join(legs)}</body></worldbody>
+      <equality>{closures}</equality>
+      <actuator><motor joint="j0"/><motor joint="j2"/><motor joint="j4"/>{driven}</actuator>
     </mujoco>""")
 
 
@@ -95,13 +62,6 @@ def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, in
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
 
-def skewed(size: float, seed: int) -> np.ndarray:
-    """Every axis off by some such angle."""
-    axes = np.tile([0.0, 0.0, 1.0], (7, 1))
-    axes[:, :2] = size * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
-    return axes
-
-
 # One number of the whole geometry.
 
 
@@ -112,12 +72,12 @@ def test_exact_numbers_show_no_rounding():
     jac = taken(three_rrr())
     assert jac.geometry_accuracy < 1e-15
     assert not jac.accuracy.J_T_error.any()
-    assert verdict(jac) == EXACT
+    assert verdict(jac) == (0, 0, 3)
 
 
 def test_rounded_numbers_show_their_rounding():
     """Half a unit in the last of six digits, by the largest length; one component not quite 0."""
-    assert 4e-7 < taken(three_rrr(six_digits)).geometry_accuracy < 5.1e-6
+    assert 4e-7 < taken(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
     for component in range(7):
         axes = np.tile([0.0, 0.0, 1.0], (7, 1))
         axes[component, 0] = 1e-8
@@ -127,10 +87,12 @@ def test_rounded_numbers_show_their_rounding():
 @pytest.mark.parametrize("seed", range(5))
 def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
     """Off by 1e-8, without it, the loops seem to hold the machine."""
-    for rounded in (three_rrr(six_digits), three_rrr(axes=skewed(1e-8, seed))):
+    skewed = np.tile([0.0, 0.0, 1.0], (7, 1))
+    skewed[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
+    for rounded in (three_rrr(digits=6), three_rrr(axes=skewed)):
         jac = taken(rounded)
         assert jac.geometry_accuracy > 1e-9
-        assert verdict(jac, jac.geometry_accuracy) == EXACT
+        assert verdict(jac, jac.geometry_accuracy) == (0, 0, 3)
         kin = ConstrainedSystem.of(jac).kinematics()
         assert (kin.self_motion.shape[1], len(kin.active_constraint)) == (0, 0)
     assert verdict(jac)[1] > 0
@@ -139,31 +101,20 @@ def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
 
 
 BASE = '<joint name="base" axis="0.3 -0.5 0.8" pos="0.2 0.1 -0.3"/>'
-DRIVEN = '<motor joint="base"/>'
 
 
-def parallelogram(base: str = BASE, driven: str = DRIVEN) -> mujoco.MjModel:
+def parallelogram(base: str, driven: str) -> mujoco.MjModel:
     joint, motor = '<joint name="base" axis="0 0 1"/>', '<motor name="turn" joint="base"/>'
     return model("parallelogram", (joint, base), (motor, driven))
 
 
 @pytest.mark.parametrize("gap", [1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
-@pytest.mark.parametrize(
-    ("make", "expected", "rate"),
-    [
-        (lambda: parallelogram(driven=""), (1, 0, 1), 10),
-        (parallelogram, (0, 0, 2), 10),
-        (lambda: three_rrr(base=BASE), (1, 0, 3), 150),
-        (lambda: three_rrr(base=BASE, driven=DRIVEN), (0, 0, 4), 150),
-    ],
-    ids=["four-bar", "four-bar, base driven", "3-RRR", "3-RRR, base driven"],
-)
-def test_no_gap_of_a_loop_changes_a_verdict(make, expected, rate, gap):
-    """Rows taken at two points, that far apart, would make constraints of redundant ones.
-
-    And rates depend on a gap by no more than its size.
-    """
-    mechanism = make()
+@pytest.mark.parametrize("driven", ["", '<motor joint="base"/>'], ids=["base free", "base driven"])
+@pytest.mark.parametrize(("make", "reach", "rate"), [(parallelogram, 1, 10), (three_rrr, 3, 150)])
+def test_no_gap_of_a_loop_changes_a_verdict(make, reach, rate, driven, gap):
+    """Rows taken at two points would; and rates depend on a gap by no more than its size."""
+    mechanism = make(base=BASE, driven=driven)
+    expected = (0, 0, reach + 1) if driven else (1, 0, reach)
     exact = kinematics(taken(mechanism)).J
     for axis in range(3):
         of = copy.copy(mechanism)
@@ -180,21 +131,18 @@ def test_no_gap_of_a_loop_changes_a_verdict(make, expected, rate, gap):
 def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:
     """Five links in space, lengths of six decimals in 10^-unit m, directions of four."""
 
-    def text(numbers: np.ndarray, exponent: int = 0) -> str:
-        return " ".join(f"{x}e{exponent}" for x in numbers)
+    def place() -> str:
+        return " ".join(f"{x}e{unit}" for x in rng.uniform(-0.2, 0.2, size=3).round(6))
+
+    def way(size: int) -> str:
+        v = rng.normal(size=size)
+        return " ".join(map(str, (v / np.linalg.norm(v)).round(4)))
 
     links = ""
     for k in range(5):
-        offset, axis = rng.uniform(-0.2, 0.2, size=3).round(6), rng.normal(size=3)
-        quat = rng.normal(size=4)
-        unit_axis, unit_quat = (v / np.linalg.norm(v) for v in (axis, quat))
-        kind = "slide" if k == 3 else "hinge"
-        links += (
-            f'<body name="b{k}" pos="{text(offset, unit)}" quat="{text(unit_quat.round(4))}">'
-            f'<joint name="j{k}" type="{kind}" axis="{text(unit_axis.round(4))}"/>'
-            '<geom size="0.01" mass="1"/>'
-        )
-    tip = f'<site name="tip" pos="{text(rng.uniform(-0.2, 0.2, size=3).round(6), unit)}"/>'
+        links += f'<body name="b{k}" pos="{place()}" quat="{way(4)}"><geom size="0.01" mass="1"/>'
+        links += f'<joint name="j{k}" type="{"slide" if k == 3 else "hinge"}" axis="{way(3)}"/>'
+    tip = f'<site name="tip" pos="{place()}"/>'
     motors = "".join(f'<motor joint="j{k}"/>' for k in range(5))
     return mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody>{links}{tip}{'</body>' * 5}</worldbody>{loops}"
@@ -213,9 +161,6 @@ def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
     return other
 
 
-LOOPS = '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'
-
-
 def read(model: mujoco.MjModel, qpos: np.ndarray):
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
@@ -223,7 +168,10 @@ def read(model: mujoco.MjModel, qpos: np.ndarray):
 
 
 @pytest.mark.parametrize("draws", [15, pytest.param(40, marks=pytest.mark.long)])
-@pytest.mark.parametrize("loops", ["", LOOPS])
+@pytest.mark.parametrize(
+    "loops",
+    ["", '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'],
+)
 @pytest.mark.parametrize("seed", range(5))
 def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws):
     """And the worst of the draws comes within a factor of ten of the largest error."""
@@ -244,24 +192,21 @@ def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws
     assert accuracy.error_bound < 100.0 * (errors[0] / natural[0][:, None]).max()
 
 
-SIX_DIGITS = [
-    "0.081 0.05 0.237 0.0616248:7 0.0616301:7 -0.704416:6 0.704416:6",
-    "0 0.216572:6 0.10541:5 0.00812345:8 0.999941:6 0.00213498:8 0.00701352:8",
-]
-NO_ZEROS = [
-    "0.0128347:7 -0.0405043:7 0.0203:7 0.0616248:7 0.06163:7 -0.704416:6 0.704416:6",
-    "0.31:6 0.0188531:7 0.0573:7 0.342813:6 -0.6184:6 0.6186:6 0.342628:6",
-]
-SIX_DECIMALS = [
-    "0.312346:6 -1.2:6 0.0323:6 0.061625:6 0.06163:6 -0.704416:6 0.704416:6",
-    "-1.032346:6 1.302:6 0.023432:6 0.999941:6 0.00213:6 0.008123:6 0.007014:6",
-]
-
-
-@pytest.mark.parametrize("numbers", [SIX_DIGITS, NO_ZEROS, SIX_DECIMALS])
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        "0.081 0.05 0.237 0.0616248:7 0.0616301:7 -0.704416:6 0.704416:6 "
+        "0 0.216572:6 0.10541:5 0.00812345:8 0.999941:6 0.00213498:8 0.00701352:8",
+        "0.0128347:7 -0.0405043:7 0.0203:7 0.0616248:7 0.06163:7 -0.704416:6 0.704416:6 "
+        "0.31:6 0.0188531:7 0.0573:7 0.342813:6 -0.6184:6 0.6186:6 0.342628:6",
+        "0.312346:6 -1.2:6 0.0323:6 0.061625:6 0.06163:6 -0.704416:6 0.704416:6 "
+        "-1.032346:6 1.302:6 0.023432:6 0.999941:6 0.00213:6 0.008123:6 0.007014:6",
+    ],
+    ids=["six digits", "no zeros", "six decimals"],
+)
 def test_no_text_within_its_rounding_moves_an_entry_farther(numbers):
     """Behind each number the decimals it had before its zeros were dropped; none if exact."""
-    written = [text.partition(":")[::2] for text in " ".join(numbers).split()]
+    written = [text.partition(":")[::2] for text in numbers.split()]
     exact = np.array([float(x) for x, _ in written])
     halves = np.array(
         [0.5 * 10.0 ** -int(decimals) if decimals else 0.0 for _, decimals in written]
@@ -316,7 +261,7 @@ def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, roun
 
 def test_no_tick_copies_the_model(monkeypatch):
     """Of a robot with meshes a copy takes longer than a tick."""
-    model, copies = three_rrr(six_digits), []
+    model, copies = three_rrr(digits=6), []
     data, task = at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
     task.target = data.site("tool").xpos + 0.02
     ik = Ik(model, [task])

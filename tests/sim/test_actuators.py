@@ -2,7 +2,6 @@
 
 import copy
 import re
-from collections.abc import Sequence
 from functools import cache
 
 import mujoco
@@ -10,25 +9,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from prioritized import ConstrainedSystem
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
 from tests.models import model as model_of
-from tests.models import with_locks
+from tests.motions import kinematics
 from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
 
 PERIOD_S = 5e-3
-
-
-@pytest.fixture(params=POSES)
-def robot(request) -> Plant:
-    return started(request.param)
-
-
-def again(plant: Plant) -> Plant:
-    """Another one of the same start."""
-    start = mujoco.MjData(plant.model)
-    start.qpos[:] = plant.data.qpos
-    return Plant(plant.model, base=None, payload="tool", start=start)
 
 
 def applied(plant: Plant) -> np.ndarray:
@@ -38,13 +24,6 @@ def applied(plant: Plant) -> np.ndarray:
 
 
 # Held still.
-
-
-def test_a_machine_that_is_held_stays_where_it_starts(robot):
-    """Under weight and springs."""
-    robot.settle(2.0)
-    assert np.abs(robot.displacements()).max() < 1e-6
-    assert np.abs(robot.displacement()).max() < 1e-6
 
 
 def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
@@ -83,7 +62,7 @@ def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
     assert np.abs(plant.displacements()).max() < 1e-6
 
 
-TRUNK = """<mujoco><worldbody><body name="trunk"><joint type="{}" axis="0 1 0" name="root"/>
+TRUNK = """<mujoco><worldbody><body name="trunk"><joint type="{}" axis="0 1 0" name="root" {}/>
   <geom size="0.1" pos="0.1 0 0"/><body><joint name="a"/><geom size="0.1"/>
   <site name="tool" pos="1 0 0"/></body></body></worldbody>
   <equality><joint name="lock1" joint1="a" active="false"/></equality>
@@ -92,46 +71,24 @@ TRUNK = """<mujoco><worldbody><body name="trunk"><joint type="{}" axis="0 1 0" n
 
 @pytest.mark.parametrize("joint", ["free", "hinge"])
 def test_what_no_actuator_holds_is_named_and_floats_without_gravity(joint):
-    model = mujoco.MjModel.from_xml_string(TRUNK.format(joint))
-    start = mujoco.MjData(model)
+    model = mujoco.MjModel.from_xml_string(TRUNK.format(joint, ""))
     with pytest.raises(ModelError, match=r'^gravity moves .*joint "root": no actuator holds it$'):
-        Plant(model, **WORLD, start=start)
+        Plant(model, **WORLD, start=mujoco.MjData(model))
     model.opt.gravity[:] = 0.0
-    plant = Plant(model, **WORLD, start=start)
+    plant = Plant(model, **WORLD, start=mujoco.MjData(model))
     plant.settle(0.1)
     assert not plant.displacement().any()
 
 
-CRANK = """    <position name="crank" cranksite="pin" slidersite="rail" cranklength="0.8" gear="2"
-      kp="5e4" kv="3e3" ctrlrange="-0.7 -0.62"/>
-"""
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (
-            [(CRANK, ""), ('name="pin" axis', 'name="pin" stiffness="9" springref="1" axis')],
-            '^a spring moves the joint "pin": no actuator holds it',
-        ),
-        (
-            [('name="geared"', 'name="geared" forcerange="-0.1 0.1"')],
-            '"geared" cannot hold the start',
-        ),
-        (
-            [('ctrlrange="-0.7 -0.62"', 'ctrlrange="0 0.1"')],
-            '"crank" cannot hold the start: .* 0..0.1',
-        ),
-    ],
-)
-def test_a_start_that_actuators_cannot_hold_is_refused(changes, words):
-    if "spring" in words:
-        changes = [("<option ", '<option gravity="0 0 0" '), *changes]
-    with pytest.raises(ModelError, match=words):
-        started("drives", *changes)
-
-
-def test_a_start_that_is_open_is_refused():
+def test_a_start_that_springs_actuators_or_loops_do_not_hold_is_refused():
+    sprung = mujoco.MjModel.from_xml_string(TRUNK.format("hinge", 'stiffness="9" springref="1"'))
+    sprung.opt.gravity[:] = 0.0
+    with pytest.raises(ModelError, match=r'^a spring moves the joint "root": no actuator holds it'):
+        Plant(sprung, **WORLD, start=mujoco.MjData(sprung))
+    with pytest.raises(ModelError, match='"geared" cannot hold the start'):
+        started("drives", ('name="geared"', 'name="geared" forcerange="-0.1 0.1"'))
+    with pytest.raises(ModelError, match=r'"crank" cannot hold the start: .* 0..0.1'):
+        started("drives", ('ctrlrange="-0.7 -0.62"', 'ctrlrange="0 0.1"'))
     model, _ = posed("squeezed_loop")
     with pytest.raises(ClosureError, match=r"call sim\.assemble"):
         Plant(model, **WORLD, start=at(model, left=0.3))
@@ -140,27 +97,14 @@ def test_a_start_that_is_open_is_refused():
 # Commands.
 
 
-def steps(plant: Plant) -> np.ndarray:
-    """A small displacement of each drive alone, or one that loops allow; (., n)."""
-    size = 1e-4 * np.eye(len(plant.drives))
-    if plant.model.neq and plant.data.eq_active.any():
-        kin = kinematics(plant)
-        size = size @ scipy.linalg.orth(scipy.linalg.null_space(kin.active_constraint)).T[:2].T
-        return (size @ np.linalg.pinv(size) * 1e-4)[:2]
-    return size
-
-
-def kinematics(plant: Plant):
-    start = mujoco.MjData(plant.model)
-    start.qpos[:], start.eq_active[:] = plant.data.qpos, plant.data.eq_active
-    return ConstrainedSystem.of(jacobians(plant.model, start, "tool")).kinematics()
-
-
-def test_a_command_is_answered_as_the_linear_model_says_and_reached(robot):
+@pytest.mark.parametrize("name", POSES)
+def test_a_command_is_answered_as_the_linear_model_says_and_reached(name):
     """Transient within 1 % of the peak; at rest the payload has moved by the Jacobian."""
-    lin, J = robot.linear(), kinematics(robot).J
-    for command in steps(robot):
-        plant, size = again(robot), len(lin.A)
+    of, start = posed(name)
+    robot, kin = Plant(of, **WORLD, start=start), kinematics(jacobians(of, start, "tool"))
+    lin, Z = robot.linear(), scipy.linalg.null_space(kin.active_constraint)
+    for command in 1e-4 * Z @ Z.T:  # of each drive alone, or what loops allow of it
+        plant, size = copy.deepcopy(robot), len(lin.A)
         drift = np.block([[lin.A, (lin.B @ command)[:, None]], [np.zeros((1, size + 1))]])
         tick, x = scipy.linalg.expm(drift * PERIOD_S), np.eye(size + 1)[-1]
         seen, expected = [], []
@@ -173,8 +117,8 @@ def test_a_command_is_answered_as_the_linear_model_says_and_reached(robot):
         assert error.max() < 0.01 * np.abs(seen).max()
         plant.step(command, 0.5)
         assert np.abs(plant.displacements() - command).max() < 0.01 * np.abs(command).max()
-        off = np.linalg.norm(plant.displacement() - J @ command)
-        assert off <= 0.01 * np.linalg.norm(J @ command) + 1e-9
+        off = np.linalg.norm(plant.displacement() - kin.J @ command)
+        assert off <= 0.01 * np.linalg.norm(kin.J @ command) + 1e-9
 
 
 def test_a_motor_on_a_sprung_tendon_draws_it():
@@ -204,7 +148,6 @@ def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
     np.testing.assert_allclose(plant.linear().B, free, rtol=1e-6)
 
 
-STIFFER = {"joint": 'stiffness="3 1"'}
 REFUSED = [
     ('<motor name="m" joint="a"/>', {}, '"m" is a torque motor, .*sim.servoed'),
     ('<velocity name="m" joint="a" kv="2"/>', {}, '"m" is a velocity servo, whose control is a'),
@@ -215,7 +158,11 @@ REFUSED = [
     ('<general name="m" joint="a" biastype="affine" biasprm="0 2"/>', {}, '"m" pushes away from'),
     ('<position name="m" site="tool" gear="1 0 0 0 0 0"/>', {}, '"m" feels a length that does not'),
     ('<adhesion name="m" body="arm" gain="1" ctrlrange="0 1"/>', {}, '"m" adheres'),
-    ('<motor name="m" joint="a"/>', STIFFER, 'the spring of joint "a" is not linear'),
+    (
+        '<motor name="m" joint="a"/>',
+        {"joint": 'stiffness="3 1"'},
+        'the spring of joint "a" is not linear',
+    ),
     ("", {}, "^the model has no enabled actuator, so nothing can be commanded: add one$"),
 ]
 
@@ -261,22 +208,11 @@ NAMES = {"base": None, "payload": "foot"}
 COMMAND = np.array([0.5, -0.4, 0.3])
 
 
-def three_joints(*changes: tuple[str, str]) -> mujoco.MjModel:
-    """As published, locks added."""
-    return with_locks("three_joints", *changes)
-
-
-STIFF = (
-    ('timestep="5e-4" integrator="implicitfast"', 'timestep="1e-4" integrator="discrete"'),
-    ("<default>", '<default><equality solref="2e-4 1" solimp="0.9999 0.9999 0.001 0.5 2"/>'),
-)
-
-
 @pytest.mark.parametrize(
     ("name", "drive"), [("drives", 0), ("drives", 1), ("drives", 2), ("gantry", 1)]
 )
 def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
-    plant = started(name) if name in POSES else Plant(model_of(name, *STIFF), **WORLD)
+    plant = started(name) if name in POSES else Plant(model_of(name), **WORLD)
     command = 0.01 * np.eye(len(plant.drives))[drive]
     plant.step(command, 0.05)
     Failure(drive, "locked").strike(plant)
@@ -291,7 +227,8 @@ def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
 @pytest.mark.parametrize("actuator", range(3))
 def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
     """While the others move; in a file whose flags disable equalities, of which none comes back."""
-    model, bit = three_joints(), int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
+    model = model_of("three_joints", add_locks=True)
+    bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
     model.opt.disableflags |= bit
     model.jnt_limited[:], model.jnt_range[:] = flag == "CONSTRAINT", [-0.05, 0.05]
     plant, away = Plant(model, **NAMES), 0.0
@@ -307,7 +244,7 @@ def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
 
 def damped(integrator: str, step_s: float, *changes: tuple[str, str]) -> mujoco.MjModel:
     """Whose dampers are those of joints, which every integrator takes implicitly."""
-    model = three_joints(*changes)
+    model = model_of("three_joints", *changes, add_locks=True)
     model.dof_damping[:], model.actuator_biasprm[:, 2] = 20.0, 0.0
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
     model.opt.timestep, model.eq_solref[:] = step_s, [2 * step_s, 1.0]
@@ -350,20 +287,17 @@ def test_a_lock_that_gives_way_says_so_before_anything_flies():
     assert {k: list(v) for k, v in said.items() if v} == {("IMPLICITFAST", 1e-2): [1]}
     words = r'lock of tendon "cable" gives way, by about \d+ % .* implicitfast .* of 10 ms'
     assert re.search(words, said["IMPLICITFAST", 1e-2][1])
-    soft = three_joints(*on_cable)
+    soft = model_of("three_joints", *on_cable, add_locks=True)
     soft.eq_solref[:], soft.eq_solimp[:, 0] = [0.1, 1.0], 0.9
     assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
 
 
-def brakes(*names: str) -> mujoco.MjModel:
-    """With an equality of some name for each joint."""
-    joints = "hip", "knee", "ankle"
-    pairs = zip(names, joints, strict=False)
-    each = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
-    return model_of("three_joints", ("<equality/>", f"<equality>{each}</equality>"))
-
-
 def test_locks_may_have_other_names_and_must_hold_one_joint():
+    def brakes(*names: str) -> mujoco.MjModel:
+        pairs = zip(names, ("hip", "knee", "ankle"), strict=False)
+        each = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
+        return model_of("three_joints", ("<equality/>", f"<equality>{each}</equality>"))
+
     plant = Plant(brakes("a", "b", "c"), **NAMES)
     plant.lock(2)
     np.testing.assert_array_equal(plant.data.eq_active, [False, False, True])
@@ -384,10 +318,7 @@ def test_what_has_no_lock_is_refused_when_it_is_to_lock():
 
 
 def test_all_actuators_of_a_drive_weaken_and_are_released_together():
-    """By the product, in any state: a servo whose gain alone were less would pull elsewhere.
-
-    The others keep their forces, and their springs.
-    """
+    """By the product, in any state; the others keep their forces, and their springs."""
     shift, number = 1e-3 * np.random.default_rng(0).normal(size=(3, 20)), range(8)
     for k in number:
         plant = started("drives")
@@ -416,7 +347,7 @@ def test_all_actuators_of_a_drive_weaken_and_are_released_together():
 @pytest.mark.parametrize("off", [None, 0, 7, 30])
 def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
     """What the model has switched off stays off."""
-    model, number = three_joints(), range(3)
+    model, number = model_of("three_joints", add_locks=True), range(3)
     model.actuator_group[:] = groups
     model.opt.disableactuator = 0 if off is None else 1 << off
     on = [k for k in number if groups[k] != off]
@@ -433,11 +364,6 @@ def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
 
 
 # Repair.
-
-
-ONE_AFTER_ANOTHER = ("weak", "locked", "weak", "free", "loose")
-KINDS = (*[(kind,) for kind in dict.fromkeys(ONE_AFTER_ANOTHER)], ONE_AFTER_ANOTHER)
-"""What an actuator has before it is repaired."""
 
 
 @pytest.fixture(params=["fjh", "arm", "drives"])
@@ -457,15 +383,17 @@ def of_failures(plant: Plant) -> bytes:
     return content.tobytes() + plant.data.eq_active.tobytes()
 
 
-def strike(plant: Plant, actuator: int, kinds: Sequence[str]) -> None:
-    """Failures that it can have."""
+def strike(plant: Plant, actuator: int, kinds: str) -> None:
+    """Failures that it can have, one after the other."""
     drive = plant.drives[actuator]
-    for kind in kinds:
+    for kind in kinds.split():
         if kind != "locked" or drive.joint is not None or drive.tendon is not None:
             Failure(actuator, kind).strike(plant)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("kinds", KINDS, ids=" ".join)
+@pytest.mark.parametrize(
+    "kinds", ["weak", "locked", "free", "loose", "weak locked weak free loose"]
+)
 def test_repair_gives_the_model_back_all_that_failures_take(plant, kinds):
     """Of the one that is repaired: what another has lost it goes without."""
     before = of_failures(plant)

@@ -166,18 +166,16 @@ def test_a_margin_beyond_the_distance_of_detection_is_refused():
         Distances(two("box", "plane"), margin_m=0.05)
 
 
-TORUS = """<mujoco>
-  <extension><plugin plugin="mujoco.sdf.torus"><instance name="torus"/></plugin></extension>
-  <asset><mesh name="torus"><plugin instance="torus"/></mesh></asset>
-  <worldbody><body><freejoint/><geom size="0.1"/></body>
-    <body><freejoint/><geom type="sdf" mesh="torus"><plugin instance="torus"/></geom></body>
-  </worldbody></mujoco>"""
-
-
 @pytest.mark.long
 def test_a_signed_distance_field_is_refused():
+    torus = mujoco.MjModel.from_xml_string("""<mujoco>
+      <extension><plugin plugin="mujoco.sdf.torus"><instance name="torus"/></plugin></extension>
+      <asset><mesh name="torus"><plugin instance="torus"/></mesh></asset>
+      <worldbody><body><freejoint/><geom size="0.1"/></body>
+        <body><freejoint/><geom type="sdf" mesh="torus"><plugin instance="torus"/></geom></body>
+      </worldbody></mujoco>""")
     with pytest.raises(ModelError, match="signed distance field, got geom 1"):
-        Distances(mujoco.MjModel.from_xml_string(TORUS))
+        Distances(torus)
 
 
 # Fractions of a step after which no geoms are nearer than allowed.
@@ -219,11 +217,9 @@ def test_after_the_safe_fraction_of_a_step_no_pair_is_nearer_than_allowed(scenes
     assert len(fractions) > (4 if scenes < 1000 else 6)
 
 
-BEAM = """<mujoco><worldbody>
-  <geom name="floor" type="plane" size="1 1 1"/>
-  <body pos="0 0 0.1"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
-    <geom name="beam" type="box" size="0.5 0.1 0.05"/></body>
-</worldbody></mujoco>"""
+BEAM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.1">
+  <joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+  <geom type="box" size="0.5 0.1 0.05"/></body></worldbody></mujoco>"""
 
 
 def test_a_turn_about_the_nearest_corner_brings_the_other_one_down():

@@ -4,21 +4,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import Body, CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
+from sim import CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
 from tests.models import model
 from tests.motions import check_slope, shifted
-from tests.sim.machines import SPARSE, at, closed, opened
+from tests.sim.machines import at, closed, linkage, opened, stored
 
-STORAGE = {"dense": (), "sparse": (SPARSE,)}
-ROWS = 3 * 3 + 6 + 1 + 1
-"""Of `all_closures`."""
-stored = pytest.mark.parametrize("storage", STORAGE.values(), ids=STORAGE)
+ROWS = 2 * 3 + 1 + 6 + 1
+"""Of the linkage."""
 
 
 @stored
 def test_rows_are_slopes_of_gaps(storage):
     """At a closed pose, along every velocity, admissible or not."""
-    of = model("all_closures", *storage)
+    of = linkage(*storage)
     units = np.eye(of.nv)
     for seed in range(4):
         data = closed(of, seed)
@@ -35,7 +33,8 @@ def test_rows_are_slopes_of_gaps(storage):
 @stored
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
     """They are at work in the physics."""
-    of = model("all_closures", *storage)
+    of = linkage(*storage)
+    of.opt.disableflags = 0
     data = mujoco.MjData(of)
     mujoco.mj_fwdPosition(of, data)  # finds the contacts
     full = jacobians(of, data, "tool").J_C
@@ -48,19 +47,19 @@ def test_contacts_limits_and_dry_friction_have_no_rows(storage):
 
 
 def test_an_equality_counts_while_it_is_active():
-    of, rod = model("all_closures"), Body("rod1")  # which moves whatever is open
+    of, tool = linkage(), "tool"  # which moves whatever is open
     data = mujoco.MjData(of)
-    closed_rows = jacobians(of, data, rod).J_C
+    closed_rows = jacobians(of, data, tool).J_C
     data.eq_active[of.equality("brake").id] = True
-    braked = jacobians(of, data, rod).J_C
+    braked = jacobians(of, data, tool).J_C
     np.testing.assert_array_equal(braked[:ROWS], closed_rows)
-    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("drum").dofadr)
+    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("weight").dofadr)
     data.eq_active[of.equality("grip").id] = False
-    assert len(jacobians(of, data, rod).J_C) == ROWS + 1 - 6
-    with pytest.raises(ModelError, match="no actuator moves 'tool'"):  # it has been let go
-        jacobians(of, data, "tool")
+    assert len(jacobians(of, data, tool).J_C) == ROWS + 1 - 6
+    with pytest.raises(ModelError, match="no actuator moves 'payload'"):  # it has been let go
+        jacobians(of, data, "payload")
     data.eq_active[:] = False
-    assert jacobians(of, data, rod).J_C.shape == (0, of.nv)
+    assert jacobians(of, data, tool).J_C.shape == (0, of.nv)
 
 
 @pytest.mark.parametrize("flag", ["EQUALITY", "CONSTRAINT"])
@@ -141,28 +140,17 @@ def test_a_crank_too_many_takes_no_freedom_from_a_linear_model(turn):
 
 # What MuJoCo leaves out.
 
-FLEX = """
-<mujoco>
-  <worldbody>
-    <body pos="0 0 2">
-      <joint name="a"/><geom size="0.1"/>
-      <body name="hand" pos="0.3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/>{held}
-      </body>
-    </body>{beside}
-  </worldbody>
-  <equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>{ties}</equality>
-  <actuator><motor joint="a"/></actuator>
-</mujoco>
-"""
-CLOTH = """
-<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
-          mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>
-"""
+CLOTH = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2"
+  radius="0.01" mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>"""
 
 
 def cloth(held: str = "", beside: str = "", ties: str = "") -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A robot, and a cloth somewhere."""
-    of = mujoco.MjModel.from_xml_string(FLEX.format(held=held, beside=beside, ties=ties))
+    of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
+      <body pos="0 0 2"><joint name="a"/><geom size="0.1"/><body name="hand" pos="0.3 0 0">
+        <joint name="b"/><geom size="0.1"/><site name="tool"/>{held}</body></body>{beside}
+      </worldbody><equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>{ties}</equality>
+      <actuator><motor joint="a"/></actuator></mujoco>""")
     return of, mujoco.MjData(of)
 
 
@@ -200,53 +188,43 @@ def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
     jacobians(model, data, "tool", closure_tolerance=np.inf)
 
 
-SLEEPER = """
-<mujoco>
-  <option gravity="0 0 0"><flag sleep="enable"/></option>
-  <worldbody>
-    <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
-    <body sleep="allowed" pos="3 0 0">
-      <joint name="b" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/>
-      <site name="tool" pos="0.3 0 0"/>
-    </body>
-    <body sleep="allowed" pos="9 0 0"><freejoint/><geom size="0.1"/></body>
-  </worldbody>
-  <tendon>
-    <fixed name="cable"><joint joint="a" coef="1"/><joint joint="b" coef="3"/></fixed>
-  </tendon>
-  <equality><joint joint1="a" joint2="b"/></equality>
-  <actuator><motor {drive}/></actuator>
-</mujoco>
-"""
+def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Two bodies that a gear couples, which is switched off if it is to be open, and a third."""
+    of = mujoco.MjModel.from_xml_string(f"""<mujoco>
+      <option gravity="0 0 0"><flag sleep="enable"/></option><worldbody>
+      <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
+      <body sleep="allowed" pos="3 0 0"><joint name="b" axis="0 1 0"/>
+        <geom size="0.1" pos="0.2 0 0"/><site name="tool" pos="0.3 0 0"/></body>
+      <body sleep="allowed" pos="9 0 0"><freejoint/><geom size="0.1"/></body></worldbody>
+      <tendon><fixed name="cable"><joint joint="a" coef="1"/><joint joint="b" coef="3"/></fixed>
+      </tendon><equality><joint joint1="a" joint2="b"/></equality>
+      <actuator><motor {drive}/></actuator></mujoco>""")
+    data = mujoco.MjData(of)
+    data.eq_active[0] = not open_by
+    data.qpos[:2] = 0.2, 0.2 - open_by
+    mujoco.mj_step(of, data, 2000)
+    assert data.ntree_awake == 0
+    return of, data
 
 
 @pytest.mark.parametrize("drive", ['joint="a"', 'tendon="cable"', 'site="tool" gear="0 0 1 0 0 0"'])
 def test_what_sleeps_has_the_jacobians_that_it_has_awake(drive):
     """MuJoCo leaves rows of equalities and transmissions that sleep out; the frames are there."""
-    model = mujoco.MjModel.from_xml_string(SLEEPER.format(drive=drive))
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.2, 0.2, 9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
-    mujoco.mj_step(model, data, 2000)
-    assert data.ntree_awake == 0
-    asleep = jacobians(model, data, ["tool", CenterOfMass()])
+    model, data = asleep(drive)
+    sleeping = jacobians(model, data, ["tool", CenterOfMass()])
     closed = assemble(model, data)
     assert data.ntree_awake == 0  # as it was
     model.opt.enableflags = 0
     awake = jacobians(model, data, ["tool", CenterOfMass()])
     assert len(awake.J_C) == 1 + ("joint" not in drive)
-    np.testing.assert_array_equal(asleep.J_T, awake.J_T)
-    np.testing.assert_array_equal(asleep.J_C, awake.J_C)
-    np.testing.assert_array_equal(asleep.accuracy.J_C_error, awake.accuracy.J_C_error)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(sleeping.J_T, awake.J_T)
+    np.testing.assert_array_equal(sleeping.J_C, awake.J_C)
+    np.testing.assert_array_equal(sleeping.accuracy.J_C_error, awake.accuracy.J_C_error)  # type: ignore[union-attr]
     np.testing.assert_allclose(closed.qpos, data.qpos, atol=1e-9)
 
 
 def test_an_equality_that_is_switched_on_in_its_sleep_is_closed():
-    model = mujoco.MjModel.from_xml_string(SLEEPER.format(drive='joint="a"'))
-    data = mujoco.MjData(model)
-    data.eq_active[0] = 0
-    data.qpos[0] = 0.2
-    mujoco.mj_step(model, data, 2000)
-    assert data.ntree_awake == 0
+    model, data = asleep('joint="a"', open_by=0.2)
     data.eq_active[0] = 1
     with pytest.raises(ClosureError, match=r"open by 0\.2"):
         jacobians(model, data, "tool")

@@ -1,6 +1,6 @@
-"""Task functions: the Jacobian of each is the slope of its error on the manifold of positions."""
+"""Tasks: rows are slopes of errors on the manifold of positions; their order and their names."""
 
-from functools import cache
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -8,46 +8,36 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim import (
-    MODELS,
     Body,
+    CenterOfMass,
     CenterOfMassTask,
     DampingTask,
     FrameTask,
+    JacobianReader,
     JointCouplingTask,
     LookAtTask,
     ModelError,
+    Pin,
     Pose,
     PostureTask,
     Relative,
     RelativeFrameTask,
-    load_model,
+    jacobians,
     pose_error,
+    pose_of,
 )
 from sim.kinematics.pose import way_between
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
 from tests.models import model as model_of
-from tests.motions import change, shifted
+from tests.motions import change, check_slope, shifted
+from tests.sim.machines import closed, humanoid, opened
 
 H = 1e-6
+arms = partial(model_of, "two_arms")
+"""With a ball joint and a free one."""
 POINT = np.array([0.7, -0.4, 1.1])
 TURNED = Pose(Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), POINT)
-
-
-@cache
-def humanoid() -> mujoco.MjModel:
-    return load_model(MODELS / "humanoid.xml")
-
-
-def arms() -> mujoco.MjModel:
-    """With a ball joint and a free one."""
-    return model_of("two_arms")
-
-
-def somewhere(model, seed=0):
-    """A random state."""
-    step = np.random.default_rng(seed).normal(scale=0.4, size=model.nv)
-    return shifted(model, mujoco.MjData(model), step)
 
 
 def slopes(model, data, function):
@@ -87,7 +77,7 @@ every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=
 @every_frame
 def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
     model = make()
-    data = somewhere(model)
+    data = opened(model, 0.4)
     at, seen = here(model, data, frame), here(model, data, frame, root)
     for task in (
         FrameTask(frame, target=at),
@@ -105,7 +95,7 @@ def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
 def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
     """Seen from a root that turns, the way turns as well: there, of the position."""
     model = make()
-    data = somewhere(model)
+    data = opened(model, 0.4)
     for target in (TURNED, POINT):
         located = FrameTask(frame, target=target, rows=[3, 4, 5]).on(model)
         assert np.linalg.norm(located.error(model, data)) > 0.1
@@ -118,7 +108,7 @@ def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_frame_turns_to_its_target_about_one_axis(seed):
     """And its error is that of `pose_error`; so it is from a root, in axes of the root."""
-    model, data = humanoid(), somewhere(humanoid(), seed)
+    model, data = humanoid(), opened(humanoid(), 0.4, seed)
     hand = data.site("right_hand")
     way = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
     np.testing.assert_allclose(way, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
@@ -152,7 +142,7 @@ def test_a_way_turns_as_mujoco_says(angle):
 @pytest.mark.parametrize("rows", [[5], [1, 2], [2, 0, 4], [3, 4, 5, 0, 1, 2]])
 @pytest.mark.parametrize("kind, more", [(FrameTask, ()), (RelativeFrameTask, ("left_foot",))])
 def test_rows_come_in_the_order_in_which_they_are_named(rows, kind, more):
-    model, data = humanoid(), somewhere(humanoid())
+    model, data = humanoid(), opened(humanoid(), 0.4)
     there, found = (
         kind("right_hand", *more, target=TURNED, rows=named).on(model) for named in (range(6), rows)
     )
@@ -164,25 +154,18 @@ def test_rows_come_in_the_order_in_which_they_are_named(rows, kind, more):
 
 @pytest.mark.parametrize("body", [None, "waist_pitch"])
 def test_a_centre_of_mass_moves_as_its_rows_say(body):
-    model, data = humanoid(), somewhere(humanoid())
+    model, data = humanoid(), opened(humanoid(), 0.4)
     located = CenterOfMassTask(body, rows=[2, 0], target=POINT).on(model)
     check_slopes(model, data, located)
-    top = 0 if body is None else model.body(body).id
-    carried = [k for k in range(1, model.nbody) if top in parents(model, k)]
-    center = model.body_mass[carried] @ data.xipos[carried] / model.body_mass[carried].sum()
+    center = data.subtree_com[0 if body is None else model.body(body).id]
     np.testing.assert_allclose(located.error(model, data), (POINT - center)[[2, 0]])
-
-
-def parents(model, body):
-    """A body and all that carry it."""
-    return {0} if not body else {body} | parents(model, int(model.body_parentid[body]))
 
 
 @pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 0.0, -2.0], [0.3, -0.5, 0.7]])
 @pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (arms, "left")])
 def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, axis):
     model = make()
-    data = somewhere(model)
+    data = opened(model, 0.4)
     at = data.site(frame)
     target = at.xpos + 0.8 * at.xmat.reshape(3, 3) @ axis / np.linalg.norm(axis)
     located = LookAtTask(frame, axis, target=target).on(model)
@@ -194,7 +177,7 @@ def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, 
 def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
     """From anywhere: the slope of the angle is that of the error's length."""
     model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
-    data = somewhere(model, seed)
+    data = opened(model, 0.4, seed)
     located = LookAtTask("right_hand", axis, target=POINT).on(model)
 
     def angle(there: mujoco.MjData) -> float:
@@ -219,7 +202,7 @@ def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(way, missing):
 
 
 def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
-    model, data = humanoid(), somewhere(humanoid())
+    model, data = humanoid(), opened(humanoid(), 0.4)
     home = model.qpos0
     located = PostureTask(target=home).on(model)
     away = change(model, home, data.qpos)
@@ -234,7 +217,7 @@ def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
 
 
 def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
-    model, data = arms(), somewhere(arms())
+    model, data = arms(), opened(arms(), 0.4)
     located, step = PostureTask(joints=["a3"], target=model.qpos0).on(model), np.zeros(model.nv)
     step[located.velocities] = located.error(model, data)
     turned, home = (
@@ -245,7 +228,7 @@ def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
 
 
 def test_a_coupling_is_the_sum_of_positions():
-    model, data = arms(), somewhere(arms())
+    model, data = arms(), opened(arms(), 0.4)
     located = JointCouplingTask({"a1": 2.0, "a2": -3.0}, target=0.5).on(model)
     first, second = data.joint("a1").qpos[0], data.joint("a2").qpos[0]
     np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * first + 3 * second])
@@ -267,3 +250,69 @@ def test_a_target_is_a_copy():
     task.target = point
     point[:] = 0.0
     np.testing.assert_array_equal(task.target, POINT)
+
+
+# Frames, centres of mass and relative motion as tasks.
+
+TASKS = [
+    "left",
+    Body("rod"),
+    CenterOfMass(),
+    CenterOfMass("arm1"),
+    Relative("left", "right"),
+    Relative(Body("rod"), "left"),
+]
+
+
+@pytest.mark.parametrize("axes", [None, "room"])
+@pytest.mark.parametrize("task", TASKS, ids=str)
+def test_the_rows_of_a_task_are_the_slope_of_the_way_from_where_it_was(task, axes):
+    """Along every velocity, and so of the error with which rates lead to a target."""
+    of = arms()
+    data = closed(of)
+    target = pose_of(of, data, task, axes)
+    if isinstance(task, CenterOfMass):
+        target = target.translation_m
+
+    def way(h: float) -> np.ndarray:
+        ends = [shifted(of, data, h * e) for e in np.eye(of.nv)]
+        return -np.transpose([pose_error(of, end, task, target, axes) for end in ends])
+
+    check_slope(jacobians(of, data, task, axes).J_T[:, : of.nv], way, h=4e-3, most=1e-4)
+
+
+def test_rows_of_several_tasks_are_stacked_and_known_by_task():
+    of = arms()
+    data = closed(of, 1)
+    looking = LookAtTask("left", [0, 0, 1], target=np.ones(3))
+    functions = [looking, JointCouplingTask({"a1": 1.0}), PostureTask(target=of.qpos0)]
+    tasks = [*TASKS, *functions]
+    jac = JacobianReader(of, tasks, "room").at(data)
+    assert [jac.rows[task].stop for task in tasks[:8]] == [6, 12, 15, 18, 24, 30, 32, 33]
+    assert jac.J_T.shape == (jac.rows[tasks[8]].stop, of.nv + 3)  # three drives of the ball
+    for task in tasks:
+        alone = jacobians(of, data, task, "room")
+        np.testing.assert_array_equal(jac.J_T[jac.rows[task]], alone.J_T)
+    # What two frames share, the floating trunk, does not move one relative to the other.
+    between = jac.J_T[jac.rows[Relative("left", "right")]]
+    assert np.abs(between[:, :6]).max() < 1e-14 < 0.1 < np.abs(between).max()
+
+
+def test_a_name_is_that_of_a_site_or_else_of_a_body():
+    """In tasks, pins, poses and axes."""
+    of = arms()
+    data = mujoco.MjData(of)
+    by_name = jacobians(of, data, ["fore1", Relative("right", "fore1")], axes="fore1")
+    by_body = jacobians(of, data, [Body("fore1"), Relative("right", Body("fore1"))])
+    R = data.body("fore1").xmat.reshape(3, 3)
+    np.testing.assert_allclose(by_name.J_T, np.kron(np.eye(4), R.T) @ by_body.J_T, atol=1e-12)
+    pose = pose_of(of, data, "fore1")
+    np.testing.assert_array_equal(pose.translation_m, data.body("fore1").xpos)
+    for pin in ("fore1", Pin("fore1")):
+        held = jacobians(of, data, "left", pinned=[pin], active=True).J_C
+        np.testing.assert_array_equal(held[-3:], by_body.J_T[3:6])
+    both = arms(('<site name="left"', '<site name="fore2"'))
+    there = mujoco.MjData(both)
+    place = pose_of(both, there, "fore2").translation_m
+    np.testing.assert_array_equal(place, there.site("fore2").xpos)
+    assert np.abs(place - there.body("fore2").xpos).max() > 0.01

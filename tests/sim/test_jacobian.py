@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,35 +27,32 @@ from sim import (
     RelativeFrameTask,
     assemble,
     jacobians,
+    linearize,
     load_model,
 )
-from tests.models import model
+from sim.mjcf import mass_matrix
 from tests.motions import check_slope, kinematics, shifted
-from tests.sim.machines import SPARSE, at, closed, limited
-from tests.sim.transmissions import CASES, linkage
-
-FREEDOMS = 7
-"""Of `all_closures`."""
+from tests.sim.machines import CASES, SPARSE, at, closed, humanoid, limited, linkage, stored
 
 
-@pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
+@stored
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
     """Move along the null space of J_C, close the loops again, and see where the tool went."""
-    of = model("all_closures", *storage)
+    of = linkage(*storage)
     data = closed(of, seed)
-    jac = jacobians(of, data, "tool", "ground")
+    jac = jacobians(of, data, "payload", "post")
     Z = scipy.linalg.null_space(jac.J_C)
-    assert Z.shape == (of.nv, FREEDOMS)
-    velocity = Z @ np.random.default_rng(seed).normal(size=FREEDOMS)
+    assert Z.shape == (of.nv, 7)
+    velocity = Z @ np.random.default_rng(seed).normal(size=7)
     velocity /= np.linalg.norm(velocity)
-    to_ground = data.site("ground").xmat.reshape(3, 3).T
-    at_first = data.site("tool").xmat.reshape(3, 3).copy()
+    to_post = data.site("post").xmat.reshape(3, 3).T
+    at_first = data.site("payload").xmat.reshape(3, 3).copy()
 
     def pose(h: float) -> np.ndarray:
-        tool = assemble(of, shifted(of, data, h * velocity)).site("tool")
+        tool = assemble(of, shifted(of, data, h * velocity)).site("payload")
         turn = Rotation.from_matrix(tool.xmat.reshape(3, 3) @ at_first.T).as_rotvec()
-        return np.concatenate([to_ground @ turn, to_ground @ tool.xpos])
+        return np.concatenate([to_post @ turn, to_post @ tool.xpos])
 
     check_slope(jac.J_T @ velocity, pose, h=4e-3, most=1e-4)
 
@@ -77,11 +74,6 @@ def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
 
 
 # Readers.
-
-
-@cache
-def humanoid() -> mujoco.MjModel:
-    return load_model(MODELS / "humanoid.xml")
 
 
 TASKS = [
@@ -111,14 +103,14 @@ def of_humanoid(axes: str | None = None, pinned: tuple = ()) -> tuple[Callable, 
 
 def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
     """Closed, open, and with other equalities."""
-    of, poses = model("all_closures", *storage), []
+    of, poses = linkage(*storage), []
     for seed in range(4):
         poses.append(data := closed(of, seed))
         data.eq_active[of.equality("brake").id] = seed == 2
         data.eq_active[of.equality("reel").id] = seed != 3
         data.qpos[:7] += 1e-3 * (seed % 2)
-    tasks = ["tool", Body("rod1")]
-    return (lambda: JacobianReader(of, tasks, "ground", closure_tolerance=np.inf)), poses
+    tasks = ["payload", Body("rocker")]
+    return (lambda: JacobianReader(of, tasks, "post", closure_tolerance=np.inf)), poses
 
 
 def of_limits() -> tuple[Callable, Poses]:
@@ -129,7 +121,7 @@ def of_limits() -> tuple[Callable, Poses]:
 
 
 def of_drives(kind: str) -> tuple[Callable, Poses]:
-    of = linkage(CASES[kind].mjcf)
+    of = linkage(actuators=CASES[kind].mjcf)
     return (lambda: JacobianReader(of, "tool")), [closed(of, seed) for seed in range(3)]
 
 
@@ -163,7 +155,7 @@ def test_views_are_to_the_bit_what_a_new_reader_finds(name):
 
 
 def test_a_reader_follows_actuators_that_are_switched_off():
-    of = model("all_closures")
+    of = linkage()
     data, reader = closed(of), JacobianReader(of, "tool")
     both = reader.at(data)
     of.actuator_group[1], of.opt.disableactuator = 1, 2
@@ -205,3 +197,21 @@ def test_four_threads_get_arrays_of_their_own_from_one_reader():
     with ThreadPoolExecutor(4) as pool:
         for k, found in enumerate(pool.map(read, range(4))):
             assert set(found) == {alone[k].J_T.tobytes()}
+
+
+def test_data_of_another_model_are_refused(model):
+    """MuJoCo would read past their end."""
+    data = mujoco.MjData(load_model(MODELS / "arm.xml"))
+    for ask in (mass_matrix, linearize, jacobians):
+        site: dict[str, Any] = {"site": "payload"} if ask is jacobians else {}
+        with pytest.raises(ValueError, match="data must be of this model"):
+            ask(model, data, **site)
+
+
+def test_states_and_tasks_that_are_none_are_refused(model):
+    data = mujoco.MjData(model)
+    with pytest.raises(ValueError, match="site must not repeat a task"):
+        jacobians(model, data, site=["payload", "payload"])
+    data.qpos[0] = np.nan
+    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
+        jacobians(model, data, site="payload")

@@ -1,12 +1,13 @@
-"""What limits motion besides loops: limits of joints and tendons, and ranges."""
+"""What limits motion besides loops: limits of joints and tendons, ranges, contacts and pins."""
 
 import mujoco
 import numpy as np
 import pytest
+import scipy.linalg
 
-from sim import ModelError, assemble, jacobians, pose_of, ranges
+from sim import Body, ModelError, Pin, assemble, jacobians, pose_of, ranges
 from tests.models import model
-from tests.motions import change, kinematics, motions, shifted
+from tests.motions import change, kinematics, shifted
 from tests.sim.machines import limited
 
 
@@ -49,7 +50,7 @@ def test_what_rests_on_a_limit_is_warned_about_or_taken_as_stuck(name, pose):
         there, back = (shifted(of, data, h * velocity[: of.nv]) for h in (1e-4, -1e-4))
         return abs(position(there, joint) - position(back, joint)) / 2e-4
 
-    allowed, every = motions(kinematics(held)), motions(kinematics(free))
+    allowed, every = scipy.linalg.null_space(held.J_C), scipy.linalg.null_space(free.J_C)
     assert allowed.shape[1] == every.shape[1] - 1
     assert max(map(slope, allowed.T)) < 1e-7
     assert max(map(slope, every.T)) > 0.1
@@ -88,24 +89,42 @@ def test_limits_that_the_models_flags_switch_off_hold_nothing(flag):
     assert jacobians(data.model, data, "tool").warnings == ()
 
 
+SPRUNG = (
+    (
+        '<option gravity="0 0 0"',
+        '<option gravity="0 0 0" timestep="5e-4" integrator="implicitfast"',
+    ),
+    ('axis="0 0 1"', 'axis="0 0 1" damping="0.02" solreflimit="0.002 1"'),
+    ('name="left_elbow"', 'name="left_elbow" range="-50 0" stiffness="0.5" springref="40"'),
+    ('anchor="0.2 0.2 0"', 'anchor="0.2 0.2 0" solref="0.002 1"'),
+    (
+        '<motor name="m1" joint="left"/><motor name="m2" joint="right"/>',
+        '<position joint="left" kp="300" kv="3"/>',
+    ),
+    ('<joint name="wrist"/>', ""),
+    ('<motor name="m3" joint="wrist"/>', ""),
+)
+"""The five-bar as the finger of a 2F85: one servo, a coupler that a spring presses on its limit."""
+
+
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
-    """Predicted without, the follower turns as if the coupler were free, which it is not."""
-    finger = model("gripper")
-    finger.jnt_margin[finger.joint("coupler").id] = margin  # where the limit begins to push back
+    """Predicted without, the tool moves as if the coupler were free, which it is not."""
+    finger = model("five_bar", *SPRUNG)
+    finger.jnt_margin[finger.joint("left_elbow").id] = margin  # where the limit begins to push back
     data = assemble(finger)
     mujoco.mj_step(finger, data, 4000)  # onto the limit, which gives a little
-    start = pose_of(finger, data, "tip").translation_m
+    start = pose_of(finger, data, "tool").translation_m
     still = mujoco.MjData(finger)
     still.qpos[:] = data.qpos
     free, held = (
-        jacobians(finger, still, "tip", stuck_at_limits=choice) for choice in (False, True)
+        jacobians(finger, still, "tool", stuck_at_limits=choice) for choice in (False, True)
     )
-    assert len(free.warnings) == 1 and 'joint "coupler"' in free.warnings[0]
+    assert len(free.warnings) == 1 and 'joint "left_elbow"' in free.warnings[0]
     data.ctrl[0] += turn_rad
     mujoco.mj_step(finger, data, 4000)
-    moved = (pose_of(finger, data, "tip").translation_m - start) / turn_rad
+    moved = (pose_of(finger, data, "tool").translation_m - start) / turn_rad
     as_stuck, as_free = (kinematics(jac).J[3:, 0] for jac in (held, free))
     assert np.linalg.norm(moved - as_stuck) < 0.01 * np.linalg.norm(moved)
     assert np.linalg.norm(moved - as_free) > 0.1 * np.linalg.norm(moved)
@@ -136,3 +155,49 @@ def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
     data.mocap_pos[0] = 0.3, 0.0, 2.2
     (said,) = jacobians(crane, data, "tool").warnings
     assert said.startswith('tendon "rope" rests on its limit and is taken to move freely')
+
+
+# Contacts and pins.
+
+
+def leg(height: float = 0.0) -> mujoco.MjData:
+    """The foot on the floor, or so far above it."""
+    data = mujoco.MjData(model("leg"))
+    mujoco.mj_kinematics(data.model, data)
+    data.qpos[2] += 0.02 * (1 - 1e-6) + height - data.geom_xpos[-1, 2]
+    mujoco.mj_forward(data.model, data)
+    return data
+
+
+def test_contacts_are_warned_about_by_the_names_of_the_bodies():
+    words = '"foot" touches "world" and is taken to move freely: pinned= takes it to stand'
+    for height, margin, gap, warnings in (
+        (0.0, 0.0, 0.0, (words,)),
+        (1e-3, 0.0, 0.0, ()),
+        (1e-3, 2e-3, 0.0, (words,)),  # the floor pushes within the margin,
+        (1e-3, 0.0, 2e-3, ()),  # and is only noticed within the gap
+    ):
+        data = leg(height)
+        data.model.geom_margin[-1], data.model.geom_gap[-1] = margin, gap
+        assert jacobians(data.model, data, "sole").warnings == warnings
+    with pytest.raises(ModelError, match=r"no actuator moves 'trunk'.* stands on in pinned="):
+        jacobians(data.model, data, "trunk")  # a leg in the air
+
+
+@pytest.mark.parametrize("frame", ["sole", Body("foot"), "toe", Body("toe")])
+@pytest.mark.parametrize("weld", [False, True])
+def test_what_is_pinned_does_not_move_and_is_warned_about_no_more(frame, weld):
+    """Pinned like a connect its origin stays, like a weld it does not turn either."""
+    data, standing = leg(), [Pin(frame, weld=True) if weld else frame]
+    jac = jacobians(data.model, data, "trunk", pinned=standing)
+    assert jac.warnings == () and len(jac.J_C) == (6 if weld else 3)
+    allowed = scipy.linalg.null_space(jac.J_C)
+    assert allowed.shape[1] == data.model.nv - (6 if weld else 3)
+    body = isinstance(frame, Body)
+    place = data.body(frame.name) if body else data.site(frame)
+    linear, angular = np.zeros((2, 3, data.model.nv))
+    jacobian = mujoco.mj_jacBody if body else mujoco.mj_jacSite
+    jacobian(data.model, data, linear, angular, place.id)
+    assert np.abs(linear @ allowed).max() < 1e-14
+    turns = np.abs(angular @ allowed).max()
+    assert turns < 1e-14 if weld else turns > 0.1

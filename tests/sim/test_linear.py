@@ -1,4 +1,4 @@
-"""Linearization on closed loops: textbook motions, failed servos, friction, what is not linear."""
+"""Linear models on loops: textbook motions, failed servos, friction, springs, what is not so."""
 
 import mujoco
 import numpy as np
@@ -6,49 +6,24 @@ import pytest
 import scipy.linalg
 
 from sim import MODELS, ModelError, Plant, assemble, jacobians, linearize, load_model
-from sim.mjcf import located
+from sim.mjcf import joint_stiffness, located, mass_matrix
 from sim.mjcf.part import task_part
 from sim.plant import Met, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
 from tests.models import model as model_of
-from tests.models import with_locks
-from tests.sim.machines import WORLD
-
-# A bob that may go anywhere in a plane, tied by a light rod to a pivot: a pendulum by its loop.
-PENDULUM = """
-<mujoco>
-  <option jacobian="dense"><flag contact="disable"/></option>
-  <worldbody>
-    <site name="base"/>
-    <body name="rod">
-      <joint name="pivot" axis="0 1 0"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.005" mass="1e-9"/>
-    </body>
-    <body name="bob" pos="0 0 -0.5">
-      <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
-      <geom type="sphere" size="0.02" mass="2"/><site name="payload"/>
-    </body>
-  </worldbody>
-  <equality><connect body1="rod" body2="bob" anchor="0 0 -0.5"/></equality>
-</mujoco>
-"""
-ARM = """
-<mujoco>
-  <option gravity="0 0 0"/>
-  <worldbody>
-    <site name="base"/>
-    <body name="arm"><joint name="hinge" axis="0 1 0" stiffness="10"/>
-      <geom type="capsule" fromto="0 0 0 0 0 0.5" size="0.01" mass="1"/>
-      <site name="payload" pos="0 0 0.5"/></body>
-  </worldbody>
-  <actuator><motor joint="hinge"/></actuator>
-</mujoco>
-"""
+from tests.motions import shifted
+from tests.sim.machines import WORLD, at, closed, linkage, pendulum
 
 
 def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
-    """omega^2 = g / l: all stiffness is geometric, from the tie that turns under load."""
-    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    """omega^2 = g / l: all stiffness is geometric, from the light rod that turns under load."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base"/>
+      <body name="rod"><joint axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.005" mass="1e-9" contype="0"/></body>
+      <body name="bob" pos="0 0 -0.5"><joint type="slide" axis="1 0 0"/>
+        <joint type="slide" axis="0 0 1"/><geom size="0.02" mass="2" contype="0"/>
+        <site name="payload"/></body></worldbody>
+      <equality><connect body1="rod" body2="bob" anchor="0 0 -0.5"/></equality></mujoco>""")
     linear = linearize(model, mujoco.MjData(model))
     assert linear.A.shape == (2, 2)
     # The rod's own mass and the finite differences leave 1e-6.
@@ -57,19 +32,18 @@ def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
 
 def test_a_standing_push_along_an_arm_softens_it():
     """A load that follows no turn is a spring of its own: k - F l against k."""
-    model = mujoco.MjModel.from_xml_string(ARM)
+    model = pendulum('<motor joint="a"/>', 'stiffness="10"')
     data = mujoco.MjData(model)
-    alone = linearize(model, data)
-    data.xfrc_applied[model.body("arm").id, 2] = -5.0  # at the centre of mass, half way up
-    pushed = linearize(model, data)
-    assert pushed.A[1, 0] / alone.A[1, 0] == pytest.approx(1 - 5.0 * 0.25 / 10.0, rel=1e-6)
+    alone = linearize(model, data, "tool", None)
+    data.xfrc_applied[model.body("arm").id, 2] = 5.0  # at the centre of mass, which hangs
+    pushed = linearize(model, data, "tool", None)
+    assert pushed.A[1, 0] / alone.A[1, 0] == pytest.approx(1 - 5.0 * 0.7 / 10.0, rel=1e-6)
 
 
 def test_an_actuator_with_a_state_of_its_own_is_refused():
-    slow = '<general joint="hinge" dyntype="filter" dynprm="0.1"/>'
-    model = mujoco.MjModel.from_xml_string(ARM.replace('<motor joint="hinge"/>', slow))
+    model = pendulum('<general joint="a" dyntype="filter" dynprm="0.1"/>')
     with pytest.raises(ModelError, match="an actuator has a state of its own"):
-        linearize(model, mujoco.MjData(model))
+        linearize(model, mujoco.MjData(model), "tool", None)
 
 
 def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
@@ -91,15 +65,10 @@ def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
 
 @pytest.mark.parametrize("length", [0.3, np.nextafter(0.3, 0), np.nextafter(0.3, 1), 0.3 + 1e-12])
 def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
-    """Its spring begins at 0.3 m, which is where it is."""
-    model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
-      <site name="top" pos="0 0 {float(length)!r}"/>
-      <body><joint name="z" type="slide" axis="0 0 1"/><geom size="0.01"/><site name="tool"/></body>
-      </worldbody><tendon><spatial springlength="0 0.3" stiffness="50"><site site="top"/>
-      <site site="tool"/></spatial></tendon><actuator><motor joint="z"/></actuator></mujoco>""")
-    stiffness = jacobians(model, mujoco.MjData(model), site="tool").stiffness
-    assert stiffness is not None
-    np.testing.assert_allclose(stiffness, [[50.0]])
+    """Its spring begins at 0.3 m, which is where it is; it pulls half of the joint."""
+    model = pendulum('<motor joint="a"/>', cable='springlength="0 0.3" stiffness="50"')
+    stiffness = jacobians(model, at(model, a=2 * length), site="tool").stiffness
+    np.testing.assert_allclose(stiffness, [[50.0 / 4]])  # type: ignore[arg-type]
 
 
 # A servo that loses its force, as the linear model of the healthy machine foretells it.
@@ -128,12 +97,6 @@ def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
         np.testing.assert_allclose(push, 0.0, atol=1e-6)  # no gravity: nothing was held
 
 
-def test_a_coil_against_a_spring_feeds_nothing_back_and_holds_nothing(model):
-    linear = Plant(model).linear()
-    assert linear.feedback is not None and not linear.feedback.any()
-    assert linear.holding is not None and not linear.holding.any()
-
-
 @pytest.mark.parametrize("k", [0, 1])
 def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
     """From rest under gravity, within 1 % of the way for 30 ms."""
@@ -153,15 +116,14 @@ def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
 
 def test_places_that_rub_are_those_of_the_file():
     """A force at a joint or tendon pushes by M^-1 times its row."""
-    of = with_locks("rubbing_arm")
+    of = model_of("rubbing_arm", add_locks=True)
     plant = Plant(of, start=mujoco.MjData(of))
     friction = plant.linear().friction
     assert friction is not None
     assert dry_friction(plant.model) == ("shoulder", "elbow", "belt")
     np.testing.assert_allclose(friction.limit, [0.4, 0.2, 0.1])
     np.testing.assert_allclose(np.abs(friction.rows), [[1, 0], [0, 1], [1, 1]], atol=1e-12)
-    mass = np.zeros((2, 2))
-    mujoco.mj_fullM(plant.model, plant.data, mass)
+    mass = mass_matrix(plant.model, plant.data)
     np.testing.assert_allclose(mass @ friction.push, friction.rows.T, atol=1e-12)
     plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
     assert plant.linear().friction is None
@@ -170,31 +132,18 @@ def test_places_that_rub_are_those_of_the_file():
 # What is not linear is named, and nothing else.
 
 
-PAIR = """
-<mujoco>
-  <option {option}/>
-  <worldbody>
-    <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 0.44"/>
-    <body name="left" pos="0 0 0.5">
-      <joint name="a" axis="0 1 0" {joint}/>
-      <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="1"/>
-    </body>
-    <body name="right" pos="0 0.3 0.5">
-      <joint name="b" axis="0 1 0"/>
-      <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="1"/>
-    </body>
-  </worldbody>
-  <tendon><fixed name="cord" {tendon}><joint joint="a" coef="1"/></fixed></tendon>
-  <equality><joint name="gear" joint1="a" joint2="b" {equality}/></equality>
-  <actuator><motor name="m" joint="a" forcerange="-1 1" {actuator}/></actuator>
-</mujoco>
-"""
-PLAIN = {"option": "", "joint": "", "tendon": "", "equality": "", "actuator": ""}
-
-
-def pair(**parts: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def pair(
+    option: str = "", joint: str = "", tendon: str = "", equality: str = ""
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Two arms that a gear couples."""
-    model = mujoco.MjModel.from_xml_string(PAIR.format(**PLAIN | parts))
+    arm = '<geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option {option}/><worldbody>
+      <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 0.44"/>
+      <body name="left" pos="0 0 0.5"><joint name="a" axis="0 1 0" {joint}/>{arm}
+      <body name="right" pos="0 0.3 0.5"><joint name="b" axis="0 1 0"/>{arm}</worldbody>
+      <tendon><fixed name="cord" {tendon}><joint joint="a" coef="1"/></fixed></tendon>
+      <equality><joint name="gear" joint1="a" joint2="b" {equality}/></equality>
+      <actuator><motor name="m" joint="a" forcerange="-1 1"/></actuator></mujoco>""")
     return model, mujoco.MjData(model)
 
 
@@ -265,3 +214,36 @@ def test_what_lies_beside_a_task_is_not_met():
         met.plant(0, model, data)
     assert list(everything.sentences) == ['"cup" touched "world"']
     assert not of_task.sentences
+
+
+# Mass matrix and springs of joints.
+
+
+def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
+    of = linkage()
+    data = closed(of)
+    mass = mass_matrix(of, data)
+    of.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for velocity in np.random.default_rng(0).normal(size=(3, of.nv)):
+        data.qvel[:] = velocity
+        mujoco.mj_forward(of, data)
+        assert velocity @ mass @ velocity / 2 == pytest.approx(data.energy[1], rel=1e-12)
+
+
+def test_springs_push_back_with_their_stiffness_against_each_velocity():
+    xml = """<mujoco><option gravity="0 0 0"/><worldbody>
+      <body><joint type="ball" stiffness="3"/><geom size="0.1"/><body pos="1 0 0">
+        <joint type="slide" stiffness="2"/><geom size="0.1"/><body pos="1 0 0">
+          <joint name="hinge" stiffness="5"/><geom size="0.1"/></body></body></body>
+      <body pos="4 0 0"><joint type="free" stiffness="7"/><geom size="0.1"/></body>
+    </worldbody></mujoco>"""
+    of, h = mujoco.MjModel.from_xml_string(xml), 1e-4
+    pushed = []
+    for e in h * np.eye(of.nv):
+        data = shifted(of, mujoco.MjData(of), e)
+        mujoco.mj_forward(of, data)
+        pushed.append(-data.qfrc_passive / h)
+    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(of)), atol=1e-9)
+    plastic = xml.replace('stiffness="5"', 'stiffness="5" springyield="0.1"')
+    with pytest.raises(ModelError, match='the spring of joint "hinge" is not linear'):
+        joint_stiffness(mujoco.MjModel.from_xml_string(plastic))

@@ -12,12 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
-from sim.mjcf import element_id
-from sim.scene import robot_scene
-from tests.models import FOLDER, saved, text, with_locks
+from sim.mjcf import element_id, model_sha256
+from tests.models import FOLDER, saved
 from tests.models import model as model_of
-from tests.sim.machines import SHIPPED
-from tests.sim.transmissions import CASES, linkage
+from tests.sim.machines import CASES, SHIPPED, linkage
 
 
 def written(folder: Path, content: str) -> Path:
@@ -50,35 +48,28 @@ BROKEN = {  # what is replaced, by what, and which sentence names it
 NUMBERS = [(old, new, name) for old, (name, values) in BROKEN.items() for new in values]
 NUMBERS += [
     (old, "NaN", f"{old.partition('=')[0]} of ")
-    for old in (*BROKEN, 'range="-1 1"', 'ctrlrange="-1 1"')
+    for old in (*BROKEN, ' range="-1 1"', 'ctrlrange="-1 1"')
 ]
 
 
-def broken(folder: Path, old: str, new: str, content: str = "") -> Path:
+def broken(folder: Path, old: str, new: str) -> Path:
     """A machine with one attribute replaced."""
-    content = content or text("checked")
-    assert old in content
-    return written(folder, content.replace(old, f'{old.partition("=")[0]}="{new}"', 1))
-
-
-def refused(file: Path) -> str:
-    """The sentence; its path is left out."""
-    with pytest.raises(ModelError) as error:
-        load_model(file)
-    sentence = str(error.value)
-    assert sentence.startswith(f"{file}: ") and "\n" not in sentence
-    return sentence.removeprefix(f"{file}: ")
+    return saved(folder, "checked", (old, f'{old.partition("=")[0]}="{new}"'))
 
 
 @pytest.mark.parametrize(("old", "new", "named"), NUMBERS)
 def test_an_absurd_number_is_refused_with_the_name_of_its_element(tmp_path, old, new, named):
     """NaN even where MuJoCo takes it for a number that is not stated: of a mass, the density."""
-    said = refused(broken(tmp_path, old, new))
+    file = broken(tmp_path, old, new)
+    with pytest.raises(ModelError) as error:
+        load_model(file)
+    said = str(error.value)
+    assert said.startswith(f"{file}: ") and "\n" not in said
     assert named in said and (" must be " in said or new == "NaN")
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [('range="-1 1"', "-inf inf"), ('name="tip"', "nan"), ('mass="1"', "1e-6")]
+    ("old", "new"), [(' range="-1 1"', "-inf inf"), ('name="tip"', "nan"), ('mass="1"', "1e-6")]
 )
 def test_what_may_be_infinite_small_or_a_name_is_accepted(tmp_path, old, new):
     assert load_model(broken(tmp_path, old, new)).nsite == 1
@@ -87,7 +78,7 @@ def test_what_may_be_infinite_small_or_a_name_is_accepted(tmp_path, old, new):
 @pytest.mark.parametrize(
     "content",
     [
-        "<mujoco",
+        "<mujoco nan",
         '<mujoco><option timestep="0"/></mujoco>',
         '<mujoco><worldbody><body><joint name="{a}"/></body></worldbody></mujoco>',
     ],
@@ -99,6 +90,13 @@ def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, conte
             load_model(file, add_locks=add_locks)
         said.append(str(refused.value))
     assert said[0] == said[1] and "\n" not in said[0]
+
+
+@pytest.mark.parametrize("path", ["nowhere.xml", "x" * 5000, "a\0b", ""])
+@pytest.mark.parametrize("read", [load_model, model_sha256])
+def test_a_file_that_cannot_be_is_one_sentence_for_model_and_hash(read, path):
+    with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
+        read(path)
 
 
 def test_assets_in_folders_beside_the_file_are_found(tmp_path):
@@ -147,7 +145,7 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
 def test_each_joint_and_tendon_with_an_actuator_gets_one_lock(braked):
     """Named after its first actuator; a joint that has one, of whatever name, keeps it."""
     brake = f'<equality><joint name="brake" joint1="shoulder" active="{braked}"/></equality>'
-    model, held = with_locks("drives", ("<actuator>", f"{brake}<actuator>")), {}
+    model, held = model_of("drives", ("<actuator>", f"{brake}<actuator>"), add_locks=True), {}
     for k in range(model.neq):
         on_tendon = model.eq_type[k] == mujoco.mjtEq.mjEQ_TENDON
         part = (model.tendon if on_tendon else model.joint)(model.eq_obj1id[k])
@@ -163,26 +161,14 @@ def test_a_name_that_another_equality_has_is_refused(tmp_path):
         load_model(file, add_locks=True)
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "ending"),
-    [
-        ("joint", "kneee", 'it has: hip, knee, ankle; did you mean "knee"?'),
-        ("actuator", "servo_hip", "it has: hip_servo, knee_servo, ankle_servo"),
-        ("equality", "lock1", "it has: none"),
-    ],
-)
-def test_only_a_similar_name_is_proposed(kind, name, ending):
-    with pytest.raises(ModelError) as refused:
-        element_id(model_of("three_joints"), kind, name)
-    assert str(refused.value) == f'the model has no {kind} named "{name}"; {ending}'
-
-
 def test_an_actuator_is_found_however_many_controls_others_have():
     """An orientation servo is one actuator with three controls."""
-    model = linkage(CASES["orientation servo"].mjcf)
+    model = linkage(actuators=CASES["orientation servo"].mjcf)
     assert element_id(model, "actuator", "b") == 1
-    with pytest.raises(ModelError, match='no actuator named "hand"; it has: m, b'):
+    with pytest.raises(ModelError, match=r'no actuator named "hand"; it has: m, b$'):
         element_id(model, "actuator", "hand")
+    with pytest.raises(ModelError, match=r'no equality named "lock1"; it has: none$'):
+        element_id(model_of("three_joints"), "equality", "lock1")
 
 
 # MuJoCo's warnings.
@@ -232,14 +218,9 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
         assert ("NaN" in getattr(done, stream)) == (stream == shown)
 
 
-# URDF: MuJoCo compiles it, and what it does not state is asked for.
+# URDF: MuJoCo compiles it.
 
 ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
-
-
-def turned(axes: str, *angles: float) -> Rotation:
-    """About axes that turn along."""
-    return Rotation.from_euler(axes.upper(), angles)
 
 
 def test_a_urdf_file_moves_as_the_specification_of_urdf_says():
@@ -249,8 +230,10 @@ def test_a_urdf_file_moves_as_the_specification_of_urdf_says():
     for name, angle in zip(("shoulder", "elbow"), q, strict=True):
         data.joint(name).qpos = angle
     mujoco.mj_kinematics(model, data)
-    elbow = turned("zy", 0.4, 1.2 + q[1])
-    tool = turned("y", 0.5 + q[0]).apply(np.array([0, 0, 0.3]) + elbow.apply([0.05, 0, 0.25]))
+    elbow = Rotation.from_euler("ZY", [0.4, 1.2 + q[1]])
+    tool = Rotation.from_euler("Y", 0.5 + q[0]).apply(
+        np.array([0, 0, 0.3]) + elbow.apply([0.05, 0, 0.25])
+    )
     np.testing.assert_allclose(data.body("tool").xpos, tool + np.array([0, 0, 0.2]), atol=1e-12)
 
 
@@ -268,8 +251,3 @@ def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_p
     assert row[elbow] == pytest.approx(2.0)
     assert jac.active.tolist() == [model.joint("shoulder").dofadr[0], elbow]
     np.testing.assert_array_equal(jac.force_range, [[-80, 80], [-60, 60]])
-
-
-def test_a_urdf_file_without_actuators_is_refused_with_the_remedy():
-    with pytest.raises(ModelError, match="no enabled actuator"):
-        robot_scene(ARM, TOOL, None, mujoco.MjData)

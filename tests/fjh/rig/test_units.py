@@ -11,7 +11,7 @@ from fjh.rig.bodies import model_name
 from fjh.rig.units import by_unit, said
 from sim.mjcf import drives
 from tests.fjh.rigs import rig
-from tests.robots import TEST_MODELS
+from tests.models import model
 
 
 @given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
@@ -44,6 +44,8 @@ def test_a_model_is_called_as_its_file_says_or_as_its_file(stated, name):
 
 
 def test_an_actuator_of_hinges_moves_by_an_angle_others_by_a_length():
-    known = drives(mujoco.MjModel.from_xml_path(str(TEST_MODELS / "transmissions.xml")))
-    assert [drive.unit for drive in known] == ["rad", "m", "rad", "m", "m"]
+    """Of two hinges; of a hinge and a slide; of a cable and a rail."""
+    for name in ("limited", "gantry"):
+        hinge, *others = [drive.unit for drive in drives(model(name))[:3]]
+        assert (hinge, others) == ("rad", ["m", "m"])
     assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}
