@@ -197,6 +197,8 @@ def test_a_name_follows_what_is_certain_and_is_taken_back_if_it_fits_no_longer(n
     if found is not None:
         assert found.fault == (now if becomes == "revised" else before).fault
         assert found.confirmed == (becomes == "confirmed")
+        since = next(state for state in states.values() if state.diagnosis is found)
+        assert found.tick == since.ticks - 1 or becomes == "kept"
 
 
 def test_kinds_that_cannot_be_told_apart_are_said():
