@@ -200,36 +200,28 @@ def test_what_is_already_weak_loses_a_part_of_what_it_has_left():
 ARRAYS = ("X", "memory", "information", "score", "energy")
 
 
-def stepped(seed: int, *, keeps: bool = True, weighs: bool = True) -> list[tuple[Evidence, list]]:
-    """Evidence after each sample, and copies of its arrays made then."""
+@seeds
+def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
+    """Whoever keeps a state may step from it again; a sample that is no evidence adds none."""
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
-    rows, s = bank.believed.M.shape[:2]
-    prior, memory = Parameters.prior(rows - 1, 2, WRONG), rng.normal(size=(4, rows, 2))
-    state = bank.start(ONSETS, prior, np.zeros((rows, s)), memory)
-    found, before = [], np.zeros(record.u.shape[1])
-    for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
-        given = sample_of(sample, np.concatenate([u, before, [1.0]]), y, is_whole=weighs)
-        state = bank.step(state, given, 1.5, *filters, keeps=keeps)
-        found.append((state, [getattr(state, name).copy() for name in ARRAYS]))
-        before = u
-    return found
+    prior = Parameters.prior(len(bank.believed.M) - 1, 2, WRONG)
+    now = int(ONSETS[1])
+    state = gathered(bank, replace(record, u=record.u[:now], y=record.y[:now]), prior, filters[0])
 
+    def arrays(evidence: Evidence) -> list[np.ndarray]:
+        return [getattr(evidence, name).copy() for name in ARRAYS]
 
-@seeds
-def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
-    """Whoever keeps a state may step from it again."""
-    kept, in_place = (stepped(seed, keeps=keeps) for keeps in (True, False))
-    for (state, then), (_, other) in zip(kept, in_place, strict=True):
-        for name, array, same in zip(ARRAYS, then, other, strict=True):
-            np.testing.assert_array_equal(getattr(state, name), array)
-            np.testing.assert_array_equal(same, array)
-
-
-def test_a_sample_that_is_no_evidence_adds_none():
-    for state, _ in stepped(0, weighs=False):
-        assert not any(getattr(state, name).any() for name in ARRAYS[2:])
+    v, y = rng.normal(size=5), rng.normal(size=2)
+    then, given = arrays(state), sample_of(now, v, y)
+    after = bank.step(state, given, 1.5, *filters)
+    kept, silent = arrays(after), sample_of(now + 1, v, y, is_whole=False)
+    np.testing.assert_equal(arrays(state), then)
+    in_place = arrays(bank.step(state, given, 1.5, *filters, keeps=False))
+    unheard = arrays(bank.step(after, silent, 1.5, *filters))
+    np.testing.assert_equal(in_place, kept)
+    np.testing.assert_equal(unheard[2:], kept[2:])
 
 
 @seeds
