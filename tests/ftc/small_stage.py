@@ -58,6 +58,21 @@ class Stage:
         return displacements
 
 
+class Still:
+    """A machine that does not move, whose sensors have noise, or count in whole numbers."""
+
+    def __init__(self, of: Any = float) -> None:
+        self.rng, self.of = np.random.default_rng(1), of
+
+    def measure(self) -> Measurement:
+        """Noise."""
+        size = 1.0 if self.of is int else 1e-3
+        return Measurement((size * self.rng.normal(size=M1)).astype(self.of), np.zeros(N, self.of))
+
+    def apply(self, inputs: np.ndarray) -> None:
+        """Nothing."""
+
+
 def possible(faults: Any) -> bool:
     return True
 

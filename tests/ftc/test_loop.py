@@ -10,9 +10,10 @@ from fjh.rig import Rig
 from fjh.rig.hexapod.controller import nominal_loops
 from fjh.rig.hexapod.fault_tolerance import nominal_model
 from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc import Measurement, Stage, one_tick, run_loop, steps
+from ftc import Stage, one_tick, run_loop, steps
 from ftc.fdi import fault_model
 from tests.ftc.carts import rubbing_carts
+from tests.ftc.small_stage import Still
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
@@ -38,17 +39,6 @@ def test_one_tick_after_the_other_is_the_loop(kind):
     np.testing.assert_array_equal(looped.inputs, inputs)
 
 
-class Still:
-    """A machine that does not move, with one actuator."""
-
-    def measure(self) -> Measurement:
-        """At zero."""
-        return Measurement(np.zeros(1), np.zeros(1))
-
-    def apply(self, inputs: np.ndarray) -> None:
-        """Nothing."""
-
-
 class Sent(NamedTuple):
     """The state of the controllers below."""
 
@@ -60,7 +50,7 @@ class Own:
 
     def start(self) -> Sent:
         """At zero."""
-        return Sent(np.zeros(1))
+        return Sent(np.zeros(2))
 
     def step(self, state, reference, measurement):
         """The reference."""
@@ -76,12 +66,12 @@ class Taking(Own):
 
 
 def test_feedforward_reaches_the_controllers_that_take_it():
-    path, ahead = np.full((3, 1), 1.0), np.array([[5.0], [6.0], [7.0]])
+    path, ahead = np.ones((3, 2)), np.arange(6.0).reshape(3, 2)
     np.testing.assert_array_equal(run_loop(Still(), Taking(), path, ahead).inputs, ahead)
     np.testing.assert_array_equal(run_loop(Still(), Taking(), path).inputs, path)
     np.testing.assert_array_equal(run_loop(Still(), Own(), path, ahead).inputs, path)
     state, _ = one_tick(Still(), Taking().step, Sent(path[0]), path[0], feedforward=ahead[1])
-    assert state.inputs == ahead[1]
+    np.testing.assert_array_equal(state.inputs, ahead[1])
     with pytest.raises(ValueError, match="feedforward must have shape"):
         run_loop(Still(), Taking(), path, ahead[:2])
 
