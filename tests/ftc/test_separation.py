@@ -21,16 +21,13 @@ from ftc.fdi import (
     NominalModel,
     Uncertainty,
     fault_model,
-    fault_responses,
     isolability,
     separation,
     separations,
 )
 from ftc.fdi.bank import hypothesis_bank
-from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.separation import ALIKE, distances
 from ftc.fdi.uncertainty import TYPICAL
-from tests.ftc.carts import outputs_of
 from tests.ftc.machines import LOOSE, mechanism, random_dither
 
 seeds = pytest.mark.parametrize("seed", range(3))
@@ -39,37 +36,18 @@ servos = pytest.mark.parametrize("servo", [False, True])
 # Steady states under a dither, of random mechanisms.
 
 
-def signatures(nominal: NominalModel, dither: Dither) -> NDArray[np.complex128]:
-    """What each failure of one actuator changes of the steady phasor, shape (9, p)."""
-    u = dither.amplitude * np.array(dither.direction)
-    found = fault_responses(nominal, [dither.frequency_hz], 1.0)
-    of_part = dict(zip(found.parts.tolist(), range(1, 1 + len(found.parts)), strict=True))
-    locked, free = found.change[0, :, 0], found.change[0, :, of_part[1.0]]
-    half = found.change[0, :, of_part[0.5]] if 0.5 in of_part else free / 2
-    changes = (np.stack([locked, free, half], axis=1) @ u).reshape(-1, len(nominal.noise))
-    return changes.astype(complex)
+FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
-@servos
-@seeds
-def test_a_signature_is_the_change_of_the_simulated_steady_state(seed, servo):
-    """The phasor of simulated outputs over the last 10 periods, by least squares."""
-    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
-    faults = separations(nominal, dither, 1.0).faults
-    assert [fault.kind for fault in faults] == list(KINDS) * 3
-    ticks = np.arange(round(4.0 / nominal.period_s))
-    commanded = np.array([dither.at(tick * nominal.period_s) for tick in ticks])
-    angle = 2 * np.pi * dither.frequency_hz * nominal.period_s * ticks
-    late = slice(-round(10 / dither.frequency_hz / nominal.period_s), None)
-    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)[late]
+def change(nominal: NominalModel, dither: Dither, fault: Fault) -> NDArray[np.complex128]:
+    """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
+    z = np.exp(2j * np.pi * dither.frequency_hz * nominal.period_s)
 
-    def demodulated(*failed: Fault) -> np.ndarray:
-        y = outputs_of(fault_model(nominal, failed), commanded)
-        return np.array([1, 1j]) @ np.linalg.lstsq(waves, y[late], rcond=None)[0]
+    def phasor(*failed: Fault) -> NDArray[np.complex128]:
+        model, u = fault_model(nominal, failed), dither.amplitude * np.array(dither.direction)
+        return model.C @ np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
 
-    changes = np.array([demodulated(fault) - demodulated() for fault in faults])
-    found = signatures(nominal, dither)
-    np.testing.assert_allclose(found, changes, atol=1e-6 * np.abs(changes).max())
+    return phasor(fault) - phasor()
 
 
 def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -> tuple:
@@ -114,31 +92,10 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
     assert found.from_none[row] == pytest.approx(from_none, rel=tolerance)
 
 
-@servos
-@seeds
-def test_a_separation_grows_with_amplitude_and_root_of_time(seed, servo):
-    """Noise averages out, an error of the model does not."""
-    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
-
-    def apart(scale: float, time_s: float, *uncertainty: Uncertainty) -> np.ndarray:
-        larger = replace(dither, amplitude=scale * dither.amplitude)
-        return separations(nominal, larger, time_s, *uncertainty).distance
-
-    exact, loose = apart(1.0, 1.0), apart(1.0, 1.0, LOOSE)
-    tiny = 1e-9 * exact.max()
-    np.testing.assert_allclose(apart(3.0, 1.0), 3 * exact, atol=tiny)
-    np.testing.assert_allclose(apart(1.0, 9.0), 3 * exact, atol=tiny)
-    for longer in (apart(3.0, 1.0, LOOSE), apart(1.0, 9.0, LOOSE)):
-        assert (longer >= loose - tiny).all() and (longer <= 3 * loose + tiny).all()
-    assert (loose <= exact + tiny).all()
-    endless = apart(1e6, 1.0, LOOSE)
-    np.testing.assert_allclose(apart(1e7, 1.0, LOOSE), endless, rtol=0.05, atol=0.05)
-
-
 def drawn(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
 ) -> NDArray[np.complex128]:
-    """Signatures of a machine with errors, shape (9, p)."""
+    """Phasors of a machine with errors, shape (9, p)."""
     n, k = nominal.actuators, nominal.plant.nstates // 2
     plant = nominal.plant
     more = spread.stiffness * rng.normal(size=(n, 1)) * nominal.displacement
@@ -155,7 +112,7 @@ def drawn(
     B = plant.B * (1 + gains)
     machine = replace(nominal, plant=control.ss(A, B, plant.C, 0), feedback=feedback)
     late = np.exp(-2j * np.pi * dither.frequency_hz * spread.delay_s * rng.normal())
-    return late * signatures(machine, dither)
+    return late * np.array([change(machine, dither, fault) for fault in FAULTS])
 
 
 @pytest.mark.parametrize(
@@ -180,7 +137,7 @@ def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, s
     values = np.concatenate([phasors.real, phasors.imag], axis=-1)
     by_noise = 2 * nominal.period_s / T * np.eye(2)
     found = separations(nominal, dither, T, small)
-    nearest = signatures(nominal, dither)[rows]
+    nearest = np.array([change(nominal, dither, FAULTS[row]) for row in rows])
     means = np.concatenate([nearest.real, nearest.imag], axis=-1)
     for i, first in enumerate(rows):
         for j, second in enumerate(rows):
@@ -193,30 +150,26 @@ def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, s
             assert found.distance[first, second] == pytest.approx(expected, rel=0.15)
 
 
-def response(model: FaultModel, dither: Dither) -> np.ndarray:
-    """Whitened outputs per command, by one matrix inverse."""
-    z = np.exp(2j * np.pi * dither.frequency_hz * 2e-3)
-    return model.C @ np.linalg.inv(z * np.eye(len(model.A)) - model.A) @ model.B
-
-
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
 @seeds
-def test_the_nearest_loss_of_force_is_found(seed, servo, tolerance):
-    """A fine grid of losses has none that is nearer, or much nearer where a servo's interpolate."""
-    nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
-    found = separations(nominal, dither, T)
-    u, size = dither.amplitude * np.array(dither.direction), np.sqrt(T / nominal.period_s / 2)
+def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo, tolerance):
+    """By amplitude and root of time; to the nearest loss of force, by a fine grid of losses.
 
-    def change(fault: Fault) -> np.ndarray:
-        failed = response(fault_model(nominal, [fault]), dither)
-        return (failed - response(fault_model(nominal), dither)) @ u
-
-    happens = [change(fault) for fault in found.faults]
+    None of these is nearer, or much nearer where the losses of a servo are interpolated.
+    """
+    nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5 + seed
+    found, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
+    assert list(found.faults) == FAULTS
+    happens = size * np.array([change(nominal, dither, fault) for fault in FAULTS])
+    np.testing.assert_allclose(found.from_none, np.linalg.norm(happens, axis=1), rtol=1e-6)
     for other in range(3):
-        weak = [change(Fault(other, "weak", 1 - lost)) for lost in np.linspace(0.01, 0.95, 95)]
-        between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * size * np.sqrt(2)
+        losses = [Fault(other, "weak", 1 - lost) for lost in np.linspace(0.01, 0.95, 95)]
+        weak = size * np.array([change(nominal, dither, fault) for fault in losses])
+        between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * np.sqrt(2)
         for row, own in enumerate(happens):
-            grid = size * np.linalg.norm(own - weak, axis=1).min()
+            sure = np.linalg.norm(own - happens[3 * other : 3 * other + 2], axis=1)
+            np.testing.assert_allclose(found.distance[row, 3 * other : 3 * other + 2], sure)
+            grid = np.linalg.norm(own - weak, axis=1).min()
             slack = tolerance * found.from_none[row]
             assert grid - between - slack <= found.distance[row, 3 * other + 2] <= grid + slack
 
