@@ -196,16 +196,6 @@ def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mapping
     assert compiled == mappings
 
 
-def test_next_to_a_singularity_the_objects_decide():
-    """A strut parallel to all others: the payload may shift, and no rank of it is clear."""
-    machine = hexapod(load_model())
-    parallel = type(machine)(machine.top_m - [0.0, 0.0, 1.0], machine.top_m)
-    mapping = StrutMapping(machine, Goal((1.0,) * 6), "analytic")
-    pose = parallel.posture(NOMINAL)
-    step = mapping._step(np.zeros(2), pose, None, None, None)
-    assert mapping._moved(mapping._ticks[0], pose, step, None) is None
-
-
 @pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
 def test_the_secondary_gain_is_what_a_reference_moves(weights):
     """A small reference at the nominal pose moves the commands by the gain, the task not at all."""

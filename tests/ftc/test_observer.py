@@ -47,9 +47,10 @@ def watched(watch: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverState
     return states[1:]
 
 
-def by_hand(
-    model, state: ObserverState, v, y: np.ndarray | None, learning_s, memory_s, largest
-) -> dict:
+LARGEST, LEARNS_S, FORGETS_S = 9.0, 0.3, 0.5
+
+
+def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
     """The sample by the Kalman filter in Joseph's form, a Riccati step, and a mean of products."""
     p, J = len(model.C), len(model.M) - 1
     moving = np.concatenate([state.X[0], v])
@@ -58,10 +59,10 @@ def by_hand(
     rates = np.repeat([WRONG.drift_rate, WRONG.offset_rate], [J, p])
     walk = np.diag(rates**2 * PERIOD_S)
     mean, P = state.parameters.mean, state.parameters.covariance
-    spectrum, found = state.spectrum.covariance, {"X": X, "residual": np.zeros(p)}
+    spectrum = state.spectrum.covariance
+    found = {"X": X, "residual": np.zeros(p), "mean": mean, "P": P, "spectrum": spectrum}
     if y is None:
-        memory = np.stack([*state.memory[1:], np.zeros_like(Y)])
-        return found | {"memory": memory, "mean": mean, "P": P + walk, "spectrum": spectrum}
+        return found | {"memory": np.stack([*state.memory[1:], np.zeros_like(Y)]), "P": P + walk}
     Y[0] = y - Y[0]
     memory = np.stack([*state.memory[1:], Y])
     white = np.einsum("qp,qcp->cp", state.whitening, memory[::-1])
@@ -70,15 +71,15 @@ def by_hand(
     e = white[0] - G.T @ mean
     residual = np.linalg.solve(np.linalg.cholesky(S), e)
     found |= {"memory": memory, "residual": residual}
-    known = state.spectrum.samples * PERIOD_S >= learning_s
-    if state.measured + 1 <= ORDER or (known and residual @ residual > largest):
-        return found | {"mean": mean, "P": P, "spectrum": spectrum}
+    known = state.spectrum.samples * PERIOD_S >= LEARNS_S
+    if state.measured + 1 <= ORDER or (known and residual @ residual > LARGEST):
+        return found
     K = np.linalg.solve(S, G.T @ P).T
     without = np.eye(J + p) - K @ G.T
     mean, P = mean + K @ e, without @ P @ without.T + K @ K.T
     left = Y[0] - np.einsum("j,jp->p", mean[:J], Y[1:]) - mean[J:]
     recent = np.stack([*state.spectrum.recent[1:], left])
-    share = 1 / min(state.spectrum.samples + 1, memory_s / PERIOD_S)
+    share = 1 / min(state.spectrum.samples + 1, FORGETS_S / PERIOD_S)
     spectrum = (1 - share) * spectrum + share * recent[::-1] * left
     return found | {"mean": mean, "P": P + walk, "spectrum": spectrum}
 
@@ -86,26 +87,21 @@ def by_hand(
 @pytest.mark.parametrize("seed", range(4))
 def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch):
     """Also one that is not measured, one too large to learn from, and those after either."""
-    monkeypatch.setattr(observer, "MEMORY_S", 0.5)  # so that 150 samples forget
-    monkeypatch.setattr(observer, "LEARNING_S", 0.3)
+    monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples forget
+    monkeypatch.setattr(observer, "LEARNING_S", LEARNS_S)
     record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
-    watch = cart_observer(WRONG, largest=9.0)
+    watch = cart_observer(WRONG, largest=LARGEST)
     state, before, gated = watch.start(), np.zeros(2), 0
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
         given = None if sample in (60, 61, 90) else y + 30.0 * (sample == 120)
-        expected = by_hand(watch.model, state, v, given, 0.3, 0.5, 9.0)
+        expected = by_hand(watch.model, state, v, given)
         samples, before = state.spectrum.samples, u
         state, _ = watch.step(state, v, given)
         gated += given is not None and state.spectrum.samples == samples
-        found = {
-            "X": state.X,
-            "residual": state.residual,
-            "memory": state.memory,
-            "mean": state.parameters.mean,
-            "P": state.parameters.covariance,
-            "spectrum": state.spectrum.covariance,
-        }
+        found = {name: getattr(state, name) for name in ("X", "residual", "memory")}
+        found |= {"mean": state.parameters.mean, "P": state.parameters.covariance}
+        found |= {"spectrum": state.spectrum.covariance}
         for name, value in expected.items():
             tiny = 1e-9 * np.abs(value).max()
             np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=tiny, err_msg=name)
