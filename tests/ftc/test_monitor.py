@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import control
@@ -392,6 +393,9 @@ def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault
         watch = monitor(replace(carts(0, n=3), period_s=period_s), config=config)
         ticks, fails = round(3.5 / period_s), round(FAILS_S / period_s)
         states = flown(watch, seed, ticks, fault=fault, fails=fails)
+        filters = [state.observer.whitening for state in states[:fails]]
+        made = np.flatnonzero([now is not then for then, now in pairwise(filters)])
+        assert (np.diff(made[-2:]) == 50).all()  # of as many samples at any rate
         found = [state.diagnosis for state in states if state.diagnosis is not None]
         assert {each.fault for each in found} == {fault}
         first, last = found[0], found[-1]
