@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
@@ -105,7 +106,7 @@ def watched(
 class Record:
     """Commands (N, n) of samples and mean outputs (N, p) in units of their noise."""
 
-    nominal: NominalModel
+    nominal: Any
     ticks: int
     u: np.ndarray
     y: np.ndarray
