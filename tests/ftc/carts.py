@@ -8,7 +8,7 @@ from typing import Any
 import control
 import numpy as np
 
-from ftc.fdi import Diagnosis, Fault, NominalModel, fault_model
+from ftc.fdi import Fault, NominalModel, fault_model
 from ftc.fdi.bank import Evidence, HypothesisBank
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.monitor import Monitor, MonitorState
@@ -82,24 +82,6 @@ def flown(
         u = u + 2e-3 * np.sin(2 * np.pi * (watch.config.dither_hz or 0.0) * time_s)
         x = plant.step(x, act(tick, u))
     return states
-
-
-def watched(
-    watch: Monitor, y: np.ndarray, sent: np.ndarray
-) -> tuple[MonitorState, list[Diagnosis]]:
-    """The last state of a monitor that goes on after each confirmation, and all diagnoses.
-
-    Outputs (N, p), and the commands (N, n) that came before each of them.
-    """
-    state, named = watch.start(), []
-    for measured, u in zip(y, sent, strict=True):
-        state = watch.step(state, measured, u)
-        found = state.diagnosis
-        if found is not None and (not named or named[-1] is not found):
-            named.append(found)
-        if found is not None and found.confirmed:
-            watch, state = watch.believing(state)
-    return state, named
 
 
 @dataclass(frozen=True)

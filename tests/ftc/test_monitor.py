@@ -6,30 +6,22 @@ from functools import cache
 from itertools import pairwise
 from typing import Any
 
-import control
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fjh.rig.hexapod.fault_tolerance import HEAVE
-from fjh.rig.hexapod.rig import hexapod_rig, pursuing
-from fjh.rig.prediction import linear_run
 from ftc.fdi import (
     CERTAIN,
     DEFAULT_CONFIG,
-    KINDS,
     Cause,
-    Dither,
     Fault,
-    NominalModel,
     fault_model,
     monitor,
 )
-from ftc.fdi.decision import CONFIDENCE, CONFIRMATION_S
+from ftc.fdi.decision import CONFIRMATION_S
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.monitor import JUDGED_S, REVISED_S, Monitor
-from ftc.fdi.uncertainty import STEP, TYPICAL, perturbed
-from tests.ftc.carts import carts, flown, watched
+from tests.ftc.carts import carts, flown
 from tests.ftc.verdicts import (
     LOCKED,
     MISFIT,
@@ -406,58 +398,3 @@ def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault
         confirmed_s = (last.tick - first.tick) * period_s - CONFIRMATION_S
         assert -1.5 * period_s < confirmed_s < REVISED_S + 2 * period_s
     assert min(alarms_s) >= 0 and max(alarms_s) < min(alarms_s) + 0.1
-
-
-# The hexapod: linear plants that are not its model.
-
-ONSET = 1500
-
-
-def drawn(nominal: NominalModel, seed: int) -> NominalModel:
-    """A plant whose errors are drawn as uncertain as the model is said to be."""
-    rng, plant = np.random.default_rng([seed, 21]), nominal.plant
-    A, B = plant.A.copy(), plant.B.copy()
-    for each in perturbed(nominal, TYPICAL):
-        size = rng.standard_normal() / STEP
-        A, B = A + size * (each.plant.A - plant.A), B + size * (each.plant.B - plant.B)
-    return replace(nominal, plant=control.ss(A, B, plant.C, 0))
-
-
-def hexapod_flight(seed: int, fault: Fault | None, duration_s: float = 1.9):
-    """The monitor's last state and its diagnoses; the plant is drawn, its commands are late."""
-    own = hexapod_rig()
-    nominal, dither = own.nominal, Dither(0.5e-6, 20.0, HEAVE)
-    rig = pursuing(own, own.goal, nominal=drawn(nominal, seed))
-    path = rig.control.testbed.bench.spiral_rad(duration_s, begin_s=6.0)
-    states, sent = linear_run(rig, path, dither, [fault] if fault else [], ONSET)
-    rng = np.random.default_rng(seed)
-    y = states @ nominal.plant.C.T + nominal.noise * rng.standard_normal((len(states), 2))
-    late = np.vstack([sent[:-1], np.zeros((1, 6))])  # a tick before the plant gets them
-    config = replace(DEFAULT_CONFIG, dither_hz=dither.frequency_hz)
-    return watched(monitor(nominal, config=config), y, late)
-
-
-EACH = [
-    pytest.param(strut, kind, marks=[] if (strut, kind) == (1, "weak") else pytest.mark.long)
-    for strut in range(6)
-    for kind in KINDS
-]
-
-
-@pytest.mark.parametrize(("strut", "kind"), EACH)
-def test_each_failure_is_found_in_a_plant_that_is_not_the_model(strut, kind):
-    """Gains, springs, dampers and inertia drawn, and a tick of delay."""
-    _, found = hexapod_flight(strut, Fault(strut, kind, 0.4 * (kind == "weak")))
-    assert found
-    assert {each.fault.actuator for each in found} == {strut}
-    assert kind in found[-1].kinds
-    assert found[0].alarm_tick > ONSET and found[0].tick < ONSET + 400
-    assert all(each.actuator_confidence >= CONFIDENCE for each in found)
-
-
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
-def test_a_healthy_plant_that_is_not_the_model_raises_no_alarm(seed):
-    """The errors are tracked, and what they may still do belongs to the threshold."""
-    state, found = hexapod_flight(seed, None, duration_s=3.0)
-    assert (state.alarm_ticks, found, state.unexplained) == ((), [], False)
-    assert np.diag(state.observer.parameters.covariance).min() < 0.1  # of a prior of one

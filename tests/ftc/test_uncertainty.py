@@ -75,15 +75,11 @@ class Struts:
     def with_error(self, error: str, size: float, actuator: int) -> "Struts":
         """The machine with that error."""
         more = 1 + size * (np.arange(len(self.mass)) == actuator)
-        if error == "gain":
-            return replace(self, gain=self.gain * more)
-        if error == "damping":
-            return replace(self, damper=self.damper * more, kv=self.kv * more)
         if error == "inertia":
             return replace(self, mass=self.mass * (1 + size))
-        if self.kp.any():
-            return replace(self, kp=self.kp * more)
-        return replace(self, spring=self.spring * more)
+        own = {"gain": ("gain",), "damping": ("damper", "kv"), "stiffness": ("spring",)}
+        names = ("kp",) if error == "stiffness" and self.kp.any() else own[error]
+        return replace(self, **{name: getattr(self, name) * more for name in names})
 
 
 SENT = np.cumsum(0.1 * np.random.default_rng(7).standard_normal((100, 3)), axis=0)
