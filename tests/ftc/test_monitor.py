@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ftc.fdi import (
-    CERTAIN,
-    DEFAULT_CONFIG,
-    Cause,
-    Fault,
-    fault_model,
-    monitor,
-)
+from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Cause, Fault, fault_model, monitor
 from ftc.fdi.decision import CONFIRMATION_S
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.monitor import JUDGED_S, REVISED_S, Monitor

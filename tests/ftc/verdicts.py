@@ -75,10 +75,7 @@ def quiet(samples: int, offset: float) -> tuple[Monitor, list]:
 
 
 def judged(
-    says: Callable[[int], Verdict],
-    samples: int = 360,
-    shock: int = SHOCK,
-    offset: float = 0.0,
+    says: Callable[[int], Verdict], samples: int = 360, shock: int = SHOCK, offset: float = 0.0
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
     watch, before = quiet(min(samples, shock), offset)
