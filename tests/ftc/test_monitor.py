@@ -20,7 +20,8 @@ from tests.ftc.carts import carts, flown
 
 # Verdicts that are given, in flights of noise with a shock.
 
-CONFIG = FdiConfig(uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0), sample_s=10e-3)
+OFFSETS = replace(CERTAIN, offset=3.0, offset_rate=1.0)
+CONFIG = FdiConfig(uncertainty=OFFSETS, sample_s=10e-3)
 TICKS = 2  # of a sample
 SHOCK = 140  # sample
 STATE = np.linspace(1, 2, 6) * 1e-3
@@ -336,14 +337,13 @@ def test_what_was_known_of_other_actuators_stays_known(found, known):
 # Carts on springs: what is no failure names none, and hides none.
 
 TICK_S, HZ, BEGIN, END = 5e-3, 5.0, 260, 460
-OFFSETS = replace(CERTAIN, offset=3.0, offset_rate=1.0)
 
 
 @cache
 def of_carts(command: float = 0.0, supply: float = 0.0, scale: float = 0.0) -> Monitor:
     """That knows of causes that are no failures as much as this."""
     wide = replace(OFFSETS, command=command, supply=supply, scale=scale)
-    return monitor(carts(0, n=3), config=FdiConfig(uncertainty=wide, dither_hz=HZ, sample_s=10e-3))
+    return monitor(carts(0, n=3), config=replace(CONFIG, uncertainty=wide, dither_hz=HZ))
 
 
 def direction(seed: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which failures look alike, without simulated noise: steady states and transients."""
+"""Which failures look alike, in steady states and transients; motions and sensors that end it."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,9 +6,10 @@ from functools import cache
 import control
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+import scipy.linalg
 from scipy.stats import norm
 
+from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.prediction import linear_run
@@ -16,22 +17,72 @@ from ftc.fdi import (
     CERTAIN,
     KINDS,
     Cause,
+    Cost,
     Dither,
     Fault,
     NominalModel,
     Uncertainty,
+    designed_dither,
     fault_model,
+    fault_responses,
     isolability,
+    ranked_sensors,
     separation,
     separations,
+    separations_at,
 )
 from ftc.fdi.bank import hypothesis_bank
 from ftc.fdi.separation import ALIKE, distances
 from ftc.fdi.uncertainty import TYPICAL
-from tests.ftc.machines import LOOSE, mechanism, random_dither
+from tests.ftc.hexapod import DITHER, jacobian
+from tests.random_systems import bits
 
 seeds = pytest.mark.parametrize("seed", range(3))
 servos = pytest.mark.parametrize("servo", [False, True])
+
+# Random mechanisms on springs and servos, and motions that try them.
+
+LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
+
+
+@cache
+def mechanism(seed: int, *, servo: bool = False, n: int = 3, outputs: int = 2) -> NominalModel:
+    """Well damped masses on springs, or on servos, more of them than actuators at odd seeds."""
+    rng = np.random.default_rng(seed)
+    k = n + seed % 2
+    half = rng.normal(size=(k, k))
+    M = np.eye(k) + 0.1 * half @ half.T
+    c = np.linalg.qr(rng.normal(size=(k, k)))[0][:n]
+    spring = rng.uniform(2000.0, 6000.0, size=n)
+    damper = 0.6 * np.sqrt(spring)
+    K = c.T * spring @ c + 500.0 * np.eye(k)
+    D = c.T * damper @ c + 20.0 * np.eye(k)
+    A = np.block([[np.zeros((k, k)), np.eye(k)], [-np.linalg.solve(M, np.hstack([K, D]))]])
+    B = np.vstack([np.zeros((k, n)), np.linalg.solve(M, c.T * spring)])
+    C = np.hstack([rng.normal(size=(outputs, k)), np.zeros((outputs, k))])
+    return NominalModel(
+        plant=control.ss(A, B, C, 0),
+        displacement=np.hstack([c, np.zeros((n, k))]),
+        noise=rng.uniform(0.5, 2.0, size=outputs) * 1e-5,
+        period_s=2e-3,
+        step_s=1e-3,
+        feedback=np.hstack([c, c * (damper / spring)[:, None]]) if servo else None,
+    )
+
+
+@cache
+def twins() -> NominalModel:
+    """Two equal masses, one sensor of their sum, and a third that it does not see."""
+    A = np.block([[np.zeros((3, 3)), np.eye(3)], [-4000.0 * np.eye(3), -30.0 * np.eye(3)]])
+    B = np.vstack([np.zeros((3, 3)), 4000.0 * np.eye(3)])
+    C = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
+    return NominalModel(control.ss(A, B, C, 0), np.eye(3, 6), np.array([1e-5]), 2e-3, 1e-3)
+
+
+def random_dither(seed: int, n: int = 3, hz: float = 10.0) -> Dither:
+    rng = np.random.default_rng([seed, 1])
+    return Dither(1e-3, hz, tuple(rng.uniform(0.5, 1.0, size=n) * rng.choice([-1, 1], size=n)))
+
 
 # Steady states under a dither, of random mechanisms.
 
@@ -39,15 +90,16 @@ servos = pytest.mark.parametrize("servo", [False, True])
 FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
-def change(nominal: NominalModel, dither: Dither, fault: Fault) -> NDArray[np.complex128]:
+def swing(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> np.ndarray:
+    """Steady phasor of the states, (s,), under commands of amplitudes (n,)."""
+    model, z = fault_model(nominal, faults), np.exp(2j * np.pi * hz * nominal.period_s)
+    return np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
+
+
+def change(nominal: NominalModel, dither: Dither, fault: Fault) -> np.ndarray:
     """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
-    z = np.exp(2j * np.pi * dither.frequency_hz * nominal.period_s)
-
-    def phasor(*failed: Fault) -> NDArray[np.complex128]:
-        model, u = fault_model(nominal, failed), dither.amplitude * np.array(dither.direction)
-        return model.C @ np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
-
-    return phasor(fault) - phasor()
+    how = nominal, dither.frequency_hz, dither.amplitude * np.array(dither.direction)
+    return fault_model(nominal).C @ (swing(*how, fault) - swing(*how))
 
 
 def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -> tuple:
@@ -94,7 +146,7 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
 
 def drawn(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
-) -> NDArray[np.complex128]:
+) -> np.ndarray:
     """Phasors of a machine with errors, shape (9, p)."""
     n, k = nominal.actuators, nominal.plant.nstates // 2
     plant = nominal.plant
@@ -178,9 +230,141 @@ def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
     assert norm.cdf(-ALIKE / 2) == pytest.approx(1e-3, rel=0.01)
 
 
+# Motions that tell failures apart, and sensors that do.
+
+
+def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
+    """In step, twins leave the same gap; in turn, gaps of opposite sign."""
+    nominal, known = twins(), (1.0,)
+    step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
+    found = separations(nominal, step, *known)
+    assert found.alike_actuators() == ((0, 1),) and found.least == 0.0
+    assert found.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
+    # Uncoupled, each stands still when locked and when free.
+    assert not found.distance[[0, 3, 6], [1, 4, 7]].any()
+    in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
+    assert in_turn.alike_actuators() == () and found.isolable() == ()
+    assert [fault.actuator for fault in in_turn.isolable()] == [0, 0, 0, 1, 1, 1]
+
+    sum_again, third, first = np.eye(1, 6)[0] + np.eye(1, 6, 1)[0], np.eye(1, 6, 2)[0], np.eye(6)[0]
+    candidates = {"sum": (sum_again, 1e-5), "third": (third, 1e-5), "first": (first, 1e-5)}
+    ranked = ranked_sensors(nominal, candidates, step, *known)
+    assert [each.alike for each in ranked] == [1, 1, 2]
+    assert {each.name for each in ranked[:2]} == {"third", "first"}
+    assert ranked_sensors(nominal, {}, step, *known) == ()
+
+
+@servos
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
+def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, servo):
+    """It can be ignored; with an uncertain model, too."""
+    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
+    known = 0.5, LOOSE
+    before = separations(nominal, dither, *known)
+    encoders = {str(k): (row, 1e-4) for k, row in enumerate(nominal.displacement)}
+    ranked = ranked_sensors(nominal, encoders, dither, *known)
+    for each in ranked:
+        slack, (row, noise) = 1e-6 * before.distance.max(), encoders[each.name]
+        C = np.vstack([nominal.plant.C, row])
+        beside = nominal.measured(C, np.append(nominal.noise, noise))
+        alone = separations(beside, dither, *known)
+        np.testing.assert_allclose(each.separations.distance, alone.distance, atol=slack)
+        assert (each.separations.distance >= before.distance - slack).all()
+        assert (each.separations.from_none >= before.from_none - slack).all()
+    order = [(each.alike, -each.separations.least) for each in ranked]
+    assert order == sorted(order) and len(ranked) == 3
+
+
+def spent(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
+    """Commands, motions of actuators and of the first output, in units of what is allowed."""
+    x = swing(nominal, hz, commanded)
+    parts = commanded / 1e-3, nominal.displacement @ x / 1e-3, nominal.plant.C[:1] @ x / 1e-4
+    return np.abs(np.concatenate(parts))
+
+
+@servos
+@pytest.mark.parametrize("uncertainty", [Uncertainty(), LOOSE], ids=["exact", "uncertain"])
+@pytest.mark.parametrize("seed", range(2))
+def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, uncertainty, servo):
+    """And that costs what it may, and keeps the null space."""
+    nominal = mechanism(seed, servo=servo)
+    plant, known = nominal.plant, (0.5, uncertainty)
+    J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output, at rest
+    N, frequencies = scipy.linalg.null_space(J), np.array([4.0, 16.0])
+    cost = Cost(1e-3, np.asarray(plant.C)[:1], 1e-4)
+    best = designed_dither(nominal, N, frequencies, cost, *known)
+    u = best.dither.amplitude * np.array(best.dither.direction)
+    assert np.abs(J @ u).max() < 1e-12 * np.abs(J).max()
+    assert best.dither.frequency_hz in frequencies
+    used = spent(nominal, u, best.dither.frequency_hz)
+    assert used.max() == pytest.approx(1.0, rel=1e-9)
+    np.testing.assert_allclose(best.displacement, 1e-3 * used[3:6], rtol=1e-6)
+    np.testing.assert_allclose(best.task_motion, 1e-4 * used[6:], rtol=1e-6)
+
+    responses = fault_responses(nominal, frequencies, *known)
+    rng = np.random.default_rng([seed, 2])
+    for number in range(50):
+        k = number % 2
+        other = N @ rng.normal(size=N.shape[1])
+        other /= spent(nominal, other, frequencies[k]).max()
+        found = separations_at(responses, k, other)
+        reached = [each.between_actuators[best.separable] for each in (found, best.separations)]
+        assert reached[0].min() <= reached[1].min() * (1 + 1e-6)
+
+
+def test_a_task_that_leaves_no_freedom_gets_no_dither():
+    nominal = mechanism(0)
+    cost = Cost(1e-3, np.asarray(nominal.plant.C), 1e-4)
+    for none in (np.zeros((3, 0)), np.zeros((3, 3))):
+        found = designed_dither(nominal, none, [5.0], cost, 1.0)
+        assert found.dither.amplitude == 0.0 and found.separations.least == 0.0
+        assert len(found.separations.undetected()) == 9
+
+
+def test_for_the_hexapod_the_heave_is_found():
+    """All struts alike: by symmetry pointing stays still, and each strut has a direction."""
+    nominal, J_m = hexapod_rig().nominal, jacobian()[MAJOR]
+    known, cost = (0.2, LOOSE), Cost(0.5e-6, np.asarray(nominal.plant.C), 1e-7)
+    found = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
+    np.testing.assert_allclose(found.dither.direction, HEAVE, atol=1e-3)
+    assert found.task_motion.max() < 1e-10
+    heave = separations(nominal, replace(found.dither, direction=HEAVE), *known)
+    assert found.separable.all()
+    assert found.separations.least == pytest.approx(heave.least, rel=1e-3)
+
+
+# Symmetric machines: a choice among equals does not hang on the last bits of numbers.
+
+
+def test_a_dither_is_the_same_however_its_freedom_is_given():
+    """Any columns that span it will do; the search begins with directions, not with coordinates."""
+    nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
+    J = rng.normal(size=(1, 4))
+    P = np.eye(4) - np.linalg.pinv(J) @ J
+    cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
+    found = [
+        designed_dither(nominal, P @ mix, [4.0, 16.0], cost, 0.5, LOOSE).dither
+        for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
+    ]
+    for each in found[1:]:
+        assert each.frequency_hz == found[0].frequency_hz
+        np.testing.assert_allclose(each.direction, found[0].direction, atol=1e-6)
+
+
+def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
+    """Each is of one of the twins and of the third mass, and separates as much."""
+    nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        rows = [bits(rng, sign * np.eye(6)[k] + np.eye(6)[2]) for k in (0, 1) for sign in (1, -1)]
+        for order in (range(4), [3, 1, 0, 2]):
+            sensors = {str(k): (rows[k], 1e-5) for k in order}
+            ranked = ranked_sensors(nominal, sensors, step, 1.0)
+            assert [int(each.name) for each in ranked] == list(order)
+
+
 # Transients: the hexapod on its spiral, whose strut fails after 1.5 s.
 
-DITHER = Dither(0.5e-6, 20.0, HEAVE)
 ONSET = 1500
 
 
