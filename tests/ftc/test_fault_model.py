@@ -19,7 +19,7 @@ from ftc.reconfiguration import used_share
 from sim import Failure, LinearPlant, Plant, assemble, linearize, load_model
 from sim.plant import failed_plant
 from tests import models
-from tests.ftc.carts import ServoCarts, carts, random_walk, rubbing_carts
+from tests.ftc.carts import carts, random_walk, rubbing_carts, servo_carts
 from tests.profiles import examples
 
 kinds = pytest.mark.parametrize("kind", KINDS)
@@ -109,7 +109,7 @@ def test_a_plant_whose_states_are_no_positions_and_velocities_is_refused():
 @pytest.mark.parametrize("n", [2, 5])
 def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
     """Onset, load that is no longer held, and the commands after it, to rounding."""
-    plant, sent = ServoCarts.random(n, n), random_walk(n, 400, np.random.default_rng(0))
+    plant, sent = servo_carts(n, n), random_walk(n, 400, np.random.default_rng(0))
     fault = Fault(1, kind, 0.4 * (kind == "weak"))
     before, after = fault_model(plant.nominal()), fault_model(plant.nominal(), [fault])
     states = before.states(sent[:100])
@@ -119,14 +119,14 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
 
 def test_a_weak_servo_rests_where_its_forces_balance():
     """Springs and servos against loads: K x = kp left u + load, as statics has it."""
-    plant, u = ServoCarts.random(3, 4), np.array([1e-3, -2e-3, 5e-4])
+    plant, u = servo_carts(3, 4), np.array([1e-3, -2e-3, 5e-4])
     left = np.array([1.0, 0.4, 1.0])
-    stiffness = plant.springs + np.diag(left * plant.kp)
+    stiffness = plant.structure + np.diag(left * plant.kp)
     at_rest = np.linalg.solve(stiffness, left * plant.kp * u + (left - 1) * plant.load)
     found = resting_displacements(plant.nominal(), [Fault(1, "weak", 0.4)], u)
     assert found is not None
     np.testing.assert_allclose(found, at_rest, rtol=1e-9)
-    falls = replace(plant, springs=np.zeros((3, 3))).nominal()
+    falls = replace(plant, structure=np.zeros((3, 3))).nominal()
     assert resting_displacements(falls, [Fault(0, "free")], u) is None
     assert resting_displacements(falls, [Fault(0, "weak", 0.1)], u) is not None
 
@@ -141,12 +141,12 @@ def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
     Up to the confirmation: what springs leave of a free cart is known as little.
     """
     n = 2 + seed % 4
-    model, rng = ServoCarts.random(n, seed), np.random.default_rng(seed)
+    model, rng = servo_carts(n, seed), np.random.default_rng(seed)
     wrong = {
         name: getattr(model, name) * (1 + 0.02 * rng.standard_normal(n))
         for name in ("mass", "kp", "kv")
     }
-    plant = replace(model, springs=model.springs * (1 + 0.02 * rng.standard_normal()), **wrong)
+    plant = replace(model, structure=model.structure * (1 + 0.02 * rng.standard_normal()), **wrong)
     fault = Fault(int(rng.integers(n)), kind, rng.uniform(0.2, 0.7) * (kind == "weak"))
     sent = random_walk(n, 900, rng)
     y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
@@ -244,7 +244,7 @@ def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
 def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
     """Forces f minimize f'K f / 2 + f'c: bounded least squares, of a coupled random K."""
     rng, n = np.random.default_rng(seed), 4
-    root, nominal = rng.normal(size=(n, n)), ServoCarts.random(n, seed).nominal()
+    root, nominal = rng.normal(size=(n, n)), servo_carts(n, seed).nominal()
     M = root @ root.T + np.eye(n)
     limit = rng.uniform(0.01, 0.1, n)
     rubs = M, np.eye(n), limit, rng.uniform(0.1, 1, n), np.ones(n)
@@ -315,10 +315,10 @@ LEFT = st.floats(0.01, 1.0)
 @given(SEEDS, NUMBERS, LEFT)
 def test_a_servo_goes_where_it_is_told_within_the_compliance_of_its_load(seed, n, left):
     """Of stiffness e k against a load s: e k / (s + e k), which of a stiff servo is almost one."""
-    plant = ServoCarts.random(n, seed)
+    plant = servo_carts(n, seed)
     for k in range(n):
         others = np.where(np.arange(n) == k, 0.0, plant.kp)
-        s, kp = 1 / np.linalg.inv(plant.springs + np.diag(others))[k, k], plant.kp[k]
+        s, kp = 1 / np.linalg.inv(plant.structure + np.diag(others))[k, k], plant.kp[k]
         expected = left * (s + kp) / (s + left * kp)
         share = static_share(plant.nominal(), Fault(k, "weak", left))
         assert abs(share - expected) < 2e-3
@@ -328,7 +328,7 @@ def test_a_servo_goes_where_it_is_told_within_the_compliance_of_its_load(seed, n
 def test_without_force_no_command_moves_and_a_healthy_one_moves_all(servo):
     """A coil moves by the force that is left: its spring stays what it was."""
     assert static_share(carts(0), Fault(0, "weak", 0.3)) == pytest.approx(0.3)
-    nominal = ServoCarts.random(2, 0).nominal() if servo else carts(0)
+    nominal = servo_carts(2, 0).nominal() if servo else carts(0)
     assert static_share(nominal, Fault(0, "weak", 0.0)) == 0.0
     assert static_share(nominal, Fault(0, "weak", 1.0)) == 1.0
     for kind in ("locked", "free"):
@@ -353,7 +353,7 @@ def test_what_nothing_brings_to_rest_has_moved_as_far_at_any_control_rate(ticks_
 
 
 def test_what_moves_less_than_half_of_what_it_is_told_is_not_used():
-    coil, servo = carts(0), ServoCarts.random(2, 0).nominal()
+    coil, servo = carts(0), servo_carts(2, 0).nominal()
     assert used_share(coil, Fault(0, "weak", WEAKEST + 0.01)) > WEAKEST
     assert used_share(coil, Fault(0, "weak", WEAKEST - 0.01)) == 0.0
     assert used_share(servo, Fault(0, "weak", WEAKEST - 0.01)) > 0.8
