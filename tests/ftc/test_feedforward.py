@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import toeplitz
 
 from ftc import inverse_feedforward
 from ftc.fdi import NominalModel, fault_model
@@ -69,21 +70,14 @@ def test_the_demands_are_the_least_squares_answer(backwards):
     path = circle(0.3, 150)[:, : len(gain.T)]
     held = np.vstack([path, np.tile(path[-1], (450 // len(path.T), 1))])
     ticks, m = held.shape
-    T = np.zeros((ticks, m, ticks, m))
-    for k in range(m):
-        pulse = np.zeros(held.shape)
-        pulse[0, k] = 1.0
-        h = response(nominal, gain, pulse)
-        for tick in range(ticks):
-            T[tick:, :, tick, k] = h[: ticks - tick]
-    T = T.reshape(ticks * m, ticks * m)
-    weight = np.sqrt(WEIGHT)
+    after = [response(nominal, gain, np.eye(1, ticks).T * axis).T for axis in np.eye(m)]
+    T = np.block([[toeplitz(h[row], np.zeros(ticks)) for h in after] for row in range(m)])
+    weight, wanted = np.sqrt(WEIGHT), held.T.ravel()
     stacked = np.vstack([T, weight * np.eye(ticks * m)])
-    wanted = np.concatenate([held.ravel(), weight * held.ravel()])
-    best = np.linalg.lstsq(stacked, wanted, rcond=None)[0].reshape(held.shape)[: len(path)]
-    np.testing.assert_allclose(
-        inverse_feedforward(nominal, gain, path), best, atol=5e-4 * np.abs(best).max()
-    )
+    best = np.linalg.lstsq(stacked, np.concatenate([wanted, weight * wanted]), rcond=None)[0]
+    best = best.reshape(m, ticks).T[: len(path)]
+    found = inverse_feedforward(nominal, gain, path)
+    np.testing.assert_allclose(found, best, atol=5e-4 * np.abs(best).max())
 
 
 @given(scale=st.floats(1e-6, 1e6), row=st.integers(0, 1))

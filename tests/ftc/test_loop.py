@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from fjh.rig import Rig
-from fjh.rig.hexapod.controller import nominal_loops
-from fjh.rig.hexapod.fault_tolerance import nominal_model
-from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc import Stage, one_tick, run_loop, steps
 from ftc.fdi import fault_model
 from tests.ftc.carts import rubbing_carts
-from tests.ftc.small_stage import Still
+from tests.ftc.small_stage import Still, stage
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
@@ -74,33 +71,28 @@ def test_feedforward_reaches_the_controllers_that_take_it():
 
 
 @pytest.mark.parametrize("rubs", [False, True])
-def test_a_batch_of_settings_is_each_setting_alone(model, rubs):
-    """Limits of demands, anti-windup and starts of the hexapod; dry friction of carts on servos."""
-    rng = np.random.default_rng(0)
+def test_a_batch_of_settings_is_each_setting_alone(rubs):
+    """Limits of demands, anti-windup and starts of a stage; dry friction of carts on servos."""
+    rng, own = np.random.default_rng(0), stage()
+    settings: dict[str, Any] = {}
+    nominal, disturbance = rubbing_carts(0), None
     if rubs:
-        nominal = rubbing_carts(0)
-        stage = Stage(fault_model(nominal))
+        whole = Stage(fault_model(nominal))
         loops: Any = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3
-        settings, disturbance = {}, None
         reference = 1e-3 * rng.normal(size=(3, 20, 3)).cumsum(axis=1)
     else:
-        nominal, loops = (
-            nominal_model(model, TestbedConfig()),
-            nominal_loops(model, TestbedConfig()),
-        )
-        stage = Stage(fault_model(nominal), gain=1e-2 * rng.normal(size=(6, 2)))
-        settings = {
-            "limit": np.array([1e-4, 2e-4, np.inf]),
-            "anti_windup": np.array([True, False, True]),
-            "start": 1e-6 * rng.normal(size=(3, 12)),
-        }
-        disturbance = 1e-6 * rng.normal(size=(80, 12))
-        reference = 1e-4 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
+        nominal, loops = own.nominal, [own.loop] * 2
+        whole = Stage(fault_model(nominal), gain=own.mapping().major_gain())
+        settings["limit"] = np.array([1e-2, 2e-2, np.inf])
+        settings["anti_windup"] = np.array([True, False, True])
+        settings["start"] = 1e-4 * rng.normal(size=(3, 6))
+        disturbance = 1e-4 * rng.normal(size=(80, 6))
+        reference = 1e-2 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
 
     def states(which: Any) -> np.ndarray:
         how = {name: value[which] for name, value in settings.items()}
         C, path = nominal.plant.C, reference[which]
-        ticks = steps([stage], C, loops, path, disturbance=disturbance, **how)
+        ticks = steps([whole], C, loops, path, disturbance=disturbance, **how)
         return np.stack([tick.x for tick in ticks], axis=-2)
 
     many = states(slice(None))
@@ -108,4 +100,4 @@ def test_a_batch_of_settings_is_each_setting_alone(model, rubs):
         np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-15)
     if rubs:  # and a tick of it is that of the model
         u = 0.2 * (reference[1, 7] - nominal.plant.C @ many[1, 7])
-        np.testing.assert_allclose(stage.model.step(many[1, 7], u), many[1, 8], atol=1e-12)
+        np.testing.assert_allclose(whole.model.step(many[1, 7], u), many[1, 8], atol=1e-12)
