@@ -87,7 +87,8 @@ def test_a_batch_of_settings_is_each_setting_alone(rubs):
         settings["anti_windup"] = np.array([True, False, True])
         settings["start"] = 1e-4 * rng.normal(size=(3, 6))
         disturbance = 1e-4 * rng.normal(size=(80, 6))
-        reference = 1e-2 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
+        reference = 3e-2 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
+        reference[:, 40:] *= -1  # away from the limits
 
     def states(which: Any) -> np.ndarray:
         how = {name: value[which] for name, value in settings.items()}
