@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
@@ -90,13 +91,13 @@ def random_dither(seed: int, n: int = 3, hz: float = 10.0) -> Dither:
 FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
-def swing(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> np.ndarray:
+def swing(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
     """Steady phasor of the states, (s,), under commands of amplitudes (n,)."""
     model, z = fault_model(nominal, faults), np.exp(2j * np.pi * hz * nominal.period_s)
     return np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
 
 
-def change(nominal: NominalModel, dither: Dither, fault: Fault) -> np.ndarray:
+def change(nominal: NominalModel, dither: Dither, fault: Fault) -> Any:
     """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
     how = nominal, dither.frequency_hz, dither.amplitude * np.array(dither.direction)
     return fault_model(nominal).C @ (swing(*how, fault) - swing(*how))
@@ -146,7 +147,7 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
 
 def drawn(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
-) -> np.ndarray:
+) -> Any:
     """Phasors of a machine with errors, shape (9, p)."""
     n, k = nominal.actuators, nominal.plant.nstates // 2
     plant = nominal.plant
@@ -186,11 +187,11 @@ def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, s
     small = Uncertainty(0.01, 0.01, 0.05, delay_s=1e-4)
     rows = [0, 1, 5, 8]
     phasors = np.stack([drawn(nominal, dither, small, rng)[rows] for _ in range(draws)])
-    values = np.concatenate([phasors.real, phasors.imag], axis=-1)
+    values = np.concatenate([np.real(phasors), np.imag(phasors)], axis=-1)
     by_noise = 2 * nominal.period_s / T * np.eye(2)
     found = separations(nominal, dither, T, small)
     nearest = np.array([change(nominal, dither, FAULTS[row]) for row in rows])
-    means = np.concatenate([nearest.real, nearest.imag], axis=-1)
+    means = np.concatenate([np.real(nearest), np.imag(nearest)], axis=-1)
     for i, first in enumerate(rows):
         for j, second in enumerate(rows):
             if found.faults[second].kind == "weak" or i == j:
