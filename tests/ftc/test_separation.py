@@ -103,14 +103,6 @@ def change(nominal: NominalModel, dither: Dither, fault: Fault) -> Any:
     return fault_model(nominal).C @ (swing(*how, fault) - swing(*how))
 
 
-def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -> tuple:
-    """States and commands of a run in which the failure comes at rest, and then the dither."""
-    before = 20
-    times = np.arange(round(time_s / nominal.period_s)) * nominal.period_s
-    commanded = np.vstack([np.zeros((before, 3)), [dither.at(time) for time in times]])
-    return before, fault_model(nominal, [fault]).states(commanded)[:-1], commanded
-
-
 NIGHT = [pytest.mark.long, pytest.mark.night]
 
 
@@ -131,7 +123,9 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
     monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
     found = separations(nominal, dither, time_s)
-    onset, states, commanded = struck(nominal, found.faults[row], dither, time_s)
+    onset, times = 20, np.arange(round(time_s / nominal.period_s)) * nominal.period_s
+    commanded = np.vstack([np.zeros((onset, 3)), [dither.at(time) for time in times]])
+    states = fault_model(nominal, [found.faults[row]]).states(commanded)[:-1]
     bank, outputs = hypothesis_bank(nominal), states @ fault_model(nominal).C.T
     each_tick = nominal.period_s, 1
     expected, from_none = distances(bank, found.faults[row], onset, outputs, commanded, each_tick)
