@@ -9,7 +9,8 @@ from experiments.uncorrected import W_A, fast_loop_ratio, remaining_gain
 from fjh.rig.hexapod.controller import controller_for
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.hexapod.trajectory import spiral
-from tests.ftc.hexapod import reading, testbed
+from tests.ftc.hexapod import reading
+from tests.ftc.hexapod import testbed as nominal_testbed
 
 TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)
 """Reached within the first second."""
@@ -31,7 +32,7 @@ def test_a_spiral_is_passed_at_constant_speed_either_way():
 
 def demands(bench: TestbedConfig, ticks: int, error_rad):
     """What the compensators ask, tick by tick, while the sensor reads a constant error."""
-    controller = controller_for(replace(testbed(), bench=bench), W_A)
+    controller = controller_for(replace(nominal_testbed(), bench=bench), W_A)
     state, asked = controller.start(), []
     for _ in range(ticks):
         state = controller.step(state, np.asarray(error_rad), reading(np.zeros(2)))
