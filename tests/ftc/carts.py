@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
 
-from ftc.fdi import Diagnosis, Fault, NominalModel, fault_model
+from ftc.fdi import Fault, NominalModel, fault_model
 from ftc.fdi.bank import Evidence, HypothesisBank
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.monitor import Monitor, MonitorState
@@ -83,29 +84,11 @@ def flown(
     return states
 
 
-def watched(
-    watch: Monitor, y: np.ndarray, sent: np.ndarray
-) -> tuple[MonitorState, list[Diagnosis]]:
-    """The last state of a monitor that goes on after each confirmation, and all diagnoses.
-
-    Outputs (N, p), and the commands (N, n) that came before each of them.
-    """
-    state, named = watch.start(), []
-    for measured, u in zip(y, sent, strict=True):
-        state = watch.step(state, measured, u)
-        found = state.diagnosis
-        if found is not None and (not named or named[-1] is not found):
-            named.append(found)
-        if found is not None and found.confirmed:
-            watch, state = watch.believing(state)
-    return state, named
-
-
 @dataclass(frozen=True)
 class Record:
     """Commands (N, n) of samples and mean outputs (N, p) in units of their noise."""
 
-    nominal: NominalModel
+    nominal: Any
     ticks: int
     u: np.ndarray
     y: np.ndarray
@@ -170,38 +153,47 @@ def gathered(
 
 
 @dataclass(frozen=True)
-class ServoCarts:
-    """Carts of masses (n,) between springs (n, n), each on a servo (stiffness, damping), loaded."""
+class Struts:
+    """A body on n struts in a structure, each with spring, damper, and a coil or a loaded servo.
+
+    The force of strut k is gain (held u - kp d - kv d') - spring d - damper d', d its displacement;
+    a coil has no kp and kv. All are (n,) but for the mass, what the struts see of it, and the
+    stiffness of the structure, (n, n).
+    """
 
     mass: np.ndarray
-    springs: np.ndarray
+    along: np.ndarray
+    structure: np.ndarray
+    held: np.ndarray
     kp: np.ndarray
     kv: np.ndarray
+    spring: np.ndarray
+    damper: np.ndarray
     load: np.ndarray
-
-    @classmethod
-    def random(cls, n: int, seed: int) -> "ServoCarts":
-        """Servos of 3 to 6 Hz, springs a fifth as stiff, loads that displace by millimetres."""
-        rng = np.random.default_rng(seed)
-        mass, coupling = rng.uniform(1, 2, n), rng.normal(size=(n, n))
-        kp = rng.uniform(400, 1500, n)
-        springs = 40 * np.eye(n) + 30 * coupling @ coupling.T
-        return cls(mass, springs, kp, 0.03 * kp, rng.uniform(0.5, 2, n))
+    gain: np.ndarray | float = 1.0
 
     def nominal(self) -> NominalModel:
-        """Displacements are commanded as the servos' targets, and measured to 20 um."""
-        n, zero = len(self.mass), np.zeros((len(self.mass),) * 2)
-        stiffness = (self.springs + np.diag(self.kp)) / self.mass[:, None]
-        A = np.block([[zero, np.eye(n)], [-stiffness, -np.diag(self.kv / self.mass)]])
-        B = np.vstack([zero, np.diag(self.kp / self.mass)])
-        seen = np.eye(n, 2 * n)
-        feedback = np.hstack([np.eye(n), np.diag(self.kv / self.kp)])
-        plant, noise = control.ss(A, B, seen, 0), np.full(n, 2e-5)
-        return NominalModel(plant, seen, noise, 2e-3, 1e-3, feedback, self.load / self.kp)
+        """Its linear model; positions are measured to 20 um."""
+        n, c, servo = len(self.mass), self.along, self.kp.any()
+        push = np.linalg.solve(self.mass, c.T)
+        K, D = self.spring + self.gain * self.kp, self.damper + self.gain * self.kv
+        stiffness = push * K @ c + np.linalg.solve(self.mass, self.structure)
+        A = np.block([[np.eye(n, 2 * n, n)], [-stiffness, -push * D @ c]])
+        B = np.vstack([np.zeros((n, n)), push * (self.gain * self.held)])
+        fed_back = np.hstack([self.kp[:, None] * c, self.kv[:, None] * c])
+        return NominalModel(
+            control.ss(A, B, np.eye(n, 2 * n), 0),
+            np.hstack([c, np.zeros((n, n))]),
+            np.full(n, 2e-5),
+            period_s=2e-3,
+            step_s=1e-3,
+            feedback=fed_back / self.held[:, None] if servo else None,
+            holding=self.load / (self.gain * self.held) if servo else None,
+        )
 
     def run(self, fault: Fault, onset: int, sent: np.ndarray) -> np.ndarray:
-        """Positions (N, n) at each tick, cart by cart: Newton, force by force."""
-        n, step_s = len(self.mass), 1e-3
+        """Positions (N, n) of carts at each tick, cart by cart: Newton, force by force."""
+        n, step_s, mass = len(self.mass), 1e-3, np.diag(self.mass)
         q, v, seen = np.zeros(n), np.zeros(n), []
         strength, moving = np.ones(n), np.ones(n)
         for tick, u in enumerate(sent):
@@ -214,15 +206,24 @@ class ServoCarts:
             seen.append(q)
             for _ in range(2):
                 servo = strength * (self.kp * (u - q) - self.kv * v + self.load)
-                v = v + step_s * moving * (servo - self.load - self.springs @ q) / self.mass
+                v = v + step_s * moving * (servo - self.load - self.structure @ q) / mass
                 q = q + step_s * v
         return np.array(seen)
 
 
+def servo_carts(n: int, seed: int) -> Struts:
+    """On servos of 3 to 6 Hz, between springs a fifth as stiff, loads displace by millimetres."""
+    rng = np.random.default_rng(seed)
+    mass, coupling = rng.uniform(1, 2, n), rng.normal(size=(n, n))
+    kp, none = rng.uniform(400, 1500, n), np.zeros(n)
+    springs, load = 40 * np.eye(n) + 30 * coupling @ coupling.T, rng.uniform(0.5, 2, n)
+    return Struts(np.diag(mass), np.eye(n), springs, kp, kp, 0.03 * kp, none, none, load)
+
+
 def rubbing_carts(seed: int, limit: float | list[float] = 0.05, n: int = 3) -> NominalModel:
     """Carts on servos, each with dry friction."""
-    plant = ServoCarts.random(n, seed)
-    push, limits = np.diag(1 / plant.mass), np.broadcast_to(limit, n).astype(float)
+    plant = servo_carts(n, seed)
+    push, limits = np.linalg.inv(plant.mass), np.broadcast_to(limit, n).astype(float)
     friction = push, np.eye(n), limits, np.diag(push) / 9, np.full(n, 105.0)
     return replace(plant.nominal(), friction=friction)
 

@@ -58,6 +58,21 @@ class Stage:
         return displacements
 
 
+class Still:
+    """A machine that does not move, whose sensors have noise, or count in whole numbers."""
+
+    def __init__(self, of: Any = float) -> None:
+        self.rng, self.of = np.random.default_rng(1), of
+
+    def measure(self) -> Measurement:
+        """Noise."""
+        size = 1.0 if self.of is int else 1e-3
+        return Measurement((size * self.rng.normal(size=M1)).astype(self.of), np.zeros(N, self.of))
+
+    def apply(self, inputs: np.ndarray) -> None:
+        """Nothing."""
+
+
 def possible(faults: Any) -> bool:
     return True
 
@@ -65,36 +80,29 @@ def possible(faults: Any) -> bool:
 @cache
 def stage() -> Any:
     """Models of the stage, controllers of two of its three outputs, and what they are made of."""
-    eye, none = np.eye(N), np.zeros((N, N))
-    lower, drive = np.hstack([-1e4 * eye, -100.0 * eye]), 1e4 * eye
-    A, B = np.vstack([np.hstack([none, eye]), lower]), np.vstack([none, drive])
-    plant = control.ss(A, B, np.hstack([J[:M1], 0 * J[:M1]]), 0)
-    channel = control.ss(A[::N, ::N], B[::N, :1], [[1.0, 0.0]], 0)
-    model: dict[str, Any] = {"plant": plant, "displacement": np.eye(N, 2 * N)}
-    model |= {"noise": np.full(M1, 1e-3), "period_s": PERIOD_S, "step_s": PERIOD_S}
-    nominal, loop = NominalModel(**model), compensator(channel, SHAPE, PERIOD_S)
-    system = ConstrainedSystem(J, None, range(N))
-    geometry, watch = LocalGeometry(system), monitor(nominal)
-
-    def mapping(goal: Goal = GOAL, **options: Any) -> PrioritizedMapping[Any]:
-        return PrioritizedMapping(geometry, goal, [0, 1], [2], **options)
+    eye, none, s = np.eye(N), np.zeros((N, N)), SimpleNamespace()
+    s.lower, s.drive = np.hstack([-1e4 * eye, -100.0 * eye]), 1e4 * eye
+    s.A, s.B = np.vstack([np.hstack([none, eye]), s.lower]), np.vstack([none, s.drive])
+    s.plant = control.ss(s.A, s.B, np.hstack([J[:M1], 0 * J[:M1]]), 0)
+    s.channel = control.ss(s.A[::N, ::N], s.B[::N, :1], [[1.0, 0.0]], 0)
+    s.model = {"plant": s.plant, "displacement": np.eye(N, 2 * N), "noise": np.full(M1, 1e-3)}
+    s.model |= {"period_s": PERIOD_S, "step_s": PERIOD_S}
+    s.nominal, s.loop = NominalModel(**s.model), compensator(s.channel, SHAPE, PERIOD_S)
+    s.system = ConstrainedSystem(J, None, range(N))
+    s.geometry, s.watch = LocalGeometry(s.system), monitor(s.nominal)
 
     def pilot(goal: Goal = GOAL) -> PrioritizedController[Any]:
-        return PrioritizedController([loop] * M1, mapping(goal), DRIVES, 0.1)
+        return PrioritizedController([s.loop] * M1, s.mapping(goal), DRIVES, 0.1)
 
-    task = ControlTask(nominal, J, (0, 1), GOAL, DRIVES, LIMITS, np.ones(M1))
-    supervised: dict[str, Any] = {"goal": GOAL, "controller": pilot, "monitor": watch}
-    supervised |= {"is_possible": possible}
-    plain = pilot()
-    guarded = GuardedController("own", lambda _: plain, task)
-    oracle: dict[str, Any] = {"before": plain, "after": pilot(Goal((1.0,) * N, free=(0,)))}
-    oracle |= {"tick": 1, "lost_displacements": STILL, "acting": STILL}
-    oracle |= {"secondary": lambda time_s: STILL}
-    parts = {"A": A, "B": B, "lower": lower, "drive": drive, "plant": plant, "channel": channel}
-    parts |= {"model": model, "nominal": nominal, "loop": loop, "system": system, "task": task}
-    parts |= {"geometry": geometry, "watch": watch, "mapping": mapping, "pilot": pilot}
-    parts |= {"supervised": supervised, "plain": plain, "guarded": guarded, "oracle": oracle}
-    return SimpleNamespace(**parts, supervisor=Supervisor(**supervised))
+    s.mapping = lambda goal=GOAL, **how: PrioritizedMapping(s.geometry, goal, [0, 1], [2], **how)
+    s.pilot, s.plain = pilot, pilot()
+    s.task = ControlTask(s.nominal, J, (0, 1), GOAL, DRIVES, LIMITS, np.ones(M1))
+    s.guarded = GuardedController("own", lambda _: s.plain, s.task)
+    s.supervised = {"goal": GOAL, "controller": pilot, "monitor": s.watch, "is_possible": possible}
+    s.supervisor = Supervisor(**s.supervised)
+    s.oracle = {"before": s.plain, "after": pilot(Goal((1.0,) * N, free=(0,))), "tick": 1}
+    s.oracle |= {"lost_displacements": STILL, "acting": STILL, "secondary": lambda time_s: STILL}
+    return s
 
 
 def flown(controller: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The spectrum of residuals that are all known, without the recursion that the watch compiles."""
+"""The spectrum of residuals that are all known, without recursions, and what a filter leaves."""
 
 import numpy as np
 
@@ -14,3 +14,10 @@ def spectrum_of(residuals: np.ndarray, order: int, memory: float = np.inf) -> Sp
     lagged = [padded[order + 1 - lag : order + 1 - lag + N] for lag in range(order + 1)]
     covariance = np.array([(rates * left) @ (each * residuals) for each in lagged])
     return Spectrum(padded[-order - 1 :], covariance, N)
+
+
+def whitened(whitening: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """Each output of (N, p) by its own weights, newest first; nothing was before."""
+    return np.column_stack(
+        [np.convolve(r, w)[: len(r)] for r, w in zip(signal.T, whitening.T, strict=True)]
+    )

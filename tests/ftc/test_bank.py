@@ -14,25 +14,11 @@ from ftc.fdi.observer import Parameters
 from ftc.fdi.uncertainty import perturbed
 from kernels import lib, pointer
 from tests.ftc.carts import ONSETS, SAMPLES, Record, carts, gathered, outputs, sample_of
+from tests.ftc.spectra import whitened
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3, command=30.0, supply=0.2, scale=0.4)
 SPREAD = 1 / np.sqrt(12)  # of a uniform variable over a cell of width one
 seeds = pytest.mark.parametrize("seed", range(3))
-
-
-def filtered(whitening: np.ndarray, signal: np.ndarray) -> np.ndarray:
-    """Each output of (N, p) by its own weights, newest first; nothing was before."""
-    return np.column_stack(
-        [np.convolve(r, w)[: len(r)] for r, w in zip(signal.T, whitening.T, strict=True)]
-    )
-
-
-def parts_about(fault: Fault) -> tuple[Fault, ...]:
-    """The hypothesis with a quarter more and a quarter less of its force lost."""
-    lost = 1 - fault.effectiveness
-    less = [replace(fault, kind="weak", effectiveness=min(1 - lost + 0.25, 1.0))]
-    more = [replace(fault, effectiveness=fault.effectiveness - 0.25)] if lost < 1 else []
-    return (*less, *more)
 
 
 def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.ndarray]:
@@ -76,8 +62,11 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
     if fault.kind == "locked":
         further = outputs(nominal, ticks, u, fault, onset, nudged=1.5 * way) - plain
     else:
-        less, *more = (outputs(nominal, ticks, u, each, onset) for each in parts_about(fault))
-        lost = (more[0] - less) / 2 if more else plain - less
+        left, parts = fault.effectiveness, []  # with a quarter more and a quarter less of it lost
+        for other in (min(left + 0.25, 1.0), max(left - 0.25, 0.0)):
+            about = replace(fault, kind="weak", effectiveness=other)
+            parts.append(outputs(nominal, ticks, u, about, onset))
+        lost = (parts[1] - parts[0]) / (2 if left else 1)
     return np.array([*found, SPREAD * later, further, plain * 0, SPREAD * lost])
 
 
@@ -99,11 +88,11 @@ def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, w
     """H, P and e: residuals e = H theta + noise of all samples, theta of covariance P."""
     failed = None if isinstance(fault, Cause) else fault
     seen = outputs(record.nominal, record.ticks, record.u, failed, onset)
-    rows = [filtered(whitening, each).ravel() for each in sensitivities(record, fault, onset)]
+    rows = [whitened(whitening, each).ravel() for each in sensitivities(record, fault, onset)]
     always = [np.tile(each * whitening.sum(axis=0), (SAMPLES, 1)).ravel() for each in np.eye(2)]
     H = np.array([*rows[:-4], *always, *rows[-4:]]).T
     P = scipy.linalg.block_diag(prior.covariance, np.eye(4))
-    return H, P, filtered(whitening, record.y - seen).ravel() - H[:, :-4] @ prior.mean
+    return H, P, whitened(whitening, record.y - seen).ravel() - H[:, :-4] @ prior.mean
 
 
 def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
@@ -167,7 +156,7 @@ def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain
     densities = []
     for weights in filters:
         H, P, e = regression(record, None, 0, prior, weights)
-        columns = (filtered(weights, unit) for unit in np.eye(e.size).reshape(-1, SAMPLES, 2))
+        columns = (whitened(weights, unit) for unit in np.eye(e.size).reshape(-1, SAMPLES, 2))
         L = np.array([column.ravel() for column in columns]).T  # e = L y, less what is known
         inverse = np.linalg.inv(L)
         cov = inverse @ (np.eye(e.size) + H @ P @ H.T) @ inverse.T
@@ -200,36 +189,28 @@ def test_what_is_already_weak_loses_a_part_of_what_it_has_left():
 ARRAYS = ("X", "memory", "information", "score", "energy")
 
 
-def stepped(seed: int, *, keeps: bool = True, weighs: bool = True) -> list[tuple[Evidence, list]]:
-    """Evidence after each sample, and copies of its arrays made then."""
+@seeds
+def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
+    """Whoever keeps a state may step from it again; a sample that is no evidence adds none."""
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
-    rows, s = bank.believed.M.shape[:2]
-    prior, memory = Parameters.prior(rows - 1, 2, WRONG), rng.normal(size=(4, rows, 2))
-    state = bank.start(ONSETS, prior, np.zeros((rows, s)), memory)
-    found, before = [], np.zeros(record.u.shape[1])
-    for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
-        given = sample_of(sample, np.concatenate([u, before, [1.0]]), y, is_whole=weighs)
-        state = bank.step(state, given, 1.5, *filters, keeps=keeps)
-        found.append((state, [getattr(state, name).copy() for name in ARRAYS]))
-        before = u
-    return found
+    prior = Parameters.prior(len(bank.believed.M) - 1, 2, WRONG)
+    now = int(ONSETS[1])
+    state = gathered(bank, replace(record, u=record.u[:now], y=record.y[:now]), prior, filters[0])
 
+    def arrays(evidence: Evidence) -> list[np.ndarray]:
+        return [getattr(evidence, name).copy() for name in ARRAYS]
 
-@seeds
-def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
-    """Whoever keeps a state may step from it again."""
-    kept, in_place = (stepped(seed, keeps=keeps) for keeps in (True, False))
-    for (state, then), (_, other) in zip(kept, in_place, strict=True):
-        for name, array, same in zip(ARRAYS, then, other, strict=True):
-            np.testing.assert_array_equal(getattr(state, name), array)
-            np.testing.assert_array_equal(same, array)
-
-
-def test_a_sample_that_is_no_evidence_adds_none():
-    for state, _ in stepped(0, weighs=False):
-        assert not any(getattr(state, name).any() for name in ARRAYS[2:])
+    v, y = rng.normal(size=5), rng.normal(size=2)
+    then, given = arrays(state), sample_of(now, v, y)
+    after = bank.step(state, given, 1.5, *filters)
+    kept, silent = arrays(after), sample_of(now + 1, v, y, is_whole=False)
+    np.testing.assert_equal(arrays(state), then)
+    in_place = arrays(bank.step(state, given, 1.5, *filters, keeps=False))
+    unheard = arrays(bank.step(after, silent, 1.5, *filters))
+    np.testing.assert_equal(in_place, kept)
+    np.testing.assert_equal(unheard[2:], kept[2:])
 
 
 @seeds

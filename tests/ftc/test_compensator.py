@@ -1,14 +1,97 @@
-"""A minimal realization: what no input excites or no output sees plays no part in a loop."""
+"""Loops of compensators: minimal realizations, frequency responses, and what is read off them."""
 
 import control
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 
-from ftc import LoopShape, compensator
-from ftc.control import NoResponse
+from ftc import LoopShape, compensator, margins
+from ftc.control import NoResponse, sensitivity_peak
 from ftc.control.compensator import minimal
+from ftc.control.frequency_response import frequency_response
+from tests.random_systems import orthogonal
+
+PERIOD_S = 1e-3
+FREQUENCY_RAD_S = np.geomspace(5.0, 3000.0, 200)
+
+
+def masses(seed: int, k: int = 5, m: int = 2) -> control.StateSpace:
+    """Coupled masses behind a hold, one of which no spring holds: a double pole at z = 1."""
+    rng = np.random.default_rng(seed)
+    shapes = np.linalg.qr(rng.normal(size=(k, k)))[0]
+    stiffness = shapes @ np.diag([0.0, *rng.uniform(1e2, 1e5, k - 1)]) @ shapes.T
+    A = np.block([[np.zeros((k, k)), np.eye(k)], [-stiffness, -1e-4 * stiffness]])
+    B = np.vstack([np.zeros((k, m)), rng.normal(size=(k, m))])
+    C = np.hstack([rng.normal(size=(m, k)), np.zeros((m, k))])
+    return control.c2d(control.ss(A, B, C, 0), PERIOD_S, "zoh")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_response_is_the_solution_of_its_linear_system_at_each_frequency(seed):
+    """Double poles included, and behind a compensator whose states differ by ten decades."""
+    low_pass = control.ss(control.tf([1e5], [1, 4e2, 1e5, 0]))
+    channel = control.c2d(low_pass, PERIOD_S, "tustin")
+    L = masses(seed) * control.append(channel, channel)
+    z = np.exp(1j * FREQUENCY_RAD_S * PERIOD_S)
+    solved = np.array(
+        [L.C @ np.linalg.solve(each * np.eye(L.nstates) - L.A, L.B) + L.D for each in z]
+    )
+    found = frequency_response(L)(FREQUENCY_RAD_S)
+    size = 1 + np.linalg.norm(solved, axis=(1, 2))  # I + L is what margins and peaks are read off
+    assert (np.linalg.norm(found - solved, axis=(1, 2)) < 1e-11 * size).all()
+
+
+def test_margins_and_peak_are_those_of_python_control_on_a_fine_grid():
+    plant = control.ss(control.tf([400.0], [1, 8.0, 400.0]))
+    L = control.c2d(plant, PERIOD_S, "zoh") * control.c2d(
+        control.ss(control.tf([6.0], [1, 0])), PERIOD_S, "tustin"
+    )
+    fine = 2 * np.pi * np.geomspace(0.1, 400.0, 4000)
+    gain, phase, _, at_phase, at_gain, _ = control.stability_margins(
+        control.frequency_response(L, fine)
+    )
+    found = margins(L)
+    assert found.gain_margin_db == pytest.approx(20 * np.log10(gain), rel=1e-6)
+    assert found.phase_margin_deg == pytest.approx(phase, rel=1e-6)
+    assert found.phase_crossover_hz == pytest.approx(at_phase / (2 * np.pi), rel=1e-6)
+    assert found.crossover_hz == pytest.approx(at_gain / (2 * np.pi), rel=1e-6)
+    nearest = np.abs(1 + control.frequency_response(L, fine).complex).min()
+    assert sensitivity_peak(L) == pytest.approx(1 / nearest, rel=1e-3)  # between two frequencies
+
+
+def test_a_loop_whose_gain_stays_below_one_has_infinite_margins():
+    found = margins(control.ss([[0.9]], [[0.01]], [[1.0]], 0, PERIOD_S))
+    assert np.isinf(found.phase_margin_deg) and np.isnan(found.crossover_hz)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_response_that_is_real_but_for_round_off_has_its_gain_margin(seed):
+    """Modes that cancel leave round-off of either sign: of one frequency another than of many."""
+    rng = np.random.default_rng(seed)
+    turns = 0.9 * np.exp(1j * rng.uniform(0.01, 1.0, size=3))
+    A = block_diag(*(np.array([[z.real, -z.imag], [z.imag, z.real]]) for z in turns))
+    B, C, T = rng.normal(size=(6, 1)), rng.normal(size=(1, 6)), orthogonal(rng, 6)
+    both = block_diag(A, T @ A @ T.T), np.vstack([B, T @ B]), np.hstack([C, -C @ T.T])
+    found = margins(control.ss(*both, -0.3, PERIOD_S))
+    assert found.gain_margin_db == pytest.approx(-20 * np.log10(0.3))
+
+
+def test_a_slow_loop_has_the_margins_of_a_fast_one():
+    """Time scaled 20 times: crossovers of slow arms lie below 0.1 Hz, and so may the peak."""
+    loops = []
+    for slower in (1.0, 20.0):
+        lag = control.tf([1.0], [slower**2, slower, 0.0])  # corner and integrator at 1 rad/s
+        loops.append(control.c2d(control.ss(4 * lag), slower * PERIOD_S, "zoh"))
+    fast, slow = (margins(loop) for loop in loops)
+    assert slow.crossover_hz == pytest.approx(fast.crossover_hz / 20, rel=1e-9)
+    assert slow.phase_margin_deg == pytest.approx(fast.phase_margin_deg, rel=1e-9)
+    peaks = [sensitivity_peak(loop) for loop in loops]
+    assert peaks[1] == pytest.approx(peaks[0], rel=1e-3)
+
+
+# What no input excites or no output sees plays no part in a loop.
 
 
 def plant(seed: int, driven: int, idle: int) -> control.StateSpace:

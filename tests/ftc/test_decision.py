@@ -7,21 +7,21 @@ import pytest
 from scipy.stats import binom
 
 from ftc.fdi import CERTAIN, Fault, NominalModel, Uncertainty, fault_model
-from ftc.fdi.bank import LOST, HypothesisBank, hypothesis_bank
+from ftc.fdi.bank import LOST, hypothesis_bank
 from ftc.fdi.decision import verdict as verdict_of
 from ftc.fdi.observer import Parameters
-from tests.ftc.carts import ONSETS, SAMPLES, Record, carts, gathered, outputs
+from tests.ftc.carts import ONSETS, Record, carts, gathered, outputs
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
 WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
 
 
-def concluded(record: Record, onsets=ONSETS, bank: HypothesisBank | None = None):
-    """Evidence and verdict at the end of a record, by a certain model."""
-    bank, p = bank or hypothesis_bank(record.nominal, (), CERTAIN, 2), record.y.shape[1]
-    prior = Parameters.prior(0, p, CERTAIN)
+def concluded(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
+    """Evidence and verdict at the end of a record."""
+    bank, p = bank or hypothesis_bank(record.nominal, (), uncertainty, 2), record.y.shape[1]
+    prior = Parameters.prior(len(bank.believed.M) - 1, p, uncertainty)
     evidence = gathered(bank, record, prior, np.ones((1, p)), onsets)
-    return evidence, verdict_of(bank, evidence, len(record.y) - 1)
+    return evidence, verdict_of(bank, evidence, len(record.y) - 1, **how)
 
 
 def failed_state(
@@ -71,11 +71,8 @@ def test_confidence_is_what_it_says(noise):
 @pytest.mark.parametrize("disturbed", [True, False])
 def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturbed, uncertainty):
     """Something else, that is no failure, is part of none."""
-    bank = hypothesis_bank(carts(1, 4), (), uncertainty, 2)
-    prior = Parameters.prior(len(bank.believed.M) - 1, 4, uncertainty)
     silent = Record(carts(1, 4), 2, np.zeros((0, 4)), np.zeros((0, 4)))
-    evidence = gathered(bank, silent, prior, np.ones((1, 4)))
-    verdict = verdict_of(bank, evidence, 0, disturbed=disturbed)
+    _, verdict = concluded(silent, uncertainty=uncertainty, disturbed=disturbed)
     assert verdict.fault_free_confidence == pytest.approx(1 / 2)
     assert verdict.actuator_confidence == pytest.approx(1 / 2 / 4)
     # Locked, free, and three models of weak: each is as likely as the other.
@@ -91,7 +88,7 @@ def test_a_loss_between_the_models_is_found(left, lost):
     fault = Fault(1, "weak", left * (1 - lost))
     record = Record.of(carts(2, 3), 2, 3, fault, 20, 60, size=5e-2, before=before)
     bank = hypothesis_bank(record.nominal, before, CERTAIN, 2)
-    _, verdict = concluded(record, np.arange(18, 23), bank)
+    _, verdict = concluded(record, np.arange(18, 23), bank=bank)
     assert (verdict.fault.actuator, verdict.fault.kind) == (1, "weak")
     assert verdict.fault.effectiveness == pytest.approx(fault.effectiveness, abs=0.03)
     assert verdict.unexplained < 0.1
@@ -159,11 +156,8 @@ def test_what_is_unexplained_is_the_energy_that_a_failure_leaves():
 def test_strain_has_nothing_to_do_with_the_zeros_of_sensors():
     """Fifty standard deviations of noise off, they ask for no other machine."""
     record = Record.of(carts(3, 3), 2, 4, Fault(1, "weak", 0.4), onset=6)
-    bank = hypothesis_bank(carts(3, 3), (), WRONG, 2)
-    prior = Parameters.prior(len(bank.believed.M) - 1, 3, replace(WRONG, offset=100.0))
-    strains = []
-    for off in (0.0, 50.0):
-        shifted = replace(record, y=record.y + off)
-        evidence = gathered(bank, shifted, prior, np.ones((1, 3)))
-        strains.append(verdict_of(bank, evidence, SAMPLES).strain)
-    assert 0 < strains[0] < 10 and strains[1] == pytest.approx(strains[0], abs=1)
+    sure, unsure = (
+        concluded(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]
+        for off in (0.0, 50.0)
+    )
+    assert 0 < sure.strain < 10 and unsure.strain == pytest.approx(sure.strain, abs=1)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ftc import ControlTask, GuardedController, LoopRun, Measurement, run_loop
-from tests.ftc.small_stage import stage
+from tests.ftc.small_stage import Still, stage
 
 TICKS, BAD = 20, 7
 REFERENCE = np.random.default_rng(0).normal(size=(TICKS, 2))
@@ -43,23 +43,6 @@ class Proportional:
     def bad(self, inputs: np.ndarray) -> Any:
         """Of the tick BAD."""
         return State(BAD + 1, inputs)
-
-
-class Still:
-    """A machine that does not move, whose sensors have noise, or count in whole numbers."""
-
-    def __init__(self, *, counts: bool = False) -> None:
-        self.rng, self.type = np.random.default_rng(1), int if counts else float
-
-    def measure(self) -> Measurement:
-        """Noise."""
-        output = 1e-3 * self.rng.normal(size=2)
-        return Measurement(
-            (output * 1e3).astype(int) if self.type is int else output, np.zeros(3, self.type)
-        )
-
-    def apply(self, inputs: np.ndarray) -> None:
-        """Nothing."""
 
 
 def failing(bad: Any) -> type[Proportional]:
@@ -135,7 +118,7 @@ def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, 
 
 
 def test_a_controller_gets_floats_whatever_a_sensor_counts_in():
-    done = run(Proportional, machine=Still(counts=True))
+    done = run(Proportional, machine=Still(int))
     assert done.state.failure is None and done.inputs.any()
 
 

@@ -27,6 +27,7 @@ from tests.ftc.small_stage import (
     STILL,
     J,
     Stage,
+    Still,
     flown,
     stage,
 )
@@ -100,20 +101,6 @@ FOUND = public(
 def equal_weights(kinematics: Any) -> Any:
     """Another allocation, of the mechanism of these tests."""
     return kinematics.velocity_mapping([0, 1], [2])
-
-
-class Still:
-    """A machine that does not move, whose sensors have noise."""
-
-    def __init__(self) -> None:
-        self.rng = np.random.default_rng(1)
-
-    def measure(self) -> ftc.Measurement:
-        """Noise."""
-        return ftc.Measurement(1e-3 * self.rng.normal(size=M1), np.zeros(N))
-
-    def apply(self, inputs: np.ndarray) -> None:
-        """Nothing."""
 
 
 def watched(config: FdiConfig) -> Any:

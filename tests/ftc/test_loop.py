@@ -1,28 +1,26 @@
 """The loop of any controller and machine, and the same with a linear plant, setting by setting."""
 
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import control
 import numpy as np
 import pytest
 
 from fjh.rig import Rig
-from fjh.rig.hexapod.controller import nominal_loops
-from fjh.rig.hexapod.fault_tolerance import nominal_model
-from fjh.rig.hexapod.testbed import TestbedConfig
-from ftc import Measurement, Stage, one_tick, run_loop, steps
+from ftc import Stage, one_tick, run_loop, steps
 from ftc.fdi import fault_model
 from tests.ftc.carts import rubbing_carts
+from tests.ftc.small_stage import Still, stage
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
 def test_one_tick_after_the_other_is_the_loop(kind):
-    """Written out here, to the bit; `run_loop` the same."""
+    """Written out here, to the bit."""
     rig = Rig.hexapod()
     pilot: Any = getattr(rig, kind)()
     reference = rig.path("circle", duration_s=0.04)
     bench, state = rig.bench(np.zeros(len(reference)), (), 1), pilot.start()
-    again, after = rig.bench(np.zeros(len(reference)), (), 1), pilot.start()
     measured, inputs = [], []
     for row in reference:
         read = bench.measure()
@@ -30,41 +28,21 @@ def test_one_tick_after_the_other_is_the_loop(kind):
         bench.apply(state.inputs)
         measured.append(read.output)
         inputs.append(state.inputs)
-        after, seen = one_tick(again, pilot.step, after, row)
-        np.testing.assert_array_equal(seen, read.output)
-        np.testing.assert_array_equal(after.inputs, state.inputs)
     looped = run_loop(rig.bench(np.zeros(len(reference)), (), 1), pilot, reference)
     np.testing.assert_array_equal(looped.measured, measured)
     np.testing.assert_array_equal(looped.inputs, inputs)
 
 
-class Still:
-    """A machine that does not move, with one actuator."""
-
-    def measure(self) -> Measurement:
-        """At zero."""
-        return Measurement(np.zeros(1), np.zeros(1))
-
-    def apply(self, inputs: np.ndarray) -> None:
-        """Nothing."""
-
-
-class Sent(NamedTuple):
-    """The state of the controllers below."""
-
-    inputs: np.ndarray
-
-
 class Own:
     """A controller that a user brings: it knows of no feedforward."""
 
-    def start(self) -> Sent:
+    def start(self) -> Any:
         """At zero."""
-        return Sent(np.zeros(1))
+        return SimpleNamespace(inputs=np.zeros(2))
 
     def step(self, state, reference, measurement):
         """The reference."""
-        return Sent(reference)
+        return SimpleNamespace(inputs=reference)
 
 
 class Taking(Own):
@@ -72,48 +50,45 @@ class Taking(Own):
 
     def step(self, state, reference, measurement, *, feedforward=None):
         """The feedforward, if there is one."""
-        return Sent(reference if feedforward is None else feedforward)
+        return super().step(state, reference if feedforward is None else feedforward, measurement)
 
 
 def test_feedforward_reaches_the_controllers_that_take_it():
-    path, ahead = np.full((3, 1), 1.0), np.array([[5.0], [6.0], [7.0]])
+    path, ahead = np.ones((3, 2)), np.arange(6.0).reshape(3, 2)
     np.testing.assert_array_equal(run_loop(Still(), Taking(), path, ahead).inputs, ahead)
     np.testing.assert_array_equal(run_loop(Still(), Taking(), path).inputs, path)
     np.testing.assert_array_equal(run_loop(Still(), Own(), path, ahead).inputs, path)
-    state, _ = one_tick(Still(), Taking().step, Sent(path[0]), path[0], feedforward=ahead[1])
-    assert state.inputs == ahead[1]
+    state, seen = one_tick(Still(), Taking().step, Taking().start(), path[0], feedforward=ahead[1])
+    np.testing.assert_array_equal(state.inputs, ahead[1])
+    np.testing.assert_array_equal(seen, Still().measure().output)
     with pytest.raises(ValueError, match="feedforward must have shape"):
         run_loop(Still(), Taking(), path, ahead[:2])
 
 
 @pytest.mark.parametrize("rubs", [False, True])
-def test_a_batch_of_settings_is_each_setting_alone(model, rubs):
-    """Limits of demands, anti-windup and starts of the hexapod; dry friction of carts on servos."""
-    rng = np.random.default_rng(0)
+def test_a_batch_of_settings_is_each_setting_alone(rubs):
+    """Limits of demands, anti-windup and starts of a stage; dry friction of carts on servos."""
+    rng, own = np.random.default_rng(0), stage()
+    settings: dict[str, Any] = {}
+    nominal, disturbance = rubbing_carts(0), None
     if rubs:
-        nominal = rubbing_carts(0)
-        stage = Stage(fault_model(nominal))
+        whole = Stage(fault_model(nominal))
         loops: Any = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3
-        settings, disturbance = {}, None
         reference = 1e-3 * rng.normal(size=(3, 20, 3)).cumsum(axis=1)
     else:
-        nominal, loops = (
-            nominal_model(model, TestbedConfig()),
-            nominal_loops(model, TestbedConfig()),
-        )
-        stage = Stage(fault_model(nominal), gain=1e-2 * rng.normal(size=(6, 2)))
-        settings = {
-            "limit": np.array([1e-4, 2e-4, np.inf]),
-            "anti_windup": np.array([True, False, True]),
-            "start": 1e-6 * rng.normal(size=(3, 12)),
-        }
-        disturbance = 1e-6 * rng.normal(size=(80, 12))
-        reference = 1e-4 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
+        nominal, loops = own.nominal, [own.loop] * 2
+        whole = Stage(fault_model(nominal), gain=own.mapping().major_gain())
+        settings["limit"] = np.array([1e-2, 2e-2, np.inf])
+        settings["anti_windup"] = np.array([True, False, True])
+        settings["start"] = 1e-4 * rng.normal(size=(3, 6))
+        disturbance = 1e-4 * rng.normal(size=(80, 6))
+        reference = 3e-2 * rng.normal(size=(3, 80, 2)).cumsum(axis=1)
+        reference[:, 40:] *= -1  # away from the limits
 
     def states(which: Any) -> np.ndarray:
         how = {name: value[which] for name, value in settings.items()}
         C, path = nominal.plant.C, reference[which]
-        ticks = steps([stage], C, loops, path, disturbance=disturbance, **how)
+        ticks = steps([whole], C, loops, path, disturbance=disturbance, **how)
         return np.stack([tick.x for tick in ticks], axis=-2)
 
     many = states(slice(None))
@@ -121,4 +96,4 @@ def test_a_batch_of_settings_is_each_setting_alone(model, rubs):
         np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-15)
     if rubs:  # and a tick of it is that of the model
         u = 0.2 * (reference[1, 7] - nominal.plant.C @ many[1, 7])
-        np.testing.assert_allclose(stage.model.step(many[1, 7], u), many[1, 8], atol=1e-12)
+        np.testing.assert_allclose(whole.model.step(many[1, 7], u), many[1, 8], atol=1e-12)

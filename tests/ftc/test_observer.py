@@ -1,7 +1,6 @@
 """The believed model beside the plant: its errors, the spectrum of residuals, and the alarm."""
 
 from dataclasses import replace
-from fractions import Fraction
 from unittest.mock import patch
 
 import numpy as np
@@ -48,9 +47,10 @@ def watched(watch: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverState
     return states[1:]
 
 
-def by_hand(
-    model, state: ObserverState, v, y: np.ndarray | None, learning_s, memory_s, largest
-) -> dict:
+LARGEST, LEARNS_S, FORGETS_S = 9.0, 0.3, 0.5
+
+
+def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
     """The sample by the Kalman filter in Joseph's form, a Riccati step, and a mean of products."""
     p, J = len(model.C), len(model.M) - 1
     moving = np.concatenate([state.X[0], v])
@@ -59,10 +59,10 @@ def by_hand(
     rates = np.repeat([WRONG.drift_rate, WRONG.offset_rate], [J, p])
     walk = np.diag(rates**2 * PERIOD_S)
     mean, P = state.parameters.mean, state.parameters.covariance
-    spectrum, found = state.spectrum.covariance, {"X": X, "residual": np.zeros(p)}
+    spectrum = state.spectrum.covariance
+    found = {"X": X, "residual": np.zeros(p), "mean": mean, "P": P, "spectrum": spectrum}
     if y is None:
-        memory = np.stack([*state.memory[1:], np.zeros_like(Y)])
-        return found | {"memory": memory, "mean": mean, "P": P + walk, "spectrum": spectrum}
+        return found | {"memory": np.stack([*state.memory[1:], np.zeros_like(Y)]), "P": P + walk}
     Y[0] = y - Y[0]
     memory = np.stack([*state.memory[1:], Y])
     white = np.einsum("qp,qcp->cp", state.whitening, memory[::-1])
@@ -71,15 +71,15 @@ def by_hand(
     e = white[0] - G.T @ mean
     residual = np.linalg.solve(np.linalg.cholesky(S), e)
     found |= {"memory": memory, "residual": residual}
-    known = state.spectrum.samples * PERIOD_S >= learning_s
-    if state.measured + 1 <= ORDER or (known and residual @ residual > largest):
-        return found | {"mean": mean, "P": P, "spectrum": spectrum}
+    known = state.spectrum.samples * PERIOD_S >= LEARNS_S
+    if state.measured + 1 <= ORDER or (known and residual @ residual > LARGEST):
+        return found
     K = np.linalg.solve(S, G.T @ P).T
     without = np.eye(J + p) - K @ G.T
     mean, P = mean + K @ e, without @ P @ without.T + K @ K.T
     left = Y[0] - np.einsum("j,jp->p", mean[:J], Y[1:]) - mean[J:]
     recent = np.stack([*state.spectrum.recent[1:], left])
-    share = 1 / min(state.spectrum.samples + 1, memory_s / PERIOD_S)
+    share = 1 / min(state.spectrum.samples + 1, FORGETS_S / PERIOD_S)
     spectrum = (1 - share) * spectrum + share * recent[::-1] * left
     return found | {"mean": mean, "P": P + walk, "spectrum": spectrum}
 
@@ -87,26 +87,21 @@ def by_hand(
 @pytest.mark.parametrize("seed", range(4))
 def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch):
     """Also one that is not measured, one too large to learn from, and those after either."""
-    monkeypatch.setattr(observer, "MEMORY_S", 0.5)  # so that 150 samples forget
-    monkeypatch.setattr(observer, "LEARNING_S", 0.3)
+    monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples forget
+    monkeypatch.setattr(observer, "LEARNING_S", LEARNS_S)
     record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
-    watch = cart_observer(WRONG, largest=9.0)
+    watch = cart_observer(WRONG, largest=LARGEST)
     state, before, gated = watch.start(), np.zeros(2), 0
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
         given = None if sample in (60, 61, 90) else y + 30.0 * (sample == 120)
-        expected = by_hand(watch.model, state, v, given, 0.3, 0.5, 9.0)
+        expected = by_hand(watch.model, state, v, given)
         samples, before = state.spectrum.samples, u
         state, _ = watch.step(state, v, given)
         gated += given is not None and state.spectrum.samples == samples
-        found = {
-            "X": state.X,
-            "residual": state.residual,
-            "memory": state.memory,
-            "mean": state.parameters.mean,
-            "P": state.parameters.covariance,
-            "spectrum": state.spectrum.covariance,
-        }
+        found = {name: getattr(state, name) for name in ("X", "residual", "memory")}
+        found |= {"mean": state.parameters.mean, "P": state.parameters.covariance}
+        found |= {"spectrum": state.spectrum.covariance}
         for name, value in expected.items():
             tiny = 1e-9 * np.abs(value).max()
             np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=tiny, err_msg=name)
@@ -200,27 +195,18 @@ def tracked(regressors, white) -> tuple[Parameters, np.ndarray]:
     return found, np.array(innovations)
 
 
-def solved_exactly(regressors, white) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance by the normal equations of all samples, in rational numbers.
+def solved(regressors, white) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and root of the covariance by least squares of all samples, the prior as further ones.
 
-    The prior counts as further measurements.
+    Rows by size and pivots of columns keep each row's accuracy (Powell and Reid, 1969).
     """
-    H, e = regressors.transpose(0, 2, 1).reshape(-1, J + P), white.ravel()
-    rows = [[Fraction(x) for x in row] for row in np.column_stack([H, e]).tolist()]
-    sums = [
-        [sum((row[i] * row[j] for row in rows), Fraction()) for j in range(J + P + 1)]
-        for i in range(J + P)
-    ]
-    for i in range(J + P):
-        sums[i][i] += 1 if i < J else 1 / Fraction(OFFSET**2)
-        sums[i] += [Fraction(i == j) for j in range(J + P)]
-    for i in range(J + P):  # information is positive definite: no pivot is zero
-        sums[i] = [x / sums[i][i] for x in sums[i]]
-        for k in range(J + P):
-            if k != i:
-                sums[k] = [x - sums[k][i] * y for x, y in zip(sums[k], sums[i], strict=True)]
-    solved = np.array([row[J + P :] for row in sums], dtype=float)
-    return solved[:, 0], solved[:, 1:]
+    prior = np.append(np.ones(J), np.full(P, OFFSET))
+    H = np.vstack([regressors.transpose(0, 2, 1).reshape(-1, J + P), np.diag(1 / prior)])
+    e, order = np.append(white.ravel(), np.zeros(J + P)), np.argsort(-np.abs(H).max(axis=1))
+    Q, R, pivots = scipy.linalg.qr(H[order], mode="economic", pivoting=True)
+    root = np.empty((J + P, J + P))
+    root[pivots] = scipy.linalg.solve_triangular(R, np.eye(J + P))
+    return root @ Q.T @ e[order], root
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -236,8 +222,8 @@ def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     regressors = np.concatenate([moving, np.broadcast_to(np.eye(P), (8, P, P))], axis=1)
     white = np.einsum("r,nrp->np", true, regressors) + rng.standard_normal((8, P))
     found, innovations = tracked(regressors, white)
-    mean, covariance = solved_exactly(regressors, white)
-    deviation = np.sqrt(np.diag(covariance))
+    mean, root = solved(regressors, white)
+    deviation = np.linalg.norm(root, axis=1)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), deviation, rtol=1e-3)
     assert np.abs((found.mean - mean) / deviation).max() < 1e-2
     assert np.abs(innovations).max() < 6.0

@@ -1,7 +1,7 @@
 """What follows from a diagnosis: another goal, and whether to go over to a controller for it."""
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -99,28 +99,22 @@ def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
 # Decisions by errors that are given.
 
 
-@dataclass(frozen=True)
-class Table(Outlook):
-    """Errors that are given, by controller and case, and which of them were asked for."""
-
-    errors: dict = None  # type: ignore[assignment]
-    asked: list = None  # type: ignore[assignment]
-
-    def rms(self, pilot, state, case, enough=np.inf):
-        """From the table, as little of it as is enough."""
-        self.asked.append((pilot, case.probability))
-        return min(self.errors[pilot, case.probability], enough)
-
-
 def goes_over(*cases: tuple[float, float, float]) -> tuple[bool, list]:
     """Whether it does, and what was predicted; cases of probability and error to stay and to go."""
-    errors = {("stays", p): stays for p, stays, _ in cases}
+    asked: list = []
+    errors: dict[Any, float] = {("stays", p): stays for p, stays, _ in cases}
     errors |= {("goes", p): goes for p, _, goes in cases}
-    table = Table(**vars(outlook()[2]), errors=errors, asked=[])
+
+    class Table(Outlook):
+        def rms(self, pilot, state, case, enough=np.inf):
+            """As little of it as is enough."""
+            asked.append((pilot, case.probability))
+            return min(errors[pilot, case.probability], enough)
+
     stays: Any = ("stays", None)
     goes: Any = ("goes", None)
-    decided = table.goes_over(stays, goes, [Case(p, [], STILL) for p, *_ in cases])
-    return decided, table.asked
+    table = Table(**vars(outlook()[2]))
+    return table.goes_over(stays, goes, [Case(p, [], STILL) for p, *_ in cases]), asked
 
 
 COSTS = st.floats(1e-3, 1e3)

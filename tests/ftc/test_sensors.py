@@ -34,11 +34,12 @@ def noise(ticks: int, seed: int = 0) -> list[Any]:
 NO_NUMBERS = [
     *(None, np.array([np.nan, 0.0]), np.array([0.0, np.inf]), np.zeros(3), np.zeros((2, 1))),
     *(np.array(0.0), np.array(["a", "b"]), np.array([1j, 0j]), np.array([None, None])),
-    *([0.0, 0.0], "reading", np.array([0.0, 10.1])),
+    *([0.0, 0.0], "reading", np.array([0.0, 10.1]), np.array([1, "a"], dtype=object)),
+    np.ma.array([0.0, 0.0], mask=[True, False]),
 ]
 
 
-@given(st.lists(st.tuples(st.integers(-2, 11), st.integers(0, 9)), max_size=80))
+@given(st.lists(st.tuples(st.integers(-2, 13), st.integers(0, 9)), max_size=80))
 def test_the_rule_is_that_of_a_few_lines(spec):
     """An oracle that looks at the whole record, in which each row takes one of a few values."""
     values = np.random.default_rng(1).normal(size=(10, 2))

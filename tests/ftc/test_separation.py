@@ -1,14 +1,16 @@
-"""Which failures look alike, without simulated noise: steady states and transients."""
+"""Which failures look alike, in steady states and transients; motions and sensors that end it."""
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import control
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+import scipy.linalg
 from scipy.stats import norm
 
+from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.prediction import linear_run
@@ -16,60 +18,83 @@ from ftc.fdi import (
     CERTAIN,
     KINDS,
     Cause,
+    Cost,
     Dither,
     Fault,
     NominalModel,
     Uncertainty,
+    designed_dither,
     fault_model,
     fault_responses,
     isolability,
+    ranked_sensors,
     separation,
     separations,
+    separations_at,
 )
 from ftc.fdi.bank import hypothesis_bank
-from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.separation import ALIKE, distances
 from ftc.fdi.uncertainty import TYPICAL
-from tests.ftc.carts import outputs_of
-from tests.ftc.machines import LOOSE, mechanism, random_dither
+from tests.ftc.hexapod import DITHER, jacobian
+from tests.random_systems import bits
 
 seeds = pytest.mark.parametrize("seed", range(3))
 servos = pytest.mark.parametrize("servo", [False, True])
 
+# Random mechanisms on springs and servos, and motions that try them.
+
+LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
+
+
+@cache
+def mechanism(seed: int, *, servo: bool = False, n: int = 3, outputs: int = 2) -> NominalModel:
+    """Well damped masses on springs, or on servos, more of them than actuators at odd seeds."""
+    rng = np.random.default_rng(seed)
+    k = n + seed % 2
+    half = rng.normal(size=(k, k))
+    M = np.eye(k) + 0.1 * half @ half.T
+    c = np.linalg.qr(rng.normal(size=(k, k)))[0][:n]
+    spring = rng.uniform(2000.0, 6000.0, size=n)
+    damper = 0.6 * np.sqrt(spring)
+    K = c.T * spring @ c + 500.0 * np.eye(k)
+    D = c.T * damper @ c + 20.0 * np.eye(k)
+    A = np.block([[np.zeros((k, k)), np.eye(k)], [-np.linalg.solve(M, np.hstack([K, D]))]])
+    B = np.vstack([np.zeros((k, n)), np.linalg.solve(M, c.T * spring)])
+    C = np.hstack([rng.normal(size=(outputs, k)), np.zeros((outputs, k))])
+    return NominalModel(
+        plant=control.ss(A, B, C, 0),
+        displacement=np.hstack([c, np.zeros((n, k))]),
+        noise=rng.uniform(0.5, 2.0, size=outputs) * 1e-5,
+        period_s=2e-3,
+        step_s=1e-3,
+        feedback=np.hstack([c, c * (damper / spring)[:, None]]) if servo else None,
+    )
+
+
+@cache
+def twins() -> NominalModel:
+    """Two equal masses, one sensor of their sum, and a third that it does not see."""
+    A = np.block([[np.zeros((3, 3)), np.eye(3)], [-4000.0 * np.eye(3), -30.0 * np.eye(3)]])
+    B = np.vstack([np.zeros((3, 3)), 4000.0 * np.eye(3)])
+    C = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
+    return NominalModel(control.ss(A, B, C, 0), np.eye(3, 6), np.array([1e-5]), 2e-3, 1e-3)
+
+
+def random_dither(seed: int, n: int = 3, hz: float = 10.0) -> Dither:
+    rng = np.random.default_rng([seed, 1])
+    return Dither(1e-3, hz, tuple(rng.uniform(0.5, 1.0, size=n) * rng.choice([-1, 1], size=n)))
+
+
 # Steady states under a dither, of random mechanisms.
 
 
-def signatures(nominal: NominalModel, dither: Dither) -> NDArray[np.complex128]:
-    """What each failure of one actuator changes of the steady phasor, shape (9, p)."""
-    u = dither.amplitude * np.array(dither.direction)
-    found = fault_responses(nominal, [dither.frequency_hz], 1.0)
-    of_part = dict(zip(found.parts.tolist(), range(1, 1 + len(found.parts)), strict=True))
-    locked, free = found.change[0, :, 0], found.change[0, :, of_part[1.0]]
-    half = found.change[0, :, of_part[0.5]] if 0.5 in of_part else free / 2
-    changes = (np.stack([locked, free, half], axis=1) @ u).reshape(-1, len(nominal.noise))
-    return changes.astype(complex)
+FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
-@servos
-@seeds
-def test_a_signature_is_the_change_of_the_simulated_steady_state(seed, servo):
-    """The phasor of simulated outputs over the last 10 periods, by least squares."""
-    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
-    faults = separations(nominal, dither, 1.0).faults
-    assert [fault.kind for fault in faults] == list(KINDS) * 3
-    ticks = np.arange(round(4.0 / nominal.period_s))
-    commanded = np.array([dither.at(tick * nominal.period_s) for tick in ticks])
-    angle = 2 * np.pi * dither.frequency_hz * nominal.period_s * ticks
-    late = slice(-round(10 / dither.frequency_hz / nominal.period_s), None)
-    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)[late]
-
-    def demodulated(*failed: Fault) -> np.ndarray:
-        y = outputs_of(fault_model(nominal, failed), commanded)
-        return np.array([1, 1j]) @ np.linalg.lstsq(waves, y[late], rcond=None)[0]
-
-    changes = np.array([demodulated(fault) - demodulated() for fault in faults])
-    found = signatures(nominal, dither)
-    np.testing.assert_allclose(found, changes, atol=1e-6 * np.abs(changes).max())
+def swing(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
+    """Steady phasor of the states, (s,), under commands of amplitudes (n,)."""
+    model, z = fault_model(nominal, faults), np.exp(2j * np.pi * hz * nominal.period_s)
+    return np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
 
 
 def test_two_actuators_are_as_far_apart_as_the_nearest_of_their_failures():
@@ -82,12 +107,10 @@ def test_two_actuators_are_as_far_apart_as_the_nearest_of_their_failures():
         assert between[i, j] == (found.from_none[rows].min() if i == j else min(both))
 
 
-def struck(nominal: NominalModel, fault: Fault, dither: Dither, time_s: float) -> tuple:
-    """States and commands of a run in which the failure comes at rest, and then the dither."""
-    before = 20
-    times = np.arange(round(time_s / nominal.period_s)) * nominal.period_s
-    commanded = np.vstack([np.zeros((before, 3)), [dither.at(time) for time in times]])
-    return before, fault_model(nominal, [fault]).states(commanded)[:-1], commanded
+def change(nominal: NominalModel, dither: Dither, fault: Fault) -> Any:
+    """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
+    how = nominal, dither.frequency_hz, dither.amplitude * np.array(dither.direction)
+    return fault_model(nominal).C @ (swing(*how, fault) - swing(*how))
 
 
 NIGHT = [pytest.mark.long, pytest.mark.night]
@@ -110,7 +133,9 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
     monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
     found = separations(nominal, dither, time_s)
-    onset, states, commanded = struck(nominal, found.faults[row], dither, time_s)
+    onset, times = 20, np.arange(round(time_s / nominal.period_s)) * nominal.period_s
+    commanded = np.vstack([np.zeros((onset, 3)), [dither.at(time) for time in times]])
+    states = fault_model(nominal, [found.faults[row]]).states(commanded)[:-1]
     bank, outputs = hypothesis_bank(nominal), states @ fault_model(nominal).C.T
     each_tick = nominal.period_s, 1
     expected, from_none = distances(bank, found.faults[row], onset, outputs, commanded, each_tick)
@@ -124,31 +149,10 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
     assert found.from_none[row] == pytest.approx(from_none, rel=tolerance)
 
 
-@servos
-@seeds
-def test_a_separation_grows_with_amplitude_and_root_of_time(seed, servo):
-    """Noise averages out, an error of the model does not."""
-    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
-
-    def apart(scale: float, time_s: float, *uncertainty: Uncertainty) -> np.ndarray:
-        larger = replace(dither, amplitude=scale * dither.amplitude)
-        return separations(nominal, larger, time_s, *uncertainty).distance
-
-    exact, loose = apart(1.0, 1.0), apart(1.0, 1.0, LOOSE)
-    tiny = 1e-9 * exact.max()
-    np.testing.assert_allclose(apart(3.0, 1.0), 3 * exact, atol=tiny)
-    np.testing.assert_allclose(apart(1.0, 9.0), 3 * exact, atol=tiny)
-    for longer in (apart(3.0, 1.0, LOOSE), apart(1.0, 9.0, LOOSE)):
-        assert (longer >= loose - tiny).all() and (longer <= 3 * loose + tiny).all()
-    assert (loose <= exact + tiny).all()
-    endless = apart(1e6, 1.0, LOOSE)
-    np.testing.assert_allclose(apart(1e7, 1.0, LOOSE), endless, rtol=0.05, atol=0.05)
-
-
 def drawn(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
-) -> NDArray[np.complex128]:
-    """Signatures of a machine with errors, shape (9, p)."""
+) -> Any:
+    """Phasors of a machine with errors, shape (9, p)."""
     n, k = nominal.actuators, nominal.plant.nstates // 2
     plant = nominal.plant
     more = spread.stiffness * rng.normal(size=(n, 1)) * nominal.displacement
@@ -165,7 +169,7 @@ def drawn(
     B = plant.B * (1 + gains)
     machine = replace(nominal, plant=control.ss(A, B, plant.C, 0), feedback=feedback)
     late = np.exp(-2j * np.pi * dither.frequency_hz * spread.delay_s * rng.normal())
-    return late * signatures(machine, dither)
+    return late * np.array([change(machine, dither, fault) for fault in FAULTS])
 
 
 @pytest.mark.parametrize(
@@ -187,11 +191,11 @@ def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, s
     small = Uncertainty(0.01, 0.01, 0.05, delay_s=1e-4)
     rows = [0, 1, 5, 8]
     phasors = np.stack([drawn(nominal, dither, small, rng)[rows] for _ in range(draws)])
-    values = np.concatenate([phasors.real, phasors.imag], axis=-1)
+    values = np.concatenate([np.real(phasors), np.imag(phasors)], axis=-1)
     by_noise = 2 * nominal.period_s / T * np.eye(2)
     found = separations(nominal, dither, T, small)
-    nearest = signatures(nominal, dither)[rows]
-    means = np.concatenate([nearest.real, nearest.imag], axis=-1)
+    nearest = np.array([change(nominal, dither, FAULTS[row]) for row in rows])
+    means = np.concatenate([np.real(nearest), np.imag(nearest)], axis=-1)
     for i, first in enumerate(rows):
         for j, second in enumerate(rows):
             if found.faults[second].kind == "weak" or i == j:
@@ -203,30 +207,26 @@ def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, s
             assert found.distance[first, second] == pytest.approx(expected, rel=0.15)
 
 
-def response(model: FaultModel, dither: Dither) -> np.ndarray:
-    """Whitened outputs per command, by one matrix inverse."""
-    z = np.exp(2j * np.pi * dither.frequency_hz * 2e-3)
-    return model.C @ np.linalg.inv(z * np.eye(len(model.A)) - model.A) @ model.B
-
-
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
 @seeds
-def test_the_nearest_loss_of_force_is_found(seed, servo, tolerance):
-    """A fine grid of losses has none that is nearer, or much nearer where a servo's interpolate."""
-    nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
-    found = separations(nominal, dither, T)
-    u, size = dither.amplitude * np.array(dither.direction), np.sqrt(T / nominal.period_s / 2)
+def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo, tolerance):
+    """By amplitude and root of time; to the nearest loss of force, by a fine grid of losses.
 
-    def change(fault: Fault) -> np.ndarray:
-        failed = response(fault_model(nominal, [fault]), dither)
-        return (failed - response(fault_model(nominal), dither)) @ u
-
-    happens = [change(fault) for fault in found.faults]
+    None of these is nearer, or much nearer where the losses of a servo are interpolated.
+    """
+    nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5 + seed
+    found, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
+    assert list(found.faults) == FAULTS
+    happens = size * np.array([change(nominal, dither, fault) for fault in FAULTS])
+    np.testing.assert_allclose(found.from_none, np.linalg.norm(happens, axis=1), rtol=1e-6)
     for other in range(3):
-        weak = [change(Fault(other, "weak", 1 - lost)) for lost in np.linspace(0.01, 0.95, 95)]
-        between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * size * np.sqrt(2)
+        losses = [Fault(other, "weak", 1 - lost) for lost in np.linspace(0.01, 0.95, 95)]
+        weak = size * np.array([change(nominal, dither, fault) for fault in losses])
+        between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * np.sqrt(2)
         for row, own in enumerate(happens):
-            grid = size * np.linalg.norm(own - weak, axis=1).min()
+            sure = np.linalg.norm(own - happens[3 * other : 3 * other + 2], axis=1)
+            np.testing.assert_allclose(found.distance[row, 3 * other : 3 * other + 2], sure)
+            grid = np.linalg.norm(own - weak, axis=1).min()
             slack = tolerance * found.from_none[row]
             assert grid - between - slack <= found.distance[row, 3 * other + 2] <= grid + slack
 
@@ -235,15 +235,142 @@ def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
     assert norm.cdf(-ALIKE / 2) == pytest.approx(1e-3, rel=0.01)
 
 
+# Motions that tell failures apart, and sensors that do.
+
+
+def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
+    """In step, twins leave the same gap; in turn, gaps of opposite sign."""
+    nominal, known = twins(), (1.0,)
+    step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
+    found = separations(nominal, step, *known)
+    assert found.alike_actuators() == ((0, 1),) and found.least == 0.0
+    assert found.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
+    # Uncoupled, each stands still when locked and when free.
+    assert not found.distance[[0, 3, 6], [1, 4, 7]].any()
+    in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
+    assert in_turn.alike_actuators() == () and found.isolable() == ()
+    assert [fault.actuator for fault in in_turn.isolable()] == [0, 0, 0, 1, 1, 1]
+
+    sum_again, third, first = np.eye(1, 6)[0] + np.eye(1, 6, 1)[0], np.eye(1, 6, 2)[0], np.eye(6)[0]
+    candidates = {"sum": (sum_again, 1e-5), "third": (third, 1e-5), "first": (first, 1e-5)}
+    ranked = ranked_sensors(nominal, candidates, step, *known)
+    assert [each.alike for each in ranked] == [1, 1, 2]
+    assert {each.name for each in ranked[:2]} == {"third", "first"}
+    assert ranked_sensors(nominal, {}, step, *known) == ()
+
+
+@servos
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
+def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, servo):
+    """It can be ignored; with an uncertain model, too."""
+    nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
+    known = 0.5, LOOSE
+    before = separations(nominal, dither, *known)
+    encoders = {str(k): (row, 1e-4) for k, row in enumerate(nominal.displacement)}
+    ranked = ranked_sensors(nominal, encoders, dither, *known)
+    for each in ranked:
+        slack, (row, noise) = 1e-6 * before.distance.max(), encoders[each.name]
+        C = np.vstack([nominal.plant.C, row])
+        beside = nominal.measured(C, np.append(nominal.noise, noise))
+        alone = separations(beside, dither, *known)
+        np.testing.assert_allclose(each.separations.distance, alone.distance, atol=slack)
+        assert (each.separations.distance >= before.distance - slack).all()
+        assert (each.separations.from_none >= before.from_none - slack).all()
+    order = [(each.alike, -each.separations.least) for each in ranked]
+    assert order == sorted(order) and len(ranked) == 3
+
+
+def spent(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
+    """Commands, motions of actuators and of the first output, in units of what is allowed."""
+    x = swing(nominal, hz, commanded)
+    parts = commanded / 1e-3, nominal.displacement @ x / 1e-3, nominal.plant.C[:1] @ x / 1e-4
+    return np.abs(np.concatenate(parts))
+
+
+@servos
+@pytest.mark.parametrize("uncertainty", [Uncertainty(), LOOSE], ids=["exact", "uncertain"])
+@pytest.mark.parametrize("seed", range(2))
+def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, uncertainty, servo):
+    """And that costs what it may, and keeps the null space."""
+    nominal = mechanism(seed, servo=servo)
+    plant, known = nominal.plant, (0.5, uncertainty)
+    J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output, at rest
+    N, frequencies = scipy.linalg.null_space(J), np.array([4.0, 16.0])
+    cost = Cost(1e-3, np.asarray(plant.C)[:1], 1e-4)
+    best = designed_dither(nominal, N, frequencies, cost, *known)
+    u = best.dither.amplitude * np.array(best.dither.direction)
+    assert np.abs(J @ u).max() < 1e-12 * np.abs(J).max()
+    assert best.dither.frequency_hz in frequencies
+    used = spent(nominal, u, best.dither.frequency_hz)
+    assert used.max() == pytest.approx(1.0, rel=1e-9)
+    np.testing.assert_allclose(best.displacement, 1e-3 * used[3:6], rtol=1e-6)
+    np.testing.assert_allclose(best.task_motion, 1e-4 * used[6:], rtol=1e-6)
+
+    responses = fault_responses(nominal, frequencies, *known)
+    rng = np.random.default_rng([seed, 2])
+    for number in range(50):
+        k = number % 2
+        other = N @ rng.normal(size=N.shape[1])
+        other /= spent(nominal, other, frequencies[k]).max()
+        found = separations_at(responses, k, other)
+        reached = [each.between_actuators[best.separable] for each in (found, best.separations)]
+        assert reached[0].min() <= reached[1].min() * (1 + 1e-6)
+
+
+def test_a_task_that_leaves_no_freedom_gets_no_dither():
+    nominal = mechanism(0)
+    cost = Cost(1e-3, np.asarray(nominal.plant.C), 1e-4)
+    for none in (np.zeros((3, 0)), np.zeros((3, 3))):
+        found = designed_dither(nominal, none, [5.0], cost, 1.0)
+        assert found.dither.amplitude == 0.0 and found.separations.least == 0.0
+        assert len(found.separations.undetected()) == 9
+
+
+def test_for_the_hexapod_the_heave_is_found():
+    """All struts alike: by symmetry pointing stays still, and each strut has a direction."""
+    nominal, J_m = hexapod_rig().nominal, jacobian()[MAJOR]
+    known, cost = (0.2, LOOSE), Cost(0.5e-6, np.asarray(nominal.plant.C), 1e-7)
+    found = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
+    np.testing.assert_allclose(found.dither.direction, HEAVE, atol=1e-3)
+    assert found.task_motion.max() < 1e-10
+    heave = separations(nominal, replace(found.dither, direction=HEAVE), *known)
+    assert found.separable.all()
+    assert found.separations.least == pytest.approx(heave.least, rel=1e-3)
+
+
+# Symmetric machines: a choice among equals does not hang on the last bits of numbers.
+
+
+def test_a_dither_is_the_same_however_its_freedom_is_given():
+    """Any columns that span it will do; the search begins with directions, not with coordinates."""
+    nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
+    J = rng.normal(size=(1, 4))
+    P = np.eye(4) - np.linalg.pinv(J) @ J
+    cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
+    found = [
+        designed_dither(nominal, P @ mix, [4.0, 16.0], cost, 0.5, LOOSE).dither
+        for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
+    ]
+    for each in found[1:]:
+        assert each.frequency_hz == found[0].frequency_hz
+        np.testing.assert_allclose(each.direction, found[0].direction, atol=1e-6)
+
+
+def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
+    """Each is of one of the twins and of the third mass, and separates as much."""
+    nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        rows = [bits(rng, sign * np.eye(6)[k] + np.eye(6)[2]) for k in (0, 1) for sign in (1, -1)]
+        for order in (range(4), [3, 1, 0, 2]):
+            sensors = {str(k): (rows[k], 1e-5) for k in order}
+            ranked = ranked_sensors(nominal, sensors, step, 1.0)
+            assert [int(each.name) for each in ranked] == list(order)
+
+
 # Transients: the hexapod on its spiral, whose strut fails after 1.5 s.
 
-DITHER = Dither(0.5e-6, 20.0, HEAVE)
 ONSET = 1500
-
-
-@cache
-def angles() -> NominalModel:
-    return hexapod_rig().nominal
 
 
 @cache
@@ -255,36 +382,16 @@ def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.nd
     return states[:ticks], commanded[:ticks]
 
 
-@cache
-def apart(
-    dither: Dither,
-    fault: Fault,
-    ticks: int,
-    uncertainty: Uncertainty = CERTAIN,
-    *,
-    gauges: bool = False,
-) -> tuple[np.ndarray, float]:
+def apart(fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN) -> tuple[np.ndarray, float]:
     """From each failure, and from none, after so many ticks of a failure."""
-    rig, flown = hexapod_rig(), dithered(ONSET + ticks, dither, fault)
-    seen = angles()
-    if gauges:
-        seen = nominal_model(rig.model, rig.control.testbed.bench, strut_sensors=True)
-    return isolability(seen, fault, ONSET, *flown, uncertainty)
-
-
-@pytest.mark.parametrize("strut", [0, pytest.param(1, marks=pytest.mark.long)])
-def test_antipodal_struts_look_alike_without_a_heave(strut):
-    """J_m has opposite columns there, and W_a drives both alike; a heave drives them against it."""
-    lock, opposite = Fault(strut, "locked"), strut + 3
-    still, sure = apart(STILL, lock, 500)
-    assert still[opposite, 0] < 4 < 40 < sure
-    assert np.delete(still, [strut, opposite], axis=0).min() > 40
-    shaken, _ = apart(DITHER, lock, 500)
-    assert np.delete(shaken, strut, axis=0).min() > 25
+    flown = dithered(ONSET + ticks, DITHER, fault)
+    return isolability(hexapod_rig().nominal, fault, ONSET, *flown, uncertainty)
 
 
 def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
-    found, _ = apart(STILL, Fault(2, "free"), 100, gauges=True)
+    fault, bench = Fault(2, "free"), hexapod_rig().control.testbed.bench
+    seen = nominal_model(hexapod_rig().model, bench, strut_sensors=True)
+    found, _ = isolability(seen, fault, ONSET, *dithered(ONSET + 100, STILL, fault))
     assert np.delete(found, 2, axis=0).min() > 100
 
 
@@ -292,16 +399,16 @@ def test_the_distance_from_no_failure_is_that_of_the_outputs():
     """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
     fault = Fault(0, "free")
     states, commanded = dithered(1700, DITHER, fault)
-    healthy = fault_model(angles())
+    healthy = fault_model(hexapod_rig().nominal)
     distance = (states - healthy.states(commanded)[:-1]) @ healthy.C.T
-    _, found = apart(DITHER, fault, 200)
+    _, found = apart(fault, 200)
     assert 0.9 < found / np.linalg.norm(distance) < 1.0
 
 
 def test_an_uncertain_model_tells_less():
     fault = Fault(2, "locked")
-    sure, from_none = apart(DITHER, fault, 100)
-    unsure, from_none_unsure = apart(DITHER, fault, 100, TYPICAL)
+    sure, from_none = apart(fault, 100)
+    unsure, from_none_unsure = apart(fault, 100, TYPICAL)
     assert sure[2, KINDS.index("locked")] == unsure[2, KINDS.index("locked")] == 0.0
     others = np.delete(np.arange(6), 2)
     assert (unsure[others] < sure[others] + 1e-6).all()
@@ -342,7 +449,7 @@ def test_what_is_no_failure_is_far_from_every_failure(
     cause, offset_m, drift_m_per_s, supply, scale
 ):
     """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
-    until, nominal = ONSET + 200, angles()
+    until, nominal = ONSET + 200, hexapod_rig().nominal
     since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
     commanded, began = dithered(until)[1], since_s >= 0
     more = began * (offset_m + drift_m_per_s * since_s) * np.eye(6)[0]

@@ -1,117 +1,70 @@
 """What each error of a model does to its outputs, against plants that really have that error."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
-import control
 import numpy as np
 import pytest
 
 from ftc.fdi import CERTAIN, KINDS, Fault, NominalModel, fault_model
 from ftc.fdi.uncertainty import perturbed, uncertain_model
+from tests.ftc.carts import Struts, outputs
 
 SMALL = 1e-5
-FAULTS = [[], [Fault(1, "locked")], [Fault(1, "free")], [Fault(1, "weak", 0.4)]]
-failures = pytest.mark.parametrize("faults", FAULTS, ids=["sound", *KINDS])
+FAULTS = [None, Fault(1, "locked"), Fault(1, "free"), Fault(1, "weak", 0.4)]
+failures = pytest.mark.parametrize("fault", FAULTS, ids=["sound", *KINDS])
 machines = pytest.mark.parametrize(("seed", "servo"), [(0, False), (1, True), (2, True)])
 
 
-@dataclass(frozen=True)
-class Struts:
-    """A body on n struts, each with a spring, a damper, and a coil or a servo that holds a load.
-
-    The force of strut k is gain (held u - kp d - kv d') - spring d - damper d', d its displacement;
-    a coil has no kp and kv. All are (n,) but for the mass and what the struts see of it, (n, n).
-    """
-
-    mass: np.ndarray
-    along: np.ndarray
-    held: np.ndarray
-    gain: np.ndarray
-    kp: np.ndarray
-    kv: np.ndarray
-    spring: np.ndarray
-    damper: np.ndarray
-    load: np.ndarray
-
-    @classmethod
-    def random(cls, seed: int, servo: bool, n: int = 3) -> "Struts":
-        """Struts of a few hertz, a servo's stiffer than its structure."""
-        rng = np.random.default_rng(seed)
-        half, held = rng.normal(size=(n, n)), rng.uniform(200, 1000, n)
-        kp = held * servo
-        return cls(
-            mass=np.eye(n) + 0.2 * half @ half.T,
-            along=np.eye(n) + 0.3 * rng.normal(size=(n, n)),
-            held=held,
-            gain=np.ones(n),
-            kp=kp,
-            kv=0.02 * kp,
-            spring=0.3 * held if servo else held,
-            damper=0.03 * held,
-            load=rng.uniform(0.5, 2, n) * servo,
-        )
-
-    def nominal(self) -> NominalModel:
-        """Its linear model; the last sensor sees a mixture."""
-        n, c = len(self.mass), self.along
-        push = np.linalg.solve(self.mass, c.T)
-        K, D = self.spring + self.gain * self.kp, self.damper + self.gain * self.kv
-        A = np.block([[np.eye(n, 2 * n, n)], [-push * K @ c, -push * D @ c]])
-        C = np.eye(n, 2 * n)
-        C[-1, :n] = 1.0
-        servo = self.kp.any()
-        fed_back = np.hstack(
-            [(self.kp / self.held)[:, None] * c, (self.kv / self.held)[:, None] * c]
-        )
-        return NominalModel(
-            control.ss(A, np.vstack([np.zeros((n, n)), push * self.gain * self.held]), C, 0),
-            np.hstack([c, np.zeros((n, n))]),
-            np.full(n, 1e-3),
-            period_s=2e-3,
-            step_s=1e-3,
-            feedback=fed_back if servo else None,
-            holding=self.load / (self.gain * self.held) if servo else None,
-        )
-
-    def with_error(self, error: str, size: float, actuator: int) -> "Struts":
-        """The machine with that error."""
-        more = 1 + size * (np.arange(len(self.mass)) == actuator)
-        if error == "gain":
-            return replace(self, gain=self.gain * more)
-        if error == "damping":
-            return replace(self, damper=self.damper * more, kv=self.kv * more)
-        if error == "inertia":
-            return replace(self, mass=self.mass * (1 + size))
-        if self.kp.any():
-            return replace(self, kp=self.kp * more)
-        return replace(self, spring=self.spring * more)
+def struts(seed: int, servo: bool) -> Struts:
+    """Of a few hertz, a servo's stiffer than its structure."""
+    rng = np.random.default_rng(seed)
+    half, held = rng.normal(size=(3, 3)), rng.uniform(200, 1000, 3)
+    return Struts(
+        mass=np.eye(3) + 0.2 * half @ half.T,
+        along=np.eye(3) + 0.3 * rng.normal(size=(3, 3)),
+        structure=np.zeros((3, 3)),
+        held=held,
+        kp=held * servo,
+        kv=0.02 * held * servo,
+        spring=0.3 * held if servo else held,
+        damper=0.03 * held,
+        load=rng.uniform(0.5, 2, 3) * servo,
+    )
 
 
-def commands(n: int, ticks: int, of: int) -> np.ndarray:
-    """A random walk, constant during samples of so many ticks."""
-    walk = np.cumsum(0.1 * np.random.default_rng(7).standard_normal((ticks // of, n)), axis=0)
-    return np.repeat(walk, of, axis=0)
+def seen(body: Struts) -> NominalModel:
+    """Its model; the last sensor sees a mixture."""
+    C = np.eye(3, 6)
+    C[-1, :3] = 1.0
+    return body.nominal().measured(C, np.full(3, 1e-3))
 
 
-def outputs(nominal: NominalModel, faults, sent: np.ndarray, of: int) -> np.ndarray:
-    """Of a plant from rest, means over so many ticks."""
-    model = fault_model(nominal, faults)
-    y = model.states(sent)[:-1] @ model.C.T
-    return y.reshape(-1, of, y.shape[1]).mean(axis=1)
+def with_error(body: Struts, error: str, size: float, actuator: int) -> Struts:
+    """The machine with that error."""
+    more = 1 + size * (np.arange(3) == actuator)
+    if error == "inertia":
+        return replace(body, mass=body.mass * (1 + size))
+    own = {"gain": ("gain",), "damping": ("damper", "kv"), "stiffness": ("spring",)}
+    names = ("kp",) if error == "stiffness" and body.kp.any() else own[error]
+    return replace(body, **{name: getattr(body, name) * more for name in names})
 
 
-def predicted(nominal: NominalModel, uncertainty, faults, sent, of: int) -> np.ndarray:
-    """Outputs (N, 1 + J, p) of the samples, by the model and for each of its errors."""
+SENT = np.cumsum(0.1 * np.random.default_rng(7).standard_normal((100, 3)), axis=0)
+"""Commands of samples, a random walk."""
+
+
+def predicted(nominal: NominalModel, uncertainty, fault: Fault | None, of: int) -> np.ndarray:
+    """Outputs (N, 1 + J, p) of samples of so many ticks, of the model and for each error."""
     model = uncertain_model(
         partial(fault_model, nominal),
-        faults,
+        [fault] if fault else [],
         others=[partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
         delay_ticks=uncertainty.delay_s / nominal.period_s,
         ticks=of,
     )
-    X, before, found = np.zeros((len(model.M), len(model.A))), np.zeros(sent.shape[1]), []
-    for u in sent[::of]:
+    X, before, found = np.zeros((len(model.M), len(model.A))), np.zeros(3), []
+    for u in SENT:
         Y, X = model.step(X, np.concatenate([u, before, [1.0]]))
         found.append(Y)
         before = u
@@ -121,30 +74,30 @@ def predicted(nominal: NominalModel, uncertainty, faults, sent, of: int) -> np.n
 @machines
 @failures
 @pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
-def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, faults, error):
+def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, fault, error):
     """Another mass, spring, damper or force in Newton's equations, healthy and failed alike.
 
     A servo's own stiffness and damping are lost with it, the structure's stay; loads are given.
     """
-    body, sent = Struts.random(seed, servo), commands(3, 120, 4)
-    found = predicted(body.nominal(), replace(CERTAIN, **{error: 0.01}), faults, sent, 4)
-    others = [body.with_error(error, SMALL, k) for k in range(1 if error == "inertia" else 3)]
+    body = struts(seed, servo)
+    found = predicted(seen(body), replace(CERTAIN, **{error: 0.01}), fault, 4)
+    others = [with_error(body, error, SMALL, k) for k in range(1 if error == "inertia" else 3)]
     assert found.shape[1] == 1 + len(others)
     for j, other in enumerate(others, 1):
-        expected = (outputs(other.nominal(), faults, sent, 4) - found[:, 0]) * 0.01 / SMALL
+        apart = outputs(seen(other), 4, SENT, fault) - found[:, 0]
         close = 1e-3 * np.abs(found[:, j]).max() + 1e-8 * np.abs(found[:, 0]).max()
-        np.testing.assert_allclose(found[:, j], expected, atol=close)
-
-
-SAMPLES = [*((faults, 1, 1e-9) for faults in FAULTS), ([], 4, 0.1)]
+        np.testing.assert_allclose(found[:, j], apart * 0.01 / SMALL, atol=close)
 
 
 @machines
-@pytest.mark.parametrize(("faults", "of", "close"), SAMPLES)
-def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, faults, of, close):
+@pytest.mark.parametrize(
+    ("fault", "of", "close"), [*((f, 1, 1e-9) for f in FAULTS), (None, 4, 0.1)]
+)
+def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, fault, of, close):
     """In a sample of four ticks the command before holds for a quarter of it, whichever it is."""
-    nominal, sent = Struts.random(seed, servo).nominal(), commands(3, 100 * of, of)
+    nominal, sent = seen(struts(seed, servo)), np.repeat(SENT, of, axis=0)
     late = np.vstack([np.zeros(3), sent[:-1]])
-    found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), faults, sent, of)[:, 1]
-    expected = outputs(nominal, faults, late, of) - outputs(nominal, faults, sent, of)
+    found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), fault, of)[:, 1]
+    ticks = outputs(nominal, 1, late, fault) - outputs(nominal, 1, sent, fault)
+    expected = ticks.reshape(-1, of, 3).mean(axis=1)
     np.testing.assert_allclose(found, expected, atol=close * np.abs(expected).max())
