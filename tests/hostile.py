@@ -1,7 +1,6 @@
-"""Hostile arguments of all that is public, and what may come of a call that gets one.
+"""Hostile arguments of all that is public end in one sentence that names them, or finite numbers.
 
-Either one sentence that names the argument and says what it must be, or finite numbers. What is
-attacked follows from signatures: whoever adds a parameter adds a good value of it to the room's.
+What is attacked follows from signatures: good values are defaults, or those that a room adds.
 """
 
 import dataclasses
@@ -71,21 +70,11 @@ ARRAYS = {
     "masked constant": [np.ma.masked, 1.0],
     "a matrix of numpy": np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
 }
-THIN = {
-    *(
-        "empty list",
-        "none",
-        "text",
-        "object",
-        "nan",
-        "minus one",
-        "zero",
-        "largest",
-        "99 numbers",
-        "as bools",
-    ),
+THIN = (
+    *("empty list", "none", "text", "object", "nan", "minus one", "zero", "largest", "99 numbers"),
     *("masked constant", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
-}
+    "as bools",
+)
 """One of each kind."""
 FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
@@ -135,13 +124,9 @@ Wrong = dict[str, tuple[str, Any]]
 
 
 class Target(NamedTuple):
-    """A callable with good arguments.
+    """A callable with good arguments, of which those of these names are attacked.
 
-    Attributes:
-        label: Name of the callable; words after it tell one set of good arguments from another.
-        call: Takes the arguments by name and returns what became of them in use.
-        good: Arguments that it accepts.
-        names: Those that are attacked.
+    Words of the label after its name tell one set of good arguments from another.
     """
 
     label: str
@@ -199,13 +184,11 @@ def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
     return {name: found[name] for name in found if name not in set(trusted)}
 
 
-def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, bool]:
-    """Names of the parameters, and whether each must be given."""
+def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, Any]:
+    """Defaults of the parameters by their names, `empty` of those that must be given."""
     parameters = list(inspect.signature(function).parameters.values())[owner is not None :]
     various = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
-    return {
-        each.name: each.default is each.empty for each in parameters if each.kind not in various
-    }
+    return {each.name: each.default for each in parameters if each.kind not in various}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +197,8 @@ class Room:
 
     Attributes:
         found: What is attacked.
-        good: Good values by names of parameters, for whatever has a parameter of this name.
+        good: Good values by names of parameters, for whatever has a parameter of this name; of
+            others the default is good.
         special: Other good values of a callable; `...` leaves an argument out. Further sets of
             good arguments have labels of more words: of these alone, and of what must be given.
             `self` is what a method is called on there.
@@ -252,10 +236,12 @@ class Room:
             given = {**self.special.get(label, {})}
             if label == name and not options:
                 given = {each: given[each] for each in given if each in {*parameters, "self"}}
-            for each, needed in parameters.items():
-                if each not in given and (needed or label == name):
-                    assert each in self.good, f"{name}: no good value of {each}"
-                    given[each] = self.good[each]
+            for each, default in parameters.items():
+                if each not in given and (default is inspect.Parameter.empty or label == name):
+                    given[each] = self.good.get(each, default)
+                    known = {*self.good, *self.spared.get(label, ())}
+                    if default is None or default is inspect.Parameter.empty:
+                        assert each in known, f"{name}: no good value of {each}"
             thing = given.pop("self", None)
             good = {each: value for each, value in given.items() if value is not ...}
             names = [each for each in good if each not in self.spared.get(label, ())]
