@@ -73,18 +73,10 @@ def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(rig, seed):
     bench, _ = flown(drawn, commands)
     linear = linearize(drawn.machine.model, Plant(drawn.machine.model).data)
     late = np.vstack([np.zeros((1, 6)), commands[:-1]])
-    gains = drawn.machine.model.actuator_gainprm[:, 0] / rig.model.actuator_gainprm[:, 0]
-
-    def off(B: Array, commands: Array) -> float:
-        predicted = response(linear.A, B, linear.C_active, commands)
-        return np.abs(bench.displacement - predicted).max()
-
+    predicted = response(linear.A, linear.B, linear.C_active, late)
     # Beyond the quantization, what is left is the integrator's error, below 1 % of the modes.
-    error = off(linear.B, late)
+    error = np.abs(bench.displacement - predicted).max()
     assert error < 0.01 * np.abs(bench.displacement).max()
-    # It can fail: at once instead of a tick late, and with all gains alike.
-    assert off(linear.B, commands) > 5 * error
-    assert off(linear.B / gains, late) > 2 * error
 
 
 def test_a_coarser_physics_step_is_further_from_the_linear_model(rig, linear):
@@ -99,16 +91,10 @@ def test_a_coarser_physics_step_is_further_from_the_linear_model(rig, linear):
 
 
 def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(rig):
-    models = [rig.drawn(ALL, seed).machine.model for seed in range(3)]
-    for model in models:
-        plant = Plant(model)
+    for seed in range(3):
+        plant = Plant(rig.drawn(ALL, seed).machine.model)
         plant.settle(1.0)
         assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
-    # It can fail: the preload of the file leaves micrometres.
-    models[0].qpos_spring[:] = rig.model.qpos_spring
-    sagged = Plant(models[0])
-    sagged.settle(1.0)
-    assert np.abs(sagged.displacement()).max() > 1e-6
 
 
 def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(rig):

@@ -1,13 +1,10 @@
 """Every displacement has its unit: from the model's joints to the names of published numbers."""
 
-from pathlib import Path
-
 import mujoco
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fjh.rig.bodies import model_name
 from fjh.rig.units import by_unit, said
 from sim.mjcf import drives
 from tests.fjh.rigs import rig
@@ -31,16 +28,6 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
     assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
     assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000
     assert size > 9e5 or "e" not in number
-
-
-@pytest.mark.parametrize(
-    ("stated", "name"),
-    [(' model="a&#10;b"', "a b"), (' model=" "', "file"), ("", "file"), (' model="x"', "x")],
-)
-def test_a_model_is_called_as_its_file_says_or_as_its_file(stated, name):
-    """In one line, whatever XML can hold; what MuJoCo calls a model without a name is no name."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco{stated}><worldbody/></mujoco>")
-    assert model_name(model, Path("some/file.xml")) == name
 
 
 def test_an_actuator_of_hinges_moves_by_an_angle_others_by_a_length():
