@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+import mink
 import mujoco
 import numpy as np
 import pytest
@@ -429,3 +430,25 @@ def test_what_a_users_own_task_says_that_is_no_row_of_numbers_is_refused(what, w
     with pytest.raises(ValueError, match=f"the {what} of Own.* must (be|hold|have)") as refused:
         Ik(arm, [Own(says=lambda *_: says)]).step(assemble(arm), DT)
     assert "\n" not in str(refused.value)
+
+
+def test_where_all_tasks_can_be_met_at_once_both_give_the_same_velocity():
+    """Feet, a hand and the centre of mass of a humanoid: nothing conflicts, costs are idle."""
+    model = model_of("humanoid")
+    data = mujoco.MjData(model)
+    targets = {name: pose_of(model, data, name) for name in ("left_foot", "right_foot")}
+    targets["right_hand"] = shifted(pose_of(model, data, "right_hand"), 0.02, -0.01, 0.03)
+    com = pose_of(model, data, CenterOfMass()).translation_m + 0.004
+    center = mink.ComTask(cost=1.0)
+    center.set_target(com)
+    theirs: list[mink.Task] = [center]
+    ours: list[TaskFunction] = [CenterOfMassTask(target=com)]
+    for name, target in targets.items():
+        task = mink.FrameTask(name, "site", position_cost=1.0, orientation_cost=1.0)
+        task.set_target(mink.SE3.from_matrix(target.matrix()))
+        theirs.append(task)
+        ours.append(FrameTask(name, target=target))
+    configuration = mink.Configuration(model, data.qpos)
+    v = mink.solve_ik(configuration, theirs, dt=DT, solver="daqp", limits=[], damping=1e-12)
+    ik = Ik(model, [ours], Limits(ranges=False), active=["root"])
+    np.testing.assert_allclose(ik.step(data, DT), v, atol=2e-3 * np.abs(v).max())

@@ -161,3 +161,12 @@ def test_a_controller_cannot_learn_of_a_failure_before_it():
     failures = [Failure(1, "locked", 0.001), Failure(2, "weak", 0.001)]
     with pytest.raises(ValueError, match="told must be no times before the failures"):
         rig("arm").predict(np.zeros((3, 2)), failures=failures, told=[0.0, None])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["arm", "platform", "hexapod"])
+def test_the_default_dither_moves_the_task_by_less_than_half_the_noise(name):
+    design = rig_dither(rig(name), "default")
+    assert design is not None and design.separations.isolable()
+    assert design.dither.frequency_hz in (10.0, 20.0)
+    assert design.task_motion.max() <= 0.5 * rig(name).noise * (1 + 1e-9)
