@@ -8,7 +8,7 @@ import numpy as np
 
 from fjh.rig import Mismatch, Rig, Run
 from fjh.rig.mismatch import Known
-from sim import MODELS, Array
+from sim import MODELS, Array, Bench
 from tests.robots import TEST_MODELS
 
 FAILED_S = 0.5
@@ -67,3 +67,12 @@ def blind_flight(
         peak = 3.0 if one.title.startswith("University") else 0.7 * one.size
     pilot = Blind(np.zeros(len(one.actuators)), peak, hz)
     return one.fly(pilot, np.zeros((ticks, len(one.major))), events=events, **how)
+
+
+def readings(bench: Bench, inputs: Array) -> Array:
+    """What its sensors read at each tick, after which it gets these inputs."""
+    read = []
+    for each in inputs:
+        read.append(np.concatenate(bench.measure()))
+        bench.apply(each)
+    return np.array(read)

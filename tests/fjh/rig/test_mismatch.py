@@ -16,7 +16,7 @@ from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES
 from fjh.study.errors import WrongInput
-from tests.fjh.rigs import path_of, rig
+from tests.fjh.rigs import path_of, readings, rig
 from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
@@ -93,12 +93,9 @@ def test_drifts_lie_in_their_ranges_and_in_all_directions():
 
 def excited(one: Rig) -> np.ndarray:
     """What is read for 60 ticks of a plant under steps."""
-    bench, read = one.bench(np.arange(60) * one.period_s, [], 5), []
+    bench, steps = one.bench(np.arange(60) * one.period_s, [], 5), np.repeat([0.0, 1.0], [20, 40])
     peak = 1.0 if one.title.startswith("University") else 1e-3
-    for tick in range(60):
-        read.append(np.concatenate(bench.measure()))
-        bench.apply(peak * np.arange(len(one.actuators)) * (tick >= 20))
-    return np.array(read)
+    return readings(bench, peak * np.outer(steps, np.arange(len(one.actuators))))
 
 
 @pytest.mark.parametrize(
@@ -128,10 +125,8 @@ def test_scaling_takes_all_sizes_along():
     third = everything.scaled(1 / 3)
     for name in set(LIMITS) - {"delay_ticks"}:
         assert getattr(third, name) == pytest.approx(getattr(everything, name) / 3)
-    assert third.delay_ticks == 0
-    assert everything.scaled(0) == EXACT
-    assert everything.scaled(1) == everything
-    assert Mismatch(delay_ticks=2).scaled(1.4).delay_ticks == 3
+    assert third.delay_ticks == 0 and Mismatch(delay_ticks=2).scaled(1.4).delay_ticks == 3
+    assert everything.scaled(0) == EXACT and everything.scaled(1) == everything
     with pytest.raises(ValueError, match=r"damping must be a number from 0 to 0\.99"):
         everything.scaled(10)
 

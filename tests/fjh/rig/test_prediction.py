@@ -31,11 +31,13 @@ def hexapod(bench=BENCH, goal=W_A, start=None, floor=None, **_: Any) -> Rig:
     return hexapod_rig(nominal_testbed(bench), goal, start_m=start, floor_m_per_s2=floor)
 
 
-def predicted(path: Array, noise: Array, **setting: Any) -> Any:
+def predicted(
+    path: Array, noise: Array, failures=(), start=None, floor=None, **setting: Any
+) -> Any:
     """The prediction of a controller that learns of nothing in the run."""
-    failures, start, floor = (setting.get(name) for name in ("failures", "start", "floor"))
-    how = {"failures": failures or (), "start": start, "floor_m_per_s2": floor}
-    return hexapod(**setting).predict(path, told=False, noise=noise, **how)
+    one = hexapod(start=start, floor=floor, **setting)
+    how = {"failures": failures, "start": start, "floor_m_per_s2": floor}
+    return one.predict(path, told=False, noise=noise, **how)
 
 
 SETTINGS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {

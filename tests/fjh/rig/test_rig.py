@@ -12,9 +12,9 @@ import pytest
 from fjh.rig import Rig, Run
 from fjh.study.errors import WrongInput
 from ftc import OracleController
-from sim import Bench, Failure
+from sim import Failure
 from tests.arms import ARMS
-from tests.fjh.rigs import ARM, path_of, rig, rig_of
+from tests.fjh.rigs import ARM, path_of, readings, rig, rig_of
 
 BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
@@ -23,14 +23,14 @@ BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 def test_an_actuator_fails_by_its_name_or_its_number(name):
     one, path = rig(name), path_of(name, 0.4)
     joint = one.actuators[2]
-    runs = [
+    first, *others = (
         one.fly(one.controller(), path, failures=[Failure(which, "locked", 0.3)])
         for which in (2, joint, one.aliases[2][0])
-    ]
-    for run in runs[1:]:
-        np.testing.assert_array_equal(run.true, runs[0].true)
-    stands = runs[0].displacement[round(0.3 / one.period_s) :, 2]
-    assert np.ptp(stands) < 0.02 * np.ptp(runs[0].displacement[:, 2])
+    )
+    for run in others:
+        np.testing.assert_array_equal(run.true, first.true)
+    stands = first.displacement[round(0.3 / one.period_s) :, 2]
+    assert np.ptp(stands) < 0.02 * np.ptp(first.displacement[:, 2])
     with pytest.raises(WrongInput, match=rf'no actuator or joint "{joint}x"; did you mean'):
         one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
 
@@ -72,10 +72,9 @@ def test_every_pilot_demands_the_path_through_the_inverse():
     """Until something fails one that diagnoses, or is told later, flies as one that does not."""
     one, path = rig("arm"), path_of("arm", 0.1)
     pilot = one.controller()
-    pilots = pilot, one.supervisor("none"), OracleController(pilot, pilot, None)
-    plain, *others = (one.fly(each, path).inputs for each in pilots)
-    for each in others:
-        np.testing.assert_array_equal(each, plain)
+    plain = one.fly(pilot, path).inputs
+    for each in (one.supervisor("none"), OracleController(pilot, pilot, None)):
+        np.testing.assert_array_equal(one.fly(each, path).inputs, plain)
     assert one.feedforward_demands(path) is not None
     assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
 
@@ -122,9 +121,6 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
         assert error == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.1)
 
 
-# Whoever has a copy of a rig or a pilot flies the same to the bit.
-
-
 @cache
 def pilot_of(name: str, made: str) -> Any:
     return getattr(rig(name), made)()
@@ -134,10 +130,10 @@ def pickled(thing: Any) -> Any:
     return pickle.loads(pickle.dumps(thing))
 
 
-def flown(one: Rig, controller: Any, actuator: int = 0, duration_s: float = 0.1) -> Run:
+def flown(one: Rig, controller: Any, actuator: int = 0) -> Run:
     """A flight with an actuator that is weak from its start, and locks halfway."""
-    path = one.path("circle", duration_s=duration_s, turn_s=0.1)
-    failures = [Failure(actuator, "weak"), Failure(actuator, "locked", duration_s / 2)]
+    path = one.path("circle", duration_s=0.1, turn_s=0.1)
+    failures = [Failure(actuator, "weak"), Failure(actuator, "locked", 0.05)]
     return one.fly(controller, path, failures=failures, seed=actuator)
 
 
@@ -167,17 +163,12 @@ def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(copied, nam
     """Neither shares anything with the other: failures, physics and noise are its own."""
     one = rig(name, "all")
     time_s, n = np.arange(40) * one.period_s, len(one.actuators)
-
-    def move(bench: Bench, ticks: range) -> None:
-        for tick in ticks:
-            bench.measure()
-            bench.apply(1e-3 * np.sin(np.arange(n) + 0.5 * tick))
-
+    inputs = 1e-3 * np.sin(np.add.outer(0.5 * np.arange(40), np.arange(n)))
     bench = one.bench(time_s, [Failure(0, "weak", 0.0), Failure(1, "locked", 0.03)], 5)
-    move(bench, range(20))
+    readings(bench, inputs[:20])
     copies = copied(bench), copied(bench)
     for each in (copies[0], bench, copies[1]):
-        move(each, range(20, 40))
+        readings(each, inputs[20:])
     for each in copies:
         for log in ("qpos", "rotation", "displacement", "actuator_force"):
             np.testing.assert_array_equal(getattr(each, log), getattr(bench, log), err_msg=log)

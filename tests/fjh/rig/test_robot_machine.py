@@ -13,7 +13,7 @@ from fjh.rig.robot import robot_of
 from fjh.rig.robot_machine import ALL, RobotMachine
 from sim import Bench, Mechanism, Plant, load_model
 from sim.plant import JointSensors, TaskSensor
-from tests.fjh.rigs import ARM, ROWS, rig
+from tests.fjh.rigs import ARM, ROWS, readings, rig
 from tests.robots import TEST_MODELS
 
 
@@ -26,9 +26,7 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
     for sizes in (EXACT, gain, ALL):
         bench = RobotMachine(driven, sizes, seed).bench(np.zeros(1500), [], seed)
         rest = bench.plant.data.ctrl.copy()
-        for _ in range(1500):
-            bench.measure()
-            bench.apply(command)
+        readings(bench, np.tile(command, (1500, 1)))
         changes.append(bench.plant.data.ctrl - rest)
         moved.append(bench.displacement[-1])
     np.testing.assert_allclose(changes[1:], [changes[0]] * 2, rtol=1e-12)
@@ -39,18 +37,14 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
     assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
 
 
+STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
+
+
 def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
     """A tenth of a second of the arm under steps, and what its sensors read."""
     one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).drawn(mismatch, seed)
-    return readings(one.bench(np.arange(100) * 1e-3, [], seed))
-
-
-def readings(bench: Bench) -> tuple[Bench, np.ndarray]:
-    read = []
-    for tick in range(100):
-        read.append(np.concatenate(bench.measure()))
-        bench.apply(1e-3 * np.arange(7.0) * (tick >= 20))
-    return bench, np.array(read)
+    bench = one.bench(np.arange(100) * 1e-3, [], seed)
+    return bench, readings(bench, STEPS)
 
 
 def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
@@ -62,7 +56,7 @@ def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
     np.testing.assert_array_equal(flown(EXACT, "joints")[1][0], np.concatenate(expected))
     sensor = TaskSensor(ROWS["arm"], 1e-5, 1e-5, 3)
     bench = Bench(plant, sensor, time_s=np.arange(100) * 1e-3, period_s=1e-3)
-    np.testing.assert_array_equal(flown(EXACT)[1], readings(bench)[1])
+    np.testing.assert_array_equal(flown(EXACT)[1], readings(bench, STEPS))
 
 
 def test_a_late_command_moves_the_plant_a_tick_late():
