@@ -13,7 +13,7 @@ from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.machine import floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
-from sim import Array, Failure
+from sim import Failure
 from tests.fjh.rigs import FAILED_S, path_of, rig, rig_of
 
 W_A, W_D = COLUMNS[0].goal, COLUMNS[3].goal
@@ -31,9 +31,7 @@ def hexapod(bench=BENCH, goal=W_A, start=None, floor=None, **_: Any) -> Rig:
     return hexapod_rig(nominal_testbed(bench), goal, start_m=start, floor_m_per_s2=floor)
 
 
-def predicted(
-    path: Array, noise: Array, failures=(), start=None, floor=None, **setting: Any
-) -> Any:
+def predicted(path, noise, failures=(), start=None, floor=None, **setting: Any) -> Any:
     """The prediction of a controller that learns of nothing in the run."""
     one = hexapod(start=start, floor=floor, **setting)
     how = {"failures": failures, "start": start, "floor_m_per_s2": floor}

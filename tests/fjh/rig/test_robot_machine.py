@@ -59,13 +59,6 @@ def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
     np.testing.assert_array_equal(flown(EXACT)[1], readings(bench, STEPS))
 
 
-def test_a_late_command_moves_the_plant_a_tick_late():
-    prompt, late = (
-        flown(sizes)[0].displacement for sizes in (EXACT, Mismatch(delay_ticks=ALL.delay_ticks))
-    )
-    np.testing.assert_array_equal(late[1:], prompt[:-1])
-
-
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
 def test_zeros_drift_in_what_is_read_and_the_task_of_encoders_with_them(sense):
     """Nothing moves otherwise; a task that is computed moves by the Jacobian times the drift."""
