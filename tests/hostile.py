@@ -22,61 +22,27 @@ from hypothesis import strategies as st
 from argument_checks import is_masked
 from tests.profiles import examples
 
-NOT_NUMBERS = {
-    "none": None,
-    "text": "text",
-    "bytes": b"1",
-    "object": object(),
-    "function": len,
-    "dictionary": {"a": 1},
-    "set": {0.5},
-    "list of none": [None],
-    "list of text": ["a", "b"],
-    "ragged": [[1.0, 2.0], [3.0]],
-    "ragged with a scalar": [0, [1, 2]],
-    "date": np.datetime64("2003-01-01"),
+
+def label(value: Any) -> str:
+    return repr(value)[:20]
+
+
+ANYWHERE = [
+    *(None, "text", b"1", object(), len, {"a": 1}, {0.5}, [None], ["a", "b"], [[1.0, 2.0], [3.0]]),
+    *([0, [1, 2]], np.datetime64("2003-01-01")),
+    *(True, 1j, np.nan, np.inf, -np.inf, -1, 0.5, 2.0, -0.5, 0.0, 5e-324, 1e-310, 1e-160, 1e160),
+    *(1e308, 2**70, 10**400),
+    *([], [[]], [1.0], np.ones(2, dtype=bool), [-1], [2**62], [0.5], np.array([object()])),
+    *(np.zeros((1, 1, 1, 1, 1)), np.zeros((0, 3)), np.ones(99), [np.ma.masked, 1.0]),
+    np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
+]
+"""What is put in place of any argument."""
+FEW = (None, "text", np.nan, -1, np.ones(99))
+THIN = {
+    *map(label, (*FEW, [], object(), 0.0, 1e308, [np.ma.masked, 1.0])),
+    *("as bools", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
 }
-SCALARS = {
-    "bool": True,
-    "complex": 1j,
-    "nan": np.nan,
-    "inf": np.inf,
-    "minus inf": -np.inf,
-    "minus one": -1,
-    "half": 0.5,
-    "two": 2.0,
-    "minus half": -0.5,
-    "zero": 0.0,
-    "denormal": 5e-324,
-    "tiny": 1e-310,
-    "small": 1e-160,
-    "large": 1e160,
-    "largest": 1e308,
-    "beyond 64 bits": 2**70,
-    "beyond floats": 10**400,
-}
-ARRAYS = {
-    "empty list": [],
-    "empty row": [[]],
-    "one number": [1.0],
-    "bools": np.ones(2, dtype=bool),
-    "negative index": [-1],
-    "huge index": [2**62],
-    "a fraction": [0.5],
-    "objects": np.array([object()]),
-    "five axes": np.zeros((1, 1, 1, 1, 1)),
-    "no rows": np.zeros((0, 3)),
-    "99 numbers": np.ones(99),
-    "masked constant": [np.ma.masked, 1.0],
-    "a matrix of numpy": np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
-}
-THIN = (
-    *("empty list", "none", "text", "object", "nan", "minus one", "zero", "largest", "99 numbers"),
-    *("masked constant", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
-    "as bools",
-)
-"""One of each kind."""
-FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
+"""Names of one of each kind."""
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
 POSITIVE = (5e-324, np.inf)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
@@ -84,9 +50,9 @@ PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
 def hostile(good: Any) -> Iterator[tuple[str, Any]]:
     """Values to put in place of a good one, each with its name."""
-    for label, value in (NOT_NUMBERS | SCALARS | ARRAYS).items():
+    for value in ANYWHERE:
         if not (callable(good) and callable(value)):  # a function's own errors are its own
-            yield label, value
+            yield label(value), value
     if isinstance(good, float):
         yield from ((f"scaled by {factor:g}", good * factor) for factor in SCALES)
     if isinstance(good, np.ndarray) and good.dtype == float and good.size:
@@ -145,8 +111,8 @@ class Target(NamedTuple):
     def twos(self) -> Iterator[Wrong]:
         """Every pair of arguments, each with a few values of all kinds in its place."""
         for first, second in itertools.combinations(self.names, 2):
-            for one, other in itertools.product(FEW.items(), FEW.items()):
-                yield {first: one, second: other}
+            for one, other in itertools.product(FEW, FEW):
+                yield {first: (label(one), one), second: (label(other), other)}
 
     def drawn(self, data: st.DataObject) -> Wrong:
         """Any two arguments, each with any of one of each kind."""
@@ -197,16 +163,14 @@ class Room:
 
     Attributes:
         found: What is attacked.
-        good: Good values by names of parameters, for whatever has a parameter of this name; of
-            others the default is good.
-        special: Other good values of a callable; `...` leaves an argument out. Further sets of
-            good arguments have labels of more words: of these alone, and of what must be given.
-            `self` is what a method is called on there.
+        good: Good values by names of parameters; where there is none, the default is good.
+        special: Other good values of a callable; `...` leaves an argument out. Further sets have
+            labels of more words: of these alone, and of what must be given. `self` is called on.
         of: What methods of a class are called on, or a function that makes it.
         uses: How an answer is used, by the name of what is called or of its class; what answers
             nothing changed its object, which is used then.
         errors: Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours.
-        hard: What arguments ask for that are valid each, but not to be had; the sentence says why.
+        hard: What arguments ask for that are valid each, but not to be had.
         gaps: By label, arguments whose masked numbers count as missing.
         spared: By label, arguments that are not attacked in this set.
         ranges: What numbers of a parameter lie in where they are not refused.
@@ -288,7 +252,7 @@ class Room:
     def complaint(self, target: Target, wrong: Wrong) -> str | None:
         """What is wrong with the outcome of one call; None where nothing is."""
         what = self._outcome(target, {name: value for name, (_, value) in wrong.items()})
-        put = " and ".join(f"{name} = {label}" for name, (label, _) in wrong.items())
+        put = " and ".join(f"{name} = {called}" for name, (called, _) in wrong.items())
         return f"{target.label}: {put}: {what}" if what else None
 
     def _outcome(self, target: Target, wrong: Mapping[str, Any]) -> str | None:
