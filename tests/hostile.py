@@ -90,10 +90,7 @@ Wrong = dict[str, tuple[str, Any]]
 
 
 class Target(NamedTuple):
-    """A callable with good arguments, of which those of these names are attacked.
-
-    Words of the label after its name tell one set of good arguments from another.
-    """
+    """A callable with good arguments, of which those of these names are attacked."""
 
     label: str
     call: Callable[..., Any]
@@ -125,10 +122,7 @@ Found = dict[str, tuple[Callable[..., Any], type | None]]
 
 
 def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
-    """Public functions, classes and methods that take arguments: of modules, or as given.
-
-    Protocols, errors and enumerations are made by nobody; `trusted` are left out.
-    """
+    """What takes arguments of modules, or as given; nobody makes protocols, errors, and enums."""
     found: Found = {}
     for place in places:
         if isinstance(place, ModuleType):

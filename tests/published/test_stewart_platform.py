@@ -48,11 +48,7 @@ def velocity_at(point: np.ndarray) -> np.ndarray:
 
 
 def mass_at_b(page) -> np.ndarray:
-    """Of [angular; linear] velocity of B: kinetic energy of disc, balls and both halves of struts.
-
-    The head of a strut moves with v. Its lower half turns about the foot, the upper half also
-    moves along; neither turns about the strut.
-    """
+    """Of [angular; linear] velocity of B: disc, balls and both halves of struts, which turn."""
     disc = velocity_at(np.array([0, 0, -0.05]))
     M = DISC * disc.T @ disc
     M[:3, :3] += np.diag(cylinder(DISC, 0.1, 0.01))

@@ -67,10 +67,7 @@ def test_conditions_are_in_the_order_of_an_atlas():
 
 @given(systems(actives=(2, 3), tasks=(1, 3)), st.data())
 def test_each_condition_is_what_it_is_alone(drawn, data):
-    """By classification and attainable set of one condition, which share none of the batches.
-
-    What is left of the speed decides, with the gains that stand for the force.
-    """
+    """By its own classification and attainable set; speed decides, and gains for the force."""
     system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
     major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
     limits = -drawn.rng.uniform(0.5, 2, n), drawn.rng.uniform(0.5, 2, n)

@@ -61,10 +61,7 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(rig, seed):
-    """Gains, springs, dampers, weights and delay together, sampled behind the converters' hold.
-
-    In fine steps, so that the integrator's error does not hide the others.
-    """
+    """All together, behind the converters' hold; fine steps make the integrator's error small."""
     drawn = rig.drawn(replace(ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
     bench, _ = flown(drawn, commands)

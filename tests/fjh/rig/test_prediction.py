@@ -64,10 +64,7 @@ IN_SHORT = ("healthy", "lock known", "lock on the way", "floor", "off centre", "
     [each if each in IN_SHORT else pytest.param(each, marks=pytest.mark.long) for each in SETTINGS],
 )
 def test_the_linear_model_predicts_every_tick_of_a_run(name):
-    """Within 0.01 urad of MuJoCo, of errors up to 50 urad: 0.006 urad was measured at the most.
-
-    Of the spiral that the loop, at rest at the centre, joins at 8 s.
-    """
+    """Within 0.01 urad of MuJoCo, of errors up to 50 urad: 0.006 urad was measured at the most."""
     setting, other = SETTINGS[name]
     one, duration_s = hexapod(**setting), 1.0 if "bench" in setting else 0.5
     path = BENCH.spiral_rad(duration_s, begin_s=8.0)
