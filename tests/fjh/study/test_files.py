@@ -43,8 +43,7 @@ def test_a_run_replaces_what_the_same_command_wrote_and_nothing_else(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "old",
-    ["no JSON", "[]", '{"files": [3, null]}', '{"files": ["../mine.txt", "below", "", "."]}'],
+    "old", ["no JSON", "[]", '{"files": [3, null]}', '{"files": ["../mine.txt", "below", "", "."]}']
 )
 def test_an_index_that_we_did_not_write_removes_nothing(tmp_path, old):
     folder = tmp_path / "out"
