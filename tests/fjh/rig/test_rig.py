@@ -1,4 +1,4 @@
-"""One rig for every robot: names, paths, files, copies, threads; and what it prints."""
+"""One rig for every robot: names, units, paths, files, copies, threads; and what it prints."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -6,15 +6,21 @@ from copy import deepcopy
 from functools import cache
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fjh.rig import Rig, Run
+from fjh.rig.units import by_unit, said
 from fjh.study.errors import WrongInput
 from ftc import OracleController
 from sim import Failure
+from sim.mjcf import drives
 from tests.arms import ARMS
 from tests.fjh.rigs import ARM, path_of, readings, rig, rig_of
+from tests.robots import TEST_MODELS
 
 BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
@@ -185,3 +191,28 @@ def test_threads_that_share_a_rig_and_a_pilot_fly_as_one_alone(name):
         runs = pool.map(lambda actuator: flown(one, pilot, actuator), actuators)
         for actuator, run in zip(actuators, list(runs), strict=True):
             assert_same(run, flown(one, pilot, actuator))
+
+
+@given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
+def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
+    units = [unit for unit, _ in rows]
+    entries = by_unit("rms", [value for _, value in rows], units)
+    left = {key: iter(own) for key, own in entries.items()}
+    assert [next(left[f"rms_{unit}"]) for unit in units] == [value for _, value in rows]
+    assert all(list(own) == [] for own in left.values())
+    assert by_unit("rms", None, units) == dict.fromkeys(entries)
+
+
+@given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))
+def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
+    number, unit = said(sign * size, "m").split()
+    power = {"m": 0, "mm": -3, "µm": -6, "nm": -9}[unit]
+    assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
+    assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000
+    assert size > 9e5 or "e" not in number
+
+
+def test_an_actuator_of_hinges_moves_by_an_angle_others_by_a_length():
+    known = drives(mujoco.MjModel.from_xml_path(str(TEST_MODELS / "transmissions.xml")))
+    assert [drive.unit for drive in known] == ["rad", "m", "rad", "m", "m"]
+    assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}
