@@ -1,12 +1,11 @@
-"""Rigs that many tests share, each made once a process as a rig is frozen; and a blind pilot."""
+"""Rigs that many tests share, each made once a process: a rig is frozen."""
 
-from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from fjh.rig import Mismatch, Rig, Run
+from fjh.rig import Mismatch, Rig
 from fjh.rig.mismatch import Known
 from sim import MODELS, Array, Bench
 from tests.robots import TEST_MODELS
@@ -32,41 +31,6 @@ def rig_of(name: str, **options: Any) -> Rig:
 
 def path_of(name: str, duration_s: float = 0.8) -> Array:
     return rig(name).path("circle", duration_s=duration_s, turn_s=0.8)
-
-
-@dataclass(frozen=True)
-class Blind:
-    """Sends a sinusoid to each actuator, constant at 0 Hz, and reads nothing: its own state."""
-
-    inputs: np.ndarray
-    peak: float
-    hz: float
-    tick: int = 0
-
-    def start(self) -> "Blind":
-        """With no input."""
-        return self
-
-    def step(self, state: "Blind", *_: Any) -> "Blind":
-        """Whatever was measured."""
-        phase = 2 * np.pi * self.hz * 1e-3 * state.tick + np.arange(len(self.inputs))
-        return replace(state, inputs=self.peak * np.cos(phase), tick=state.tick + 1)
-
-
-def blind_flight(
-    one: Rig,
-    events: object = None,
-    *,
-    ticks: int = 160,
-    hz: float = 10.0,
-    peak: float | None = None,
-    **how: Any,
-) -> Run:
-    """A flight at a thirtieth of the full input."""
-    if peak is None:
-        peak = 3.0 if one.title.startswith("University") else 0.7 * one.size
-    pilot = Blind(np.zeros(len(one.actuators)), peak, hz)
-    return one.fly(pilot, np.zeros((ticks, len(one.major))), events=events, **how)
 
 
 def readings(bench: Bench, inputs: Array) -> Array:

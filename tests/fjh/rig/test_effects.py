@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from fjh.rig.events.hooks import events_of
 from fjh.study.errors import WrongInput
 from sim import Failure
 from sim.plant import Reading
-from tests.fjh.rigs import blind_flight, path_of, rig, rig_of
+from tests.fjh.rigs import path_of, rig, rig_of
 
 ONSET = 30
 SUPPLY = {name for name, kind in EVENTS.items() if kind.of == "supply"}
@@ -27,6 +28,33 @@ MASS_KG = np.array([6.0, 4.0, 3.0])
 
 def event(name: str, time_s: float = ONSET * 1e-3) -> Event:
     return Event(name, time_s, 2 if name in OF_ONE else None)
+
+
+@dataclass(frozen=True)
+class Blind:
+    """Sends a sinusoid to each actuator, constant at 0 Hz, and reads nothing: its own state."""
+
+    inputs: np.ndarray
+    peak: float
+    hz: float
+    tick: int = 0
+
+    def start(self) -> "Blind":
+        """With no input."""
+        return self
+
+    def step(self, state: "Blind", *_: Any) -> "Blind":
+        """Whatever was measured."""
+        phase = 2 * np.pi * self.hz * 1e-3 * state.tick + np.arange(len(self.inputs))
+        return replace(state, inputs=self.peak * np.cos(phase), tick=state.tick + 1)
+
+
+def blind_flight(one: Rig, events: object = None, ticks=160, hz=10.0, peak=None, **how: Any) -> Run:
+    """A flight at a thirtieth of the full input, of which all that follows is the machine's own."""
+    if peak is None:
+        peak = 3.0 if one.title.startswith("University") else 0.7 * one.size
+    pilot = Blind(np.zeros(len(one.actuators)), peak, hz)
+    return one.fly(pilot, np.zeros((ticks, len(one.major))), events=events, **how)
 
 
 @pytest.fixture(scope="module")
