@@ -15,7 +15,7 @@ from fjh.rig.draw import Draw
 from fjh.rig.hexapod import mismatch as hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.detector import pointing_angles
-from fjh.rig.hexapod.machine import detector_noise_rad, floor_acceleration
+from fjh.rig.hexapod.machine import floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.mismatch import EXACT, LIMITS, Mismatch, sampled_model
@@ -23,7 +23,6 @@ from fjh.rig.options import RobotOptions
 from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES, RobotMachine
-from fjh.rig.run import rms
 from fjh.study.errors import WrongInput
 from sim import Array, Bench, Failure, Mechanism, Plant, linearize, load_model
 from sim.plant import JointSensors, TaskSensor
@@ -248,8 +247,8 @@ def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(one, seed):
     late = np.vstack([np.zeros((1, 6)), commands[:-1]])
     predicted = response(linear.A, linear.B, linear.C_active, late)
     # Beyond the quantization, what is left is the integrator's error, below 1 % of the modes.
-    error = np.abs(bench.displacement - predicted).max()
-    assert error < 0.01 * np.abs(bench.displacement).max()
+    off = np.abs(bench.displacement - predicted)
+    assert off.max() < 0.01 * np.abs(bench.displacement).max()
 
 
 def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(one):
@@ -268,10 +267,8 @@ def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
 
 def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
     """What is reached by constant commands, once the modes have died away."""
-    drawn, commands = (
-        one.drawn(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1),
-        np.full((800, 6), 1e-4),
-    )
+    drawn = one.drawn(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
+    commands = np.full((800, 6), 1e-4)
     (plain, _), (adrift, _) = commanded(one, commands), commanded(drawn, commands)
     change = (adrift.displacement / plain.displacement)[500:] - 1
     time_s = np.arange(500, 800) * PERIOD_S
@@ -306,15 +303,3 @@ def test_hysteresis_reads_as_its_chain_along_the_whole_loop(one):
     # What is missing is inertia, damping and the flexures, all small at this speed.
     assert np.abs(missing).max() < 0.05 * np.abs(k * commands).max()
     assert np.abs(np.array(chain)).max() > 0.03 * np.abs(k * commands).max()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [0, 1])
-def test_pointing_holds_on_a_plant_with_all_mismatches(one, seed):
-    """Within 10 % of the sound linear model with the same noise on the same floor."""
-    bench, ticks, drawn = TestbedConfig(), 8000, one.drawn(hexapod.ALL, seed)
-    path, machine = bench.spiral_rad(8.0), drawn.machine
-    run = drawn.fly(drawn.controller(), path, seed=seed)
-    noise, floor = detector_noise_rad(bench, seed, ticks), machine.floor(ticks)
-    expected = one.predict(path, noise=noise, floor_m_per_s2=floor).rms
-    np.testing.assert_allclose(rms(run.error - machine.zero_rad(ticks)), expected, rtol=0.1)

@@ -133,7 +133,7 @@ CALLS: dict[str, Callable[..., Any]] = {
     "predicted": lambda **given: known("hexapod").predict(
         np.zeros((3, 2)), failures=STRUCK, **given
     ),
-    "event": lambda **given: Event(**{"time_s": 0.1} | given),
+    "event": lambda name: Event(name, 0.1),
     "recorded": lambda **given: record(**{"path": "x.rrd", "run": None, "rig": None} | given),
 }
 MADE = "made", "loaded"
