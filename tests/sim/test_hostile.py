@@ -215,14 +215,7 @@ def room() -> Room:
         uses=uses,
         errors=(ValueError, TypeError, sim.ModelError),
         hard=(sim.ModelError, sim.SimulationDiverged),
-        slow=(
-            "Plant.step",
-            "Plant.settle",
-            "Plant.weaken",
-            "Plant.push",
-            "Plant.load",
-            "Plant.shake",
-        ),
+        slow=[f"Plant.{name}" for name in ("step", "settle", "weaken", "push", "load", "shake")],
         ranges={"effectiveness": (0, 1), "period_s": POSITIVE, "seconds": POSITIVE},
     )
 
