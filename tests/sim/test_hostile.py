@@ -2,6 +2,7 @@
 
 import copy
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -15,6 +16,7 @@ from sim.plant import JointSensors, MaxwellSlip, TaskSensor, failed_plant
 from tests.hostile import POSITIVE, Room, one_by_one, public, two_at_once
 
 PERIOD_S = 2.5e-4
+DOUBLED = SimpleNamespace(sent=lambda tick, inputs: 2.0 * inputs)
 
 
 def pose_error_of_a_quaternion(quaternion: Any) -> Any:
@@ -37,14 +39,6 @@ FOUND = public(
     *(element_id, joint_stiffness, mass_matrix, model_sha256, weightless),
     trusted=TRUSTED,
 )
-
-
-class Doubled:
-    """What else happens on a bench."""
-
-    def sent(self, tick: int, inputs: np.ndarray) -> np.ndarray:
-        """What the drives get."""
-        return 2.0 * inputs
 
 
 def state(plant: Plant) -> Any:
@@ -127,7 +121,7 @@ def room() -> Room:
         **{"coefficients": {"joint1": 1.0, "joint2": -2.0}, "kind": "weak", "plant": Plant(arm)},
         **{"sensors": TaskSensor(**task), "time_s": PERIOD_S * np.arange(2), "period_s": PERIOD_S},
         **{"failures": [Failure(2, "weak")], "drives": np.negative},
-        **{"floor_m_per_s2": np.full((2, 3), 1e-3), "delay_ticks": 1, "events": Doubled()},
+        **{"floor_m_per_s2": np.full((2, 3), 1e-3), "delay_ticks": 1, "events": DOUBLED},
         **{"hysteresis": MaxwellSlip(np.ones((7, 2)), np.ones((7, 2))), "keep_qpos": True},
         **{"inputs": np.full(7, 1e-5), "actuator": 0, "effectiveness": 0.5},
         **{"part": None, "command_m": np.full(6, 1e-5), "seconds": 2e-3},
