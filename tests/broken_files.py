@@ -153,8 +153,6 @@ MODELS: dict[str, Spoil] = {
     "no machine": written(b"<mujoco/>"),
     "half": written(b"<mujoco><worldbody>"),
     "another format": written(b"<html></html>"),
-    "NaN": written(
-        b'<mujoco><worldbody><body><geom size="nan"/><joint/></body></worldbody></mujoco>'
-    ),
+    "NaN": written(b'<mujoco><worldbody><body><geom size="nan"/></body></worldbody></mujoco>'),
 }
 """Of MJCF files."""

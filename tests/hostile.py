@@ -1,7 +1,6 @@
-"""Hostile arguments of all that is public, and what may come of a call that gets one.
+"""Hostile arguments of all that is public end in one sentence that names them, or finite numbers.
 
-Either one sentence that names the argument and says what it must be, or finite numbers. What is
-attacked follows from signatures: whoever adds a parameter adds a good value of it to the room's.
+What is attacked follows from signatures: good values are defaults, or those that a room adds.
 """
 
 import dataclasses
@@ -23,71 +22,27 @@ from hypothesis import strategies as st
 from argument_checks import is_masked
 from tests.profiles import examples
 
-NOT_NUMBERS = {
-    "none": None,
-    "text": "text",
-    "bytes": b"1",
-    "object": object(),
-    "function": len,
-    "dictionary": {"a": 1},
-    "set": {0.5},
-    "list of none": [None],
-    "list of text": ["a", "b"],
-    "ragged": [[1.0, 2.0], [3.0]],
-    "ragged with a scalar": [0, [1, 2]],
-    "date": np.datetime64("2003-01-01"),
-}
-SCALARS = {
-    "bool": True,
-    "complex": 1j,
-    "nan": np.nan,
-    "inf": np.inf,
-    "minus inf": -np.inf,
-    "minus one": -1,
-    "half": 0.5,
-    "two": 2.0,
-    "minus half": -0.5,
-    "zero": 0.0,
-    "denormal": 5e-324,
-    "tiny": 1e-310,
-    "small": 1e-160,
-    "large": 1e160,
-    "largest": 1e308,
-    "beyond 64 bits": 2**70,
-    "beyond floats": 10**400,
-}
-ARRAYS = {
-    "empty list": [],
-    "empty row": [[]],
-    "one number": [1.0],
-    "bools": np.ones(2, dtype=bool),
-    "negative index": [-1],
-    "huge index": [2**62],
-    "a fraction": [0.5],
-    "objects": np.array([object()]),
-    "five axes": np.zeros((1, 1, 1, 1, 1)),
-    "no rows": np.zeros((0, 3)),
-    "99 numbers": np.ones(99),
-    "masked constant": [np.ma.masked, 1.0],
-    "a matrix of numpy": np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
-}
+
+def label(value: Any) -> str:
+    return repr(value)[:20]
+
+
+ANYWHERE = [
+    *(None, "text", b"1", object(), len, {"a": 1}, {0.5}, [None], ["a", "b"], [[1.0, 2.0], [3.0]]),
+    *([0, [1, 2]], np.datetime64("2003-01-01")),
+    *(True, 1j, np.nan, np.inf, -np.inf, -1, 0.5, 2.0, -0.5, 0.0, 5e-324, 1e-310, 1e-160, 1e160),
+    *(1e308, 2**70, 10**400),
+    *([], [[]], [1.0], np.ones(2, dtype=bool), [-1], [2**62], [0.5], np.array([object()])),
+    *(np.zeros((1, 1, 1, 1, 1)), np.zeros((0, 3)), np.ones(99), [np.ma.masked, 1.0]),
+    np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
+]
+"""What is put in place of any argument."""
+FEW = (None, "text", np.nan, -1, np.ones(99))
 THIN = {
-    *(
-        "empty list",
-        "none",
-        "text",
-        "object",
-        "nan",
-        "minus one",
-        "zero",
-        "largest",
-        "99 numbers",
-        "as bools",
-    ),
-    *("masked constant", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
+    *map(label, (*FEW, [], object(), 0.0, 1e308, [np.ma.masked, 1.0])),
+    *("as bools", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
 }
-"""One of each kind."""
-FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
+"""Names of one of each kind."""
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
 POSITIVE = (5e-324, np.inf)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
@@ -95,9 +50,9 @@ PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
 def hostile(good: Any) -> Iterator[tuple[str, Any]]:
     """Values to put in place of a good one, each with its name."""
-    for label, value in (NOT_NUMBERS | SCALARS | ARRAYS).items():
+    for value in ANYWHERE:
         if not (callable(good) and callable(value)):  # a function's own errors are its own
-            yield label, value
+            yield label(value), value
     if isinstance(good, float):
         yield from ((f"scaled by {factor:g}", good * factor) for factor in SCALES)
     if isinstance(good, np.ndarray) and good.dtype == float and good.size:
@@ -135,14 +90,7 @@ Wrong = dict[str, tuple[str, Any]]
 
 
 class Target(NamedTuple):
-    """A callable with good arguments.
-
-    Attributes:
-        label: Name of the callable; words after it tell one set of good arguments from another.
-        call: Takes the arguments by name and returns what became of them in use.
-        good: Arguments that it accepts.
-        names: Those that are attacked.
-    """
+    """A callable with good arguments, of which those of these names are attacked."""
 
     label: str
     call: Callable[..., Any]
@@ -160,8 +108,8 @@ class Target(NamedTuple):
     def twos(self) -> Iterator[Wrong]:
         """Every pair of arguments, each with a few values of all kinds in its place."""
         for first, second in itertools.combinations(self.names, 2):
-            for one, other in itertools.product(FEW.items(), FEW.items()):
-                yield {first: one, second: other}
+            for one, other in itertools.product(FEW, FEW):
+                yield {first: (label(one), one), second: (label(other), other)}
 
     def drawn(self, data: st.DataObject) -> Wrong:
         """Any two arguments, each with any of one of each kind."""
@@ -174,10 +122,7 @@ Found = dict[str, tuple[Callable[..., Any], type | None]]
 
 
 def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
-    """Public functions, classes and methods that take arguments: of modules, or as given.
-
-    Protocols, errors and enumerations are made by nobody; `trusted` are left out.
-    """
+    """What takes arguments of modules, or as given; nobody makes protocols, errors, and enums."""
     found: Found = {}
     for place in places:
         if isinstance(place, ModuleType):
@@ -199,13 +144,11 @@ def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
     return {name: found[name] for name in found if name not in set(trusted)}
 
 
-def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, bool]:
-    """Names of the parameters, and whether each must be given."""
+def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, Any]:
+    """Defaults of the parameters by their names, `empty` of those that must be given."""
     parameters = list(inspect.signature(function).parameters.values())[owner is not None :]
     various = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
-    return {
-        each.name: each.default is each.empty for each in parameters if each.kind not in various
-    }
+    return {each.name: each.default for each in parameters if each.kind not in various}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,15 +157,14 @@ class Room:
 
     Attributes:
         found: What is attacked.
-        good: Good values by names of parameters, for whatever has a parameter of this name.
-        special: Other good values of a callable; `...` leaves an argument out. Further sets of
-            good arguments have labels of more words: of these alone, and of what must be given.
-            `self` is what a method is called on there.
+        good: Good values by names of parameters; where there is none, the default is good.
+        special: Other good values of a callable; `...` leaves an argument out. Further sets have
+            labels of more words: of these alone, and of what must be given. `self` is called on.
         of: What methods of a class are called on, or a function that makes it.
         uses: How an answer is used, by the name of what is called or of its class; what answers
             nothing changed its object, which is used then.
         errors: Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours.
-        hard: What arguments ask for that are valid each, but not to be had; the sentence says why.
+        hard: What arguments ask for that are valid each, but not to be had.
         gaps: By label, arguments whose masked numbers count as missing.
         spared: By label, arguments that are not attacked in this set.
         ranges: What numbers of a parameter lie in where they are not refused.
@@ -252,10 +194,12 @@ class Room:
             given = {**self.special.get(label, {})}
             if label == name and not options:
                 given = {each: given[each] for each in given if each in {*parameters, "self"}}
-            for each, needed in parameters.items():
-                if each not in given and (needed or label == name):
-                    assert each in self.good, f"{name}: no good value of {each}"
-                    given[each] = self.good[each]
+            for each, default in parameters.items():
+                if each not in given and (default is inspect.Parameter.empty or label == name):
+                    given[each] = self.good.get(each, default)
+                    known = {*self.good, *self.spared.get(label, ())}
+                    if default is None or default is inspect.Parameter.empty:
+                        assert each in known, f"{name}: no good value of {each}"
             thing = given.pop("self", None)
             good = {each: value for each, value in given.items() if value is not ...}
             names = [each for each in good if each not in self.spared.get(label, ())]
@@ -302,7 +246,7 @@ class Room:
     def complaint(self, target: Target, wrong: Wrong) -> str | None:
         """What is wrong with the outcome of one call; None where nothing is."""
         what = self._outcome(target, {name: value for name, (_, value) in wrong.items()})
-        put = " and ".join(f"{name} = {label}" for name, (label, _) in wrong.items())
+        put = " and ".join(f"{name} = {called}" for name, (called, _) in wrong.items())
         return f"{target.label}: {put}: {what}" if what else None
 
     def _outcome(self, target: Target, wrong: Mapping[str, Any]) -> str | None:

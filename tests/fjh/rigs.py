@@ -3,9 +3,11 @@
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from fjh.rig import Mismatch, Rig
 from fjh.rig.mismatch import Known
-from sim import MODELS, Array
+from sim import MODELS, Array, Bench
 from tests.robots import TEST_MODELS
 
 FAILED_S = 0.5
@@ -29,3 +31,12 @@ def rig_of(name: str, **options: Any) -> Rig:
 
 def path_of(name: str, duration_s: float = 0.8) -> Array:
     return rig(name).path("circle", duration_s=duration_s, turn_s=0.8)
+
+
+def readings(bench: Bench, inputs: Array) -> Array:
+    """What its sensors read at each tick, after which it gets these inputs."""
+    read = []
+    for each in inputs:
+        read.append(np.concatenate(bench.measure()))
+        bench.apply(each)
+    return np.array(read)

@@ -9,6 +9,7 @@ import pytest
 
 from fjh.ik import Ik, Limits
 from fjh.rig import Mismatch, Rig
+from fjh.rig.events import Event
 from fjh.rig.hexapod import trajectory
 from fjh.rig.hexapod.amplifier import Amplifier, displacement_limits
 from fjh.rig.hexapod.closed_form import Hexapod, Posture, hexapod
@@ -16,6 +17,7 @@ from fjh.rig.hexapod.coil import Coils
 from fjh.rig.hexapod.detector import Detector, pointing_angles, secondary_motion
 from fjh.rig.hexapod.forward import UnreachableLengths, forward_kinematics
 from fjh.rig.hexapod.strut_sensors import StrutSensors
+from fjh.rig.options import RobotOptions
 from fjh.study.errors import WrongInput
 from ftc import Goal
 from ftc.fdi import Fault
@@ -34,7 +36,7 @@ from tests.hostile import POSITIVE, Room, one_by_one, public
 PARTS = public(
     *(Amplifier, Coils, Detector, Hexapod, Posture, StrutSensors, displacement_limits, hexapod),
     *(pointing_angles, secondary_motion, forward_kinematics, trajectory.spiral),
-    *(Ik, Mismatch),
+    *(Ik, Mismatch, Event, RobotOptions),
     trusted=("Ik.advance",),  # which is `sim.advance`
 )
 RIGS = public(
@@ -56,27 +58,21 @@ def parts() -> Room:
     ik = Ik(arm, tasks, Limits(velocity=1.0))
     driven = {"bits": 16, "full_input_a": 4.0, "limit_a": 3.0, "newton_per_a": 20.0}
     driven |= {"newton_per_m": 1e5}
-    heated: dict[str, Any] = {
-        "resistance_ohm": 5.0,
-        "heat_capacity_j_per_k": 4.0,
-        "ambient_c": 20.0,
-    }
-    heated |= {"thermal_resistance_k_per_w": np.full(2, 1.5)}
+    heated = {"thermal_resistance_k_per_w": np.full(2, 1.5), "resistance_ohm": 5.0}
+    heated |= {"heat_capacity_j_per_k": 4.0, "ambient_c": 20.0}
     optics = {"focal_length_m": 1.0, "half_width_m": 5e-3, "noise_m": 3e-7}
     rotations = {"rotation": np.stack([np.eye(3)] * 2), "translation_m": np.ones((2, 3))}
     good = {
         **{**driven, **heated, **optics, "displacement_m": np.full(6, 1e-5), "model": model},
         **{"input_percent": np.ones(6), "current_a": np.ones(2), "temperature_c": np.full(2, 30.0)},
         **{"period_s": 1e-3, "rotation": np.eye(3), "translation_m": np.zeros(3), "rng": rng},
-        **{"bottom_m": machine.bottom_m, "top_m": machine.top_m, "pose": NOMINAL, "start": NOMINAL},
-        **{"singular": False, "inverse_jacobian": posture.inverse_jacobian, "T": np.eye(4)},
-        **{"twist": np.full(6, 1e-3), "amplifier": Amplifier(**driven), "geometry": machine},
-        **{"current_limit_a": np.ones(6), "displacements_m": np.full(6, 1e-5), "most_steps": 60},
-        **{"time_s": np.arange(3.0), "radius_rad": 1e-4, "turns": 8.0, "duration_s": 16.0},
-        **{"exponent": 0.5, "start_rad": 1.0, "tasks": tasks, "limits": Limits(velocity=1.0)},
-        **{"active": [], "pinned": [], "data": data, "dt": 0.01, "locked": [0], "free": [1]},
-        **{name: getattr(Mismatch(), name) for name in Mismatch.__dataclass_fields__},
-        **{"locked_passive": [], "factor": 0.5, "noise_m": 1e-9},
+        **{"bottom_m": machine.bottom_m, "top_m": machine.top_m, "pose": NOMINAL, "T": np.eye(4)},
+        **{"inverse_jacobian": posture.inverse_jacobian, "twist": np.full(6, 1e-3), "dt": 0.01},
+        **{"amplifier": Amplifier(**driven), "geometry": machine, "current_limit_a": np.ones(6)},
+        **{"displacements_m": np.full(6, 1e-5), "time_s": np.arange(3.0), "radius_rad": 1e-4},
+        **{"turns": 8.0, "duration_s": 16.0, "tasks": tasks, "limits": Limits(velocity=1.0)},
+        **{"data": data, "locked": [0], "free": [1], "factor": 0.5, "noise_m": 1e-9},
+        **{"name": "bump", "text": "locked:strut1@1.3", "timestep_s": None, "start_rad": 1.0},
     }
     special = {
         "Coils.temperatures_c": {"current_a": np.ones((3, 2))},
@@ -84,6 +80,10 @@ def parts() -> Room:
         "pointing_angles": rotations,
         "secondary_motion": rotations,
         "Ik": {"model": arm},
+        "Event": {"time_s": 0.1},
+        "Event of an actuator": {"name": "locked", "time_s": 0.1, "actuator": 0},
+        "RobotOptions": {"limits": "stated", "size": 1e-3, "noise": 1e-5, "crossover": 5.0}
+        | {"joint_weight": (1.0,), "secondary_weight": (1.0,), "servo": 5.0},
     }
     of = {
         **{"Amplifier": Amplifier(**driven), "Coils": Coils(**heated), "Ik": ik},
@@ -112,6 +112,10 @@ def parts() -> Room:
         errors=(ValueError, TypeError, ModelError, UnreachableLengths, WrongInput),
         ranges=dict.fromkeys((*driven, *heated, *optics), POSITIVE)
         | {"bits": (1, 53), "noise_m": (0, np.inf), "ambient_c": (-np.inf, np.inf)},
+        spared={
+            **{"Event": ("name", "actuator"), "Event of an actuator": ("name",)},  # of a list
+            "RobotOptions": ("site", "axes", "keyframe", "pinned"),  # of a model
+        },
         hard=(ModelError, UnreachableLengths),
     )
 
@@ -125,11 +129,11 @@ def rigs() -> Room:
     rig = Rig.hexapod()
     good = {
         **{"faults": [Fault(0, "weak", 0.5)], "goal": Goal(), "mismatch": "exact", "seed": 0},
-        **{"controller": rig.controller(), "path": np.zeros((3, 2)), "begin_s": 0.0},
-        **{"failures": [Failure(0, "locked", 0.001)], "lead_in_s": 0.0, "events": ()},
-        **{"on_tick": lambda *_: None, "actuator": 0, "name": "circle", "duration_s": 0.01},
-        **{"turn_s": 0.01, "told": True, "dither": None, "floor_m_per_s2": None, "noise": None},
-        **{"start": None, "before": Goal(), "after": Goal(locked_at={0: 0.0}), "time_s": 0.005},
+        **{"controller": rig.controller(), "path": np.zeros((3, 2)), "events": (), "actuator": 0},
+        **{"failures": [Failure(0, "locked", 0.001)], "on_tick": lambda *_: None, "turn_s": 0.01},
+        **{"name": "circle", "duration_s": 0.01, "dither": None, "noise": None, "start": None},
+        **{"floor_m_per_s2": None, "before": Goal(), "after": Goal(locked_at={0: 0.0})},
+        "time_s": 0.005,
     }
 
     def flown(controller: Any) -> Any:

@@ -47,54 +47,41 @@ TRUSTED = {
 FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
 
 
+def numbers(found: Any, **more: Any) -> dict[str, Any]:
+    """All public numbers of what the library returns, its status, and what it makes of ones."""
+    names = "x rates torques residual residuals scale gains active gap steps certificate status"
+    names += " secondary_force internal_force active_rows active_limits damping_errors J gain"
+    names += " self_motion active_constraint passive_gain passive_self_motion major joint secondary"
+    names += " achieved reaction vertices findings worst_gain"
+    return {name: getattr(found, name) for name in names.split() if hasattr(found, name)} | more
+
+
 def velocities(mapping: VelocityMapping) -> dict[str, Any]:
-    """All numbers of a velocity mapping; an exact one must meet its major task."""
+    """An exact one must meet its major task."""
     v = np.ones(len(mapping._problem.S_m))
     rates = mapping(v)
     if mapping.status is prioritized.Status.EXACT and mapping._limiting is None:
         done = (mapping._problem.major_jacobian @ rates[..., None])[..., 0]
         assert np.allclose(done, v, rtol=0, atol=1e-4)
-    gains = (mapping.major, mapping.joint, mapping.secondary, mapping.achieved)
-    far = None if mapping._limiting is None else solution(mapping.solve(9 * v))
-    numbers = {"rates": rates, "gains": gains, "gap": mapping.gap, "far": far}
-    return numbers | {"rest": mapping.residual(v)}
+    far = None if mapping._limiting is None else numbers(mapping.solve(9 * v))
+    return numbers(mapping, rates=rates, far=far, rest=mapping.residual(v))
 
 
 def torques(mapping: ForceMapping) -> dict[str, Any]:
-    """All numbers of a force mapping."""
     f = np.ones(mapping.major.shape[-1])
     forces = (mapping(f), mapping.secondary_force(f), mapping.internal_force(f))
-    far = None if mapping._limiting is None else solution(mapping.solve(9 * f))
-    parts = (mapping.major, mapping.achieved, mapping.reaction)
-    return {"parts": parts, "forces": forces, "rest": mapping.residual(f), "far": far}
+    far = None if mapping._limiting is None else numbers(mapping.solve(9 * f))
+    return numbers(mapping, forces=forces, rest=mapping.residual(f), far=far)
 
 
 def mechanism(kin: Kinematics) -> dict[str, Any]:
-    """All numbers of a mechanism."""
-    names = "J self_motion internal_force active_constraint passive_gain passive_self_motion gap"
-    arrays: dict[str, Any] = {name: getattr(kin, name) for name in names.split()}
-    arrays["f_C"] = kin.constraint_force(np.ones(len(kin.J)), np.ones(len(kin.active)))
-    report = kin.manipulability([0])
-    return arrays | {"findings": report.findings, "worst_gain": report.worst_gain}
-
-
-def reached(postures: Postures) -> dict[str, Any]:
-    """All numbers of a batch of postures."""
-    names = ("J", "active_constraint", "self_motion", "passive_gain")
-    return {name: getattr(postures, name) for name in names}
+    f_C = kin.constraint_force(np.ones(len(kin.J)), np.ones(len(kin.active)))
+    return numbers(kin, f_C=f_C, report=numbers(kin.manipulability([0])))
 
 
 def reach(a: prioritized.Attainable) -> dict[str, Any]:
-    """All numbers of an attainable set; infinite where a limit is, or none."""
-    unlimited = {"radius_gap": a.radius, "support_gap": a.support(np.eye(len(a.gain)))}
-    return unlimited | {"gain": a.gain, "vertices": a.vertices, "sentence": str(a)}
-
-
-def solution(found: Any) -> dict[str, Any]:
-    """All public numbers of a solution, and its status."""
-    names = "x rates torques residual residuals scale gains active gap steps certificate status"
-    names += " secondary_force internal_force active_rows active_limits damping_errors"
-    return {name: getattr(found, name) for name in names.split() if hasattr(found, name)}
+    """Infinite where no limit is."""
+    return numbers(a, radius_gap=a.radius, support_gap=a.support(np.eye(len(a.gain))), said=str(a))
 
 
 @cache
@@ -155,7 +142,7 @@ def room() -> Room:
         **{"position_limits": (-np.ones(3), 1.0), "acceleration_limits": (-3.0, 4.0)},
         **{"levels": levels, "lower": -np.ones(4), "upper": np.ones(4)},
         **{"rows": rng.normal(size=(2, 4)), "rows_lower": -np.ones(2), "rows_upper": np.ones(2)},
-        **{"start": None, "weight": np.ones(2), "interval": False},
+        **{"start": None, "weight": np.ones(2)},
         **{"targets": [np.ones(1), np.ones((2, 2))], "rate_limits": limits(3)},
         **{"torque_limits": limits(3), "rate_rows": rows_3, "torque_rows": rows_3},
         **{"force_rows": (J_T[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
@@ -226,11 +213,11 @@ def room() -> Room:
     of |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
     uses = {
         **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": reach},
-        **{"Postures": reached, "Tick": met, "HierarchySolution": solution},
+        **{"Postures": numbers, "Tick": met, "HierarchySolution": numbers},
         **{"ConstrainedSystem": lambda made: mechanism(made.kinematics()), "Kinematics": mechanism},
-        **{"Task": lambda task: solution(kin.hierarchy([task]).solve([None]))},
-        **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), solution),
-        "Hierarchy": lambda asked: solution(asked.solve(good["targets"])),
+        **{"Task": lambda task: numbers(kin.hierarchy([task]).solve([None]))},
+        **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), numbers),
+        "Hierarchy": lambda asked: numbers(asked.solve(good["targets"])),
     }
     ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
     return Room(

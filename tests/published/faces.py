@@ -25,11 +25,7 @@ def effectiveness(turns: str, arm: float = ARM) -> np.ndarray:
 def distances(
     B: np.ndarray, wrench: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """Of a wrench (m,) from the planes of all faces of {B u}, negative beyond one.
-
-    A face is parallel to m - 1 columns of B, whose thrusts are free on it. The least distance is
-    the authority, and negative outside.
-    """
+    """Of a wrench (m,) from all faces of {B u}, each parallel to m - 1 columns; negative beyond."""
     m, n = B.shape
     middle, half = (upper + lower) / 2, (upper - lower) / 2
     found = []

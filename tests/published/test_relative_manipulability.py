@@ -93,12 +93,7 @@ def test_for_one_failure_the_best_worst_case_is_possible(page, J, best):
 
 @pytest.mark.parametrize("n", [3, 4, 7])
 def test_the_slowest_direction_of_an_optimal_robot_keeps_one_over_root_n_of_its_speed(n):
-    """Whichever of n = m + 1 actuators locks: the worst case that Maciejewski and Roberts design.
-
-    2 by 3, 3 by 4 and 6 by 7: K. Ben-Gharbia, A. Maciejewski, R. Roberts, "A kinematic analysis and
-    evaluation of planar robots designed from optimally fault-tolerant Jacobians", IEEE Trans.
-    Robotics 30(2), 2014 (0.577), and the same group's on spatial ones (0.5, 0.378); recalled.
-    """
+    """K. Ben-Gharbia, A. Maciejewski, R. Roberts, IEEE Trans. Robotics 30(2), 2014; recalled."""
     system, rows = system_of(of_null_space(np.ones((n, 1)))), range(n - 1)
     assert system.kinematics().manipulability(rows).worst_gain == pytest.approx(1.0)
     for lost in range(n):

@@ -2,6 +2,7 @@
 
 import copy
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -15,6 +16,7 @@ from sim.plant import JointSensors, MaxwellSlip, TaskSensor, failed_plant
 from tests.hostile import POSITIVE, Room, one_by_one, public, two_at_once
 
 PERIOD_S = 2.5e-4
+DOUBLED = SimpleNamespace(sent=lambda tick, inputs: 2.0 * inputs)
 
 
 def pose_error_of_a_quaternion(quaternion: Any) -> Any:
@@ -37,14 +39,6 @@ FOUND = public(
     *(element_id, joint_stiffness, mass_matrix, model_sha256, weightless),
     trusted=TRUSTED,
 )
-
-
-class Doubled:
-    """What else happens on a bench."""
-
-    def sent(self, tick: int, inputs: np.ndarray) -> np.ndarray:
-        """What the drives get."""
-        return 2.0 * inputs
 
 
 def state(plant: Plant) -> Any:
@@ -115,25 +109,24 @@ def room() -> Room:
         return given.gain, given.damping, errors
 
     good = {
-        **{"model": arm, "data": at_rest, "site": "payload", "axes": "base", "pinned": []},
-        **{"stuck_at_limits": False, "closure_tolerance": 1e-3, "active": [], "springs": True},
-        **{"velocity": np.zeros(platform.nv), "duration_s": 1.0, "held": [0]},
-        **{"into": mujoco.MjData(platform), "geometry_accuracy": 1e-9, "warn_of_misses": True},
-        **{"frame": "payload", "weld": True, "margin_m": 0.005, "gain": 0.5, "within_m": 0.1},
+        **{"model": arm, "data": at_rest, "site": "payload", "axes": "base", "springs": True},
+        **{"velocity": np.zeros(platform.nv), "held": [0]},
+        **{"into": mujoco.MjData(platform), "geometry_accuracy": 1e-9},
+        **{"frame": "payload", "weld": True, "gain": 0.5, "within_m": 0.1},
         **{"qvel": np.ones(swing.nv), "dt": 0.01, "posture": mechanism.nominal},
         **{"displacements": np.full(7, 1e-3), "body": None, "rotation": np.eye(3)},
         **{"translation_m": np.zeros(3), "T": np.eye(4), "root": "base", "twist": np.full(6, 1e-3)},
-        **{"name": 3, "path": HEXAPOD_MJCF, "add_locks": False, "target": np.ones(3)},
+        **{"name": 3, "path": HEXAPOD_MJCF, "target": np.ones(3)},
         **{"weight": 2.0, "damping": 0.1, "rows": [3, 1], "axis": np.ones(3), "joints": ["joint2"]},
         **{"coefficients": {"joint1": 1.0, "joint2": -2.0}, "kind": "weak", "plant": Plant(arm)},
         **{"sensors": TaskSensor(**task), "time_s": PERIOD_S * np.arange(2), "period_s": PERIOD_S},
         **{"failures": [Failure(2, "weak")], "drives": np.negative},
-        **{"floor_m_per_s2": np.full((2, 3), 1e-3), "delay_ticks": 1, "events": Doubled()},
+        **{"floor_m_per_s2": np.full((2, 3), 1e-3), "delay_ticks": 1, "events": DOUBLED},
         **{"hysteresis": MaxwellSlip(np.ones((7, 2)), np.ones((7, 2))), "keep_qpos": True},
-        **{"inputs": np.full(7, 1e-5), "actuator": 0, "effectiveness": 0.5, "base": "base"},
-        **{"payload": "payload", "part": None, "command_m": np.full(6, 1e-5), "seconds": 2e-3},
+        **{"inputs": np.full(7, 1e-5), "actuator": 0, "effectiveness": 0.5},
+        **{"part": None, "command_m": np.full(6, 1e-5), "seconds": 2e-3},
         **{"wrench": np.full(6, 1e-3), "force": np.full(6, 1e-3), "acceleration": np.full(3, 1e-3)},
-        **{"natural_frequency_hz": 5.0, "damping_ratio": 1.0, "among": [0, 1], "start": at_rest},
+        **{"natural_frequency_hz": 5.0, "among": [0, 1], "start": at_rest},
         **{"text": "strut1:locked@1.3", "y": np.eye(len(sim.linearize(**here).A) // 2)[0]},
         **{"stiffness": np.full((2, 3), 1e3), "slip": np.full((2, 3), 1e-6), "pose": NOMINAL},
         **{"stretch": np.zeros((2, 3)), "by": np.full(2, 1e-6)},
@@ -216,14 +209,7 @@ def room() -> Room:
         uses=uses,
         errors=(ValueError, TypeError, sim.ModelError),
         hard=(sim.ModelError, sim.SimulationDiverged),
-        slow=(
-            "Plant.step",
-            "Plant.settle",
-            "Plant.weaken",
-            "Plant.push",
-            "Plant.load",
-            "Plant.shake",
-        ),
+        slow=[f"Plant.{name}" for name in ("step", "settle", "weaken", "push", "load", "shake")],
         ranges={"effectiveness": (0, 1), "period_s": POSITIVE, "seconds": POSITIVE},
     )
 

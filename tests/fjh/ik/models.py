@@ -1,5 +1,6 @@
 """Models of the tests of inverse kinematics, each compiled once a process, and what moves them."""
 
+from collections.abc import Iterator
 from functools import cache
 
 import mujoco
@@ -10,6 +11,7 @@ from sim import MODELS, Pose, TaskFunction, assemble, load_model
 from tests.robots import TEST_MODELS
 
 DT = 0.01
+Tick = tuple[mujoco.MjData, np.ndarray, float]
 
 
 @cache
@@ -30,10 +32,19 @@ def shifted(pose: Pose, *way: float) -> Pose:
     return Pose(pose.rotation, pose.translation_m + way)
 
 
+def flight(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]:
+    """The states of so many ticks, each with its velocity and the largest change of one."""
+    before = data.qvel.copy()
+    for _ in range(ticks):
+        qvel = np.array(ik.step(data, dt))
+        data = ik.advance(data, qvel, dt)
+        yield data, qvel, float(np.abs(qvel - before).max())
+        before = qvel
+
+
 def moved(ik: Ik, data: mujoco.MjData, ticks: int, dt: float = DT) -> mujoco.MjData:
     """The state after so many ticks."""
-    for _ in range(ticks):
-        data = ik.advance(data, ik.step(data, dt), dt)
+    *_, (data, _, _) = flight(ik, data, ticks, dt)
     return data
 
 

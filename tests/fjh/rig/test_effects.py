@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -14,8 +16,8 @@ from fjh.rig.events import EVENTS, Event
 from fjh.rig.events.hooks import events_of
 from fjh.study.errors import WrongInput
 from sim import Failure
-from tests.fjh.blind import blind_flight
-from tests.fjh.rigs import rig, rig_of
+from sim.plant import Reading
+from tests.fjh.rigs import path_of, rig, rig_of
 
 ONSET = 30
 SUPPLY = {name for name, kind in EVENTS.items() if kind.of == "supply"}
@@ -28,20 +30,47 @@ def event(name: str, time_s: float = ONSET * 1e-3) -> Event:
     return Event(name, time_s, 2 if name in OF_ONE else None)
 
 
+@dataclass(frozen=True)
+class Blind:
+    """Sends a sinusoid to each actuator, constant at 0 Hz, and reads nothing: its own state."""
+
+    inputs: np.ndarray
+    peak: float
+    hz: float
+    tick: int = 0
+
+    def start(self) -> "Blind":
+        """With no input."""
+        return self
+
+    def step(self, state: "Blind", *_: Any) -> "Blind":
+        """Whatever was measured."""
+        phase = 2 * np.pi * self.hz * 1e-3 * state.tick + np.arange(len(self.inputs))
+        return replace(state, inputs=self.peak * np.cos(phase), tick=state.tick + 1)
+
+
+def blind_flight(one: Rig, events: object = None, ticks=160, hz=10.0, peak=None, **how: Any) -> Run:
+    """A flight at a thirtieth of the full input, of which all that follows is the machine's own."""
+    if peak is None:
+        peak = 3.0 if one.title.startswith("University") else 0.7 * one.size
+    pilot = Blind(np.zeros(len(one.actuators)), peak, hz)
+    return one.fly(pilot, np.zeros((ticks, len(one.major))), events=events, **how)
+
+
 @pytest.fixture(scope="module")
 def gantry() -> Rig:
     return rig_of("load_on_slides", major=(3, 4, 5), size=1e-3, crossover=0.7)
 
 
 @cache
-def of_one_event(name: str) -> Run:
-    return blind_flight(rig("hexapod"), [event(name)])
+def of_one_event(name: str | None) -> Run:
+    return blind_flight(rig("hexapod"), None if name is None else [event(name)])
 
 
 @pytest.fixture(scope="module", autouse=True)
 def quiet() -> Run:
     """No test's time has the making of the hexapod."""
-    return blind_flight(rig("hexapod"))
+    return of_one_event(None)
 
 
 def differ(run: Run, other: Run) -> np.ndarray:
@@ -53,12 +82,8 @@ def differ(run: Run, other: Run) -> np.ndarray:
 def forces(events: Sequence[str], ticks: int) -> np.ndarray:
     """Of each coil under constant inputs at the end of each tick but the last, (ticks - 1, 6)."""
     logged: list[np.ndarray] = []
-
-    class Log:
-        def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
-            logged.append(data.actuator_force.copy())
-
-    blind_flight(rig("hexapod"), [*map(event, events), Log()], ticks=ticks, hz=0.0)
+    log = SimpleNamespace(plant=lambda tick, model, data: logged.append(data.actuator_force.copy()))
+    blind_flight(rig("hexapod"), [*map(event, events), log], ticks=ticks, hz=0.0)
     return np.array(logged[1:])
 
 
@@ -109,10 +134,11 @@ def test_inputs_of_one_actuator_change_as_said_and_stay_in_range():
     np.testing.assert_allclose(drift, 10e-6, rtol=0.01)  # 10 um/s
     step = sent("slow", np.vstack([np.zeros(6), np.tile(dip, (399, 1))]))
     np.testing.assert_allclose(step, 3.0 * -np.expm1(-tick / 30.0), atol=1e-12)
-    for name, percent in (("hard_over", 100.0), ("half_over", 50.0)):
-        np.testing.assert_allclose(np.abs(sent(name, wave)), percent, atol=0.01)
-    full = sent("offset", np.full((400, 6), np.sign(offset[0]) * 99.0))
-    np.testing.assert_allclose(np.abs(full), 100.0, atol=0.01)
+    full = np.full((400, 6), np.sign(offset[0]) * 99.0)
+    for name, inputs, percent in (
+        *(("hard_over", wave, 100.0), ("half_over", wave, 50.0), ("offset", full, 100.0)),
+    ):
+        np.testing.assert_allclose(np.abs(sent(name, inputs)), percent, atol=0.01)
 
 
 def test_a_lock_that_opens_again_stands_in_between(quiet):
@@ -170,16 +196,18 @@ def test_a_push_stretches_the_servos_as_far_as_their_stiffness_says(gantry):
 
 def test_pushes_of_several_events_add(gantry):
     """The machine is linear: so do its motions. A hook may be one of the events."""
+    ticks: list[int] = []
 
-    class Pulls:
-        def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
-            data.xfrc_applied[3, :3] = [0.0, 0.0, 1.0]
+    def pull(tick: int, model: Any, data: mujoco.MjData) -> None:
+        ticks.append(tick)
+        data.xfrc_applied[3, :3] = [0.0, 0.0, 1.0]
 
     def moved(*events: object) -> np.ndarray:
         return blind_flight(gantry, events, ticks=100, peak=0.0).displacement
 
-    several = Event("push", 0.0), Event("tilt", 0.0), Pulls()
+    several = Event("push", 0.0), Event("tilt", 0.0), SimpleNamespace(plant=pull)
     np.testing.assert_allclose(moved(*several), sum(map(moved, several)), rtol=1e-6, atol=1e-12)
+    assert ticks == 2 * list(range(100))
 
 
 def test_on_a_floor_that_tilts_every_mass_pulls_with_its_weight(gantry):
@@ -234,19 +262,14 @@ def test_ten_times_the_damping_takes_ten_times_the_force_to_move(gantry):
     assert drag[1] == pytest.approx(10 * drag[0], rel=1e-12)
 
 
-@pytest.fixture(scope="module")
-def read(quiet) -> Callable[[str], tuple[np.ndarray, np.ndarray]]:
+def read(name: str) -> tuple[np.ndarray, np.ndarray]:
     """What is read from an event on, in standard deviations, and what would have been."""
-
-    def of(name: str) -> tuple[np.ndarray, np.ndarray]:
-        run, noise = of_one_event(name), rig("hexapod").noise
-        np.testing.assert_array_equal(run.qpos, quiet.qpos)  # a sensor moves nothing
-        return run.measured[ONSET:] / noise, quiet.measured[ONSET:] / noise
-
-    return of
+    run, quiet, noise = of_one_event(name), of_one_event(None), rig("hexapod").noise
+    np.testing.assert_array_equal(run.qpos, quiet.qpos)  # a sensor moves nothing
+    return run.measured[ONSET:] / noise, quiet.measured[ONSET:] / noise
 
 
-def test_sensors_are_off_by_what_is_said(read):
+def test_sensors_are_off_by_what_is_said():
     seen, sound = read("bias")
     np.testing.assert_allclose(seen - sound, np.tile((seen - sound)[0], (len(seen), 1)), atol=1e-9)
     assert np.linalg.norm((seen - sound)[0]) == pytest.approx(20.0)
@@ -264,7 +287,7 @@ def test_sensors_are_off_by_what_is_said(read):
     assert np.std(seen - sound) == pytest.approx(np.sqrt(24.0), rel=0.15)
 
 
-def test_samples_are_stuck_come_late_repeat_or_are_missing(read):
+def test_samples_are_stuck_come_late_repeat_or_are_missing():
     seen, sound = read("stuck")
     stands = np.ptp(seen, axis=0) == 0.0
     assert stands.sum() == 1
@@ -282,3 +305,36 @@ def test_samples_are_stuck_come_late_repeat_or_are_missing(read):
     np.testing.assert_array_equal(seen[1:][repeats[1:]], seen[:-1][repeats[1:]])
     for part in (missing, repeats.mean()):
         assert 0.03 < part < 0.2
+
+
+def test_times_count_from_the_first_tick_of_the_path():
+    one, reading = rig("hexapod"), Reading(np.ones(2), np.ones(6))
+    for time_s, first in ((5.03, 70), (5.0301, 71), (5.0, 0), (3.0, 0)):
+        hook: Any = events_of(one, [Event("silent", time_s)], begin_s=5.0, lead_in_s=0.04)[0]
+        read = [hook.measured(tick, reading).output[0] for tick in range(80)]
+        assert np.flatnonzero(np.array(read) == 0.0)[0] == first
+
+
+def test_what_is_drawn_is_of_the_seed_and_of_no_other_event():
+    one, push, hum = rig("hexapod"), Event("push", 0.03), Event("hum", 0.03)
+    cases = [(None, 0), ([push], 0), ([hum, push], 0), ([push, push], 0), ([push], 1)]
+    none, alone, both, twice, other = (
+        blind_flight(one, events, ticks=60, seed=seed) for events, seed in cases
+    )
+    np.testing.assert_array_equal(alone.qpos, both.qpos)
+    assert not np.array_equal(alone.qpos, other.qpos)
+    first, two = (run.true[-1] - none.true[-1] for run in (alone, twice))
+    # The second push has its own direction.
+    assert np.linalg.norm(two - 2 * first) > 0.1 * np.linalg.norm(two)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_inputs_changed_in_place_are_no_memory_of_the_pilot(name):
+    def flown(sent: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
+        one = rig(name)
+        return one.fly(
+            one.controller(), path_of(name, 0.1), events=SimpleNamespace(sent=sent)
+        ).inputs
+
+    in_place = flown(lambda tick, inputs: np.multiply(inputs, 1.01, out=inputs))
+    np.testing.assert_array_equal(in_place, flown(lambda tick, inputs: 1.01 * inputs))

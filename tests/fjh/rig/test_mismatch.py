@@ -1,8 +1,11 @@
-"""Plants drawn off the model: each size is drawn as it says, and none is the model itself."""
+"""Plants drawn off the model: each size is drawn as it says, and does what it says."""
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
+import control
+import mujoco
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -10,13 +13,20 @@ from scipy.stats import kstest
 from fjh.rig import Rig
 from fjh.rig.draw import Draw
 from fjh.rig.hexapod import mismatch as hexapod
+from fjh.rig.hexapod.columns import MAJOR
+from fjh.rig.hexapod.detector import pointing_angles
+from fjh.rig.hexapod.machine import floor_acceleration
+from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
+from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.mismatch import EXACT, LIMITS, Mismatch, sampled_model
 from fjh.rig.options import RobotOptions
 from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
-from fjh.rig.robot_machine import SIZES
+from fjh.rig.robot_machine import SIZES, RobotMachine
 from fjh.study.errors import WrongInput
-from tests.fjh.rigs import path_of, rig
+from sim import Array, Bench, Failure, Mechanism, ModelError, Plant, linearize, load_model
+from sim.plant import JointSensors, TaskSensor
+from tests.fjh.rigs import ARM, ROWS, readings, rig
 from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
@@ -93,12 +103,9 @@ def test_drifts_lie_in_their_ranges_and_in_all_directions():
 
 def excited(one: Rig) -> np.ndarray:
     """What is read for 60 ticks of a plant under steps."""
-    bench, read = one.bench(np.arange(60) * one.period_s, [], 5), []
+    bench, steps = one.bench(np.arange(60) * one.period_s, [], 5), np.repeat([0.0, 1.0], [20, 40])
     peak = 1.0 if one.title.startswith("University") else 1e-3
-    for tick in range(60):
-        read.append(np.concatenate(bench.measure()))
-        bench.apply(peak * np.arange(len(one.actuators)) * (tick >= 20))
-    return np.array(read)
+    return readings(bench, peak * np.outer(steps, np.arange(len(one.actuators))))
 
 
 @pytest.mark.parametrize(
@@ -114,13 +121,10 @@ def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_a_mismatch_is_of_the_plant_alone_and_a_seed_repeats_it(name):
-    one, path = rig(name), path_of(name, 0.15)
-    drawn = [*(one.drawn("all", seed) for seed in (3, 4)), rig(name, "all")]
-    runs = [each.fly(each.controller(), path, seed=1).true for each in drawn]
-    np.testing.assert_array_equal(runs[0], runs[2])
-    assert not np.array_equal(runs[0], runs[1])
-    np.testing.assert_array_equal(drawn[0].nominal.plant.A, one.nominal.plant.A)
+def test_a_mismatch_is_of_the_plant_alone_and_a_rig_is_made_with_it_or_drawn(name):
+    one, drawn = rig(name, "all"), rig(name).drawn("all", 3)
+    np.testing.assert_array_equal(excited(one), excited(drawn))
+    np.testing.assert_array_equal(drawn.nominal.plant.A, rig(name).nominal.plant.A)
 
 
 def test_scaling_takes_all_sizes_along():
@@ -128,10 +132,8 @@ def test_scaling_takes_all_sizes_along():
     third = everything.scaled(1 / 3)
     for name in set(LIMITS) - {"delay_ticks"}:
         assert getattr(third, name) == pytest.approx(getattr(everything, name) / 3)
-    assert third.delay_ticks == 0
-    assert everything.scaled(0) == EXACT
-    assert everything.scaled(1) == everything
-    assert Mismatch(delay_ticks=2).scaled(1.4).delay_ticks == 3
+    assert third.delay_ticks == 0 and Mismatch(delay_ticks=2).scaled(1.4).delay_ticks == 3
+    assert everything.scaled(0) == EXACT and everything.scaled(1) == everything
     with pytest.raises(ValueError, match=r"damping must be a number from 0 to 0\.99"):
         everything.scaled(10)
 
@@ -140,3 +142,169 @@ def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
     for name in rig("arm").machine.unknown:
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
             rig("arm").drawn(replace(EXACT, **{name: 1e-3}), 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_controls_are_those_of_the_controllers_model(seed):
+    """Whatever gains are drawn: no wire carries another change from rest than it would without."""
+    gain, command = Mismatch(gain=ROBOTS.gain), 1e-4 * np.array([1.0, -2.0, 3.0])
+    changes, moved = [], []
+    for sizes in (EXACT, gain, ROBOTS):
+        bench = RobotMachine(driven(), sizes, seed).bench(np.zeros(1500), [], seed)
+        rest = bench.plant.data.ctrl.copy()
+        readings(bench, np.tile(command, (1500, 1)))
+        changes.append(bench.plant.data.ctrl - rest)
+        moved.append(bench.displacement[-1])
+    np.testing.assert_allclose(changes[1:], [changes[0]] * 2, rtol=1e-12)
+    ratio = moved[1] / moved[0]
+    gains = sampled_model(driven().model, driven().known.drives, gain, Draw(seed, "uniform"))[1]
+    assert ratio[0] == pytest.approx(gains[0], abs=1e-4)  # a coil moves by its gain
+    assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target whatever its gain
+    assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
+
+
+STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
+
+
+def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
+    """A tenth of a second of the arm under steps, and what its sensors read."""
+    one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).drawn(mismatch, seed)
+    bench = one.bench(np.arange(100) * 1e-3, [], seed)
+    return bench, readings(bench, STEPS)
+
+
+def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
+    """And its encoders are those of `JointSensors` with its seed."""
+    model = load_model(ARM, add_locks=True)
+    plant = Plant(model, base=None, start=mujoco.MjData(model))
+    sensors = JointSensors(Mechanism(model), ROWS["arm"], 1e-5, 3)
+    expected = sensors.read(plant.pose(), plant.displacements())
+    np.testing.assert_array_equal(flown(EXACT, "joints")[1][0], np.concatenate(expected))
+    sensor = TaskSensor(ROWS["arm"], 1e-5, 1e-5, 3)
+    bench = Bench(plant, sensor, time_s=np.arange(100) * 1e-3, period_s=1e-3)
+    np.testing.assert_array_equal(flown(EXACT)[1], readings(bench, STEPS))
+
+
+@pytest.mark.parametrize("sense", ["task", "joints", "both"])
+def test_zeros_drift_in_what_is_read_and_the_task_of_encoders_with_them(sense):
+    """Nothing moves otherwise; a task that is computed moves by the Jacobian times the drift."""
+    difference = flown(Mismatch(drift_per_s=100.0), sense)[1] - flown(EXACT, sense)[1]
+    task, encoders = difference[:, :2], difference[:, 2:]
+    ramp = np.linspace(0, 1, 100)[:, None]
+    np.testing.assert_allclose(encoders, ramp * encoders[-1], atol=1e-15)
+    assert 0 < np.abs(encoders[-1]).max() <= 100.0 * 1e-5 * 0.099 * (1 + 1e-9)
+    if sense == "joints":
+        mechanism = Mechanism(load_model(ARM, add_locks=True))
+        J = mechanism.jacobians(mechanism.nominal).J_T[:2]
+        ramp, expected = ramp[:20], (ramp * (J @ encoders[-1]))[:20]  # before the steps turn it
+        np.testing.assert_allclose(task[:20], expected, rtol=2e-3, atol=1e-9)
+    else:
+        np.testing.assert_allclose(task, ramp * task[-1], atol=1e-15)
+
+
+PERIOD_S = 1e-3
+STILL = dict.fromkeys(("floor_um_per_s", "hysteresis", "drift_urad_per_s", "gain_drift_per_s"), 0.0)
+
+
+@pytest.fixture(scope="module")
+def one() -> Rig:
+    return rig("hexapod")
+
+
+def commanded(one: Rig, commands: Array):
+    """The bench after displacements (N, 6) were commanded, and what the detector read."""
+    bench = one.bench(np.arange(len(commands)) * PERIOD_S, [], 0)
+    return bench, readings(bench, one.control.testbed.amplifier().inputs(commands))[:, :2]
+
+
+def response(A: Array, B: Array, C: Array, inputs: Array) -> Array:
+    """Of a linear model to inputs (N, k) that are held in each tick."""
+    sampled = control.c2d(control.ss(A, B, C, 0), PERIOD_S)
+    ticks = np.arange(len(inputs)) * PERIOD_S
+    return np.asarray(control.forced_response(sampled, ticks, inputs.T).outputs).T
+
+
+def test_a_machine_without_suspensions_has_no_plants_of_the_hexapods_kind():
+    with pytest.raises(ModelError, match="needs struts with suspension springs"):
+        hexapod.differing(rig("arm").model, EXACT, 0)
+
+
+def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
+    floor = floor_acceleration(150, PERIOD_S, 1e-5, [7])
+    plain = hexapod_rig(start_m=np.full(6, 1e-6), floor_m_per_s2=floor)
+    machine = replace(plain.machine, differs=hexapod.differing(plain.model, EXACT, 5))
+    failures, path = [Failure(2, "weak", 0.05), Failure(0, "locked", 0.1)], TestbedConfig()
+    run, exact = (
+        one.fly(one.controller(), path.spiral_rad(0.15), failures=failures, lead_in_s=0.05)
+        for one in (plain, replace(plain, machine=machine))
+    )
+    for name in ("true", "measured", "inputs", "displacement", "qpos", "closure_m", "saturated"):
+        np.testing.assert_array_equal(getattr(run, name), getattr(exact, name))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(one, seed):
+    """All together, behind the converters' hold; fine steps make the integrator's error small."""
+    drawn = one.drawn(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
+    commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
+    bench, _ = commanded(drawn, commands)
+    linear = linearize(drawn.machine.model, Plant(drawn.machine.model).data)
+    late = np.vstack([np.zeros((1, 6)), commands[:-1]])
+    predicted = response(linear.A, linear.B, linear.C_active, late)
+    # Beyond the quantization, what is left is the integrator's error, below 1 % of the modes.
+    off = np.abs(bench.displacement - predicted)
+    assert off.max() < 0.01 * np.abs(bench.displacement).max()
+
+
+def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(one):
+    for seed in range(3):
+        plant = Plant(one.drawn(hexapod.ALL, seed).machine.model)
+        plant.settle(1.0)
+        assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
+
+
+def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
+    drawn, commands = one.drawn(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1), np.zeros((50, 6))
+    (_, plain), (_, adrift) = commanded(one, commands), commanded(drawn, commands)
+    ramp = np.outer(np.arange(50) * PERIOD_S, drawn.machine.differs.drift_rad_per_s)
+    np.testing.assert_allclose(adrift - plain, ramp, atol=1e-18)
+
+
+def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
+    """What is reached by constant commands, once the modes have died away."""
+    drawn = one.drawn(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
+    commands = np.full((800, 6), 1e-4)
+    (plain, _), (adrift, _) = commanded(one, commands), commanded(drawn, commands)
+    change = (adrift.displacement / plain.displacement)[500:] - 1
+    time_s = np.arange(500, 800) * PERIOD_S
+    expected = np.outer(time_s, drawn.machine.differs.gain_drift_per_s)
+    np.testing.assert_allclose(change, expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_the_floor_moves_the_payload_as_its_linear_model_says(one):
+    """Without control: pointing is that of B_floor under this very floor."""
+    linear = linearize(one.model, Plant(one.model).data)
+    drawn = one.drawn(hexapod.ALONE["floor_um_per_s"], 2)
+    bench, _ = commanded(drawn, np.zeros((600, 6)))
+    expected = response(linear.A, linear.B_floor, linear.C_twist[MAJOR], drawn.machine.floor(600))
+    error = pointing_angles(bench.rotation) - expected
+    assert np.abs(expected).max() > 3e-7
+    assert np.sqrt((error**2).mean()) < 0.04 * np.sqrt((expected**2).mean())
+
+
+def test_hysteresis_reads_as_its_chain_along_the_whole_loop(one):
+    """Displacement under a slow triangle of commands: forces of coil, spring and chain balance."""
+    fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))
+    drawn = fine.drawn(hexapod.ALONE["hysteresis"].scaled(10), 1)
+    up = np.linspace(0, 3e-5, 400)
+    commands = np.concatenate([up, up[::-1], -up, -up[::-1]])[:, None] * np.ones(6)
+    bench, _ = commanded(drawn, commands)
+    slip, stretch, chain = drawn.machine.differs.hysteresis, np.zeros((6, 4)), []
+    for by in np.diff(bench.displacement, axis=0, prepend=bench.displacement[:1]):
+        stretch = slip.moved(stretch, by)
+        chain.append(slip.force(stretch))
+    k = one.model.jnt_stiffness[one.model.actuator_trnid[:, 0]]
+    missing = k * commands - 0.9 * k * bench.displacement + np.array(chain)
+    # What is missing is inertia, damping and the flexures, all small at this speed.
+    assert np.abs(missing).max() < 0.05 * np.abs(k * commands).max()
+    assert np.abs(np.array(chain)).max() > 0.03 * np.abs(k * commands).max()

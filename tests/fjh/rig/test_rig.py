@@ -1,4 +1,4 @@
-"""One rig for every robot: names, paths, files, copies, threads; and what it prints."""
+"""One rig for every robot: names, units, paths, files, copies, threads; and what it prints."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -6,15 +6,21 @@ from copy import deepcopy
 from functools import cache
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fjh.rig import Rig, Run
+from fjh.rig.units import by_unit, said
 from fjh.study.errors import WrongInput
 from ftc import OracleController
-from sim import Bench, Failure
+from sim import Failure
+from sim.mjcf import drives
 from tests.arms import ARMS
-from tests.fjh.rigs import ARM, path_of, rig, rig_of
+from tests.fjh.rigs import ARM, path_of, readings, rig, rig_of
+from tests.robots import TEST_MODELS
 
 BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
@@ -23,14 +29,14 @@ BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 def test_an_actuator_fails_by_its_name_or_its_number(name):
     one, path = rig(name), path_of(name, 0.4)
     joint = one.actuators[2]
-    runs = [
+    first, *others = (
         one.fly(one.controller(), path, failures=[Failure(which, "locked", 0.3)])
         for which in (2, joint, one.aliases[2][0])
-    ]
-    for run in runs[1:]:
-        np.testing.assert_array_equal(run.true, runs[0].true)
-    stands = runs[0].displacement[round(0.3 / one.period_s) :, 2]
-    assert np.ptp(stands) < 0.02 * np.ptp(runs[0].displacement[:, 2])
+    )
+    for run in others:
+        np.testing.assert_array_equal(run.true, first.true)
+    stands = first.displacement[round(0.3 / one.period_s) :, 2]
+    assert np.ptp(stands) < 0.02 * np.ptp(first.displacement[:, 2])
     with pytest.raises(WrongInput, match=rf'no actuator or joint "{joint}x"; did you mean'):
         one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
 
@@ -72,10 +78,9 @@ def test_every_pilot_demands_the_path_through_the_inverse():
     """Until something fails one that diagnoses, or is told later, flies as one that does not."""
     one, path = rig("arm"), path_of("arm", 0.1)
     pilot = one.controller()
-    pilots = pilot, one.supervisor("none"), OracleController(pilot, pilot, None)
-    plain, *others = (one.fly(each, path).inputs for each in pilots)
-    for each in others:
-        np.testing.assert_array_equal(each, plain)
+    plain = one.fly(pilot, path).inputs
+    for each in (one.supervisor("none"), OracleController(pilot, pilot, None)):
+        np.testing.assert_array_equal(one.fly(each, path).inputs, plain)
     assert one.feedforward_demands(path) is not None
     assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
 
@@ -122,9 +127,6 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
         assert error == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.1)
 
 
-# Whoever has a copy of a rig or a pilot flies the same to the bit.
-
-
 @cache
 def pilot_of(name: str, made: str) -> Any:
     return getattr(rig(name), made)()
@@ -134,10 +136,10 @@ def pickled(thing: Any) -> Any:
     return pickle.loads(pickle.dumps(thing))
 
 
-def flown(one: Rig, controller: Any, actuator: int = 0, duration_s: float = 0.1) -> Run:
+def flown(one: Rig, controller: Any, actuator: int = 0) -> Run:
     """A flight with an actuator that is weak from its start, and locks halfway."""
-    path = one.path("circle", duration_s=duration_s, turn_s=0.1)
-    failures = [Failure(actuator, "weak"), Failure(actuator, "locked", duration_s / 2)]
+    path = one.path("circle", duration_s=0.1, turn_s=0.1)
+    failures = [Failure(actuator, "weak"), Failure(actuator, "locked", 0.05)]
     return one.fly(controller, path, failures=failures, seed=actuator)
 
 
@@ -167,17 +169,12 @@ def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(copied, nam
     """Neither shares anything with the other: failures, physics and noise are its own."""
     one = rig(name, "all")
     time_s, n = np.arange(40) * one.period_s, len(one.actuators)
-
-    def move(bench: Bench, ticks: range) -> None:
-        for tick in ticks:
-            bench.measure()
-            bench.apply(1e-3 * np.sin(np.arange(n) + 0.5 * tick))
-
+    inputs = 1e-3 * np.sin(np.add.outer(0.5 * np.arange(40), np.arange(n)))
     bench = one.bench(time_s, [Failure(0, "weak", 0.0), Failure(1, "locked", 0.03)], 5)
-    move(bench, range(20))
+    readings(bench, inputs[:20])
     copies = copied(bench), copied(bench)
     for each in (copies[0], bench, copies[1]):
-        move(each, range(20, 40))
+        readings(each, inputs[20:])
     for each in copies:
         for log in ("qpos", "rotation", "displacement", "actuator_force"):
             np.testing.assert_array_equal(getattr(each, log), getattr(bench, log), err_msg=log)
@@ -194,3 +191,34 @@ def test_threads_that_share_a_rig_and_a_pilot_fly_as_one_alone(name):
         runs = pool.map(lambda actuator: flown(one, pilot, actuator), actuators)
         for actuator, run in zip(actuators, list(runs), strict=True):
             assert_same(run, flown(one, pilot, actuator))
+
+
+@given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
+def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
+    units = [unit for unit, _ in rows]
+    entries = by_unit("rms", [value for _, value in rows], units)
+    left = {key: iter(own) for key, own in entries.items()}
+    assert [next(left[f"rms_{unit}"]) for unit in units] == [value for _, value in rows]
+    assert all(list(own) == [] for own in left.values())
+    assert by_unit("rms", None, units) == dict.fromkeys(entries)
+
+
+@given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))
+def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
+    number, unit = said(sign * size, "m").split()
+    power = {"m": 0, "mm": -3, "µm": -6, "nm": -9}[unit]
+    assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
+    assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000
+    assert size > 9e5 or "e" not in number
+
+
+@pytest.mark.parametrize("name", ["limited", "gantry"])
+def test_an_actuator_of_turns_moves_by_an_angle_others_by_a_length(name):
+    """A hinge, a slide, a tendon over both, a ball joint; a tendon of hinges, a rope, a rail."""
+    units = {"limited": ["rad", "m", "m", "rad"], "gantry": ["rad", "m", "m"]}
+    found = [drive.unit for drive in drives(model(name))]
+    assert found[: len(units[name])] == units[name]
+
+
+def test_the_hexapod_moves_by_lengths_and_points_by_angles():
+    assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}

@@ -1,7 +1,9 @@
-"""A set of files appears whole or not at all: beside others, when interrupted, on a full disk."""
+"""A set of files appears whole or not at all, whatever comes between, and states what made it."""
 
 import json
+import re
 import resource
+import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +14,7 @@ import rerun.blueprint as rrb
 
 from experiments.app.cli import main
 from fjh.recording.file import RecordingInfo, log_series, recording_file, screen, time_column
+from fjh.study import provenance
 from fjh.study.errors import OutputError
 from fjh.study.files import published, write_arrays, write_index, write_json
 from fjh.study.plotting import new_figure, save_figure
@@ -43,8 +46,7 @@ def test_a_run_replaces_what_the_same_command_wrote_and_nothing_else(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "old",
-    ["no JSON", "[]", '{"files": [3, null]}', '{"files": ["../mine.txt", "below", "", "."]}'],
+    "old", ["no JSON", "[]", '{"files": [3, null]}', '{"files": ["../mine.txt", "below", "", "."]}']
 )
 def test_an_index_that_we_did_not_write_removes_nothing(tmp_path, old):
     folder = tmp_path / "out"
@@ -154,3 +156,23 @@ def test_a_recording_that_cannot_be_read_back_is_not_published(tmp_path, monkeyp
     ):
         write_recording(staging / "a.rrd")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, monkeypatch):
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    seen = {provenance.code_sha256()}
+    rooms = ("argument_checks/a.py", "prioritized/a.py", "experiments/a.py")
+    page = "experiments/app/page.py"
+    for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", *rooms, "sim/a.py", page):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(str(len(seen)))
+        seen.add(provenance.code_sha256())
+    assert len(seen) == 8
+
+
+def test_a_commit_is_named_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
+    assert re.match(r"[0-9a-f]{40}(, with uncommitted changes)?$|not a git", provenance.commit())
+    monkeypatch.setattr(provenance, "HERE", tmp_path)
+    assert provenance.commit() == "not a git checkout"
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    assert provenance.commit() == "not a git checkout"

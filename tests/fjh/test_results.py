@@ -1,4 +1,4 @@
-"""What changed by more than noise between two results of a study."""
+"""Results of studies as frames, and what changed by more than noise between two of them."""
 
 import copy
 import json
@@ -13,10 +13,13 @@ from hypothesis import strategies as st
 
 from experiments.app.cli import main
 from fjh.comparison import LEVEL, Comparison, compare, shifted
+from fjh.result_frames import results
+from fjh.study.errors import WrongInput
+from fjh.study.result import Check, Result
+from tests.made import keep_made
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 TABLE1 = json.loads((DATA / "table1.json").read_text())
-CHECK = {"what": "gap [m]", "where": "W_b", "value": 1e-9, "limit": 1e-8, "passed": True}
 
 
 @pytest.fixture(autouse=True)
@@ -31,25 +34,19 @@ def compared(a: dict[str, Any], b: dict[str, Any]) -> Comparison:
     return compare("a.json", "b.json")
 
 
-def spoilt(name: str, key: str, factor: float, **changed: Any) -> dict[str, Any]:
-    """Table I with one number of a column multiplied."""
-    other = copy.deepcopy(TABLE1) | changed
-    column = next(each for each in other["columns"] if each["name"] == name)
-    column[key] *= factor
-    return other
-
-
-@pytest.mark.parametrize(("factor", "changed"), [(1 + 1e-8, 0), (1 + 1e-5, 1), (1.066, 1)])
-def test_with_the_same_settings_more_than_rounding_is_a_change(factor, changed):
-    found = compared(TABLE1, spoilt("W_b", "alpha_measured_rms_urad", factor))
+@pytest.mark.parametrize(
+    ("seed", "factor", "changed"),
+    [(0, 1 + 1e-8, 0), (0, 1 + 1e-5, 1), (0, 1.066, 1), (1, 1.03, 0), (1, 1.07, 1)],
+)
+def test_more_than_rounding_is_a_change_and_with_another_seed_more_than_noise(
+    seed, factor, changed
+):
+    other = copy.deepcopy(TABLE1) | {"seed": seed}
+    column = next(each for each in other["columns"] if each["name"] == "W_b")
+    column["alpha_measured_rms_urad"] *= factor
+    found = compared(TABLE1, other)
+    assert found.drawn == bool(seed) and list(found.settings.place) == ["seed"] * seed
     assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
-
-
-@pytest.mark.parametrize(("factor", "changed"), [(1.03, 0), (1.07, 1)])
-def test_another_seed_is_said_and_its_noise_is_none(factor, changed):
-    found = compared(TABLE1, spoilt("W_a", "beta_measured_rms_urad", factor, seed=1))
-    assert found.drawn and list(found.settings.place) == ["seed"]
-    assert len(found.changed) == changed
 
 
 def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
@@ -62,13 +59,8 @@ def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
 
 def test_bounds_of_confidence_count_where_the_draws_differ():
     one = {"seed": 0, "right_count": 60, "right_rate": 1.0, "right_low": 0.94, "right_high": 1.0}
-    other = {
-        "seed": 1,
-        "right_count": 55,
-        "right_rate": 0.92,
-        "right_low": 0.82,
-        "right_high": 0.97,
-    }
+    other = {"seed": 1, "right_count": 55, "right_rate": 0.92}
+    other |= {"right_low": 0.82, "right_high": 0.97}
     assert not len(compared(one, other).changed)
     assert set(compared(one, other | {"seed": 0}).changed.place) == {"right_count", "right_rate"}
     assert len(compared(one, other | {"right_high": 0.9}).changed) == 2
@@ -79,11 +71,8 @@ def test_round_off_files_and_sentences_are_not_compared():
     one = {"a": 1e-16, "b": 1e13, "files": ["a"], "note": note.format(3.10)}
     other = {"a": 3e-12, "b": 7e15, "files": [], "note": note.format(3.11)}
     assert not len(compared(one, other).changed)
-    assert len(compared({"a": 0.0}, {"a": 1e-3}).changed) == 1
-
-
-def test_what_one_of_them_has_alone_is_said():
-    assert list(compared({"a": 1.0, "b": 2.0}, {"a": 1.0}).absent.place) == ["b"]
+    found = compared({"a": 0.0, "b": 2.0}, {"a": 1e-3})
+    assert len(found.changed) == 1 and list(found.absent.place) == ["b"]
 
 
 @given(st.dictionaries(st.sampled_from("uvw"), st.floats(-1e3, 1e3)), st.randoms())
@@ -108,19 +97,18 @@ def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_seen():
 
 
 def test_a_check_that_fails_and_did_not_is_exit_code_one(capsys):
-    failing = {"experiment": "figures", "checks": [CHECK | {"value": 1e-6, "passed": False}]}
-    for name, content in (("a", {"experiment": "figures", "checks": [CHECK]}), ("b", failing)):
-        Path(f"{name}.json").write_text(json.dumps(content))
+    check = {"what": "gap [m]", "where": "W_b", "value": 1e-9, "limit": 1e-8, "passed": True}
+    compared({"checks": [check]}, {"checks": [check | {"value": 1e-6, "passed": False}]})
     assert main(["results", "b.json", "--against", "a.json"]) == 1
     assert "1 checks fail that did not: gap [m]" in capsys.readouterr().err
     assert main(["results", "b.json", "--against", "b.json"]) == 0
 
 
 def test_results_of_two_studies_are_not_compared(capsys):
-    for name, study in (("a", "table1"), ("b", "force")):
-        Path(f"{name}.json").write_text(json.dumps({"experiment": study}))
+    compared({}, {})
+    Path("b.json").write_text('{"experiment": "force"}')
     assert main(["results", "b.json", "--against", "a.json"]) == 2
-    assert "is of fjh table1, b.json of" in capsys.readouterr().err
+    assert "is of fjh figures, b.json of" in capsys.readouterr().err
 
 
 def test_nothing_that_is_printed_commands_a_terminal(capsys):
@@ -128,3 +116,31 @@ def test_nothing_that_is_printed_commands_a_terminal(capsys):
     compared({evil: 1.0, "word": "a"}, {evil: 2.0, "word": evil})
     assert main(["results", "b.json", "--against", "a.json"]) == 0
     assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+
+
+def test_runs_checks_and_files_of_every_folder_are_frames():
+    """The first question of docs/find.md, on the published rows."""
+    found = results(DATA)
+    late = found.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
+    assert len(late) and set(late.study) == {"recover"}
+    assert {"study", "folder"} <= set(found.files)
+    with pytest.raises(WrongInput, match="no results of a study"):
+        results("nowhere")
+
+
+def test_a_folder_of_recordings_alone_is_a_row_for_each(tmp_path):
+    for name in ("one", "two"):
+        keep_made(tmp_path, name)
+    found = results(tmp_path)
+    assert list(found.runs.recording) == ["one", "two"] and set(found.runs.study) == {"made"}
+    assert list(found.runs)[:2] == list(found.files)[:2] == ["study", "folder"]
+
+
+def test_a_study_of_tables_gives_its_first_and_its_checks(tmp_path):
+    spirals, arm = pd.DataFrame({"name": ["a", "b"]}), pd.DataFrame({"name": ["c"]})
+    checks = [Check("gap [m]", "a", 1e-9, 1e-8), Check("gap [m]", "b", 1e-7, 1e-8)]
+    Result({"seed": 0}, {"spirals": spirals, "arm": arm}, checks).publish("limits", tmp_path)
+    found = results(tmp_path)
+    assert list(found.runs.name) == ["a", "b"]
+    assert found.checks.passed.tolist() == [True, False]
+    assert {".json", ".parquet"} <= set(found.files.kind)
