@@ -6,7 +6,6 @@ from copy import deepcopy
 from functools import cache
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,7 +19,7 @@ from sim import Failure
 from sim.mjcf import drives
 from tests.arms import ARMS
 from tests.fjh.rigs import ARM, path_of, readings, rig, rig_of
-from tests.robots import TEST_MODELS
+from tests.models import model
 
 BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
