@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from fjh.rig.hexapod.amplifier import Amplifier
 from fjh.rig.hexapod.detector import Detector
 from fjh.rig.hexapod.strut_sensors import StrutSensors
@@ -79,8 +80,9 @@ class TestbedConfig:
             suspension modes, fast against the spiral.
 
     Raises:
-        ValueError: One of them is no number or outside its `LIMITS`, the direction is neither 1
-            nor -1, or `anti_windup` is no truth value.
+        ValueError: One of them is no number or outside its `LIMITS`, or the direction is neither 1
+            nor -1.
+        TypeError: `anti_windup` is no truth value.
     """
 
     duration_s: float = 16.0
@@ -113,10 +115,9 @@ class TestbedConfig:
             value = getattr(self, name)
             if name != "demand_limit_urad" or value is not None:
                 check_within(name, value, low, high)
-        if self.spiral_direction not in (1, -1):
-            raise ValueError(f"spiral_direction must be 1 or -1, got {self.spiral_direction!r}")
-        if not isinstance(self.anti_windup, bool):
-            raise ValueError(f"anti_windup must be True or False, got {self.anti_windup!r}")
+        if check.number("spiral_direction", self.spiral_direction) not in (1, -1):
+            raise ValueError(f"spiral_direction must be 1 or -1, got {self.spiral_direction}")
+        check.flag("anti_windup", self.anti_windup)
 
     @property
     def crossover_hz(self) -> tuple[float, float]:
