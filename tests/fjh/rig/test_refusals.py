@@ -215,7 +215,10 @@ PATH = np.zeros((3, 2))
 MANY: Any = np.ones(99)
 ADVICE: list[tuple[Callable[[], object], str]] = [
     (lambda: TestbedConfig(spiral_direction=0), "spiral_direction must be 1 or -1"),
-    (lambda: TestbedConfig(spiral_direction=MANY), "spiral_direction must be one number, got shape"),
+    (
+        lambda: TestbedConfig(spiral_direction=MANY),
+        "spiral_direction must be one number, got shape",
+    ),
     (lambda: TestbedConfig(anti_windup=MANY), "^anti_windup must be True or False, .{,90}$"),
     (lambda: known("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "knows no floor"),
     (lambda: survey(hold="1,2", on_progress=lambda *_: None), "--hold .*give one with --matrix"),
