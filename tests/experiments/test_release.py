@@ -13,7 +13,6 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from sim import NOMINAL, Failure, Plant, jacobians, linearize
 from sim.mjcf import joint_stiffness, weightless
 from tests.experiments.results import Results
@@ -110,10 +109,6 @@ def test_motion_is_the_linear_models_and_not_quasi_static_with_dampers(spirals):
     quasi_static = failing.groupby("kind").motion_mismatch_quasi_static_percent
     assert quasi_static.max()["free"] < 4.0
     assert quasi_static.min()["loose"] > 30.0
-    for angle in ("alpha", "beta"):
-        known = failing.dropna(subset=f"predicted_{angle}_rms_urad")
-        expected = known[f"predicted_{angle}_rms_urad"]
-        np.testing.assert_allclose(known[f"{angle}_rms_urad"], expected, rtol=0.005)
 
 
 def test_at_rest_the_elastic_mapping_is_right_at_every_stiffness(study):
@@ -130,20 +125,6 @@ def test_at_rest_the_elastic_mapping_is_right_at_every_stiffness(study):
     as_if_locked = sweep.mismatch_as_if_locked_percent.to_numpy()
     assert as_if_locked[0] < 0.4 and as_if_locked[-1] > 45.0
     assert np.all(np.diff(as_if_locked) > 0)
-
-
-@pytest.mark.long
-def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
-    testbed = replace(nominal_testbed(), stiffness=strut_and_payload_stiffness(model))
-    rig, bench = hexapod_rig(testbed), testbed.bench
-    controller = rig.reconfigured(EQUAL, replace(EQUAL, free=(0,)), 0.2)
-    run = rig.fly(controller, bench.spiral_rad(0.8), failures=[Failure(0, "free", 0.2)])
-    strut_1 = run.inputs[:, 0]
-    before, after = strut_1[run.time_s < 0.2], strut_1[run.time_s >= 0.2]
-    assert np.any(before)
-    # Its last command fades within half a second, and is nothing from then on.
-    assert (np.diff(np.abs(after)) <= 0).all() and np.abs(after).max() <= np.abs(before[-1])
-    assert not np.any(strut_1[run.time_s >= 0.2 + bench.handover_s])
 
 
 def test_a_mapping_of_a_free_strut_needs_springs(model):

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from inspect import signature
 from math import nan
 from typing import Any
 
@@ -158,30 +159,20 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
 def failures(
     name: str, summary: dict[str, Any], rows: pd.DataFrame, tables: dict[str, pd.DataFrame]
 ) -> list[str]:
-    """What the checks of a study say of these results."""
+    """What the checks of a study say of these results, each called with what it asks for."""
     module: Any = sys.modules[study(name).__module__]
-    keys: tuple[str, ...] = {
-        "goals": ("runs", "angles", "another_seed"),
-        "limits": ("spirals", "arm", "conditions", "out_of_reach"),
-        "release": ("spirals", "sweep", "on_the_ground_without_spring"),
-        "systems": ("systems",),
-        "uncorrected": ("runs",),
-    }.get(name, ())
-    if name == "atlas":
-        found = module.atlas_checks(beside_model(rows))
-    elif name == "sweep":
-        found = module.checks(beside_model(rows))
-    elif name == "table1":
-        found = module.checks(tables["columns"], tables["further_runs"], summary["duration_s"])
-    elif name == "jacobian":
-        found = module.checks(tables, summary["J0_from_mjcf_largest_difference"])
-    elif name == "recover":
-        found = module.checks(summary, rows, tables)
-    elif name == "track":
-        found = module.checks(summary)
-    else:
-        found = module.checks(*(tables[key] for key in keys)) if keys else module.checks(tables)
-    return [str(check) for check in found if not check.passed]
+    known: dict[str, Any] = {
+        **tables,
+        **{"tables": tables, "rows": rows, "settings": summary, "found": summary},
+        "further": tables.get("further_runs"),
+        "duration_s": summary.get("duration_s"),
+        "from_mjcf": summary.get("J0_from_mjcf_largest_difference"),
+    }
+    if name in ("atlas", "sweep"):
+        known["beside"] = beside_model(rows)
+    checks = module.atlas_checks if name == "atlas" else module.checks
+    asked = [key for key in signature(checks).parameters if key != "_"]
+    return [str(check) for check in checks(*map(known.get, asked)) if not check.passed]
 
 
 @pytest.mark.parametrize(("name", "table", "where", "column", "value", "said"), SPOILT)

