@@ -117,11 +117,7 @@ def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 def _rig_and_pins(
     rig: Callable[..., Rig], pins: list[str], major: tuple[int, ...]
 ) -> tuple[Rig, list[str]]:
-    """The robot with its loops; torque motors and velocity servos become position servos.
-
-    Where it is refused for what it stands on, with the pins that the refusal names; the major rows
-    are then the first that remain.
-    """
+    """The robot; if what it stands on is refused, with the pins and the rows that can be had."""
     try:
         return rig(pinned=pins, major=major), pins
     except ModelError as error:

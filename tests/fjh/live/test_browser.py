@@ -4,10 +4,8 @@ Of a failure that is seen for a moment a pilot may name two kinds, such as "free
 that happened is among them.
 """
 
-import os
 import signal
 import socket
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -28,9 +26,9 @@ from tests.fjh.live.browser import (
     live,
     served,
 )
+from tests.processes import ended
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
-INTERRUPTED = "fjh: interrupted: no file was left half-written\n"
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
 """Each of new machines: one kind after another of the same strut is not always told apart."""
 SOUND = "All actuators are believed sound"
@@ -57,22 +55,6 @@ def wait_for(holds: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def is_gone(group: int) -> bool:
-    """Whether no process of a group is left."""
-    with suppress(ProcessLookupError):
-        os.killpg(group, 0)
-        return False
-    return True
-
-
-def interrupt(process: "subprocess.Popen[str]") -> None:
-    """It says one sentence, and nothing of it is left, after a moment for Python's own tracker."""
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert (process.returncode, error) == (130, INTERRUPTED)
-    wait_for(lambda: is_gone(process.pid))
-
-
 def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
     """As the kernel lists it; where the usual port is taken the next one is printed."""
     with socket.socket() as taken:
@@ -92,7 +74,8 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
         page.click("Save the last minute")
         wait_for(lambda: any(folder.glob("*")))  # the writing has begun
         page.page.close()
-        interrupt(command.process)
+        command.process.send_signal(signal.SIGINT)
+        ended(command.process, signal.SIGINT)
     assert {each.name for each in folder.glob("*")} <= {"live_1.rrd"}
     for recording in folder.glob("*"):
         assert properties_of(recording)["study"] == "live"
@@ -101,7 +84,8 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
 def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
     process = live(tmp_path / "out", "--port", str(free_port()))
     wait_for(lambda: any(listens(process.pid)))
-    interrupt(process)
+    process.send_signal(signal.SIGINT)
+    ended(process, signal.SIGINT)
     assert not (tmp_path / "out").exists()
 
 
