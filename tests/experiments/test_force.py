@@ -70,7 +70,6 @@ def test_the_fixture_reads_what_the_payload_is_pushed_with():
         jacobians(model, mujoco.MjData(model), "payload", "base") for model in (load_model(), rig())
     )
     np.testing.assert_array_equal(with_it.J_C, closed.J_C)
-    assert known_system(Condition()).J_C.shape == closed.J_C.shape
 
 
 @pytest.mark.long

@@ -52,9 +52,7 @@ def test_the_failures_are_found_named_and_gone_around(study):
     assert cost.change.abs().max() < 0.5 * cost.reseeded.abs().max()  # less than another seed
 
 
-def test_no_belief_about_one_strut_destabilizes_the_loop(study):
-    found = study.tables["beliefs"]
-    assert found.largest_pole.max() < 1 and found.sensitivity_peak.max() < 3
+def test_a_loop_six_times_as_loud_is_destabilized_by_a_belief():
     rig = exact_rig()
     louder = tuple(replace(each, C=6 * each.C, D=6 * each.D) for each in rig.control.loops)
     testbed = replace(rig.control.testbed, loops=louder)

@@ -28,14 +28,12 @@ from experiments.sweep import (
     sweep,
 )
 from experiments.sweep_design import (
-    DEFAULT,
     MOST_RUNS,
     Design,
     read_design,
     runs_of,
     sweep_run,
 )
-from experiments.table1 import CONFIGURATIONS
 from fjh.rig.conditions import every_condition
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import secondary
@@ -95,14 +93,6 @@ def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
         row = run.parameters()
         assert row["struts"] == struts
         assert [row["roll_off_hz"], row["detector_noise_m"]] == pytest.approx(numbers, rel=1e-12)
-
-
-def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table():
-    design = read_design(DEFAULT.with_name("sweep_demand_limit.toml"))
-    runs = runs_of(design, seed=3)
-    assert len(runs) == design.runs and design.duration_s == TestbedConfig().duration_s
-    # Of each: healthy or locked, corrected or not.
-    assert [run.bench for run in runs].count(CONFIGURATIONS["demand-limit"]) == 4
 
 
 def test_a_bench_has_no_constant_beyond_its_limits():

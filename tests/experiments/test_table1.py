@@ -128,16 +128,6 @@ def test_the_table_of_this_version_passes_beside_that_of_the_last_release(table1
     assert main(["results", str(table1_folder), "--against", str(last)]) == 0
 
 
-def test_a_run_alone_gives_the_same_bits_as_beside_others(runs):
-    """Seed 0, same machine: neither worker processes nor their order leave a trace."""
-    column = next(column for column in COLUMNS if column.name == "W_d")
-    rig, path = hexapod_rig(goal=column.goal, jacobian="analytic"), TestbedConfig().spiral_rad(2.0)
-    alone = rig.fly(rig.controller(), path, failures=column.failures, seed=0)
-    ticks = len(alone.time_s)
-    np.testing.assert_array_equal(alone.true, runs["W_d"]["true_rad"][:ticks])
-    np.testing.assert_array_equal(alone.measured, runs["W_d"]["measured_rad"][:ticks])
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["W_a", "W_e", "W_a_uncorrected"])
 def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(name):

@@ -1,7 +1,7 @@
 """A flight tick by tick is the one that is planned beforehand; what was struck can be repaired."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any, get_args
 
 import numpy as np
@@ -10,7 +10,6 @@ import pytest
 from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
-from ftc.fdi import Diagnosis, Fault
 from sim import Failure, Pose
 from tests.fjh.live.robots import NAMES, rig
 
@@ -110,26 +109,3 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     (named,) = run.diagnoses
     assert (named.actuator, named.kind) == ("strut4", "locked") and 1.1 < named.time_s < 1.4
     assert run.status == f"{named}." and flight.belief.startswith("strut4 is locked")
-
-
-def test_a_pilot_says_what_it_believes():
-    """Learning, all sound, a failure with its kind; what it learns anew is no first second."""
-    pilot = rig().supervisor(dither=None)
-    new, learned = pilot.start(), rig().fly(pilot, rig().path("circle", duration_s=0.9)).state
-    found = Diagnosis(Fault(1, "locked"), ("locked",), 1.0, 1.0, 0.0, 0, 0, 10, confirmed=False)
-    flight = Flight(rig(), pilot, 1, 0)
-    for flight.state, said in (
-        (rig().controller().start(), "Does not diagnose"),
-        (new, "It takes the first 0.8 s"),
-        (learned, "All actuators are believed sound."),
-        (
-            replace(learned, watch=replace(new.watch, relearns=1)),
-            "All actuators are believed sound; what no failure explains",
-        ),
-        (
-            replace(learned, watch=replace(learned.watch, diagnosis=found)),
-            "strut2 is locked, not yet confirmed; ",
-        ),
-        (replace(learned, confirmed=(replace(found, confirmed=True),)), "strut2 is locked; "),
-    ):
-        assert flight.belief.startswith(said)

@@ -19,7 +19,6 @@ from fjh.recording.record import record, results_of
 from fjh.recording.view import Change, view_of
 from fjh.rig import Diagnosed
 from fjh.rig.events import Event
-from fjh.rig.hexapod import paper
 from tests import rrd
 from tests.made import ABOUT, made_run, made_view
 
@@ -179,19 +178,6 @@ def test_properties_come_back_from_the_recording(made):
 
 
 # What the studies leave.
-
-
-def test_recordings_of_table_1_state_bench_results_and_the_papers_numbers(table1, table1_folder):
-    for column in table1["columns"]:
-        told = rrd.notes(table1_folder / column["recording"])
-        alpha, beta = paper.TABLE_I_URAD[column["name"]]
-        assert f"| paper | {alpha:.4f} | {beta:.4f} |" in told
-        assert f"| here | {column['alpha_rms_urad']:.4f} | {column['beta_rms_urad']:.4f} |" in told
-    held = properties_of(table1_folder / "W_a.rrd")
-    for name, value in table1["bench"].items():
-        assert name not in held if value is None else np.all(np.equal(held[name], value)), name
-    for name, version in table1["versions"].items():
-        assert held[f"version_{name.replace('-', '_')}"] == version
 
 
 @pytest.mark.long

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -50,15 +49,11 @@ def test_other_units_of_the_effects_change_effects_and_gains_alone(tmp_path):
         np.testing.assert_allclose(ten[key], expected, rtol=1e-9, err_msg=key)
 
 
-def hexarotor(file: Path, turns: str) -> Path:
-    return written(file, effectiveness(turns))
-
-
 def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
     """Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
     for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
-        start = of_matrix(hexarotor(tmp_path / "B.csv", turns), **hover).start
+        start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
         assert start.survived[0]
         assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
 
@@ -117,7 +112,8 @@ def test_a_robot_whose_force_is_gone_has_lost_the_task(tmp_path, near):
 @pytest.mark.parametrize(("hold", "advice"), [(None, "(--hold)"), ("40,0,0,0", "hold less")])
 def test_inputs_without_room_about_rest_are_said_to_have_none(tmp_path, hold, advice):
     """Thrusts from 0 have none about zero; six of 6 N do not carry 40 N."""
-    found = of_matrix(hexarotor(tmp_path / "B.csv", "PPNNPN"), lower="0", upper="6", hold=hold)
+    file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
+    found = of_matrix(file, lower="0", upper="6", hold=hold)
     assert found.start.verdict(0) == "no room"
     assert headline(found.subject, found.start).endswith(f"{advice}.")
 

@@ -30,8 +30,9 @@ def survey(name: str) -> Any:
 
 
 def write(found: Any, folder: Path) -> None:
-    verdict = headline(found.subject, found.start)
-    write_losses(found.subject, found.start, "fjh survey", verdict, folder)
+    write_losses(
+        found.subject, found.start, "fjh survey", headline(found.subject, found.start), folder
+    )
 
 
 def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
