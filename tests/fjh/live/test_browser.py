@@ -19,7 +19,6 @@ from sim import MODELS
 from tests.fjh.live.browser import (
     SMALL,
     Seen,
-    Served,
     browsed,
     free_port,
     listens,
@@ -61,21 +60,21 @@ def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
         with suppress(OSError):  # somebody else's has it already, which will do
             taken.bind(("127.0.0.1", PORT))
             taken.listen()
-        with served(tmp_path / "out") as command:
-            [(host, port)] = listens(command.process.pid)
-            assert host == "127.0.0.1" and port > PORT and command.url.endswith(f":{port}")
+        with served(tmp_path / "out") as (process, url):
+            [(host, port)] = listens(process.pid)
+            assert host == "127.0.0.1" and port > PORT and url.endswith(f":{port}")
 
 
 def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(browser, tmp_path):
     """In the middle of the writing of a recording: it is there whole, or not at all."""
     folder = tmp_path / "out"
-    with served(folder, "--port", str(free_port())) as command:
-        page = Seen(browser.new_page(viewport=SMALL), command.url)
+    with served(folder, "--port", str(free_port())) as (process, url):
+        page = Seen(browser.new_page(viewport=SMALL), url)
         page.click("Save the last minute")
         wait_for(lambda: any(folder.glob("*")))  # the writing has begun
         page.page.close()
-        command.process.send_signal(signal.SIGINT)
-        ended(command.process, signal.SIGINT)
+        process.send_signal(signal.SIGINT)
+        ended(process, signal.SIGINT)
     assert {each.name for each in folder.glob("*")} <= {"live_1.rrd"}
     for recording in folder.glob("*"):
         assert properties_of(recording)["study"] == "live"
@@ -93,15 +92,16 @@ def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def hexapod(tmp_path_factory) -> Iterator[Served]:
-    """The command for all tests that do not end it."""
-    with served(tmp_path_factory.mktemp("live") / "out", "--port", str(free_port())) as command:
-        yield command
+def address(tmp_path_factory) -> Iterator[str]:
+    """Of the command for all tests that do not end it."""
+    folder = tmp_path_factory.mktemp("live") / "out"
+    with served(folder, "--port", str(free_port())) as (_, url):
+        yield url
 
 
 @pytest.fixture(scope="module")
-def first(browser, hexapod) -> Seen:
-    return Seen(browser.new_page(viewport=SMALL), hexapod.url)
+def first(browser, address) -> Seen:
+    return Seen(browser.new_page(viewport=SMALL), address)
 
 
 @pytest.fixture
@@ -142,16 +142,15 @@ def test_a_disturbance_is_said_as_long_as_it_lasts(page, box):
 def test_a_bump_is_said_and_diagnosis_goes_off_and_on(page):
     page.click("Bump")
     page.until(lambda said: said.last.startswith("Bumped: 5/54 of the payload's weight"))
-    page.tick("Diagnosis")
-    page.until(lambda said: said.supervised.startswith("Does not diagnose"))
-    page.tick("Diagnosis")
-    page.until(lambda said: said.supervised.startswith(SOUND))
+    for believed in ("Does not diagnose", SOUND):
+        page.tick("Diagnosis")
+        page.until(lambda said, believed=believed: said.supervised.startswith(believed))
 
 
 @pytest.mark.night
-def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser, hexapod, page):
+def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser, address, page):
     """What is clicked on one shows on the other, the elements too."""
-    other = Seen(browser.new_page(viewport=SMALL), hexapod.url, picture_s=10.0)
+    other = Seen(browser.new_page(viewport=SMALL), address, picture_s=10.0)
     other.make("strut2", "free")
     for each in (page, other):
         each.until(lambda said: said.supervised.startswith("strut2 is free"))
@@ -176,8 +175,8 @@ def test_an_actuator_of_another_robot_that_locks_is_named(
     browser, tmp_path, robot, words, actuator
 ):
     words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(free_port())]
-    with served(tmp_path / "out", *words) as command:
-        page = Seen(browser.new_page(viewport=SMALL), command.url)
+    with served(tmp_path / "out", *words) as (_, url):
+        page = Seen(browser.new_page(viewport=SMALL), url)
         page.until(lambda said: said.supervised.startswith(SOUND))
         page.make(actuator, "lock")
         said = page.until(lambda said: "locked" in said.named(actuator))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fjh.live.course import COURSES, REST, Course, course
-from tests.fjh.live.robots import NAMES, rig
+from tests.fjh.rigs import rig
 
 SETTLED_S = 1.0
 """After which what was demanded before a path began no longer shows."""
-of_each_robot = pytest.mark.parametrize("name", NAMES)
+of_each_robot = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
 
 @cache
@@ -80,7 +80,7 @@ def test_a_change_of_path_has_no_jump(name, path, former):
 
 def test_a_change_to_steps_goes_to_rest_first():
     """Steps are jumps of their own; until the first of them the fade is smooth."""
-    one, was = rig(), of("hexapod", "circle")
+    one, was = rig("hexapod"), of("hexapod", "circle")
     now = course(one, "steps", was, 2500)
     switch = round(1.0 / one.period_s)
     assert largest_step(now.desired[:switch]) < 0.02 * one.size

@@ -11,7 +11,7 @@ from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
 from sim import Failure, Pose
-from tests.fjh.live.robots import NAMES, rig
+from tests.fjh.rigs import rig
 
 SEED = 3
 HAPPENED = (("hum", 0.2), ("bump", 0.4), ("sag", 0.45))
@@ -52,7 +52,10 @@ LATER = [(1, "weak", 0.3), (4, "locked", 1.2)]
     ("name", "pilot", "struck", "duration_s"),
     [
         ("hexapod", "controller", [(1, "weak", 0.3), (4, "locked", 0.5)], 0.61),
-        *(pytest.param(each, "supervisor", LATER, 2.0, marks=pytest.mark.long) for each in NAMES),
+        *(
+            pytest.param(each, "supervisor", LATER, 2.0, marks=pytest.mark.long)
+            for each in ("hexapod", "arm")
+        ),
     ],
 )
 def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, struck, duration_s):
@@ -67,7 +70,7 @@ def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, str
 
 def held_at(reference: np.ndarray, ticks: int, *clicks: Any) -> Run:
     """The hexapod where its reference stands, with what is clicked before some ticks."""
-    flight = Flight(rig(), rig().controller(), ticks, SEED)
+    flight = Flight(rig("hexapod"), rig("hexapod").controller(), ticks, SEED)
     for k in range(ticks):
         for at, what, *given in clicks:
             if at == k:
@@ -96,7 +99,7 @@ def test_what_is_undone_between_two_ticks_leaves_no_trace(clicks, others):
 @pytest.mark.long
 def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
-    one = rig()
+    one = rig("hexapod")
     path, pilot = one.path("circle", duration_s=1.4), one.supervisor()
     flight = Flight(one, one.controller(), len(path), SEED)
     for k, reference in enumerate(path):

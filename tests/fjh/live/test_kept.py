@@ -10,13 +10,13 @@ from fjh.live.session import Session
 from fjh.recording.properties import properties_of
 from fjh.study.errors import OutputError
 from tests import rrd
-from tests.fjh.live.robots import rig
+from tests.fjh.rigs import rig
 
 
 @pytest.mark.long
 def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_path):
     """A strut that locked and was repaired, another one that is weak, a bump."""
-    session, file = Session(rig(), seed=4), tmp_path / "live_2.rrd"
+    session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
     (tmp_path / "live_1.rrd").write_text("of another day")
     session.advance(19)
     session.make(0, "locked")
@@ -39,7 +39,7 @@ def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_pa
     assert "- not supervised: This controller does not diagnose." in notes
     for number, run in enumerate(session.last_minute()):
         times, true = rrd.scalars(file, f"/run_{number}/task/true")
-        ticks = np.rint(times * 1e-9 / rig().period_s).astype(int)
+        ticks = np.rint(times * 1e-9 / rig("hexapod").period_s).astype(int)
         assert len(ticks) >= 20
         np.testing.assert_allclose(true, 1e6 * run.true[ticks], rtol=1e-3, atol=1e-6)
     with pytest.raises(OutputError):
