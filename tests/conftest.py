@@ -13,11 +13,10 @@ from experiments.studies import LINES
 from tests import profiles
 from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
-# Whoever runs one test waits for what it imports: the command line, MuJoCo and NumPy are imported
-# where a fixture needs them.
+# Whoever runs one test waits for what it imports: the command line and MuJoCo are imported where a
+# fixture needs them.
 if TYPE_CHECKING:
     import mujoco
-    import numpy as np
 
 profiles.register()
 
@@ -125,18 +124,6 @@ goals_folder = folder_of("goals", "--quick")
 
 
 @pytest.fixture(scope="session")
-def release(release_folder):
-    """`release.json`."""
-    return json.loads((release_folder / "release.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def systems(systems_folder):
-    """`systems.json`."""
-    return json.loads((systems_folder / "systems.json").read_text())
-
-
-@pytest.fixture(scope="session")
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
@@ -147,15 +134,3 @@ def table1(table1_folder):
     """`table1.json`, its columns by name."""
     summary = json.loads((table1_folder / "table1.json").read_text())
     return summary | {"by_name": {column["name"]: column for column in summary["columns"]}}
-
-
-@pytest.fixture(scope="session")
-def runs(table1, table1_folder):
-    """The `.npz` of each column, by name."""
-    import numpy as np
-
-    def load(file: str) -> "dict[str, np.ndarray]":
-        with np.load(table1_folder / file) as data:
-            return dict(data)
-
-    return {name: load(column["data"]) for name, column in table1["by_name"].items()}

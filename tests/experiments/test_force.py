@@ -6,21 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.force import (
-    FIXTURE,
-    HOT,
-    PLATFORM_MJCF,
-    PLATFORM_TASK,
-    SPARING,
-    SQUEEZE_N,
-    Condition,
-    Gauges,
-    answer,
-    exert,
-    known_system,
-    sound_system,
-    with_fixture,
-)
+from experiments import force
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import force_mapping
@@ -45,7 +31,7 @@ def data(study):
 
 @cache
 def rig() -> mujoco.MjModel:
-    return with_fixture(HEXAPOD_MJCF)
+    return force.with_fixture(HEXAPOD_MJCF)
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +43,8 @@ def lines():
 def test_the_fixture_reads_what_the_payload_is_pushed_with():
     """No torque, no mapping: the gauge against a known wrench."""
     plant, wrench = Plant(rig()), np.array([1.0, -2.0, 3.0, 10.0, 20.0, -15.0])
-    plant.data.eq_active[plant.model.equality(FIXTURE).id] = True
-    gauges = Gauges(plant)
+    plant.data.eq_active[plant.model.equality(force.FIXTURE).id] = True
+    gauges = force.Gauges(plant)
     plant.settle(0.05)
     before = gauges.read()[:6]
     plant.push(wrench)
@@ -76,8 +62,8 @@ def test_the_fixture_reads_what_the_payload_is_pushed_with():
 def test_the_struts_make_up_the_wrench_that_is_held_whatever_the_coils_do(lines):
     """Six forces along six lines balance a push in one way only, springs or coils."""
     wrench = np.array([[1.0, -2.0, 0.5, 10.0, 5.0, -15.0]])
-    by_springs = exert(rig(), (), np.zeros((1, 6)), wrench).strut_n[:, -1]
-    by_coils = exert(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[:, -1]
+    by_springs = force.exert(rig(), (), np.zeros((1, 6)), wrench).strut_n[:, -1]
+    by_coils = force.exert(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[:, -1]
     # Against springs the payload moves, and the flexures take their share of 0.2 %.
     np.testing.assert_allclose(by_springs @ lines, wrench, rtol=5e-3)
     np.testing.assert_allclose(by_coils @ lines, wrench, rtol=1e-4)
@@ -100,7 +86,7 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
 
     Only their sum is determined: the wrench of the five coils.
     """
-    system, unseen = known_system(Condition("locked")), None
+    system, unseen = force.known_system(force.Condition("locked")), None
     for theorem in (7, 8, 9):
         part = f"strut_1_locked_theorem_{theorem}"
         torques, wrench, strut = (data[f"{part}_{k}"] for k in ("torques_n", "wrench", "strut_n"))
@@ -109,7 +95,7 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
         np.testing.assert_allclose(reaction, strut[:, 0], atol=1e-3)
         assert np.abs(reaction).max() > 5.0
         assert (torques[:, 0] == 0).all()
-        unseen = np.eye(6) - answer(system, theorem, data["asked_wrench"]).seen
+        unseen = np.eye(6) - force.answer(system, theorem, data["asked_wrench"]).seen
         np.testing.assert_allclose(lines[0] @ unseen, lines[0], atol=1e-12)
         assert np.trace(unseen) == pytest.approx(1.0)
         fixture, lock = (data[f"{part}_pressed_{k}"][:, -1] for k in ("fixture", "lock_n"))
@@ -141,22 +127,24 @@ def test_a_free_strut_bears_nothing_and_what_is_lacking_moves_the_payload(tables
 
 def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
     """Theorem 8 as printed, for a mechanism that has the self-motion which section 3 excludes."""
-    condition, asked = Condition("free", 0), data["asked_wrench"][:, MAJOR]
-    kin = known_system(condition).kinematics()
-    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(SPARING)[kin.actuators])
+    condition, asked = force.Condition("free", 0), data["asked_wrench"][:, MAJOR]
+    kin = force.known_system(condition).kinematics()
+    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.SPARING)[kin.actuators])
     torques = kin.expand(printed(asked))
-    off = exert(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - asked
+    off = force.exert(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - asked
     off_percent = 100 * np.linalg.norm(off, axis=1) / np.linalg.norm(asked, axis=1)
     assert [round(off_percent.min()), round(off_percent.max())] == [39, 96]
 
 
 def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, data):
     """Against every other internal force, and against none."""
-    kin = sound_system(PLATFORM_MJCF, PLATFORM_TASK).kinematics()
+    kin = force.sound_system(force.PLATFORM_MJCF, force.PLATFORM_TASK).kinematics()
     C = kin.active_constraint[0]
-    weights = dict(enumerate(np.ones((4, 4)) + (HOT - 1) * np.eye(4)))
+    weights = dict(enumerate(np.ones((4, 4)) + (force.HOT - 1) * np.eye(4)))
     uses = {f"motor_{k + 1}_hot": (W3, np.zeros(4)) for k, W3 in weights.items()}
-    for name, (W3, near) in (uses | {"squeezed": (np.ones(4), SQUEEZE_N * np.sign(C))}).items():
+    for name, (W3, near) in (
+        uses | {"squeezed": (np.ones(4), force.SQUEEZE_N * np.sign(C))}
+    ).items():
         best = data[f"platform_{name}_used_torques_n"] - near
         for eta in np.linspace(-60, 60, 25):
             cost = [np.linalg.norm(tau * W3, axis=1) for tau in (best, best + eta * C)]

@@ -12,23 +12,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from experiments import goals_physics as physics
-from experiments.goals_physics import (
-    COILS,
-    GAP_M,
-    LIMIT_C,
-    PERIOD_S,
-    RADIUS_M,
-    SAFE_M,
-    Clearance,
-    Servos,
-    Tracker,
-    cluttered,
-    manipulability,
-    manipulability_gradient,
-    rates_from_stops,
-    retreat,
-    unrolled,
-)
 from fjh.rig.arm import ARM_MJCF
 from fjh.rig.compromise import weighted_pseudo_inverse
 from fjh.rig.hexapod.coil import COPPER_PER_K, Coils
@@ -61,13 +44,13 @@ def test_a_step_of_the_coils_solves_their_heat_balance(seed):
 
     def rate(_: float, T: np.ndarray) -> np.ndarray:
         heat = 5.0 * (1 + COPPER_PER_K * (T - 20)) * current**2
-        return (heat - (T - 20) / COILS.thermal_resistance_k_per_w) / 4.0
+        return (heat - (T - 20) / physics.COILS.thermal_resistance_k_per_w) / 4.0
 
     exact = solve_ivp(rate, (0, 3.0), start, rtol=1e-10, atol=1e-9).y[:, -1]
-    np.testing.assert_allclose(COILS.step(start, current, 3.0), exact, rtol=1e-7)
+    np.testing.assert_allclose(physics.COILS.step(start, current, 3.0), exact, rtol=1e-7)
     # At rest T = T_a + R_a I^2 / (1/R_th - kappa R_20 I^2): the closed form of the balance.
-    lost = 1 / COILS.thermal_resistance_k_per_w - COPPER_PER_K * 5.0 * current**2
-    rest = COILS.step(COILS.cold(), current, 1e4)
+    lost = 1 / physics.COILS.thermal_resistance_k_per_w - COPPER_PER_K * 5.0 * current**2
+    rest = physics.COILS.step(physics.COILS.cold(), current, 1e4)
     np.testing.assert_allclose(rest, 20 + 5.0 * current**2 / lost, rtol=1e-12)
 
 
@@ -90,13 +73,13 @@ def test_the_stops_desired_rates_are_down_the_gradient_of_their_potential(seed):
         beyond = np.maximum(0.0, np.abs(l_m) - 0.82 * STROKE_M)
         return float(0.5 * np.sum(beyond**2) / 0.2)
 
-    rates = rates_from_stops(displacements, STROKE_M)
+    rates = physics.rates_from_stops(displacements, STROKE_M)
     np.testing.assert_allclose(rates, -slope(potential, displacements, 1e-8), atol=2e-7)
 
 
 @cache
-def clearance() -> Clearance:
-    return Clearance(cluttered())
+def clearance() -> physics.Clearance:
+    return physics.Clearance(physics.cluttered())
 
 
 def random_pose(seed: int) -> Pose:
@@ -109,11 +92,13 @@ def test_the_clearance_is_that_of_a_sphere_beside_a_cylinder(seed):
     """From the sphere's centre to the mantle, less the radius; by hand, in base axes."""
     pose = random_pose(seed)
     # World is diag(1, -1, -1) of base; the cell hangs 0.1445 m below the payload's origin.
-    centre = np.array([0.0, -(0.065 + GAP_M + RADIUS_M), 0.144482272])
+    centre = np.array([0.0, -(0.065 + physics.GAP_M + physics.RADIUS_M), 0.144482272])
     seen = pose.rotation.T @ (centre - pose.translation_m)
     assert abs(seen[2] - 0.144482272) < 0.015  # beside the mantle, not the rim
     distance, away = clearance()(pose)
-    assert distance == pytest.approx(np.hypot(seen[0], seen[1]) - 0.065 - RADIUS_M, abs=1e-9)
+    assert distance == pytest.approx(
+        np.hypot(seen[0], seen[1]) - 0.065 - physics.RADIUS_M, abs=1e-9
+    )
     assert np.linalg.norm(away) == pytest.approx(1.0)
 
 
@@ -123,9 +108,9 @@ def test_the_retreat_is_down_the_gradient_of_the_missing_clearance(seed):
 
     def potential(t_m: np.ndarray) -> float:
         distance, _ = clearance()(replace(pose, translation_m=t_m))
-        return 0.5 * max(0.0, SAFE_M - distance) ** 2 / 0.2
+        return 0.5 * max(0.0, physics.SAFE_M - distance) ** 2 / 0.2
 
-    velocity = retreat(clearance(), pose)
+    velocity = physics.retreat(clearance(), pose)
     np.testing.assert_allclose(velocity[:3], -slope(potential, pose.translation_m, 1e-7), atol=1e-8)
     assert velocity[3] == 0.0
 
@@ -141,8 +126,8 @@ def test_the_gradient_of_manipulability_is_its_slope_along_the_joints(seed, movi
         return jacobians(model, data, "payload", "payload").J_T[:3, moving]
 
     at = np.random.default_rng(seed).uniform(-1, 1, len(moving))
-    expected = slope(lambda q: manipulability(axes(q)), at, 1e-6)
-    np.testing.assert_allclose(manipulability_gradient(axes(at)), expected, atol=1e-7)
+    expected = slope(lambda q: physics.manipulability(axes(q)), at, 1e-6)
+    np.testing.assert_allclose(physics.manipulability_gradient(axes(at)), expected, atol=1e-7)
 
 
 @given(seeds)
@@ -154,7 +139,7 @@ def test_a_reading_of_the_rolled_detector_is_turned_back(seed):
     read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
     pointing = pointing_angles(pose.rotation)
     # Up to the detector's small-angle optics, the cube of 4 mrad.
-    np.testing.assert_allclose(unrolled(read, pose).output, pointing, atol=5e-8)
+    np.testing.assert_allclose(physics.unrolled(read, pose).output, pointing, atol=5e-8)
 
 
 # What the mapping owes to the major task, and the pseudo-inverse does not.
@@ -195,7 +180,7 @@ def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
     pose = Pose(camera.as_matrix(), rng.normal(size=3))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics, "TRACKER_NOISE_RAD", 0.0)
-        read = Tracker(view[None], np.array([1.0, 0.0, 0.0]), seed).read(pose, np.zeros(7))
+        read = physics.Tracker(view[None], np.array([1.0, 0.0, 0.0]), seed).read(pose, np.zeros(7))
     np.testing.assert_allclose(
         read.output, -np.sinc(np.linalg.norm(to_target) / np.pi) * to_target[:2], atol=1e-14
     )
@@ -207,11 +192,11 @@ def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
     Once their start has died away; the lag, damping over stiffness, is seven times as long.
     """
     model, rates = load_model(ARM_MJCF), 1e-3 * np.array([1, -2, 3, -1, 2, -3, 1])
-    plant, servos, periods = Plant(model), Servos(model), 600
+    plant, servos, periods = Plant(model), physics.Servos(model), 600
     for _ in range(periods):
-        plant.step(servos(rates), PERIOD_S)
-    ahead_s = plant.displacements() / rates - periods * PERIOD_S
-    np.testing.assert_allclose(ahead_s, 0.5 * (PERIOD_S + model.opt.timestep), rtol=0.01)
+        plant.step(servos(rates), physics.PERIOD_S)
+    ahead_s = plant.displacements() / rates - periods * physics.PERIOD_S
+    np.testing.assert_allclose(ahead_s, 0.5 * (physics.PERIOD_S + model.opt.timestep), rtol=0.01)
 
 
 # The runs.
@@ -229,7 +214,7 @@ def test_every_goal_is_kept_when_pursued_and_doing_nothing_costs_the_pointing(st
     """
     frames = study.tables
     worst = frames["runs"].pivot(index="goal", columns="name", values="worst")
-    assert worst.pursued["reliability"] < LIMIT_C - 10
+    assert worst.pursued["reliability"] < physics.LIMIT_C - 10
     assert worst.pursued["stroke"] > 30
     assert worst.pursued["obstacle"] > 30
     assert worst.pursued["singularity"] < 3
@@ -256,7 +241,9 @@ def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_believed(study
     data = study.arrays("reliability.npz")
     current = TestbedConfig().amplifier(126e3).current_a(data["pursued_strut_input_percent"])
     believed = data["pursued_temperature_c"]
-    np.testing.assert_allclose(COILS.temperatures_c(current, 1e-3), believed, atol=1e-6)
-    worse = replace(COILS, thermal_resistance_k_per_w=1.2 * COILS.thermal_resistance_k_per_w)
+    np.testing.assert_allclose(physics.COILS.temperatures_c(current, 1e-3), believed, atol=1e-6)
+    worse = replace(
+        physics.COILS, thermal_resistance_k_per_w=1.2 * physics.COILS.thermal_resistance_k_per_w
+    )
     hotter = worse.temperatures_c(current, 1e-3)
-    assert believed.max() < hotter.max() < LIMIT_C
+    assert believed.max() < hotter.max() < physics.LIMIT_C

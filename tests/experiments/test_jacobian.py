@@ -10,25 +10,8 @@ from hypothesis import strategies as st
 from scipy.optimize import direct
 from scipy.spatial.transform import Rotation
 
+from experiments import jacobian
 from experiments import jacobian_certificate as certificate
-from experiments.jacobian import (
-    READINGS,
-    VERTICES,
-    at_height,
-    in_millimetres,
-    inverse,
-    jacobian_at,
-    relative_change,
-    twist_in_base_axes,
-    variation,
-)
-from experiments.jacobian_certificate import (
-    NORMS,
-    ORDER,
-    certify,
-    jacobian_series,
-    size,
-)
 from fjh.rig.hexapod import paper
 from fjh.rig.hexapod.closed_form import Hexapod, hexapod
 from fjh.rig.hexapod.forward import forward_kinematics
@@ -38,11 +21,11 @@ from tests.profiles import examples
 
 STROKE_M = paper.STROKE_M
 seeds = st.integers(0, 2**32 - 1)
-each_norm = pytest.mark.parametrize("norm", NORMS)
+each_norm = pytest.mark.parametrize("norm", certificate.NORMS)
 machine = cache(lambda: hexapod(load_model()))
 nominal = cache(lambda: np.linalg.inv(machine().inverse_jacobian(NOMINAL)))
-proved = cache(lambda norm: certify(machine(), STROKE_M, norm))
-varied = cache(lambda norm: variation(machine(), STROKE_M, norm))
+proved = cache(lambda norm: certificate.certify(machine(), STROKE_M, norm))
+varied = cache(lambda norm: jacobian.variation(machine(), STROKE_M, norm))
 
 
 def random_hexapod(rng: np.random.Generator) -> Hexapod:
@@ -65,8 +48,8 @@ def test_the_power_series_of_the_jacobian_sums_to_the_jacobian(seed):
     """Forward kinematics and inversion, which know nothing of series, are the oracle."""
     rng = np.random.default_rng(seed)
     geometry, struts_m = random_hexapod(rng), rng.uniform(-4e-3, 4e-3, (3, 6))
-    series = jacobian_series(geometry, struts_m, 6)
-    there = jacobian_at(geometry, struts_m, twist_in_base_axes)
+    series = certificate.jacobian_series(geometry, struts_m, 6)
+    there = jacobian.jacobian_at(geometry, struts_m, jacobian.twist_in_base_axes)
     errors = [np.abs(sum(series.J[: k + 1]) - there).max() for k in range(7)]
     assert errors[6] < 1e-6 * errors[0]
     assert all(after < 0.5 * before for before, after in pairwise(errors))
@@ -82,21 +65,21 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
     ray = forward_kinematics(geometry, stroke_m * corner * np.linspace(0, 1, 5)[:, None])
     poses = [Pose(R, x) for R, x in zip(ray.rotation, ray.translation_m, strict=True)]
     inverses = [np.linalg.inv(geometry.inverse_jacobian(pose)) for pose in poses]
-    largest = max(float(size(D[:, None] * J, "two")) for J in inverses)
+    largest = max(float(certificate.size(D[:, None] * J, "two")) for J in inverses)
     bounds = certificate.coefficient_bounds(geometry, stroke_m, length_m, largest)
     for pose in poses:
         there = seen_from(geometry, pose)
         # As the machine stands there its struts have their present lengths.
-        series = jacobian_series(there, stroke_m * corner, ORDER + 1)
+        series = certificate.jacobian_series(there, stroke_m * corner, certificate.ORDER + 1)
         sizes = {
             "arm": [np.linalg.norm(p, axis=-1).max() for p in series.arm],
             "from_bottom": [np.linalg.norm(x, axis=-1).max() for x in series.from_bottom],
             "over_length": [np.abs(o).max() for o in series.over_length],
-            "A": [size(A / D, "two") for A in series.A],
-            "J": [size(D[:, None] * J, "two") for J in series.J],
+            "A": [certificate.size(A / D, "two") for A in series.A],
+            "J": [certificate.size(D[:, None] * J, "two") for J in series.J],
         }
         for name, computed in sizes.items():
-            for k, one in enumerate(computed[: ORDER + 2]):
+            for k, one in enumerate(computed[: certificate.ORDER + 2]):
                 assert one <= getattr(bounds, name)[k] * (1 + 1e-12), (name, k)
 
 
@@ -107,15 +90,17 @@ def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
     M = np.kron(np.eye(2), turn)
     for length_m in (0.05, 3.0):
         back = M / np.array([length_m] * 3 + [1.0] * 3)[:, None]
-        assert size(back, norm) == pytest.approx(certificate.unscaled(length_m, norm), rel=1e-12)
+        assert certificate.size(back, norm) == pytest.approx(
+            certificate.unscaled(length_m, norm), rel=1e-12
+        )
     rng = np.random.default_rng(7)
     form = rng.normal(size=(6, 6, 6, 6))
-    pairs = np.einsum("ni,mj,ijab->nmab", VERTICES, VERTICES, form)
-    brute = float(size(pairs, norm).max())
+    pairs = np.einsum("ni,mj,ijab->nmab", jacobian.VERTICES, jacobian.VERTICES, form)
+    brute = float(certificate.size(pairs, norm).max())
     assert certificate.largest_at_vertices(form, norm) == pytest.approx(brute, rel=1e-12)
     a, b, c, M = (rng.normal(size=shape) for shape in (6, 6, 6, (6, 6)))
     cubic = np.einsum("i,j,k,ab->ijkab", a, b, c, M)
-    largest = np.abs(a).sum() * np.abs(b).sum() * np.abs(c).sum() * size(M, norm)
+    largest = np.abs(a).sum() * np.abs(b).sum() * np.abs(c).sum() * certificate.size(M, norm)
     assert certificate.largest_at_vertices(cubic, norm) == pytest.approx(largest, rel=1e-12)
 
 
@@ -123,27 +108,29 @@ def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
 @each_norm
 def test_the_certificate_is_tight_becomes_the_value_and_survives_rounding(norm):
     """Its first term alone would be none; turned base axes leave both norms of J alone."""
-    value = varied(norm).value * size(nominal(), norm)
+    value = varied(norm).value * certificate.size(nominal(), norm)
     proof = proved(norm)
     assert value <= proof.upper_bound < 1.01 * value
     assert proof.terms[0] < value  # the linear part is not yet a bound
     assert proof.remainder < 0.01 * value
     excess = []
     for stroke_m in (6e-4, 6e-5, 6e-6):
-        found = variation(machine(), stroke_m, norm).value * float(size(nominal(), norm))
-        excess.append(certify(machine(), stroke_m, norm).upper_bound / found - 1)
+        found = jacobian.variation(machine(), stroke_m, norm).value * float(
+            certificate.size(nominal(), norm)
+        )
+        excess.append(certificate.certify(machine(), stroke_m, norm).upper_bound / found - 1)
     assert min(excess) >= 0
     assert excess[1] < 0.2 * excess[0] and excess[2] < 0.2 * excess[1]
     turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
     there = Hexapod(bottom_m=machine().bottom_m @ turned.T, top_m=machine().top_m @ turned.T)
-    off = certify(there, STROKE_M, norm).upper_bound / proof.upper_bound - 1
+    off = certificate.certify(there, STROKE_M, norm).upper_bound / proof.upper_bound - 1
     assert abs(off) < 1e-3 * certificate.ROUNDING
 
 
 def test_a_box_too_large_for_the_argument_gets_no_certificate():
     """Infinite, not wrong: the estimates cannot keep J from growing without limit."""
     for stroke_m in (0.02, 0.45, 10.0):  # the last ones longer than the struts
-        assert certify(machine(), stroke_m, "frobenius").upper_bound == np.inf
+        assert certificate.certify(machine(), stroke_m, "frobenius").upper_bound == np.inf
 
 
 @pytest.mark.long
@@ -152,14 +139,14 @@ def test_a_box_too_large_for_the_argument_gets_no_certificate():
 def test_nothing_in_the_box_exceeds_its_certificate(seed):
     rng = np.random.default_rng(seed)
     geometry, stroke_m = random_hexapod(rng), rng.uniform(2e-4, 2e-3)
-    struts_m = stroke_m * np.vstack([VERTICES, rng.uniform(-1, 1, (50, 6))])
-    at_rest = jacobian_at(geometry, np.zeros(6), twist_in_base_axes)
-    change = jacobian_at(geometry, struts_m, twist_in_base_axes) - at_rest
-    taylor = sum(jacobian_series(geometry, struts_m, ORDER).J[1:])
-    for norm in NORMS:
-        proof = certify(geometry, stroke_m, norm)
-        assert size(change, norm).max() <= proof.upper_bound
-        assert size(change - taylor, norm).max() <= proof.remainder + 1e-13
+    struts_m = stroke_m * np.vstack([jacobian.VERTICES, rng.uniform(-1, 1, (50, 6))])
+    at_rest = jacobian.jacobian_at(geometry, np.zeros(6), jacobian.twist_in_base_axes)
+    change = jacobian.jacobian_at(geometry, struts_m, jacobian.twist_in_base_axes) - at_rest
+    taylor = sum(certificate.jacobian_series(geometry, struts_m, certificate.ORDER).J[1:])
+    for norm in certificate.NORMS:
+        proof = certificate.certify(geometry, stroke_m, norm)
+        assert certificate.size(change, norm).max() <= proof.upper_bound
+        assert certificate.size(change - taylor, norm).max() <= proof.remainder + 1e-13
 
 
 @pytest.mark.long
@@ -167,11 +154,11 @@ def test_nothing_in_the_box_exceeds_its_certificate(seed):
 def test_the_supremum_is_attained_and_another_search_finds_no_more(norm):
     """DIRECT (Jones et al. 1993) divides the box and starts from no corner."""
     found = varied(norm)
-    there = relative_change(machine(), found.at_strut_m, norm)
+    there = jacobian.relative_change(machine(), found.at_strut_m, norm)
     assert there == pytest.approx(found.value, rel=1e-12)
     assert np.abs(found.at_strut_m).max() <= STROKE_M
     other = direct(
-        lambda struts: -relative_change(machine(), STROKE_M * struts, norm),
+        lambda struts: -jacobian.relative_change(machine(), STROKE_M * struts, norm),
         [(-1, 1)] * 6,
         maxfun=4000,
         vol_tol=0.0,
@@ -188,7 +175,7 @@ def test_the_supremum_is_attained_and_another_search_finds_no_more(norm):
 )
 def test_the_papers_values_are_exceeded_at_a_corner_that_anyone_can_check(norm, corner, e, times):
     """Struts 1, 2 long and the others short by the full stroke."""
-    found = relative_change(machine(), STROKE_M * np.array(corner), norm)
+    found = jacobian.relative_change(machine(), STROKE_M * np.array(corner), norm)
     assert found == pytest.approx(e, abs=5e-6)
     assert found > times * paper.JACOBIAN_VARIATION[norm]
 
@@ -218,16 +205,20 @@ def test_readings_are_slopes_of_what_they_are_called():
     """Euler rates of the angles, the twist of another point of that point; others by hand."""
     J = np.linalg.inv(machine().inverse_jacobian(ASIDE))
     for order, sequence in (("Rz Ry Rx", "ZYX"), ("Rx Ry Rz", "XYZ")):
-        euler = READINGS[f"Euler rates, R = {order}"](ASIDE, J)
+        euler = jacobian.READINGS[f"Euler rates, R = {order}"](ASIDE, J)
         np.testing.assert_allclose(euler, slopes(angles_by_axis(sequence)), atol=1e-7)
         assert np.abs(euler - J).max() > 0.01
     point = slopes(lambda at: at.translation_m + 0.2 * at.rotation[:, 2])
-    np.testing.assert_allclose(at_height(0.2)(ASIDE, J)[3:], point, atol=1e-8)
-    along = READINGS["twist, payload axes"](ASIDE, J)
+    np.testing.assert_allclose(jacobian.at_height(0.2)(ASIDE, J)[3:], point, atol=1e-8)
+    along = jacobian.READINGS["twist, payload axes"](ASIDE, J)
     np.testing.assert_allclose(np.kron(np.eye(2), ASIDE.rotation) @ along, J, atol=1e-14)
-    np.testing.assert_allclose(inverse(ASIDE, J), machine().inverse_jacobian(ASIDE), atol=1e-13)
-    np.testing.assert_allclose(in_millimetres(ASIDE, J)[:3], J[:3] / 1000, rtol=1e-15)
-    for reading in READINGS.values():  # at the nominal pose (38) reads the same in every way
+    np.testing.assert_allclose(
+        jacobian.inverse(ASIDE, J), machine().inverse_jacobian(ASIDE), atol=1e-13
+    )
+    np.testing.assert_allclose(jacobian.in_millimetres(ASIDE, J)[:3], J[:3] / 1000, rtol=1e-15)
+    for (
+        reading
+    ) in jacobian.READINGS.values():  # at the nominal pose (38) reads the same in every way
         np.testing.assert_allclose(reading(NOMINAL, nominal()), nominal(), atol=1e-15)
 
 
@@ -244,11 +235,11 @@ def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
     assert study.summary["condition_number"] == pytest.approx(paper.CONDITION_NUMBER, abs=5e-3)
     for one in study.tables["variation"].itertuples():
         assert one.paper == paper.JACOBIAN_VARIATION[one.norm]
-        at = relative_change(machine(), np.array(one.at_strut_m), one.norm)
+        at = jacobian.relative_change(machine(), np.array(one.at_strut_m), one.norm)
         assert at == pytest.approx(one.value, rel=1e-9)
         parts = one.linear + one.quadratic + one.cubic + one.remainder
         assert parts == pytest.approx(one.certified_upper_bound, rel=1e-6)
-    assert list(study.tables["variation"].norm) == list(NORMS)
+    assert list(study.tables["variation"].norm) == list(certificate.NORMS)
 
 
 def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
@@ -258,9 +249,9 @@ def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
     (theirs,) = tried.index[tried.is_the_papers]
     assert theirs == "twist; largest entry of the change"
     corner = STROKE_M * np.array([-1, -1, -1, -1, -1, 1])
-    change = jacobian_at(machine(), corner, twist_in_base_axes) - nominal()
+    change = jacobian.jacobian_at(machine(), corner, jacobian.twist_in_base_axes) - nominal()
     assert np.unravel_index(np.abs(change).argmax(), (6, 6)) == (1, 2)
-    for norm in NORMS:
-        e = np.abs(change).max() / size(nominal(), norm)
+    for norm in certificate.NORMS:
+        e = np.abs(change).max() / certificate.size(nominal(), norm)
         assert tried.loc[theirs, norm] == pytest.approx(e, rel=1e-12)
         assert round(e, 4) == paper.JACOBIAN_VARIATION[norm]

@@ -4,20 +4,14 @@ from functools import cache
 
 import mujoco
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.linalg
 
-from experiments.systems import (
-    MECHANISMS,
-    Mechanism,
-    Probed,
-    classified,
-    respond,
-)
+from experiments import systems
 from sim import Jacobians, jacobians, load_model
+from tests.experiments.results import Results
 
-BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
+BY_NAME = {mechanism.name: mechanism for mechanism in systems.MECHANISMS}
 FREEDOMS = {"arm": 7, "hand": 3, "arms": 6, "platform": 3}
 each_name = pytest.mark.parametrize("name", FREEDOMS)
 
@@ -61,19 +55,21 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
 # The study.
 
 
-def probed(mechanism: Mechanism, condition: str) -> Probed:
-    return Probed(load_model(mechanism.path), mechanism, condition)
+def probed(mechanism: systems.Mechanism, condition: str) -> systems.Probed:
+    return systems.Probed(load_model(mechanism.path), mechanism, condition)
 
 
 @pytest.fixture(scope="module")
-def entries(systems):
-    return {(one["mechanism"], one["condition"]): one for one in systems["systems"]}
+def entries(systems_folder):
+    return (
+        Results(systems_folder, "systems").tables["systems"].set_index(["mechanism", "condition"])
+    )
 
 
 def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
     """What the study checks of every condition, ten to a hundred times as sharply."""
-    assert len(entries) == sum(len(mechanism.conditions) for mechanism in MECHANISMS)
-    found = pd.DataFrame(entries.values())
+    assert len(entries) == sum(len(mechanism.conditions) for mechanism in systems.MECHANISMS)
+    found = entries
     # Internal force too: what the closures bear is what eq. (11) says of force and torques.
     assert found[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
     assert found.yielded_steps.max() < 1e-4
@@ -99,7 +95,7 @@ def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
 def test_each_mechanism_is_classified_as_a_mechanic_would(
     entries, where, unstable, major, constrained
 ):
-    one = entries[where]
+    one = entries.loc[where]
     assert (one["unstable"], one["unstable_major"]) == (unstable, major)
     assert one["constrained_active"] == one["simulated_constrained_active"] == constrained
 
@@ -107,9 +103,9 @@ def test_each_mechanism_is_classified_as_a_mechanic_would(
 def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
     mechanism = BY_NAME["hand"]
-    _, healthy = classified(model_of("hand"), mechanism, "SSSS")
-    _, locked = classified(model_of("hand"), mechanism, "LSSS")
-    active, moved = respond(probed(mechanism, "LSSS"), locked.actuators)
+    _, healthy = systems.classified(model_of("hand"), mechanism, "SSSS")
+    _, locked = systems.classified(model_of("hand"), mechanism, "LSSS")
+    active, moved = systems.respond(probed(mechanism, "LSSS"), locked.actuators)
     right = moved - locked.J @ active
     dropped = moved - np.delete(healthy.J, 0, axis=1) @ np.eye(3)
     assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)

@@ -13,7 +13,16 @@ from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
+from tests.experiments.results import Results
 from tests.fjh.rigs import rig as shared_rig
+
+
+@pytest.fixture(scope="module")
+def runs(table1_folder):
+    """The arrays of each column, by name."""
+    study = Results(table1_folder, "table1")
+    return {each["name"]: study.arrays(each["data"]) for each in study.summary["columns"]}
+
 
 CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]
 ANGLES = ["alpha", "beta"]

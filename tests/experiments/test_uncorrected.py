@@ -8,16 +8,7 @@ import pandas as pd
 import pytest
 import scipy.linalg
 
-from experiments.uncorrected import (
-    Candidate,
-    at_crossover,
-    damped,
-    judged,
-    map_row,
-    nominal_loops,
-    pointing_mode,
-    predicted_error_rad,
-)
+from experiments import uncorrected
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
 from fjh.rig.hexapod.rig import hexapod_rig
@@ -56,11 +47,11 @@ def as_in_the_paper(runs: pd.DataFrame) -> pd.DataFrame:
 def test_who_has_the_columns_of_the_paper_explains_them(study, runs):
     """What fits only with settled loops is said not to."""
     candidates, paper = study.tables["candidates"], as_in_the_paper(runs)
-    assert not judged(candidates, runs).explains.any()
-    found = judged(candidates, paper)
+    assert not uncorrected.judged(candidates, runs).explains.any()
+    found = uncorrected.judged(candidates, paper)
     assert found.name[found.explains].tolist() == ["off_centre"]
     paper.loc[paper.column == "W_d", ["alpha_rms_urad"]] *= 2
-    settled = judged(candidates, paper).set_index("name").loc["off_centre"]
+    settled = uncorrected.judged(candidates, paper).set_index("name").loc["off_centre"]
     assert settled.meets_ratios and settled.meets_w_a and settled.explains_if_corrected_settled
     assert not settled.meets_corrected and not settled.explains
 
@@ -125,8 +116,8 @@ def off_centre(place_m: float, lead_in_s: float) -> Run:
 def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     """Ring-down of the pointing mode in MuJoCo at the least damping simulated."""
     least = 0.005
-    quiet = damped(model, least)
-    frequency_hz, ratio = pointing_mode(quiet)
+    quiet = uncorrected.damped(model, least)
+    frequency_hz, ratio = uncorrected.pointing_mode(quiet)
     assert ratio == pytest.approx(least, rel=0.01)
     plant = Plant(quiet)
     squares, vectors = np.linalg.eig(-linearize(plant.model, plant.data).A[6:, :6])
@@ -135,24 +126,26 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     pole = pole_of(ring_down(quiet, shape, 0.3), quiet.opt.timestep)
     assert abs(pole) / (2 * np.pi) == pytest.approx(frequency_hz, rel=0.01)
     assert -pole.real / abs(pole) == pytest.approx(least, rel=0.03)
-    assert damped(model, 0.2).dof_damping.max() > 1.5 * model.dof_damping.max()
+    assert uncorrected.damped(model, 0.2).dof_damping.max() > 1.5 * model.dof_damping.max()
     discrete = copy.copy(quiet)
     discrete.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     pole = pole_of(ring_down(discrete, shape, 0.3), discrete.opt.timestep)
     assert -pole.real / abs(pole) > 1.5 * least
     with pytest.raises(ValueError, match="ratio must lie between 0 and 1, got 0"):
-        damped(model, 0)
+        uncorrected.damped(model, 0)
 
 
 @pytest.mark.long
 def test_a_row_of_the_map_is_what_the_prediction_says(model):
-    bench, lost = at_crossover(6.0, 25.0), Candidate("lost_strut", {})
-    quiet = damped(model, 0.05)
-    testbed = Testbed(quiet, bench, nominal_loops(quiet, bench))
-    errors, poles = map_row(0.05, np.array([6.0, 30.0]), 25.0, seed=0)
+    bench, lost = uncorrected.at_crossover(6.0, 25.0), uncorrected.Candidate("lost_strut", {})
+    quiet = uncorrected.damped(model, 0.05)
+    testbed = Testbed(quiet, bench, uncorrected.nominal_loops(quiet, bench))
+    errors, poles = uncorrected.map_row(0.05, np.array([6.0, 30.0]), 25.0, seed=0)
     for k, column in enumerate(("W_a", "W_a_uncorrected")):
         rig = lost.rig(testbed, column, 0, bench.duration_s)
-        expected = predicted_error_rad(rig, column, 0, bench.duration_s, lost.of("lead_in_s"))
+        expected = uncorrected.predicted_error_rad(
+            rig, column, 0, bench.duration_s, lost.of("lead_in_s")
+        )
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
     # At 30 Hz the sound loop is not to be closed.

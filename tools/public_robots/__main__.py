@@ -85,7 +85,9 @@ def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
     words = [sys.executable, "-W", "ignore", "-m", "tools.public_robots.trial", file, unfinished]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     code = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True).returncode
-    record = json.loads(unfinished.read_text()) if unfinished.is_file() else {"stage": "load"}
+    record: dict[str, Any] = {"stage": "load"}
+    if unfinished.is_file():
+        record = json.loads(unfinished.read_text())
     if code == -signal.SIGXCPU:
         record["timeout_s"] = LIMIT_S
     elif code:

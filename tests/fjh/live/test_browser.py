@@ -16,15 +16,7 @@ from playwright.sync_api import Browser
 from fjh.live.page import PORT
 from fjh.recording.properties import properties_of
 from sim import MODELS
-from tests.fjh.live.browser import (
-    SMALL,
-    Seen,
-    browsed,
-    free_port,
-    listens,
-    live,
-    served,
-)
+from tests.fjh.live import browser as seen
 from tests.processes import ended
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
@@ -40,7 +32,7 @@ HAPPENS = {
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with browsed() as one:
+    with seen.browsed() as one:
         yield one
 
 
@@ -60,16 +52,16 @@ def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
         with suppress(OSError):  # somebody else's has it already, which will do
             taken.bind(("127.0.0.1", PORT))
             taken.listen()
-        with served(tmp_path / "out") as (process, url):
-            [(host, port)] = listens(process.pid)
+        with seen.served(tmp_path / "out") as (process, url):
+            [(host, port)] = seen.listens(process.pid)
             assert host == "127.0.0.1" and port > PORT and url.endswith(f":{port}")
 
 
 def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(browser, tmp_path):
     """In the middle of the writing of a recording: it is there whole, or not at all."""
     folder = tmp_path / "out"
-    with served(folder, "--port", str(free_port())) as (process, url):
-        page = Seen(browser.new_page(viewport=SMALL), url)
+    with seen.served(folder, "--port", str(seen.free_port())) as (process, url):
+        page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)
         page.click("Save the last minute")
         wait_for(lambda: any(folder.glob("*")))  # the writing has begun
         page.page.close()
@@ -81,8 +73,8 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
 
 
 def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
-    process = live(tmp_path / "out", "--port", str(free_port()))
-    wait_for(lambda: any(listens(process.pid)))
+    process = seen.live(tmp_path / "out", "--port", str(seen.free_port()))
+    wait_for(lambda: any(seen.listens(process.pid)))
     process.send_signal(signal.SIGINT)
     ended(process, signal.SIGINT)
     assert not (tmp_path / "out").exists()
@@ -95,17 +87,17 @@ def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
 def address(tmp_path_factory) -> Iterator[str]:
     """Of the command for all tests that do not end it."""
     folder = tmp_path_factory.mktemp("live") / "out"
-    with served(folder, "--port", str(free_port())) as (_, url):
+    with seen.served(folder, "--port", str(seen.free_port())) as (_, url):
         yield url
 
 
 @pytest.fixture(scope="module")
-def first(browser, address) -> Seen:
-    return Seen(browser.new_page(viewport=SMALL), address)
+def first(browser, address) -> seen.Seen:
+    return seen.Seen(browser.new_page(viewport=seen.SMALL), address)
 
 
 @pytest.fixture
-def page(first) -> Seen:
+def page(first) -> seen.Seen:
     """With new machines, when the diagnosis has learned what they are like."""
     first.renew()
     return first
@@ -150,7 +142,7 @@ def test_a_bump_is_said_and_diagnosis_goes_off_and_on(page):
 @pytest.mark.night
 def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser, address, page):
     """What is clicked on one shows on the other, the elements too."""
-    other = Seen(browser.new_page(viewport=SMALL), address, picture_s=10.0)
+    other = seen.Seen(browser.new_page(viewport=seen.SMALL), address, picture_s=10.0)
     other.make("strut2", "free")
     for each in (page, other):
         each.until(lambda said: said.supervised.startswith("strut2 is free"))
@@ -174,9 +166,9 @@ def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser
 def test_an_actuator_of_another_robot_that_locks_is_named(
     browser, tmp_path, robot, words, actuator
 ):
-    words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(free_port())]
-    with served(tmp_path / "out", *words) as (_, url):
-        page = Seen(browser.new_page(viewport=SMALL), url)
+    words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(seen.free_port())]
+    with seen.served(tmp_path / "out", *words) as (_, url):
+        page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)
         page.until(lambda said: said.supervised.startswith(SOUND))
         page.make(actuator, "lock")
         said = page.until(lambda said: "locked" in said.named(actuator))

@@ -57,9 +57,7 @@ def test_error_and_arrays_are_those_of_the_run(kept):
     _, error = rrd.scalars(file, "/task/error")
     np.testing.assert_array_equal(error, 1e6 * (run.desired - run.true)[::EVERY])
     with np.load(file.with_suffix(".npz")) as arrays:
-        assert set(arrays) == set(run.arrays)
-        for name, values in run.arrays.items():
-            np.testing.assert_array_equal(arrays[name], values)
+        np.testing.assert_equal(dict(arrays), run.arrays)
 
 
 def test_missing_samples_of_a_sensor_are_missing_and_read_back_so(kept, tmp_path):

@@ -12,13 +12,7 @@ from scipy.linalg import subspace_angles
 from fjh.rig.dither import MEASURED_S
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
-from fjh.survey.isolation import (
-    alike_columns,
-    further_sensors,
-    isolation_of,
-    told_apart,
-    with_sensors,
-)
+from fjh.survey import isolation
 from fjh.survey.subject import matrix_subject, robot_subject
 from ftc.fdi import DEFAULT_CONFIG, separations
 from sim import MODELS
@@ -34,7 +28,7 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
     some = rng.normal(size=(rows, 3))
     B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
     B = rng.uniform(0.1, 10, (rows, 1)) * B
-    found = alike_columns(B, range(columns), TOLERANCE)
+    found = isolation.alike_columns(B, range(columns), TOLERANCE)
     ranks = {
         (i, j): np.linalg.matrix_rank(B[:, [i, j]], tol=1e-9)
         for i, j in itertools.combinations(range(columns), 2)
@@ -59,7 +53,7 @@ def test_rotors_on_one_arm_look_alike(tmp_path):
     """Two rotors above each other, in the same sense: one column twice."""
     (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
     subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
-    rows, _ = isolation_of(subject, "on", None)
+    rows, _ = isolation.isolation_of(subject, "on", None)
     [row] = rows.to_dict("records")
     assert row["alike"] == [["top", "bottom"]] and row["without_effect"] == ["idle"]
 
@@ -68,19 +62,19 @@ def test_rotors_on_one_arm_look_alike(tmp_path):
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
     hand = robot_rig(MODELS / "hand.xml", RobotOptions(major=(3, 4), sense="both"))
-    design, row = told_apart(hand, "joints")
+    design, row = isolation.told_apart(hand, "joints")
     assert row["further_sensors"]
 
     def isolable(watched: Any) -> int:
         found = separations(watched, design.dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
         return len(found.isolable())
 
-    watched, before = with_sensors(hand, "joints").watched, row["isolable"]
+    watched, before = isolation.with_sensors(hand, "joints").watched, row["isolable"]
     assert isolable(watched) == before
     for name, with_it in zip(row["further_sensors"], row["isolable_with_further"], strict=True):
         more = {
             each: watched.measured(np.vstack([watched.plant.C, C]), [*watched.noise, noise])
-            for each, (C, noise) in further_sensors(hand, "joints").items()
+            for each, (C, noise) in isolation.further_sensors(hand, "joints").items()
         }
         assert isolable(more[name]) == with_it > before
         assert max(map(isolable, more.values())) == with_it
@@ -97,5 +91,5 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
 def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(name, task, said):
     """A task that leaves no motion, and torque motors."""
     subject = robot_subject(MODELS / f"{name}.xml", RobotOptions(**task), None, None)
-    rows, settings = isolation_of(subject, "on", None)
+    rows, settings = isolation.isolation_of(subject, "on", None)
     assert rows.empty and said in settings["isolation_refused"]
