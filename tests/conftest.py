@@ -34,6 +34,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as long whatever needs the files of a study, however it comes by them."""
     for item in items:
         names = set[str](getattr(item, "fixturenames", ()))
+        if "study" in names:  # the one that a module is named after, or a parameter
+            names.add(f"{item.path.stem.removeprefix('test_')}_folder")
         if callspec := getattr(item, "callspec", None):
             names.add(f"{callspec.params.get('study')}_folder")
         if names & {"scheduler", "compared", *(f"{name}_folder" for name in LINES)}:

@@ -11,12 +11,6 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, jacobians, load_model
-from tests.experiments.results import Results
-
-
-@pytest.fixture(scope="module")
-def study(force_folder):
-    return Results(force_folder, "force")
 
 
 @pytest.fixture(scope="module")

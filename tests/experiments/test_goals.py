@@ -21,7 +21,6 @@ from fjh.rig.hexapod.testbed import TestbedConfig
 from ftc import Measurement
 from prioritized import velocity_mapping
 from sim import Plant, Pose, jacobians, load_model
-from tests.experiments.results import Results
 
 STROKE_M = 635e-6
 seeds = st.integers(0, 2**32 - 1)
@@ -200,11 +199,6 @@ def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
 
 
 # The runs.
-
-
-@pytest.fixture(scope="module")
-def study(goals_folder):
-    return Results(goals_folder, "goals")
 
 
 def test_every_goal_is_kept_when_pursued_and_doing_nothing_costs_the_pointing(study):

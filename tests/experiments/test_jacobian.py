@@ -16,7 +16,6 @@ from fjh.rig.hexapod import paper
 from fjh.rig.hexapod.closed_form import Hexapod, hexapod
 from fjh.rig.hexapod.forward import forward_kinematics
 from sim import NOMINAL, Pose, load_model
-from tests.experiments.results import Results
 from tests.profiles import examples
 
 STROKE_M = paper.STROKE_M
@@ -220,11 +219,6 @@ def test_readings_are_slopes_of_what_they_are_called():
         reading
     ) in jacobian.READINGS.values():  # at the nominal pose (38) reads the same in every way
         np.testing.assert_allclose(reading(NOMINAL, nominal()), nominal(), atol=1e-15)
-
-
-@pytest.fixture(scope="module")
-def study(jacobian_folder):
-    return Results(jacobian_folder, "jacobian")
 
 
 def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):

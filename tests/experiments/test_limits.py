@@ -8,7 +8,6 @@ from scipy.optimize import lsq_linear
 
 from experiments import limits as loops
 from prioritized import ConstrainedSystem
-from tests.experiments.results import Results
 from tests.profiles import examples
 
 
@@ -73,9 +72,8 @@ def test_the_line_of_sight_goes_out_and_back_and_a_locked_elbow_stands():
     assert np.ptp(elbow_rad[len(elbow_rad) // 2 + 1 :]) == 0.0
 
 
-def test_the_data_have_the_errors_of_the_table_and_strict_priority_points(limits_folder):
+def test_the_data_have_the_errors_of_the_table_and_strict_priority_points(study):
     """Where the target is attainable as without limits; elsewhere no nearer than is possible."""
-    study = Results(limits_folder, "limits")
     data, spirals = study.arrays("spirals.npz"), study.tables["spirals"]
     for spiral in spirals.itertuples():
         error = np.linalg.norm(data["desired_rad"] - data[f"{spiral.name}_true_rad"], axis=1)

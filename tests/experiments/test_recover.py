@@ -17,21 +17,9 @@ from experiments.recover import plan
 from experiments.recover.plan import exact_rig
 from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
 from experiments.recover.row import COLUMNS, INFORMED_LATE, informed_late
-from experiments.recover.tables import (
-    checks,
-    delays,
-    grouped,
-    noise_of,
-    per_hour,
-    share,
-)
+from experiments.recover.tables import checks, delays, grouped, noise_of, per_hour, share
 from fjh.study.errors import WrongInput
 from tests.experiments.results import Results
-
-
-@pytest.fixture(scope="module")
-def study(recover_folder):
-    return Results(recover_folder, "recover")
 
 
 def test_the_failures_are_found_named_and_gone_around(study):

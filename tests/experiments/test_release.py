@@ -15,12 +15,6 @@ from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from sim import NOMINAL, Failure, Plant, jacobians, linearize
 from sim.mjcf import joint_stiffness, weightless
-from tests.experiments.results import Results
-
-
-@pytest.fixture(scope="module")
-def study(release_folder):
-    return Results(release_folder, "release")
 
 
 @pytest.fixture(scope="module")

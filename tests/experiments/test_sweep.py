@@ -192,11 +192,6 @@ def test_a_diverging_run_is_a_row(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def study(sweep_folder):
-    return Results(sweep_folder, "sweep")
-
-
-@pytest.fixture(scope="module")
 def rows(study):
     """The runs beside the linear model."""
     return sweeps.beside_model(study.rows)

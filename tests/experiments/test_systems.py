@@ -9,7 +9,6 @@ import scipy.linalg
 
 from experiments import systems
 from sim import Jacobians, jacobians, load_model
-from tests.experiments.results import Results
 
 BY_NAME = {mechanism.name: mechanism for mechanism in systems.MECHANISMS}
 FREEDOMS = {"arm": 7, "hand": 3, "arms": 6, "platform": 3}
@@ -60,21 +59,18 @@ def probed(mechanism: systems.Mechanism, condition: str) -> systems.Probed:
 
 
 @pytest.fixture(scope="module")
-def entries(systems_folder):
-    return (
-        Results(systems_folder, "systems").tables["systems"].set_index(["mechanism", "condition"])
-    )
+def entries(study):
+    return study.tables["systems"].set_index(["mechanism", "condition"])
 
 
 def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
     """What the study checks of every condition, ten to a hundred times as sharply."""
     assert len(entries) == sum(len(mechanism.conditions) for mechanism in systems.MECHANISMS)
-    found = entries
     # Internal force too: what the closures bear is what eq. (11) says of force and torques.
-    assert found[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
-    assert found.yielded_steps.max() < 1e-4
+    assert entries[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
+    assert entries.yielded_steps.max() < 1e-4
     # Far from any rank threshold: these verdicts are no accident.
-    assert found.smallest_gap.min() > 1e4
+    assert entries.smallest_gap.min() > 1e4
 
 
 @pytest.mark.parametrize(

@@ -15,16 +15,10 @@ from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.run import Run, rms
 from sim import NOMINAL, Failure, Plant, linearize
-from tests.experiments.results import Results
 from tests.sim.machines import pole_of, ring_down
 
 LOCK_1 = (Failure(0, "locked"),)
 SECONDS = 1.5
-
-
-@pytest.fixture(scope="module")
-def study(uncorrected_folder):
-    return Results(uncorrected_folder, "uncorrected")
 
 
 @pytest.fixture(scope="module")

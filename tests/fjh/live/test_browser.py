@@ -23,11 +23,6 @@ pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
 """Each of new machines: one kind after another of the same strut is not always told apart."""
 SOUND = "All actuators are believed sound"
-HAPPENS = {
-    "Hum": "a sinusoid of 20 Hz",
-    "Stuck sensor": "one row stays as it is",
-    "Sagging supply": "all inputs times 0.8",
-}
 
 
 @pytest.fixture(scope="module")
@@ -115,19 +110,6 @@ def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page,
         page.beside(strut).get_by_role("button", name=f"● {word}", exact=True).wait_for()
     page.make(strut, "sound")
     assert page.until(lambda said: said.supervised.startswith(SOUND)).happens == "all is sound"
-
-
-@pytest.mark.night
-@pytest.mark.parametrize("box", HAPPENS)
-def test_a_disturbance_is_said_as_long_as_it_lasts(page, box):
-    page.tick(box)
-    said = page.until(lambda said: HAPPENS[box] in said.happens)
-    assert said.supervised.startswith(SOUND)
-    if box == "Stuck sensor":
-        held = page.until(lambda said: "repeats one value" in said.supervised)
-        assert "the commands are held" in held.supervised
-    page.tick(box)
-    page.until(lambda said: said.happens == "all is sound")
 
 
 @pytest.mark.night

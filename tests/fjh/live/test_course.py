@@ -20,20 +20,6 @@ def of(name: str, path: str) -> Course:
 
 @pytest.mark.parametrize("path", COURSES)
 @of_each_robot
-def test_a_course_begins_at_rest_and_repeats_with_its_cycle(name, path):
-    its = of(name, path)
-    first, demands = its.at(np.arange(1))
-    np.testing.assert_array_equal(first, 0.0)
-    assert (demands is None) == (its.demands is None) == (name == "hexapod")
-    ticks = len(its.desired) - its.cycle + np.arange(2 * its.cycle)
-    for values in its.at(ticks)[: 1 if name == "hexapod" else 2]:
-        assert values is not None
-        np.testing.assert_array_equal(values[: its.cycle], values[its.cycle :])
-    assert its.desired.any() == (path != REST)
-
-
-@pytest.mark.parametrize("path", COURSES)
-@of_each_robot
 def test_what_repeats_is_what_a_longer_path_would_have_gone_on_with(name, path):
     """The cycle before the one that is kept: no seam shows, in what is desired or demanded."""
     one, its = rig(name), of(name, path)
