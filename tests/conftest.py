@@ -107,6 +107,22 @@ def fjh(*words: str) -> Callable[[Path], int]:
     return command
 
 
+@pytest.fixture
+def refused(capfd) -> Callable[..., str]:
+    """The sentence with which words are refused: alone on standard error, without a traceback."""
+
+    def sentence(*words: str, code: int = 2) -> str:
+        from experiments.app.cli import main
+
+        assert main([*words]) == code
+        out, said = capfd.readouterr()
+        assert said.startswith("fjh: ") and said.count("\n") == 1 and len(said) < 2100
+        assert said[:-1].isprintable() and not out
+        return said
+
+    return sentence
+
+
 def folder_of(study: str, *words: str) -> Any:
     """A fixture: the folder of a study, made by its command with these words."""
 

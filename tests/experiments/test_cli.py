@@ -53,20 +53,6 @@ def place(kept, monkeypatch):
     assert {path: path.lstat().st_mtime_ns for path in kept.rglob("*")} == before
 
 
-@pytest.fixture
-def refused(capfd, place):
-    """The sentence on standard error, alone and without a traceback."""
-
-    def sentence(*words: str, code: int = 2) -> str:
-        assert main([*words]) == code
-        out, said = capfd.readouterr()
-        assert said.startswith("fjh: ") and said.count("\n") == 1 and len(said) < 2100
-        assert said[:-1].isprintable() and not out
-        return said
-
-    return sentence
-
-
 # Words, and what the sentence names: the argument, or the name that was meant.
 REFUSED = [
     ("tabel1", "table1"),
@@ -119,17 +105,17 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("words", "named"), REFUSED, ids=lambda each: each[:50])
-def test_wrong_words_are_one_sentence_that_names_them(refused, words, named):
+def test_wrong_words_are_one_sentence_that_names_them(place, refused, words, named):
     assert named in refused(*[str(ARM) if word == "ARM" else word for word in words.split()])
 
 
-def test_a_mistyped_file_is_answered_with_its_neighbour(refused):
+def test_a_mistyped_file_is_answered_with_its_neighbour(place, refused):
     assert "arm.xml" in refused("track", str(MODELS / "arme.xml"))
     assert "made.npz" in refused("review", "maed.npz")
 
 
 @pytest.mark.parametrize("command", SHOWN)
-def test_an_empty_path_is_not_the_current_folder(refused, command):
+def test_an_empty_path_is_not_the_current_folder(place, refused, command):
     for words in (["--out", ""], ["--out="]):
         assert "--out is empty" in refused(command, *words)
     assert f"after {command} is empty" in refused(command, "")
@@ -154,7 +140,7 @@ def test_an_empty_path_is_not_the_current_folder(refused, command):
         ),
     ],
 )
-def test_a_hexapod_that_will_not_do_is_refused(refused, tmp_path_factory, old, new, named):
+def test_a_hexapod_that_will_not_do_is_refused(place, refused, tmp_path_factory, old, new, named):
     text = HEXAPOD_MJCF.read_text()
     assert old in text
     file = tmp_path_factory.mktemp("machine") / "it.xml"
