@@ -105,17 +105,14 @@ def test_motion_is_the_linear_models_and_not_quasi_static_with_dampers(spirals):
     assert quasi_static.min()["loose"] > 30.0
 
 
-def test_at_rest_the_elastic_mapping_is_right_at_every_stiffness(study):
+def test_at_rest_the_elastic_mapping_is_right_and_one_for_locks_the_worse_the_softer(study):
     sweep = study.tables["sweep"]
     assert list(sweep.suspension_over_swing) == list(RATIOS)
     # What is left is the struts that still have a coil: they are forces against springs, and
     # yield to the flexures by 0.25 %; the linear model knows that.
     assert (sweep.mismatch_elastic_percent < 0.3).all()
     assert (sweep.mismatch_linear_model_percent < 0.01).all()
-    np.testing.assert_allclose(sweep.alpha_corrected_urad, 100.0, rtol=0.003)
-    assert (sweep.beta_corrected_urad.abs() < 0.1).all()
     np.testing.assert_allclose(sweep.all_flexures_n_per_m, 197.0, atol=0.5)
-    np.testing.assert_allclose(sweep.strut_1_simulated_um, sweep.strut_1_elastic_um, rtol=4e-3)
     as_if_locked = sweep.mismatch_as_if_locked_percent.to_numpy()
     assert as_if_locked[0] < 0.4 and as_if_locked[-1] > 45.0
     assert np.all(np.diff(as_if_locked) > 0)

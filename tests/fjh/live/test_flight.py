@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fjh.live.flight import Flight, Kind
+from fjh.live.flight import Flight
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
 from sim import Failure, Pose
@@ -66,34 +66,6 @@ def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, str
     planned = one.fly(pilot, path, failures=failures, events=events, seed=SEED)
     assert_same(flown(one, pilot, path, struck).run(0), planned)
     assert planned.failures and len(planned.events) == len(HAPPENED)
-
-
-def held_at(reference: np.ndarray, ticks: int, *clicks: Any) -> Run:
-    """The hexapod where its reference stands, with what is clicked before some ticks."""
-    flight = Flight(rig("hexapod"), rig("hexapod").controller(), ticks, SEED)
-    for k in range(ticks):
-        for at, what, *given in clicks:
-            if at == k:
-                getattr(flight, what)(*given)
-        flight.step(reference, None)
-    return flight.run(0)
-
-
-FAR, KINDS = np.full(2, 1e-5), get_args(Kind)
-
-
-@pytest.mark.parametrize(
-    ("clicks", "others"),
-    [
-        # Struck in every way, and repaired; an event that was not begun is ended, one begun twice.
-        ([], [(50, "make", 2, kind) for kind in (*KINDS[1:], KINDS[0])]),
-        ([(20, "begin", "sag")], [(0, "end", "sag"), *[(20, "begin", "sag")] * 2]),
-    ],
-)
-def test_what_is_undone_between_two_ticks_leaves_no_trace(clicks, others):
-    one, other = held_at(FAR, 100, *clicks), held_at(FAR, 100, *others)
-    np.testing.assert_array_equal(one.qpos, other.qpos)
-    np.testing.assert_array_equal(one.inputs, other.inputs)
 
 
 @pytest.mark.long

@@ -52,9 +52,14 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
         assert plant.data.eq_active[locks].all()
 
 
-def test_a_disturbance_that_was_switched_off_is_over(session):
-    """Both machines then go on without it; what is said twice is done once; it can begin anew."""
+def test_what_is_undone_between_two_ticks_leaves_no_trace(session):
+    """Both machines then go on without it; what is said twice is done once; it can begin anew.
+
+    So is what was broken in every way and repaired.
+    """
     calm = Session(rig("hexapod"))
+    for kind in (*KINDS[1:], KINDS[0]):
+        session.make(2, kind)
     for name in LASTING:
         for on in (True, True, False, False):
             session.disturb(name, on)
