@@ -1,11 +1,9 @@
 """`make test-processors`: the short tests, computed as on other processors.
 
-The last bits of a sum depend on the order of its terms, and that on the kernels of OpenBLAS and
-numpy, which are chosen by the processor, and on the number of threads. Each setting forces a choice
-that this processor can follow; the last keeps the choice and reverses the order of the test files.
+The last bits of a sum depend on the order of its terms, which OpenBLAS and numpy choose by the
+processor and the number of threads. Each setting forces a choice; the last reverses the test files.
 
-    python tools/processors.py            every setting; the exit code is the number that failed
-    python tools/processors.py NAME ...   those named
+    python tools/processors.py [NAME ...]    those settings, or all; exits with how many failed
 """
 
 import os

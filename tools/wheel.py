@@ -1,10 +1,6 @@
 """`make wheel-test`: build the wheel, install it step by step in an empty environment, use it.
 
-    python tools/wheel.py             a wheel of this checkout
-    python tools/wheel.py FILE.whl    this one
-
-Every command runs in a folder outside the checkout, the README's Python too. Needs a package index:
-pytest leaves this file out.
+`python tools/wheel.py FILE.whl` takes this one. Needs a package index: pytest leaves this file out.
 """
 
 import os

@@ -1,10 +1,4 @@
-"""Which frame of an unknown robot is its task, and on which feet it stands: one rule for all.
-
-The task is the end of the longest chain: of all named bodies the one with the most driven
-velocities between it and the world, of these the one whose chain is longest in metres. A robot with
-a free base stands on its feet: the ends of driven chains that are lowest, within a tenth of the
-robot's height. Its task is the longest chain that ends in no foot; if there is none, its base.
-"""
+"""Which frame of an unknown robot is its task, and on which feet it stands: docs/robots.md."""
 
 from collections.abc import Iterable
 
