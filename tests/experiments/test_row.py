@@ -67,19 +67,22 @@ def test_a_controller_that_does_nothing_holds_its_commands_on_nan():
     assert held.ticks == 2 and held.controller is state.controller
 
 
-def columns_of(*diagnoses: Diagnosed, causes: tuple[Cause | None, ...] = (), **case: Any) -> dict:
-    """Columns of a run of five seconds with these diagnoses; an alarm 10 ms before each."""
-    number = exact_rig().number
-    standing = {
-        one.actuator: Diagnosis.told(Fault(number(one.actuator), one.kind))
-        for one in diagnoses
-        if one.withdrawn_s is None
-    }
-    alarms = tuple(round(1e3 * one.time_s) - 10 for one in diagnoses)
+def columns_of(
+    *named: tuple[int, Any, int],
+    withdrawn_s: float | None = None,
+    causes: tuple[Cause | None, ...] = (),
+    **case: Any,
+) -> dict:
+    """Columns of a run of five seconds; strut, kind and tick of each diagnosis.
+
+    An alarm is 10 ms before each.
+    """
+    faults = {strut: Fault(strut, kind) for strut, kind, _ in named if withdrawn_s is None}
+    alarms = tuple(tick - 10 for _, _, tick in named)
     watch = SimpleNamespace(alarm_ticks=alarms, causes=causes, unexplained=False)
     run: Any = SimpleNamespace(
-        diagnoses=diagnoses,
-        state=SimpleNamespace(watch=watch, standing=list(standing.values())),
+        diagnoses=[Diagnosed(f"strut{k + 1}", kind, t / 1e3, withdrawn_s) for k, kind, t in named],
+        state=SimpleNamespace(watch=watch, standing=list(map(Diagnosis.told, faults.values()))),
         task_lost=False,
         status="",
         closure_max_m=0.0,
@@ -87,10 +90,6 @@ def columns_of(*diagnoses: Diagnosed, causes: tuple[Cause | None, ...] = (), **c
     )
     own = Case(case.pop("sort", "event"), duration_s=5.0, **case)
     return rows.supervised_columns(exact_rig(), own, run)
-
-
-def said(strut: int, kind: Any, tick: int, withdrawn_s: float | None = None) -> Diagnosed:
-    return Diagnosed(f"strut{strut + 1}", kind, tick / 1e3, withdrawn_s)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +106,7 @@ def test_an_actuator_is_rightly_named_only_after_it_has_failed(
     named, right, healthy_named, all_right
 ):
     pair = (Failure(0, "locked", 2.0), Failure(4, "free", 3.0))
-    found = columns_of(*(said(*each) for each in named), sort="pair", failures=pair)
+    found = columns_of(*named, sort="pair", failures=pair)
     assert (found["right"], found["healthy_named"]) == (right, healthy_named)
     assert found["all_right"] == all_right
 
@@ -125,9 +124,9 @@ def test_an_actuator_is_rightly_named_only_after_it_has_failed(
 def test_after_an_event_what_failed_is_rightly_named_and_nothing_else(
     event, named, right, healthy_named
 ):
-    found = columns_of(said(*named), events=(event,))
+    found = columns_of(named, events=(event,))
     assert (bool(found["right"]), found["healthy_named"]) == (right, healthy_named)
-    assert not columns_of(said(*named, withdrawn_s=1.9), events=(event,)).get("kind_right")
+    assert not columns_of(named, withdrawn_s=1.9, events=(event,)).get("kind_right")
 
 
 @pytest.mark.parametrize(
