@@ -15,6 +15,7 @@ from experiments import sweep_design as designs
 from experiments.again import fly_again
 from experiments.app.cli import main
 from experiments.study import UNFINISHED, Where
+from experiments.table1 import CONFIGURATIONS
 from fjh.rig.conditions import every_condition
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import secondary
@@ -72,6 +73,13 @@ def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
         row = run.parameters()
         assert row["struts"] == struts
         assert [row["roll_off_hz"], row["detector_noise_m"]] == pytest.approx(numbers, rel=1e-12)
+
+
+def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table():
+    """For healthy and locked, corrected and not."""
+    design = designs.read_design(designs.DEFAULT.with_name("sweep_demand_limit.toml"))
+    benches = [run.bench for run in designs.runs_of(design, seed=3)]
+    assert len(benches) == design.runs and benches.count(CONFIGURATIONS["demand-limit"]) == 4
 
 
 def test_a_bench_has_no_constant_beyond_its_limits():

@@ -113,9 +113,12 @@ def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page,
 
 
 @pytest.mark.night
-def test_a_bump_is_said_and_diagnosis_goes_off_and_on(page):
+def test_a_bump_and_a_stuck_sensor_are_said_and_diagnosis_goes_off_and_on(page):
     page.click("Bump")
     page.until(lambda said: said.last.startswith("Bumped: 5/54 of the payload's weight"))
+    page.tick("Stuck sensor")
+    page.until(lambda said: "repeats one value" in said.supervised)
+    page.tick("Stuck sensor")
     for believed in ("Does not diagnose", SOUND):
         page.tick("Diagnosis")
         page.until(lambda said, believed=believed: said.supervised.startswith(believed))
