@@ -1,12 +1,10 @@
 """`fjh survey`: each number is what one condition has alone, and the report follows its subject."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial import ConvexHull, QhullError
 
 from fjh.rig.conditions import FREE, LOCKED
 from fjh.rig.examined import LEAST_LEFT, examine
@@ -16,7 +14,7 @@ from fjh.survey.page import headline
 from prioritized import ConstrainedSystem
 from sim import MODELS, assemble
 from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
-from tests.published.faces import effectiveness
+from tests.published.faces import distances, effectiveness
 from tests.robots import TEST_MODELS
 
 B = np.random.default_rng(3).normal(size=(3, 5))
@@ -59,12 +57,8 @@ def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
 
 
 def room(columns: np.ndarray, low: np.ndarray, high: np.ndarray, held: np.ndarray) -> float:
-    """Radius of the ball about what is held, from the hull of what the ends of all limits do."""
-    ends = np.array([columns @ each for each in product(*zip(low, high, strict=True))]) - held
-    try:
-        return max(0.0, -ConvexHull(np.unique(ends, axis=0)).equations[:, -1].max())
-    except QhullError:  # they are in a plane
-        return 0.0
+    """Radius of the ball about what is held."""
+    return max(0.0, distances(columns, held, low, high).min())
 
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
