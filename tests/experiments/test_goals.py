@@ -186,10 +186,7 @@ def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
 
 
 def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
-    """Without a lag joints follow the mean of the held commands: half a period, half a step ahead.
-
-    Once their start has died away; the lag, damping over stiffness, is seven times as long.
-    """
+    """Joints without a lag follow the mean of held commands: half a period, half a step ahead."""
     model, rates = load_model(ARM_MJCF), 1e-3 * np.array([1, -2, 3, -1, 2, -3, 1])
     plant, servos, periods = Plant(model), physics.Servos(model), 600
     for _ in range(periods):
@@ -202,10 +199,7 @@ def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
 
 
 def test_every_goal_is_kept_when_pursued_and_doing_nothing_costs_the_pointing(study):
-    """Pursued, the pointing changes less than half of another seed, tick by tick.
-
-    Without it a strut is on its stop, the payload collides, and rates blow up.
-    """
+    """Pursued, the pointing changes less than half of another seed; else it meets a wall."""
     frames = study.tables
     worst = frames["runs"].pivot(index="goal", columns="name", values="worst")
     assert worst.pursued["reliability"] < physics.LIMIT_C - 10
