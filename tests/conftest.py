@@ -80,10 +80,7 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 @pytest.fixture(scope="session")
 def made_once(shared) -> Make:
-    """Makes a folder in the process that needs it first; the others wait and take it over.
-
-    One name is one folder: another command needs another name.
-    """
+    """Makes a folder in the first process that needs it; one name is one folder and one command."""
 
     def made(name: str, make: Callable[[Path], int]) -> Path:
         folder, complete = shared / name, shared / f"{name}.complete"

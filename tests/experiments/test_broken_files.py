@@ -1,8 +1,4 @@
-"""Whatever file a command is given, it is used, or refused in one sentence that names it.
-
-No pipe is waited for, nothing that a file holds is executed, none fills the memory, and nothing is
-written.
-"""
+"""A file is used, or refused in a sentence: nothing is waited for, executed or written."""
 
 import shlex
 import shutil

@@ -74,10 +74,7 @@ def test_every_simulated_force_is_the_mappings(tables):
 
 
 def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines):
-    """Held, its reaction is J_1^T f; pressing, lock and fixture share that.
-
-    Only their sum is determined: the wrench of the five coils.
-    """
+    """Held, its reaction is J_1^T f; pressing, lock and fixture share the coils' wrench."""
     system, unseen = force.known_system(force.Condition("locked")), None
     for theorem in (7, 8, 9):
         part = f"strut_1_locked_theorem_{theorem}"
@@ -96,10 +93,7 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
 
 
 def test_a_free_strut_bears_nothing_and_what_is_lacking_moves_the_payload(tables, data, lines):
-    """Eq. (9). Springs of the orthogonal hexapod do not couple: a secondary lack moves it aside.
-
-    A mapping that lets the spring bear it lacks less, and tilts.
-    """
+    """Eq. (9). A secondary lack moves it aside; a mapping that lets the spring bear it tilts."""
     for theorem in (7, 8, 9):
         part = f"strut_1_free_theorem_{theorem}"
         along = data[f"{part}_wrench"] @ np.linalg.inv(lines)[:, 0]

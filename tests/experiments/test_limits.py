@@ -45,10 +45,7 @@ def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
 @examples(40)
 @given(st.integers(0, 2**32 - 1))
 def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
-    """At the result, the rates that move are the pseudo-inverse's for what the others leave.
-
-    So that a task within reach is met where enough of them still move; and none is beyond a limit.
-    """
+    """What moves does by the pseudo-inverse what the others leave; none is beyond a limit."""
     rng = np.random.default_rng(seed)
     J_m, v, desired = rng.normal(size=(2, 6)), rng.normal(size=2), rng.normal(size=6)
     half = rng.uniform(0.1, 1.0, 6)

@@ -46,10 +46,7 @@ def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
 
 @pytest.mark.parametrize("kind", ["free", "loose"])
 def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
-    """Z (Z^T K Z)^-1 Z^T B u: constraint softness must not leak a stiff spring into a soft motion.
-
-    It did: accelerations of the softened constraints made a loose strut 13 % too stiff.
-    """
+    """Z (Z^T K Z)^-1 Z^T B u: soft constraints once made a loose strut 13 % too stiff."""
     orbit = weightless(model)
     plant = Plant(orbit)
     Failure(0, kind).strike(plant)

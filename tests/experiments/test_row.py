@@ -35,10 +35,7 @@ def test_a_run_that_ends_early_is_a_row(monkeypatch):
 @pytest.mark.long
 @pytest.mark.parametrize(("seed", "draw"), [(0, 3), (0, 288), (1, 27)])
 def test_a_lock_is_not_taken_for_the_opposite_strut_nor_for_the_floor(seed, draw):
-    """In half a period of the dither hysteresis and dampers made them alike.
-
-    And without an autoregression of order 10 the floor would leave an alarm unexplained.
-    """
+    """In half a period of the dither hysteresis, dampers and the floor made them alike."""
     case = plan.hexapod_failures([("failure", "all", 1.0, draw + 1)], 0, 0.1, seed)[draw]
     assert rows.tick_at(exact_rig(), case, case.happens_s) == round(1e3 * plan.BEFORE_S)
     row, _ = rows.fly(case)
@@ -73,10 +70,7 @@ def columns_of(
     causes: tuple[Cause | None, ...] = (),
     **case: Any,
 ) -> dict:
-    """Columns of a run of five seconds; strut, kind and tick of each diagnosis.
-
-    An alarm is 10 ms before each.
-    """
+    """Columns of a run of 5 s; strut, kind and tick of each diagnosis, 10 ms after its alarm."""
     faults = {strut: Fault(strut, kind) for strut, kind, _ in named if withdrawn_s is None}
     alarms = tuple(tick - 10 for _, _, tick in named)
     watch = SimpleNamespace(alarm_ticks=alarms, causes=causes, unexplained=False)

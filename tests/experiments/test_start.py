@@ -1,7 +1,4 @@
-"""A signal at any moment: its exit code, one sentence, no traceback, no file, no process.
-
-What comes before Python runs the first line of `experiments` is Python's own.
-"""
+"""A signal at any moment: its exit code, one sentence, no traceback, no file, no process."""
 
 import contextlib
 import os

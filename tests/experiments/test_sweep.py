@@ -269,10 +269,7 @@ def atlas(atlas_folder):
 
 
 def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
-    """Symmetries found in the machine's own nodes: rotations and mirrors that map struts on struts.
-
-    Burnside counts the sets: conditions left as they are, averaged over the six.
-    """
+    """By the machine's own nodes; Burnside: conditions left as they are, over the moves."""
     machine = hexapod(model)
     ends = np.stack([machine.bottom_m, machine.top_m])
     third = 2 * np.pi / 3

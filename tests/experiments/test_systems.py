@@ -33,10 +33,7 @@ def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
 
 @each_name
 def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
-    """Loops closed to round-off, joints at zero, payload axes along the base's.
-
-    Freedoms are velocities less the rank of the closures; the motors rule them all.
-    """
+    """Freedoms are velocities less the rank of the closures; the motors rule them all."""
     model, data, task = model_of(name), mujoco.MjData(model_of(name)), BY_NAME[name].task
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos).max(initial=0.0) < 1e-12

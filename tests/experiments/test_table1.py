@@ -28,10 +28,7 @@ ANGLES = ["alpha", "beta"]
 
 @pytest.mark.parametrize(("angle", "off"), [("alpha", 0.020), ("beta", -0.038)])
 def test_calibrated_levels_are_the_papers_means_and_scatter_less(table1, angle, off):
-    """Two levels were fitted, one an angle: 2.0 % above and 3.8 % below the paper's means.
-
-    The paper's own scatter: a constant at its mean misses an entry of alpha by 13.9 %.
-    """
+    """One fitted level an angle, 2.0 % above and 3.8 % below; a constant is off by 13.9 %."""
     columns = [table1["by_name"][name] for name in CORRECTED]
     here = np.array([column[f"{angle}_rms_urad"] for column in columns])
     printed = np.array([column[f"paper_{angle}_rms_urad"] for column in columns])
@@ -41,10 +38,7 @@ def test_calibrated_levels_are_the_papers_means_and_scatter_less(table1, angle, 
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_weights_and_a_known_lock_do_not_change_the_tracking(table1, angle):
-    """J_m M = I under any weights: under the same noise 0.007 % apart, over eight seeds.
-
-    With strut 1 locked the level is that of six struts: 0.06 % off, over eight seeds.
-    """
+    """J_m M = I under any weights: 0.007 % apart, 0.06 % with a lock, over eight seeds."""
     rms = [table1["by_name"][name][f"{angle}_rms_urad"] for name in CORRECTED]
     assert max(rms[:3]) < 1.0003 * min(rms[:3])
     assert rms[3:] == pytest.approx([rms[0]] * 2, rel=0.0015)
@@ -106,10 +100,7 @@ def test_each_run_has_the_errors_of_the_table_and_of_the_linear_model(table1, ru
 
 @pytest.mark.parametrize("name", CORRECTED)
 def test_the_controllers_estimate_of_secondary_motion_is_near_the_truth(runs, name):
-    """Each of gamma, t_x, t_y, t_z on its own: 2 % of its motion and 0.1 um or 0.1 urad.
-
-    That of a controller which does not know of the lock is far off.
-    """
+    """To 2 % of each motion and 0.1 um or urad; without knowledge of the lock it is far off."""
     truth, estimate = runs[name]["secondary"], runs[name]["secondary_estimated"]
     allowed = 0.02 * np.abs(truth).max(axis=0) + 1e-7
     assert np.all(np.abs(estimate - truth).max(axis=0) < allowed)

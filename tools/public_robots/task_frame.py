@@ -65,10 +65,7 @@ def _longest(model: mujoco.MjModel, reach: Array, bodies: Iterable[int]) -> int:
 
 
 def _feet(model: mujoco.MjModel, data: mujoco.MjData, base: int, ends: list[int]) -> dict[int, str]:
-    """The name of a foot's lowest site or body, by the body that ends the chain.
-
-    A foot without a name is pinned at the next body above that has one.
-    """
+    """By the body that ends a chain: its lowest site or body, or one above, that has a name."""
     lowest: dict[int, tuple[float, str]] = {}
     for end in ends:
         bodies = [end, *_below(model, end)]

@@ -1,8 +1,4 @@
-"""`fjh live` as it is served and seen: each element does what it says, and the page says so.
-
-Of a failure that is seen for a moment a pilot may name two kinds, such as "free or weak"; the one
-that happened is among them.
-"""
+"""`fjh live` as it is served and seen; a failure seen for a moment may be named by two kinds."""
 
 import signal
 import socket

@@ -48,10 +48,7 @@ def largest_step(desired: np.ndarray) -> float:
 @pytest.mark.parametrize("path", ["circle", "spiral", REST])
 @of_each_robot
 def test_a_change_of_path_has_no_jump(name, path, former):
-    """No tick moves farther than the fastest of both paths, and what the fade of 1 s adds.
-
-    The former path goes back by 2 radii at the most; the fade is at most 15/8 as fast as a ramp.
-    """
+    """No tick moves farther than both paths and a fade of 2 radii in 1 s, 15/8 of a ramp."""
     one, was = rig(name), of(name, former)
     at = 3 + len(was.desired) + round(0.4 * was.cycle)
     now = course(one, path, was, at)

@@ -53,10 +53,7 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
 
 
 def test_what_is_undone_between_two_ticks_leaves_no_trace(session):
-    """Both machines then go on without it; what is said twice is done once; it can begin anew.
-
-    So is what was broken in every way and repaired.
-    """
+    """Twice on, twice off, or broken in every way and repaired; what was over can begin anew."""
     calm = Session(rig("hexapod"))
     for kind in (*KINDS[1:], KINDS[0]):
         session.make(2, kind)
@@ -164,10 +161,7 @@ def until(session: Session, holds: Callable[[str], bool], within_s: float) -> fl
 @pytest.mark.long
 @pytest.mark.parametrize("while_looking", [True, False])
 def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while_looking):
-    """It does not take the broken machine for the sound one, whoever saw it break.
-
-    Free since before anybody looked is named as locked: without force, a strut stands.
-    """
+    """Free since before anybody looked is named as locked: without force, a strut stands."""
     session.advance(LEARNED)
     if while_looking:
         session.make(0, "free")

@@ -1,7 +1,4 @@
-"""A run read back, from files that anybody may have written: it is a run, or a sentence says why.
-
-What is no file of its format is refused in tests/experiments/test_broken_files.py.
-"""
+"""A run read back is a run, or a sentence says why; no file at all: test_broken_files.py."""
 
 import json
 import re

@@ -1,7 +1,4 @@
-"""What a person sees on opening a recording, by its pixels; and a viewer that gives no answer.
-
-A Vulkan driver is needed, as for any picture: CI installs Mesa's, which needs no graphics card.
-"""
+"""What a person sees of a recording, by its pixels (Mesa's Vulkan driver draws); a mute viewer."""
 
 import io
 import time
