@@ -3,7 +3,6 @@
 import os
 import re
 import shlex
-import socket
 import subprocess
 import sys
 from functools import cache
@@ -146,13 +145,6 @@ def test_a_hexapod_that_will_not_do_is_refused(place, refused, tmp_path_factory,
     file = tmp_path_factory.mktemp("machine") / "it.xml"
     file.write_text(text.replace(old, new))
     assert named in refused("table1", "--model", str(file), "--out", "out")
-
-
-@pytest.mark.long
-def test_a_port_that_is_taken_is_one_sentence(refused):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        assert f"--port {port}: another program listens there" in refused("live", f"--port={port}")
 
 
 @pytest.mark.long

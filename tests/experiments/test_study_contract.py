@@ -28,14 +28,13 @@ def results(request, name) -> Results:
 
 
 WHOLE = [
-    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full")
-    for name in LINES
-    if name in AT_NIGHT
+    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full") for name in sorted(AT_NIGHT)
 ]
 
 
 @pytest.mark.parametrize("name", [*LINES, *WHOLE])
-def test_a_study_leaves_what_its_json_lists_and_its_tables_twice(results, name):
+def test_a_study_leaves_what_its_json_lists_tables_twice_and_figures_on_its_page(results, name):
+    """Figures as PNG and as PDF, which has no date: two runs leave the same bytes."""
     summary, files = results.summary, {path.name for path in results.folder.iterdir()}
     assert summary["experiment"] == name
     assert {"seed", "versions", "model_sha256", "files"} <= set(summary)
@@ -49,11 +48,6 @@ def test_a_study_leaves_what_its_json_lists_and_its_tables_twice(results, name):
             found = records_of(pd.read_parquet(results.folder / file))
             stated = [{key: each.get(key) for key in found[0]} for each in summary[table[1]]]
             assert found == stated, file
-
-
-@pytest.mark.parametrize("name", [*LINES, *WHOLE])
-def test_the_figures_of_a_study_open_and_stand_on_its_page(results, name):
-    """As PNG and as PDF, which has no date: two runs leave the same bytes."""
     page = (results.folder / f"{name}.md").read_text()
     shown = sorted(results.folder.glob("*.pdf"))
     assert shown and {path.stem for path in shown} == {p.stem for p in results.folder.glob("*.png")}

@@ -9,7 +9,7 @@ import pytest
 from fjh.rig.conditions import FREE, LOCKED
 from fjh.rig.examined import LEAST_LEFT, examine
 from fjh.rig.robot import robot_of
-from fjh.survey.conditions import actuator_frame, checks, condition_frame
+from fjh.survey.conditions import checks, condition_frame
 from fjh.survey.page import headline
 from prioritized import ConstrainedSystem
 from sim import MODELS, assemble
@@ -20,31 +20,6 @@ from tests.robots import TEST_MODELS
 B = np.random.default_rng(3).normal(size=(3, 5))
 ARM = MODELS / "arm.xml"
 STRETCHED = {"site": "tip", "axes": None, "major": "3,4"}
-
-
-def test_actuators_in_another_order_have_the_same_report(tmp_path):
-    found = []
-    for columns in ([0, 1, 2, 3, 4], [3, 0, 4, 1, 2]):
-        named = pd.DataFrame(B[:, columns], columns=[f"a{k}" for k in columns])
-        named.to_csv(tmp_path / "B.csv", index=False)
-        survey = of_matrix(tmp_path / "B.csv")
-        of_failures = condition_frame(survey)
-        of_failures.index = [
-            (*sorted(locked), "|", *sorted(free))
-            for locked, free in zip(of_failures.locked, of_failures.free, strict=True)
-        ]
-        keys = ["worst_effect", "relative_manipulability", "largest_gain", "survived"]
-        found.append((of_failures[keys], actuator_frame(survey).set_index("actuator")))
-    for one, other in zip(*found, strict=True):
-        pd.testing.assert_frame_equal(one, other.loc[one.index], rtol=1e-9)
-
-
-def test_other_units_of_the_effects_change_effects_and_gains_alone(tmp_path):
-    one, ten = (conditions(of_matrix(written(tmp_path / "B.csv", k * B))) for k in (1, 10))
-    factors = {"worst_effect": 10, "error_gain": 10, "largest_gain": 0.1}
-    for key in ("effect_left", "relative_manipulability", "best_possible", "survived", *factors):
-        expected = factors.get(key, 1) * one[key]
-        np.testing.assert_allclose(ten[key], expected, rtol=1e-9, err_msg=key)
 
 
 def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
