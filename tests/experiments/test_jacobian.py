@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments import jacobian
 from experiments import jacobian_certificate as certificate
+from experiments.jacobian_certificate import NORMS, ORDER, certify, jacobian_series, size
 from fjh.rig.hexapod import paper
 from fjh.rig.hexapod.closed_form import Hexapod, hexapod
 from fjh.rig.hexapod.forward import forward_kinematics
@@ -20,10 +21,9 @@ from tests.profiles import examples
 
 STROKE_M = paper.STROKE_M
 seeds = st.integers(0, 2**32 - 1)
-each_norm = pytest.mark.parametrize("norm", certificate.NORMS)
+each_norm = pytest.mark.parametrize("norm", NORMS)
 machine = cache(lambda: hexapod(load_model()))
 nominal = cache(lambda: np.linalg.inv(machine().inverse_jacobian(NOMINAL)))
-proved = cache(lambda norm: certificate.certify(machine(), STROKE_M, norm))
 varied = cache(lambda norm: jacobian.variation(machine(), STROKE_M, norm))
 
 
@@ -35,19 +35,12 @@ def random_hexapod(rng: np.random.Generator) -> Hexapod:
     )
 
 
-def seen_from(geometry: Hexapod, pose: Pose) -> Hexapod:
-    """The same hexapod, its nominal pose where its payload is now."""
-    return Hexapod(
-        bottom_m=geometry.bottom_m - pose.translation_m, top_m=geometry.top_m @ pose.rotation.T
-    )
-
-
 @given(seeds)
 def test_the_power_series_of_the_jacobian_sums_to_the_jacobian(seed):
     """Forward kinematics and inversion, which know nothing of series, are the oracle."""
     rng = np.random.default_rng(seed)
     geometry, struts_m = random_hexapod(rng), rng.uniform(-4e-3, 4e-3, (3, 6))
-    series = certificate.jacobian_series(geometry, struts_m, 6)
+    series = jacobian_series(geometry, struts_m, 6)
     there = jacobian.jacobian_at(geometry, struts_m, jacobian.twist_in_base_axes)
     errors = [np.abs(sum(series.J[: k + 1]) - there).max() for k in range(7)]
     assert errors[6] < 1e-6 * errors[0]
@@ -64,21 +57,23 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
     ray = forward_kinematics(geometry, stroke_m * corner * np.linspace(0, 1, 5)[:, None])
     poses = [Pose(R, x) for R, x in zip(ray.rotation, ray.translation_m, strict=True)]
     inverses = [np.linalg.inv(geometry.inverse_jacobian(pose)) for pose in poses]
-    largest = max(float(certificate.size(D[:, None] * J, "two")) for J in inverses)
+    largest = max(float(size(D[:, None] * J, "two")) for J in inverses)
     bounds = certificate.coefficient_bounds(geometry, stroke_m, length_m, largest)
     for pose in poses:
-        there = seen_from(geometry, pose)
+        there = Hexapod(  # its nominal pose where its payload is now
+            geometry.bottom_m - pose.translation_m, geometry.top_m @ pose.rotation.T
+        )
         # As the machine stands there its struts have their present lengths.
-        series = certificate.jacobian_series(there, stroke_m * corner, certificate.ORDER + 1)
+        series = jacobian_series(there, stroke_m * corner, ORDER + 1)
         sizes = {
             "arm": [np.linalg.norm(p, axis=-1).max() for p in series.arm],
             "from_bottom": [np.linalg.norm(x, axis=-1).max() for x in series.from_bottom],
             "over_length": [np.abs(o).max() for o in series.over_length],
-            "A": [certificate.size(A / D, "two") for A in series.A],
-            "J": [certificate.size(D[:, None] * J, "two") for J in series.J],
+            "A": [size(A / D, "two") for A in series.A],
+            "J": [size(D[:, None] * J, "two") for J in series.J],
         }
         for name, computed in sizes.items():
-            for k, one in enumerate(computed[: certificate.ORDER + 2]):
+            for k, one in enumerate(computed[: ORDER + 2]):
                 assert one <= getattr(bounds, name)[k] * (1 + 1e-12), (name, k)
 
 
@@ -89,13 +84,11 @@ def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
     M = np.kron(np.eye(2), turn)
     for length_m in (0.05, 3.0):
         back = M / np.array([length_m] * 3 + [1.0] * 3)[:, None]
-        assert certificate.size(back, norm) == pytest.approx(
-            certificate.unscaled(length_m, norm), rel=1e-12
-        )
+        assert size(back, norm) == pytest.approx(certificate.unscaled(length_m, norm), rel=1e-12)
     rng = np.random.default_rng(7)
     form = rng.normal(size=(6, 6, 6, 6))
     pairs = np.einsum("ni,mj,ijab->nmab", jacobian.VERTICES, jacobian.VERTICES, form)
-    brute = float(certificate.size(pairs, norm).max())
+    brute = float(size(pairs, norm).max())
     assert certificate.largest_at_vertices(form, norm) == pytest.approx(brute, rel=1e-12)
 
 
@@ -103,29 +96,27 @@ def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
 @each_norm
 def test_the_certificate_is_tight_becomes_the_value_and_survives_rounding(norm):
     """Its first term alone would be none; turned base axes leave both norms of J alone."""
-    value = varied(norm).value * certificate.size(nominal(), norm)
-    proof = proved(norm)
+    value = varied(norm).value * size(nominal(), norm)
+    proof = certify(machine(), STROKE_M, norm)
     assert value <= proof.upper_bound < 1.01 * value
     assert proof.terms[0] < value  # the linear part is not yet a bound
     assert proof.remainder < 0.01 * value
     excess = []
     for stroke_m in (6e-4, 6e-5, 6e-6):
-        found = jacobian.variation(machine(), stroke_m, norm).value * float(
-            certificate.size(nominal(), norm)
-        )
-        excess.append(certificate.certify(machine(), stroke_m, norm).upper_bound / found - 1)
+        found = jacobian.variation(machine(), stroke_m, norm).value * float(size(nominal(), norm))
+        excess.append(certify(machine(), stroke_m, norm).upper_bound / found - 1)
     assert min(excess) >= 0
     assert excess[1] < 0.2 * excess[0] and excess[2] < 0.2 * excess[1]
     turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
     there = Hexapod(bottom_m=machine().bottom_m @ turned.T, top_m=machine().top_m @ turned.T)
-    off = certificate.certify(there, STROKE_M, norm).upper_bound / proof.upper_bound - 1
+    off = certify(there, STROKE_M, norm).upper_bound / proof.upper_bound - 1
     assert abs(off) < 1e-3 * certificate.ROUNDING
 
 
 def test_a_box_too_large_for_the_argument_gets_no_certificate():
     """Infinite, not wrong: the estimates cannot keep J from growing without limit."""
     for stroke_m in (0.02, 0.45, 10.0):  # the last ones longer than the struts
-        assert certificate.certify(machine(), stroke_m, "frobenius").upper_bound == np.inf
+        assert certify(machine(), stroke_m, "frobenius").upper_bound == np.inf
 
 
 @pytest.mark.long
@@ -137,11 +128,11 @@ def test_nothing_in_the_box_exceeds_its_certificate(seed):
     struts_m = stroke_m * np.vstack([jacobian.VERTICES, rng.uniform(-1, 1, (50, 6))])
     at_rest = jacobian.jacobian_at(geometry, np.zeros(6), jacobian.twist_in_base_axes)
     change = jacobian.jacobian_at(geometry, struts_m, jacobian.twist_in_base_axes) - at_rest
-    taylor = sum(certificate.jacobian_series(geometry, struts_m, certificate.ORDER).J[1:])
-    for norm in certificate.NORMS:
-        proof = certificate.certify(geometry, stroke_m, norm)
-        assert certificate.size(change, norm).max() <= proof.upper_bound
-        assert certificate.size(change - taylor, norm).max() <= proof.remainder + 1e-13
+    taylor = sum(jacobian_series(geometry, struts_m, ORDER).J[1:])
+    for norm in NORMS:
+        proof = certify(geometry, stroke_m, norm)
+        assert size(change, norm).max() <= proof.upper_bound
+        assert size(change - taylor, norm).max() <= proof.remainder + 1e-13
 
 
 @pytest.mark.long
@@ -229,7 +220,7 @@ def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
         assert at == pytest.approx(one.value, rel=1e-9)
         parts = one.linear + one.quadratic + one.cubic + one.remainder
         assert parts == pytest.approx(one.certified_upper_bound, rel=1e-6)
-    assert list(study.tables["variation"].norm) == list(certificate.NORMS)
+    assert list(study.tables["variation"].norm) == list(NORMS)
 
 
 def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
@@ -241,7 +232,7 @@ def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
     corner = STROKE_M * np.array([-1, -1, -1, -1, -1, 1])
     change = jacobian.jacobian_at(machine(), corner, jacobian.twist_in_base_axes) - nominal()
     assert np.unravel_index(np.abs(change).argmax(), (6, 6)) == (1, 2)
-    for norm in certificate.NORMS:
-        e = np.abs(change).max() / certificate.size(nominal(), norm)
+    for norm in NORMS:
+        e = np.abs(change).max() / size(nominal(), norm)
         assert tried.loc[theirs, norm] == pytest.approx(e, rel=1e-12)
         assert round(e, 4) == paper.JACOBIAN_VARIATION[norm]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from experiments import limits as loops
+from experiments.limits import Strategy, allocation, line_of_sight, move_arm, redistributed, room
 from prioritized import ConstrainedSystem
 from tests.profiles import examples
 
@@ -21,7 +21,7 @@ def test_the_outline_is_what_bounded_least_squares_can_reach():
     least = [
         np.sqrt(2 * lsq_linear(J_m, point, (lower, upper), method="bvls").cost) for point in points
     ]
-    found = loops.room(corners, points)
+    found = room(corners, points)
     np.testing.assert_allclose(-np.minimum(found, 0), least, atol=1e-6)
     assert (found > 0).any()
 
@@ -32,7 +32,7 @@ def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
     rng = np.random.default_rng(1)
     system = ConstrainedSystem(rng.normal(size=(4, 6)), None, np.arange(6))
     kinematics, v = system.with_failures(locked=[2]).kinematics(), np.array([0.3, -0.2])
-    find = loops.allocation(loops.Strategy(name, 1e4 if name == "weighted" else None))
+    find = allocation(Strategy(name, 1e4 if name == "weighted" else None))
     for half in (10.0, 0.05):
         limits = np.full(6, -half), np.full(6, half)
         found = find(kinematics, limits, [0, 1], [2, 3]).solve(v)
@@ -50,7 +50,7 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
     J_m, v, desired = rng.normal(size=(2, 6)), rng.normal(size=2), rng.normal(size=6)
     half = rng.uniform(0.1, 1.0, 6)
     kinematics = ConstrainedSystem(J_m, None, range(6)).kinematics()
-    rates = loops.redistributed(kinematics, (-half, half), [0, 1], []).solve(v, desired).rates
+    rates = redistributed(kinematics, (-half, half), [0, 1], []).solve(v, desired).rates
     assert (np.abs(rates) <= half).all()
     moving = np.abs(rates) < half
     if moving.sum() >= len(v):
@@ -61,11 +61,11 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
 
 @pytest.mark.long
 def test_the_line_of_sight_goes_out_and_back_and_a_locked_elbow_stands():
-    views = loops.line_of_sight(np.linspace(0, 40, 401), 40.0)
+    views = line_of_sight(np.linspace(0, 40, 401), 40.0)
     np.testing.assert_allclose(np.linalg.norm(views, axis=1), 1)
     np.testing.assert_allclose(views[[0, -1]], [[0, 0, 1]] * 2, atol=1e-12)
     assert np.arccos(views[:, 2]).max() == pytest.approx(0.9)
-    elbow_rad = loops.move_arm(loops.Strategy("strict"), 16.0)["joint_rad"][:, 3]
+    elbow_rad = move_arm(Strategy("strict"), 16.0)["joint_rad"][:, 3]
     assert np.ptp(elbow_rad[len(elbow_rad) // 2 + 1 :]) == 0.0
 
 

@@ -12,7 +12,6 @@ from sim import Jacobians, jacobians, load_model
 
 BY_NAME = {mechanism.name: mechanism for mechanism in systems.MECHANISMS}
 FREEDOMS = {"arm": 7, "hand": 3, "arms": 6, "platform": 3}
-each_name = pytest.mark.parametrize("name", FREEDOMS)
 
 
 @cache
@@ -31,7 +30,7 @@ def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
 # The files.
 
 
-@each_name
+@pytest.mark.parametrize("name", FREEDOMS)
 def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     """Freedoms are velocities less the rank of the closures; the motors rule them all."""
     model, data, task = model_of(name), mujoco.MjData(model_of(name)), BY_NAME[name].task
@@ -49,10 +48,6 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
 
 
 # The study.
-
-
-def probed(mechanism: systems.Mechanism, condition: str) -> systems.Probed:
-    return systems.Probed(load_model(mechanism.path), mechanism, condition)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +93,8 @@ def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     mechanism = BY_NAME["hand"]
     _, healthy = systems.classified(model_of("hand"), mechanism, "SSSS")
     _, locked = systems.classified(model_of("hand"), mechanism, "LSSS")
-    active, moved = systems.respond(probed(mechanism, "LSSS"), locked.actuators)
+    probed = systems.Probed(model_of("hand"), mechanism, "LSSS")
+    active, moved = systems.respond(probed, locked.actuators)
     right = moved - locked.J @ active
     dropped = moved - np.delete(healthy.J, 0, axis=1) @ np.eye(3)
     assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)

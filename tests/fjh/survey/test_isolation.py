@@ -18,8 +18,6 @@ from ftc.fdi import DEFAULT_CONFIG, separations
 from sim import MODELS
 from tests.random_systems import SEEDS
 
-TOLERANCE = 1e-9
-
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 7))
 def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, columns):
@@ -28,7 +26,7 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
     some = rng.normal(size=(rows, 3))
     B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
     B = rng.uniform(0.1, 10, (rows, 1)) * B
-    found = isolation.alike_columns(B, range(columns), TOLERANCE)
+    found = isolation.alike_columns(B, range(columns), 1e-9)
     ranks = {
         (i, j): np.linalg.matrix_rank(B[:, [i, j]], tol=1e-9)
         for i, j in itertools.combinations(range(columns), 2)
