@@ -13,11 +13,10 @@ from experiments.studies import LINES
 from tests import profiles
 from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
-# Whoever runs one test waits for what it imports: the command line, MuJoCo and NumPy are imported
-# where a fixture needs them.
+# Whoever runs one test waits for what it imports: the command line and MuJoCo are imported where a
+# fixture needs them.
 if TYPE_CHECKING:
     import mujoco
-    import numpy as np
 
 profiles.register()
 
@@ -35,6 +34,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as long whatever needs the files of a study, however it comes by them."""
     for item in items:
         names = set[str](getattr(item, "fixturenames", ()))
+        if "study" in names:  # the one that a module is named after, or a parameter
+            names.add(f"{item.path.stem.removeprefix('test_')}_folder")
         if callspec := getattr(item, "callspec", None):
             names.add(f"{callspec.params.get('study')}_folder")
         if names & {"scheduler", "compared", *(f"{name}_folder" for name in LINES)}:
@@ -79,10 +80,7 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 @pytest.fixture(scope="session")
 def made_once(shared) -> Make:
-    """Makes a folder in the process that needs it first; the others wait and take it over.
-
-    One name is one folder: another command needs another name.
-    """
+    """Makes a folder in the first process that needs it; one name is one folder and one command."""
 
     def made(name: str, make: Callable[[Path], int]) -> Path:
         folder, complete = shared / name, shared / f"{name}.complete"
@@ -106,6 +104,22 @@ def fjh(*words: str) -> Callable[[Path], int]:
     return command
 
 
+@pytest.fixture
+def refused(capfd) -> Callable[..., str]:
+    """The sentence with which words are refused: alone on standard error, without a traceback."""
+
+    def sentence(*words: str, code: int = 2) -> str:
+        from experiments.app.cli import main
+
+        assert main([*words]) == code
+        out, said = capfd.readouterr()
+        assert said.startswith("fjh: ") and said.count("\n") == 1 and len(said) < 2100
+        assert said[:-1].isprintable() and not out
+        return said
+
+    return sentence
+
+
 def folder_of(study: str, *words: str) -> Any:
     """A fixture: the folder of a study, made by its command with these words."""
 
@@ -125,18 +139,6 @@ goals_folder = folder_of("goals", "--quick")
 
 
 @pytest.fixture(scope="session")
-def release(release_folder):
-    """`release.json`."""
-    return json.loads((release_folder / "release.json").read_text())
-
-
-@pytest.fixture(scope="session")
-def systems(systems_folder):
-    """`systems.json`."""
-    return json.loads((systems_folder / "systems.json").read_text())
-
-
-@pytest.fixture(scope="session")
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
@@ -147,15 +149,3 @@ def table1(table1_folder):
     """`table1.json`, its columns by name."""
     summary = json.loads((table1_folder / "table1.json").read_text())
     return summary | {"by_name": {column["name"]: column for column in summary["columns"]}}
-
-
-@pytest.fixture(scope="session")
-def runs(table1, table1_folder):
-    """The `.npz` of each column, by name."""
-    import numpy as np
-
-    def load(file: str) -> "dict[str, np.ndarray]":
-        with np.load(table1_folder / file) as data:
-            return dict(data)
-
-    return {name: load(column["data"]) for name, column in table1["by_name"].items()}

@@ -1,6 +1,6 @@
 """A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -55,16 +55,6 @@ def made_run() -> Run:
         undiagnosed=None,
         status="Made.",
     )
-
-
-def run_of(arrays: Mapping[str, np.ndarray]) -> Run:
-    """A run of the hexapod from the arrays of its `.npz`."""
-    published = {"desired": "desired_rad", "true": "true_rad", "measured": "measured_rad"}
-    published |= {"inputs": "strut_input_percent", "displacement": "strut_displacement_m"}
-    published |= {"time_s": "time_s", "closure_m": "closure_residual_m"}
-    pose = NOMINAL.moved(np.hstack([arrays["true_rad"], arrays["secondary"]]))
-    known = {name: arrays[key] for name, key in published.items()}
-    return replace(made_run(), pose=pose, **known)
 
 
 def keep_made(folder: Path, name: str = "made", *, locked: bool = True) -> None:

@@ -4,9 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
+CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+INTERRUPTED = "fjh: interrupted: no file was left half-written\n"
 
 
 def _heard() -> None:
@@ -26,3 +31,13 @@ def started(*command: str) -> subprocess.Popen[str]:
         preexec_fn=_heard,
         text=True,
     )
+
+
+def ended(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
+    """It ends by the signal that it was sent, with one sentence, and leaves no process."""
+    _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (CODES[signal.Signals(number)], INTERRUPTED)
+    with pytest.raises(ProcessLookupError):
+        for _ in range(200):  # Python's own tracker of resources takes a moment
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)

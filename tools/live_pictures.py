@@ -23,9 +23,11 @@ def main(folder: Path) -> None:
     """Make all of them."""
     with browsed() as browser, tempfile.TemporaryDirectory() as out:
         for name, (words, actuator, word) in SHOWN.items():
-            with served(Path(out), *words, "--port", str(free_port())) as command:
-                page = Seen(browser.new_page(viewport=SIZE), command.url)
-                page.close_notice()
+            with served(Path(out), *words, "--port", str(free_port())) as (_, url):
+                page = Seen(browser.new_page(viewport=SIZE), url)
+                # That the browser draws without a graphics card.
+                notice = page.page.get_by_role("alert").filter(has_text="Software WebGL")
+                notice.get_by_role("button").click()
                 begin = page.until(lambda said: "believed sound" in said.supervised).clock_s
                 page.make(actuator, word)
                 page.until(lambda said, end=begin + SINCE_S: said.clock_s > end)

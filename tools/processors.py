@@ -1,11 +1,9 @@
 """`make test-processors`: the short tests, computed as on other processors.
 
-The last bits of a sum depend on the order of its terms, and that on the kernels of OpenBLAS and
-numpy, which are chosen by the processor, and on the number of threads. Each setting forces a choice
-that this processor can follow; the last keeps the choice and reverses the order of the test files.
+The last bits of a sum depend on the order of its terms, which OpenBLAS and numpy choose by the
+processor and the number of threads. Each setting forces a choice; the last reverses the test files.
 
-    python tools/processors.py            every setting; the exit code is the number that failed
-    python tools/processors.py NAME ...   those named
+    python tools/processors.py [NAME ...]    those settings, or all; exits with how many failed
 """
 
 import os
@@ -34,22 +32,15 @@ def output(code: str, **environment: str) -> str:
 
 
 def settings() -> dict[str, dict[str, str]]:
-    """Environment variables by the name of a setting; it says what cannot be set here."""
-    found, seen = {}, {}
+    """Environment variables by the name of a setting; of kernels those that differ here."""
+    kernels: dict[str, str] = {}
     for kernel in KERNELS:
-        loaded = output(LOADED, OPENBLAS_CORETYPE=kernel)
-        if loaded in seen:
-            print(f"{kernel}: computed here with the kernels of {loaded}, as {seen[loaded]}")
-        elif not loaded or (kernel not in loaded and kernel != "Zen"):
-            print(f"{kernel}: this processor cannot run it")
-        else:
-            seen[loaded] = kernel
-            found[kernel] = {"OPENBLAS_CORETYPE": kernel}
+        if loaded := output(LOADED, OPENBLAS_CORETYPE=kernel):
+            kernels.setdefault(loaded, kernel)
+    found = {kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in kernels.values()}
     wide = [each for each in output(FEATURES).split() if each[:4] in ("AVX2", "FMA3", "AVX5")]
     found["no-avx2-fma3"] = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide)}
-    found["two-threads"] = {"OPENBLAS_NUM_THREADS": "2"}
-    found["reversed"] = {}
-    return found
+    return found | {"two-threads": {"OPENBLAS_NUM_THREADS": "2"}, "reversed": {}}
 
 
 def run(name: str, environment: dict[str, str]) -> bool:

@@ -1,10 +1,6 @@
 """`make wheel-test`: build the wheel, install it step by step in an empty environment, use it.
 
-    python tools/wheel.py             a wheel of this checkout
-    python tools/wheel.py FILE.whl    this one
-
-Every command runs in a folder outside the checkout, the README's Python too. Needs a package index:
-pytest leaves this file out.
+`python tools/wheel.py FILE.whl` takes this one. Needs a package index: pytest leaves this file out.
 """
 
 import os
@@ -16,8 +12,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_SOURCES = (".*_cache", ".git", ".hypothesis", ".venv", "*.egg-info", "__pycache__")
-NOT_SOURCES += ("build", "dist", "results")
+NOT_SOURCES = (
+    *(".*_cache", ".git", ".hypothesis", ".venv", "*.egg-info", "__pycache__"),
+    *("build", "dist", "results"),
+)
 
 BASE = """
 import pkgutil, importlib
@@ -101,13 +99,6 @@ def extra_of(sentence: str) -> str:
     return re.findall(r'pip install "\.(\[\w+\])"', lines[0])[0]
 
 
-def readme(folder: Path) -> str:
-    """All Python of README.md; the reader's own file, the serial arm, is put into the folder."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    shutil.copy(ROOT / "models" / "arm.xml", folder / "yours.xml")
-    return "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
-
-
 def main() -> None:
     """Raise or exit with a message where the wheel does not do what the README says."""
     with TemporaryDirectory() as folder:
@@ -124,7 +115,10 @@ def main() -> None:
         assert user("fjh", "--version") == f"fjh {version}\n"
         user("fjh", "table1", "--quick", "--quiet", "--out", "table1")
         assert (user.folder / "table1" / "table1.json").is_file()
-        print(user("python", "-c", readme(user.folder)), end="")
+        shutil.copy(ROOT / "models" / "arm.xml", user.folder / "yours.xml")
+        text = (ROOT / "README.md").read_text(encoding="utf-8")
+        blocks = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+        print(user("python", "-c", "\n".join(blocks)), end="")
         (user.folder / "typed.py").write_text(TYPED)
         complaints = user("python", "-m", "mypy", "typed.py", code=1)
         found = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)

@@ -11,25 +11,6 @@ ANSWERS = {name: np.array([[1.0, 2.0], [3.0, 4.0]]) for name in ("ours", "theirs
 STABLE = table.RATIOS[table.RATIOS["stable"]]
 
 
-def rows_of(us: dict[str, float]) -> pd.DataFrame:
-    """Times of calls of Problem 1, one turn each, ten units in each."""
-    return table.measured(table.times_us(run_of({name: [one] for name, one in us.items()})))
-
-
-def run_of(us: dict[str, list[float]]) -> dict:
-    """pytest-benchmark's JSON of times of calls with ten units each, by turns."""
-    return {
-        "benchmarks": [
-            {
-                "extra_info": {"question": "problem_1", "name": name, "units": 10},
-                "stats": {"min": 1e-5 * one},
-            }
-            for name, turns in us.items()
-            for one in turns
-        ]
-    }
-
-
 @pytest.mark.parametrize("wrong", [1.001, np.nan])
 def test_one_who_answers_otherwise_is_named_and_nobody_else(wrong):
     agree(ANSWERS, 1e-9)
@@ -39,7 +20,10 @@ def test_one_who_answers_otherwise_is_named_and_nobody_else(wrong):
 
 
 def test_a_time_is_the_least_of_all_turns_of_one_unit():
-    us = table.times_us(run_of({"daqp": [9.0, 3.0, 4.0]}))
+    """Of pytest-benchmark's JSON of calls with ten units each."""
+    told = {"question": "problem_1", "name": "daqp", "units": 10}
+    turns = [{"extra_info": told, "stats": {"min": 1e-5 * one}} for one in (9.0, 3.0, 4.0)]
+    us = table.times_us({"benchmarks": turns})
     assert us.to_dict() == pytest.approx({("problem_1", "daqp"): 3.0})
 
 
@@ -50,11 +34,3 @@ def test_only_what_hardly_scatters_fails_beyond_three_times_its_bound():
 
     assert failing(1e3) == {*STABLE["compared"]}
     assert failing(2.9 * table.RATIOS["bound"]) == set()
-
-
-def test_the_table_has_what_was_timed_and_the_figure_too():
-    rows = rows_of({"ours": 12.0, "daqp": 4.0})
-    [row] = table.table(rows).splitlines()[2:]
-    assert row == "| one Problem 1 / daqp, matrices given | 12 | 4 | 3 | 1.5 | 0.8 |"
-    [axes] = table.figure(rows).axes
-    assert [text.get_text() for text in axes.get_yticklabels()] == [row.split(" | ")[0][2:]]

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.conftest import fjh, folder_of
+from tests.experiments.results import Results
 
 HERE = ("--workers", "2")
 SHORT_SWEEP = Path(__file__).with_name("short_sweep.toml")
@@ -22,6 +23,13 @@ uncorrected_folder = folder_of("uncorrected", "--quick")
 limits_folder = folder_of("limits", "--quick")
 force_folder = folder_of("force", "--quick")
 sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *HERE)
+
+
+@pytest.fixture(scope="module")
+def study(request) -> Results:
+    """What is left by the study that a module is named after, as test_goals.py after goals."""
+    name = request.module.__name__.rpartition("test_")[2]
+    return Results(request.getfixturevalue(f"{name}_folder"), name)
 
 
 @pytest.fixture(scope="session")

@@ -43,17 +43,6 @@ def run(result: Result, *words: str) -> None:
     study_app(list(words), standalone_mode=False)
 
 
-def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, tmp_path):
-    place = tmp_path / "a folder of so long a name that eighty columns are not wide enough for it"
-    run(SOUND, "--out", str(place))
-    checked, written, following = capsys.readouterr().out.splitlines()[-3:]
-    assert checked == "All checks passed (1)."
-    assert written == f"Files are in {place}; open {place / 'measure.md'} first."
-    assert following == "Next: fjh paper report --quick"
-    run(SOUND, "--quick")
-    assert capsys.readouterr().out.splitlines()[-1] == "Next: fjh paper measure"
-
-
 @pytest.mark.parametrize("quiet", [False, True])
 def test_every_failed_check_is_named_and_raised_in_every_mode(capsys, quiet):
     nan = float("nan")

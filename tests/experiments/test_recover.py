@@ -17,29 +17,9 @@ from experiments.recover import plan
 from experiments.recover.plan import exact_rig
 from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
 from experiments.recover.row import COLUMNS, INFORMED_LATE, informed_late
-from experiments.recover.tables import (
-    checks,
-    delays,
-    grouped,
-    noise_of,
-    per_hour,
-    share,
-)
+from experiments.recover.tables import checks, delays, grouped, noise_of, per_hour, share
 from fjh.study.errors import WrongInput
-from sim import HEXAPOD_MJCF
 from tests.experiments.results import Results
-
-
-@pytest.fixture(scope="module")
-def study(recover_folder):
-    return Results(recover_folder, "recover")
-
-
-def failed(study: Results, **spoilt: pd.DataFrame) -> list[str]:
-    """What the checks say of the study with some tables changed."""
-    rows = spoilt.pop("rows", study.rows)
-    judged = checks(study.summary, rows, study.tables | spoilt)
-    return [str(each) for each in judged if not each.passed]
 
 
 def test_the_failures_are_found_named_and_gone_around(study):
@@ -49,23 +29,18 @@ def test_the_failures_are_found_named_and_gone_around(study):
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     assert {*failures.index} == {"exact", "all"}
     assert (failures[["right_rate", "detected_rate"]] == 1.0).all(axis=None)
-    assert not failures[["alarm_before_count", "healthy_named_count"]].any(axis=None)
-    assert (failures.named_median_s < 0.3).all()
+    assert not failures.alarm_before_count.any() and (failures.named_median_s < 0.3).all()
     assert failures.over_informed_after_pooled.between(0.9, 1.1).all()
     assert (tables["pairs"].handled_rate == 1.0).all()
     mixed = flown.query("sort == 'failure' and mismatch == 'all'")
     assert failures.right_count["all"] == mixed.right.sum()
     assert (mixed.rms_supervised_after < 0.95 * mixed.rms_unaware_after).all()
     assert (mixed.alarm_s.gt(0) & mixed.alarm_s.le(mixed.named_s)).all()
-    [healthy] = tables["healthy"].itertuples()
-    assert healthy.alarms == healthy.commands_changed == healthy.healthy_named_count == 0
     cost = tables["dither_cost"]
     assert cost.change.abs().max() < 0.5 * cost.reseeded.abs().max()  # less than another seed
 
 
-def test_no_belief_about_one_strut_destabilizes_the_loop(study):
-    found = study.tables["beliefs"]
-    assert found.largest_pole.max() < 1 and found.sensitivity_peak.max() < 3
+def test_a_loop_six_times_as_loud_is_destabilized_by_a_belief():
     rig = exact_rig()
     louder = tuple(replace(each, C=6 * each.C, D=6 * each.D) for each in rig.control.loops)
     testbed = replace(rig.control.testbed, loops=louder)
@@ -200,29 +175,13 @@ def test_events_have_rows_a_table_and_checks(tmp_path):
     errors = [lock[f"rms_{who}_since"] for who in ("informed", "supervised", "unaware")]
     assert errors == sorted(errors) and flown.alarms[0] == 0
     good = events.assign(counted_worst=1.0, ended=0)
-    assert failed(study, by_event=good) == []
-    for column, value, why in (("counted_worst", 1.2, "is 1.2"), ("ended", 1, "is inf")):
-        spoilt = good.assign(**{column: [value, *good[column][1:]]})
-        [found] = failed(study, by_event=spoilt)
-        assert "locked: largest RMS error over" in found and why in found
     thrown = flown.assign(peak_supervised_since=99.0, closure_residual_max_m=2e-7)
-    [found] = failed(study, rows=thrown, by_event=good)
-    assert "an event throws far" in found
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--events --hours 3", "--hours does not go with --events"),
-        ("--scheduler x --controller ftc.loop:Stage", "module is here"),
-        ("--model ARM --dither often", "dither must be none, default, designed, or a frequency"),
-        ("--model ARM --scheduler tcp://there:1", "--scheduler does not go with --model"),
-        ("--crossover 0.7", "--crossover needs --model"),
-    ],
-)
-def test_wrong_input_of_the_study_is_a_sentence(words, said, tmp_path, capfd):
-    given = words.replace("ARM", str(HEXAPOD_MJCF.with_name("arm.xml"))).split()
-    assert main(["recover", "--quick", *given, "--out", str(tmp_path / "out")]) == 2
-    error = capfd.readouterr().err
-    assert said in error and error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
+    for rows, by_event, said in (
+        (flown, good, []),
+        (flown, good.assign(counted_worst=[1.2, *good.counted_worst[1:]]), ["is 1.2"]),
+        (flown, good.assign(ended=[1, *good.ended[1:]]), ["is inf"]),
+        (thrown, good, ["an event throws far"]),
+    ):
+        judged = checks(study.summary, rows, study.tables | {"by_event": by_event})
+        found = [str(each) for each in judged if not each.passed]
+        assert len(found) == len(said) and all(part in found[0] for part in said)

@@ -25,19 +25,17 @@ def measure(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_refusal_of_the_library_is_a_sentence(capfd, measure):
+def test_a_refusal_of_the_library_is_a_sentence(refused, measure):
     """One place makes it of whatever check raises, wherever in the project."""
-    assert cli.main(measure(lambda: check.array("joint_weight", [1e200]))) == 2
-    said = capfd.readouterr().err
-    assert said.startswith("fjh: joint_weight must be smaller than") and said.count("\n") == 1
+    said = refused(*measure(lambda: check.array("joint_weight", [1e200])))
+    assert said.startswith("fjh: joint_weight must be smaller than")
 
 
-def test_a_mistake_of_the_program_is_reported_as_one(capfd, measure, monkeypatch):
+def test_a_mistake_of_the_program_is_reported_as_one(refused, measure, monkeypatch):
     """Nobody's input is blamed; a variable shows the traceback."""
     words = measure(lambda: int("no number"))
-    assert cli.main(words) == 1
-    said = capfd.readouterr().err
-    assert said.startswith("fjh: this is a mistake of the program") and said.count("\n") == 1
+    said = refused(*words, code=1)
+    assert said.startswith("fjh: this is a mistake of the program")
     assert "ValueError in test_refusals.py" in said and TRACEBACK in said
     monkeypatch.setenv(TRACEBACK, "1")
     with pytest.raises(ValueError, match="no number"):

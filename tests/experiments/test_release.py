@@ -13,15 +13,8 @@ from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from sim import NOMINAL, Failure, Plant, jacobians, linearize
 from sim.mjcf import joint_stiffness, weightless
-from tests.experiments.results import Results
-
-
-@pytest.fixture(scope="module")
-def study(release_folder):
-    return Results(release_folder, "release")
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +46,7 @@ def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
 
 @pytest.mark.parametrize("kind", ["free", "loose"])
 def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
-    """Z (Z^T K Z)^-1 Z^T B u: constraint softness must not leak a stiff spring into a soft motion.
-
-    It did: accelerations of the softened constraints made a loose strut 13 % too stiff.
-    """
+    """Z (Z^T K Z)^-1 Z^T B u: soft constraints once made a loose strut 13 % too stiff."""
     orbit = weightless(model)
     plant = Plant(orbit)
     Failure(0, kind).strike(plant)
@@ -110,40 +100,19 @@ def test_motion_is_the_linear_models_and_not_quasi_static_with_dampers(spirals):
     quasi_static = failing.groupby("kind").motion_mismatch_quasi_static_percent
     assert quasi_static.max()["free"] < 4.0
     assert quasi_static.min()["loose"] > 30.0
-    for angle in ("alpha", "beta"):
-        known = failing.dropna(subset=f"predicted_{angle}_rms_urad")
-        expected = known[f"predicted_{angle}_rms_urad"]
-        np.testing.assert_allclose(known[f"{angle}_rms_urad"], expected, rtol=0.005)
 
 
-def test_at_rest_the_elastic_mapping_is_right_at_every_stiffness(study):
+def test_at_rest_the_elastic_mapping_is_right_and_one_for_locks_the_worse_the_softer(study):
     sweep = study.tables["sweep"]
     assert list(sweep.suspension_over_swing) == list(RATIOS)
     # What is left is the struts that still have a coil: they are forces against springs, and
     # yield to the flexures by 0.25 %; the linear model knows that.
     assert (sweep.mismatch_elastic_percent < 0.3).all()
     assert (sweep.mismatch_linear_model_percent < 0.01).all()
-    np.testing.assert_allclose(sweep.alpha_corrected_urad, 100.0, rtol=0.003)
-    assert (sweep.beta_corrected_urad.abs() < 0.1).all()
     np.testing.assert_allclose(sweep.all_flexures_n_per_m, 197.0, atol=0.5)
-    np.testing.assert_allclose(sweep.strut_1_simulated_um, sweep.strut_1_elastic_um, rtol=4e-3)
     as_if_locked = sweep.mismatch_as_if_locked_percent.to_numpy()
     assert as_if_locked[0] < 0.4 and as_if_locked[-1] > 45.0
     assert np.all(np.diff(as_if_locked) > 0)
-
-
-@pytest.mark.long
-def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
-    testbed = replace(nominal_testbed(), stiffness=strut_and_payload_stiffness(model))
-    rig, bench = hexapod_rig(testbed), testbed.bench
-    controller = rig.reconfigured(EQUAL, replace(EQUAL, free=(0,)), 0.2)
-    run = rig.fly(controller, bench.spiral_rad(0.8), failures=[Failure(0, "free", 0.2)])
-    strut_1 = run.inputs[:, 0]
-    before, after = strut_1[run.time_s < 0.2], strut_1[run.time_s >= 0.2]
-    assert np.any(before)
-    # Its last command fades within half a second, and is nothing from then on.
-    assert (np.diff(np.abs(after)) <= 0).all() and np.abs(after).max() <= np.abs(before[-1])
-    assert not np.any(strut_1[run.time_s >= 0.2 + bench.handover_s])
 
 
 def test_a_mapping_of_a_free_strut_needs_springs(model):

@@ -7,12 +7,11 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from pathlib import Path
 from urllib.parse import unquote_to_bytes
 
-import matplotlib.image
 import pandas as pd
 import pytest
+from PIL import Image
 
 from experiments.app import report as report_module
 from experiments.app.cli import main
@@ -23,10 +22,6 @@ from fjh.study.result import Check, Picture, Result, Shown
 from tests.made import made_study
 
 HEIGHTS = Shown("Of <it>", pd.DataFrame({"x": ["a < b"], "y_um": [7.25]}), "x y_um:.2f", "& why.")
-
-
-def record(folder: Path) -> None:
-    (folder / "run.rrd").write_text("a recording")
 
 
 PICTURE = Picture("figure", "A <pixel>.", 'One "pixel".', lambda: new_figure(1, 1))
@@ -46,7 +41,7 @@ def stub(ran: list[str], failed=0.0, raised=None, pictures=()) -> Callable[..., 
             shown=[HEIGHTS],
             notes=["5 < 6 & so on"],
             pictures=list(pictures),
-            records=[record],
+            records=[lambda folder: (folder / "run.rrd").touch()],
         )
 
     return make
@@ -80,14 +75,12 @@ def text_of(page: str, told: dict) -> str:
         assert link.startswith("data:image/") or link.removeprefix("#") in places, link
     assert not re.search(r"<(script|link|iframe|object|base)\b|url\(|@import|https?:", page)
     for data in re.findall(r'src="data:image/png;base64,([^"]*)"', page):
-        pixels = matplotlib.image.imread(io.BytesIO(base64.b64decode(unquote_to_bytes(data))))
-        assert pixels.size > 0
+        Image.open(io.BytesIO(base64.b64decode(unquote_to_bytes(data)))).verify()
     text = html.unescape(re.sub(r"<[^>]*>", "", page))
     for chapter in told["chapters"]:
         assert chapter["command"] in text
         assert (chapter["complaint"] or "checks passed") in text
-    facts = [f"{name} {version}" for name, version in told["versions"].items()]
-    for fact in (told["command"], told["commit"], told["code_sha256"], *facts):
+    for fact in (told["command"], told["commit"], told["code_sha256"], *told["versions"].values()):
         assert fact in text
     return text
 
@@ -178,9 +171,7 @@ def test_an_unsound_chapter_is_told_and_the_others_still_run(report, tmp_path):
 def test_a_real_study_is_on_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(report_module, "CHAPTERS", {"release": {}})
     assert main(["paper", "report", "--quick", "--quiet", "--out", str(tmp_path)]) == 0
-    told = json.loads((tmp_path / "report.json").read_text())
     page = (tmp_path / "report.html").read_text()
-    text = text_of(page, told)
+    text = text_of(page, json.loads((tmp_path / "report.json").read_text()))
     for cell in re.findall(r"\| ([\d.]+) ", (tmp_path / "release" / "release.md").read_text()):
         assert cell in text
-    assert page.count("<img") == 1

@@ -10,16 +10,6 @@ import pytest
 from experiments.recover import plan
 from experiments.recover import row as rows
 from experiments.recover.plan import Case, exact_rig
-from experiments.recover.row import (
-    COLUMNS,
-    Holding,
-    fly,
-    row_of,
-    supervised,
-    supervised_columns,
-    tick_at,
-    unaware,
-)
 from fjh.rig.events import Event
 from fjh.rig.run import Diagnosed
 from ftc import Measurement
@@ -36,22 +26,19 @@ def test_a_run_that_ends_early_is_a_row(monkeypatch):
 
     monkeypatch.setattr(rows, "supervised", fails)
     monkeypatch.setattr(rows, "unaware", diverges)
-    row = row_of(plan.hexapod_events(["locked"], 1, 2.0, 0)[1])
+    row = rows.row_of(plan.hexapod_events(["locked"], 1, 2.0, 0)[1])
     assert row["status"] == "ended" and row["message"] == "ValueError: no such number"
-    assert "non-finite" in row["unaware_ended"] and set(row) <= set(COLUMNS)
+    assert "non-finite" in row["unaware_ended"] and set(row) <= set(rows.COLUMNS)
     assert row["actuator"] == "strut1" and "rms_unaware_since" not in row
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("seed", "draw"), [(0, 3), (0, 288), (1, 27)])
 def test_a_lock_is_not_taken_for_the_opposite_strut_nor_for_the_floor(seed, draw):
-    """In half a period of the dither hysteresis and dampers made them alike.
-
-    And without an autoregression of order 10 the floor would leave an alarm unexplained.
-    """
+    """In half a period of the dither hysteresis, dampers and the floor made them alike."""
     case = plan.hexapod_failures([("failure", "all", 1.0, draw + 1)], 0, 0.1, seed)[draw]
-    assert tick_at(exact_rig(), case, case.happens_s) == round(1e3 * plan.BEFORE_S)
-    row, _ = fly(case)
+    assert rows.tick_at(exact_rig(), case, case.happens_s) == round(1e3 * plan.BEFORE_S)
+    row, _ = rows.fly(case)
     assert row["right"] and not row["healthy_named"] and not row["alarm_before"]
 
 
@@ -59,48 +46,44 @@ def test_a_lock_is_not_taken_for_the_opposite_strut_nor_for_the_floor(seed, draw
 def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch):
     """Without an alarm the supervised controller sends the commands of the unaware one."""
     [case] = plan.hexapod_failures([], 1, 0.1, 0)
-    run = supervised(case.rig(), case)
+    run = rows.supervised(case.rig(), case)
     assert run.state.watch.alarm_ticks == ()
-    np.testing.assert_array_equal(run.inputs, unaware(case.rig(), case).inputs)
+    np.testing.assert_array_equal(run.inputs, rows.unaware(case.rig(), case).inputs)
     watch = replace(run.state.watch, alarm_ticks=(5,))
     state = replace(run.state, watch=watch)
     alarmed = replace(run, inputs=run.inputs + 1e-12, state=state)
     monkeypatch.setattr(rows, "supervised", lambda *_: alarmed)
-    assert row_of(case)["commands_changed"]
+    assert rows.row_of(case)["commands_changed"]
 
 
 def test_a_controller_that_does_nothing_holds_its_commands_on_nan():
     controller = exact_rig().controller()
-    holding = Holding(controller, controller, None)
+    holding = rows.Holding(controller, controller, None)
     state = holding.step(holding.start(), np.full(2, 1e-6), Measurement(np.zeros(2), np.zeros(6)))
     held = holding.step(state, np.full(2, 1e-6), Measurement(np.array([np.nan, 0]), np.zeros(6)))
     assert held.ticks == 2 and held.controller is state.controller
 
 
-def columns_of(*diagnoses: Diagnosed, causes: tuple[Cause | None, ...] = (), **case: Any) -> dict:
-    """Columns of a run of five seconds with these diagnoses; an alarm 10 ms before each."""
-    number = exact_rig().number
-    standing = {
-        one.actuator: Diagnosis.told(Fault(number(one.actuator), one.kind))
-        for one in diagnoses
-        if one.withdrawn_s is None
-    }
-    alarms = tuple(round(1e3 * one.time_s) - 10 for one in diagnoses)
+def columns_of(
+    *named: tuple[int, Any, int],
+    withdrawn_s: float | None = None,
+    causes: tuple[Cause | None, ...] = (),
+    **case: Any,
+) -> dict:
+    """Columns of a run of 5 s; strut, kind and tick of each diagnosis, 10 ms after its alarm."""
+    faults = {strut: Fault(strut, kind) for strut, kind, _ in named if withdrawn_s is None}
+    alarms = tuple(tick - 10 for _, _, tick in named)
     watch = SimpleNamespace(alarm_ticks=alarms, causes=causes, unexplained=False)
     run: Any = SimpleNamespace(
-        diagnoses=diagnoses,
-        state=SimpleNamespace(watch=watch, standing=list(standing.values())),
+        diagnoses=[Diagnosed(f"strut{k + 1}", kind, t / 1e3, withdrawn_s) for k, kind, t in named],
+        state=SimpleNamespace(watch=watch, standing=list(map(Diagnosis.told, faults.values()))),
         task_lost=False,
         status="",
         closure_max_m=0.0,
         error=np.zeros((5000, 2)),
     )
     own = Case(case.pop("sort", "event"), duration_s=5.0, **case)
-    return supervised_columns(exact_rig(), own, run)
-
-
-def said(strut: int, kind: Any, tick: int, withdrawn_s: float | None = None) -> Diagnosed:
-    return Diagnosed(f"strut{strut + 1}", kind, tick / 1e3, withdrawn_s)
+    return rows.supervised_columns(exact_rig(), own, run)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +100,7 @@ def test_an_actuator_is_rightly_named_only_after_it_has_failed(
     named, right, healthy_named, all_right
 ):
     pair = (Failure(0, "locked", 2.0), Failure(4, "free", 3.0))
-    found = columns_of(*(said(*each) for each in named), sort="pair", failures=pair)
+    found = columns_of(*named, sort="pair", failures=pair)
     assert (found["right"], found["healthy_named"]) == (right, healthy_named)
     assert found["all_right"] == all_right
 
@@ -135,9 +118,9 @@ def test_an_actuator_is_rightly_named_only_after_it_has_failed(
 def test_after_an_event_what_failed_is_rightly_named_and_nothing_else(
     event, named, right, healthy_named
 ):
-    found = columns_of(said(*named), events=(event,))
+    found = columns_of(named, events=(event,))
     assert (bool(found["right"]), found["healthy_named"]) == (right, healthy_named)
-    assert not columns_of(said(*named, withdrawn_s=1.9), events=(event,)).get("kind_right")
+    assert not columns_of(named, withdrawn_s=1.9, events=(event,)).get("kind_right")
 
 
 @pytest.mark.parametrize(

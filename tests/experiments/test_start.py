@@ -1,7 +1,4 @@
-"""A signal at any moment: its exit code, one sentence, no traceback, no file, no process.
-
-What comes before Python runs the first line of `experiments` is Python's own.
-"""
+"""A signal at any moment: its exit code, one sentence, no traceback, no file, no process."""
 
 import contextlib
 import os
@@ -13,11 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.processes import started
+from tests.processes import CODES, ended, started
 
-ROOT = Path(__file__).parents[2]
-CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
-SAID = "fjh: interrupted: no file was left half-written\n"
 EVERY = pytest.mark.parametrize("number", CODES)
 ONE_BY_DAY = pytest.mark.parametrize(
     "number", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.long) for each in [15, 1])]
@@ -30,17 +24,6 @@ def at(moment: str) -> subprocess.Popen[str]:
     assert process.stdout
     assert process.stdout.readline() == "here\n"
     return process
-
-
-def ended(process: subprocess.Popen[str], number: int) -> None:
-    """It ends by the signal, with the sentence alone, and leaves no worker."""
-    _, error = process.communicate(timeout=60)
-    assert error == SAID
-    assert process.returncode == CODES[signal.Signals(number)]
-    with pytest.raises(ProcessLookupError):
-        for _ in range(200):  # Python's own tracker of resources takes a moment
-            os.killpg(process.pid, 0)
-            time.sleep(0.05)
 
 
 IMPORTING = """
@@ -138,12 +121,12 @@ PARALLEL = """
 """
 
 
-def workers(process: subprocess.Popen[str]) -> int:
-    found = 0
-    for child in psutil.Process(process.pid).children():
-        with contextlib.suppress(psutil.Error):  # it may be gone by now
-            found += any("spawn_main" in word for word in child.cmdline())
-    return found
+def works(process: subprocess.Popen[str]) -> bool:
+    """Whether it has a worker."""
+    with contextlib.suppress(psutil.Error):  # it may be gone by now
+        children = psutil.Process(process.pid).children()
+        return any("spawn_main" in word for child in children for word in child.cmdline())
+    return False
 
 
 @pytest.mark.long
@@ -154,7 +137,7 @@ def workers(process: subprocess.Popen[str]) -> int:
 def test_while_workers_start(number, later_s, whom, tmp_path):
     process = running(tmp_path / "out", PARALLEL)
     deadline = time.monotonic() + 60
-    while not workers(process) and time.monotonic() < deadline:
+    while not works(process) and time.monotonic() < deadline:
         time.sleep(0.01)
     time.sleep(later_s)
     whom(process.pid, number)

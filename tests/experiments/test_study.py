@@ -85,8 +85,8 @@ BASIS = basis_of(seed=0)
 
 
 def table(folder: Path, runs=TEN, basis=BASIS, resume: bool | None = True, made=row, **more):
-    how = {"name": "many", "folder": folder, "on_progress": nothing} | more
-    return rows_of(runs, made, basis, Where(resume=resume), **how)
+    given = {"where": Where(resume=resume), "on_progress": nothing} | more
+    return rows_of(runs, made, basis, name="many", folder=folder, **given)
 
 
 @pytest.fixture
@@ -116,13 +116,12 @@ def assert_same(found: pd.DataFrame, whole: pd.DataFrame) -> None:
 
 
 def test_rows_are_what_was_returned_and_what_is_missing_is_nan(whole):
-    expected = [row(run) for run in TEN]
-    assert whole["value"].tolist() == [each["value"] for each in expected]
-    for name in ("whole", "word"):
-        assert whole[name].isna().tolist() == [each[name] is None for each in expected]
-    assert whole["nothing"].isna().all() and whole["nothing"].dtype == float
-    assert np.isinf(whole["infinite"]).all()
-    assert whole["case"].tolist() == list(range(10)) and whole["case"].dtype == int
+    pd.testing.assert_frame_equal(
+        whole.astype(object).where(whole.notna(), None),
+        pd.DataFrame([row(run) for run in TEN], dtype=object),
+        check_exact=True,
+    )
+    assert whole["nothing"].dtype == float and whole["case"].dtype == int
 
 
 def stop_after(count: int):
@@ -252,8 +251,7 @@ def test_a_folder_is_one_studys_until_that_is_killed(tmp_path):
 def test_a_scheduler_gives_the_same_rows_another_release_none(
     scheduler, whole, monkeypatch, tmp_path
 ):
-    how = {"name": "many", "folder": tmp_path, "on_progress": nothing}
-    assert_same(rows_of(TEN, row, BASIS, Where(scheduler=scheduler), **how), whole)
+    assert_same(table(tmp_path, where=Where(scheduler=scheduler)), whole)
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
     with pytest.raises(WrongInput, match="it has another release"), workers.cluster(scheduler):
         pass
@@ -264,20 +262,16 @@ def test_a_scheduler_gives_the_same_rows_another_release_none(
 
 
 @pytest.mark.parametrize(
-    ("address", "warned"),
-    [
-        *((each, True) for each in ("tcp://head:8786", "head:8786", "tcp://10.0.0.1:1")),
-        *((each, False) for each in ("tls://head:8786", "tcp://127.0.0.1:1", "tcp://localhost:1")),
-    ],
+    "address", ["tcp://head:8786", "head:8786", "tls://head:8786", "tcp://127.0.0.1:1"]
 )
-def test_a_scheduler_that_others_can_reach_is_warned_of(address, warned, capsys, monkeypatch):
+def test_a_scheduler_that_others_can_reach_is_warned_of(address, capsys, monkeypatch):
     def refuses(*_: object, **__: object) -> None:
         raise OSError("no client here")
 
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=refuses))
     with pytest.raises(WrongInput, match="no client here"), workers.cluster(address):
         pass
-    said = capsys.readouterr().err
+    said, warned = capsys.readouterr().err, not address.startswith(("tls://", "tcp://127."))
     assert ("is not encrypted" in said) == warned and said.count("\n") == warned
 
 

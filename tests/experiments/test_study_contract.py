@@ -2,6 +2,7 @@
 
 import re
 import sys
+from inspect import signature
 from math import nan
 from typing import Any
 
@@ -27,14 +28,13 @@ def results(request, name) -> Results:
 
 
 WHOLE = [
-    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full")
-    for name in LINES
-    if name in AT_NIGHT
+    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full") for name in sorted(AT_NIGHT)
 ]
 
 
 @pytest.mark.parametrize("name", [*LINES, *WHOLE])
-def test_a_study_leaves_what_its_json_lists_and_its_tables_twice(results, name):
+def test_a_study_leaves_what_its_json_lists_tables_twice_and_figures_on_its_page(results, name):
+    """Figures as PNG and as PDF, which has no date: two runs leave the same bytes."""
     summary, files = results.summary, {path.name for path in results.folder.iterdir()}
     assert summary["experiment"] == name
     assert {"seed", "versions", "model_sha256", "files"} <= set(summary)
@@ -48,11 +48,6 @@ def test_a_study_leaves_what_its_json_lists_and_its_tables_twice(results, name):
             found = records_of(pd.read_parquet(results.folder / file))
             stated = [{key: each.get(key) for key in found[0]} for each in summary[table[1]]]
             assert found == stated, file
-
-
-@pytest.mark.parametrize("name", [*LINES, *WHOLE])
-def test_the_figures_of_a_study_open_and_stand_on_its_page(results, name):
-    """As PNG and as PDF, which has no date: two runs leave the same bytes."""
     page = (results.folder / f"{name}.md").read_text()
     shown = sorted(results.folder.glob("*.pdf"))
     assert shown and {path.stem for path in shown} == {p.stem for p in results.folder.glob("*.png")}
@@ -158,30 +153,20 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
 def failures(
     name: str, summary: dict[str, Any], rows: pd.DataFrame, tables: dict[str, pd.DataFrame]
 ) -> list[str]:
-    """What the checks of a study say of these results."""
+    """What the checks of a study say of these results, each called with what it asks for."""
     module: Any = sys.modules[study(name).__module__]
-    keys: tuple[str, ...] = {
-        "goals": ("runs", "angles", "another_seed"),
-        "limits": ("spirals", "arm", "conditions", "out_of_reach"),
-        "release": ("spirals", "sweep", "on_the_ground_without_spring"),
-        "systems": ("systems",),
-        "uncorrected": ("runs",),
-    }.get(name, ())
-    if name == "atlas":
-        found = module.atlas_checks(beside_model(rows))
-    elif name == "sweep":
-        found = module.checks(beside_model(rows))
-    elif name == "table1":
-        found = module.checks(tables["columns"], tables["further_runs"], summary["duration_s"])
-    elif name == "jacobian":
-        found = module.checks(tables, summary["J0_from_mjcf_largest_difference"])
-    elif name == "recover":
-        found = module.checks(summary, rows, tables)
-    elif name == "track":
-        found = module.checks(summary)
-    else:
-        found = module.checks(*(tables[key] for key in keys)) if keys else module.checks(tables)
-    return [str(check) for check in found if not check.passed]
+    known: dict[str, Any] = {
+        **tables,
+        **{"tables": tables, "rows": rows, "settings": summary, "found": summary},
+        "further": tables.get("further_runs"),
+        "duration_s": summary.get("duration_s"),
+        "from_mjcf": summary.get("J0_from_mjcf_largest_difference"),
+    }
+    if name in ("atlas", "sweep"):
+        known["beside"] = beside_model(rows)
+    checks = module.atlas_checks if name == "atlas" else module.checks
+    asked = [key for key in signature(checks).parameters if key != "_"]
+    return [str(check) for check in checks(*map(known.get, asked)) if not check.passed]
 
 
 @pytest.mark.parametrize(("name", "table", "where", "column", "value", "said"), SPOILT)

@@ -6,24 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
-from scipy.spatial.transform import Rotation
 
-from experiments.systems import (
-    MECHANISMS,
-    Mechanism,
-    Probed,
-    classified,
-    respond,
-)
-from sim import MODELS, Jacobians, Plant, jacobians, load_model
+from experiments import systems
+from sim import Jacobians, jacobians, load_model
 
-PERIOD_S = 1e-3
-STROKE = 1e-3
-"""Size of the motions, [m] or [rad]."""
-CLOSURE_LIMIT_M = 1e-7
-BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
+BY_NAME = {mechanism.name: mechanism for mechanism in systems.MECHANISMS}
 FREEDOMS = {"arm": 7, "hand": 3, "arms": 6, "platform": 3}
-each_name = pytest.mark.parametrize("name", FREEDOMS)
 
 
 @cache
@@ -39,22 +27,12 @@ def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
     return jac, scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
 
 
-def admissible(name: str, seed: int) -> np.ndarray:
-    """Random displacements of the motors that the loops allow, the largest STROKE."""
-    jac, motions = nominal(name)
-    free = motions[jac.active] @ np.random.default_rng(seed).normal(size=motions.shape[1])
-    return STROKE * free / np.abs(free).max()
-
-
 # The files.
 
 
-@each_name
+@pytest.mark.parametrize("name", FREEDOMS)
 def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
-    """Loops closed to round-off, joints at zero, payload axes along the base's.
-
-    Freedoms are velocities less the rank of the closures; the motors rule them all.
-    """
+    """Freedoms are velocities less the rank of the closures; the motors rule them all."""
     model, data, task = model_of(name), mujoco.MjData(model_of(name)), BY_NAME[name].task
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos).max(initial=0.0) < 1e-12
@@ -69,64 +47,22 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     np.testing.assert_allclose(np.delete(reach, task, axis=0), 0.0, atol=1e-15)
 
 
-@each_name
-@pytest.mark.parametrize("seed", range(4))
-def test_servos_reach_admissible_displacements_and_move_the_payload(name, seed):
-    """Settled after 0.3 s; the loops curve by STROKE^2, a thousandth of the motion.
-
-    The payload moves by J_T along the closed motion, to its curvature.
-    """
-    plant, command = Plant(model_of(name)), admissible(name, seed)
-    for _ in range(300):
-        plant.step(command, PERIOD_S)
-        assert plant.closure_residual_m() < CLOSURE_LIMIT_M
-    assert np.abs(plant.displacements() - command).max() < 0.01 * STROKE
-    jac, motions = nominal(name)
-    expected = jac.J_T @ motions @ np.linalg.lstsq(motions[jac.active], command, rcond=None)[0]
-    pose = plant.pose()
-    moved = np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation_m])
-    for part in (slice(0, 3), slice(3, 6)):
-        error = np.linalg.norm(moved[part] - expected[part])
-        assert error < 0.02 * np.linalg.norm(expected[part])
-
-
-def test_the_humanoid_floats_has_29_joints_and_is_its_own_mirror_image():
-    model = load_model(MODELS / "humanoid.xml")
-    assert (model.nv, model.nu) == (35, 29)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    for site in ("foot", "hand"):
-        left, right = (data.site(f"{side}_{site}").xpos for side in ("left", "right"))
-        np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-12)
-    np.testing.assert_allclose(data.subtree_com[0, 1], 0, atol=1e-15)
-
-
 # The study.
 
 
-def probed(mechanism: Mechanism, condition: str) -> Probed:
-    return Probed(load_model(mechanism.path), mechanism, condition)
-
-
 @pytest.fixture(scope="module")
-def entries(systems):
-    return {(one["mechanism"], one["condition"]): one for one in systems["systems"]}
+def entries(study):
+    return study.tables["systems"].set_index(["mechanism", "condition"])
 
 
 def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
-    """Reachable major directions, self-motion and forbidden active rates, counted from outside."""
-    assert len(entries) == sum(len(mechanism.conditions) for mechanism in MECHANISMS)
-    for where, one in entries.items():
-        assert one["agrees"], where
-        # Steps of 1e-4 bend away by their curvature; closures and locks are good to 1e-9.
-        assert one["motion_error"] < 1e-2, where
-        # Internal force too: what the closures bear is what eq. (11) says of force and torques.
-        for name in ("drift_error", "torque_error", "closure_error", "yielded_steps"):
-            assert one[name] < 1e-4, (where, name)
-        if not one["unstable_major"]:
-            assert one["major_error"] < 0.01, where
-        # Far from any rank threshold: these verdicts are no accident.
-        assert one["smallest_gap"] > 1e4, where
+    """What the study checks of every condition, ten to a hundred times as sharply."""
+    assert len(entries) == sum(len(mechanism.conditions) for mechanism in systems.MECHANISMS)
+    # Internal force too: what the closures bear is what eq. (11) says of force and torques.
+    assert entries[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
+    assert entries.yielded_steps.max() < 1e-4
+    # Far from any rank threshold: these verdicts are no accident.
+    assert entries.smallest_gap.min() > 1e4
 
 
 @pytest.mark.parametrize(
@@ -147,7 +83,7 @@ def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
 def test_each_mechanism_is_classified_as_a_mechanic_would(
     entries, where, unstable, major, constrained
 ):
-    one = entries[where]
+    one = entries.loc[where]
     assert (one["unstable"], one["unstable_major"]) == (unstable, major)
     assert one["constrained_active"] == one["simulated_constrained_active"] == constrained
 
@@ -155,9 +91,10 @@ def test_each_mechanism_is_classified_as_a_mechanic_would(
 def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
     mechanism = BY_NAME["hand"]
-    _, healthy = classified(model_of("hand"), mechanism, "SSSS")
-    _, locked = classified(model_of("hand"), mechanism, "LSSS")
-    active, moved = respond(probed(mechanism, "LSSS"), locked.actuators)
+    _, healthy = systems.classified(model_of("hand"), mechanism, "SSSS")
+    _, locked = systems.classified(model_of("hand"), mechanism, "LSSS")
+    probed = systems.Probed(model_of("hand"), mechanism, "LSSS")
+    active, moved = systems.respond(probed, locked.actuators)
     right = moved - locked.J @ active
     dropped = moved - np.delete(healthy.J, 0, axis=1) @ np.eye(3)
     assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)

@@ -4,65 +4,34 @@ import copy
 
 import mujoco
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.linalg
 
-from experiments.uncorrected import (
-    Candidate,
-    at_crossover,
-    damped,
-    judged,
-    map_row,
-    nominal_loops,
-    pointing_mode,
-    predicted_error_rad,
-)
+from experiments import uncorrected
 from fjh.rig.hexapod.closed_form import hexapod
-from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
+from fjh.rig.hexapod.paper import TABLE_I_URAD
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
-from fjh.rig.run import Run, rms
-from ftc import Goal
+from fjh.rig.run import rms
 from sim import NOMINAL, Failure, Plant, linearize
-from tests.experiments.results import Results
 from tests.sim.machines import pole_of, ring_down
 
-LOCK_1 = (Failure(0, "locked"),)
-SECONDS = 1.5
 
-
-@pytest.fixture(scope="module")
-def study(uncorrected_folder):
-    return Results(uncorrected_folder, "uncorrected")
-
-
-@pytest.fixture(scope="module")
-def runs(study):
-    """The table of all columns of all candidates."""
-    return study.tables["runs"]
-
-
-def as_in_the_paper(runs: pd.DataFrame) -> pd.DataFrame:
-    """The runs, as if the columns of `off_centre` were those of Table I."""
-    paper = {"W_a": (2.4476, 3.0916), "W_d": (2.3634, 3.5601), "W_e": (2.8324, 3.2868)}
-    found = runs.set_index(["candidate", "column"])
-    for column, values in (paper | {"W_a_uncorrected": (9.8167, 4.7903)}).items():
-        for angle, urad in zip(("alpha", "beta"), values, strict=True):
-            found.loc[("off_centre", column), f"{angle}_rms_urad"] = urad
-            found.loc[("off_centre", column), f"{angle}_settled_urad"] = urad
-    return found.reset_index()
-
-
-def test_who_has_the_columns_of_the_paper_explains_them(study, runs):
+def test_who_has_the_columns_of_the_paper_explains_them(study):
     """What fits only with settled loops is said not to."""
-    candidates, paper = study.tables["candidates"], as_in_the_paper(runs)
-    assert not judged(candidates, runs).explains.any()
-    found = judged(candidates, paper)
+    candidates, runs = study.tables["candidates"], study.tables["runs"]
+    assert not uncorrected.judged(candidates, runs).explains.any()
+    paper = runs.set_index(["candidate", "column"])
+    for column in ("W_a", "W_d", "W_e", "W_a_uncorrected"):
+        for angle, urad in zip(("alpha", "beta"), TABLE_I_URAD[column], strict=True):
+            paper.loc[("off_centre", column), f"{angle}_rms_urad"] = urad
+            paper.loc[("off_centre", column), f"{angle}_settled_urad"] = urad
+    found = uncorrected.judged(candidates, paper.reset_index())
     assert found.name[found.explains].tolist() == ["off_centre"]
-    paper.loc[paper.column == "W_d", ["alpha_rms_urad"]] *= 2
-    settled = judged(candidates, paper).set_index("name").loc["off_centre"]
+    paper.loc[("off_centre", "W_d"), "alpha_rms_urad"] *= 2
+    found = uncorrected.judged(candidates, paper.reset_index())
+    settled = found.set_index("name").loc["off_centre"]
     assert settled.meets_ratios and settled.meets_w_a and settled.explains_if_corrected_settled
     assert not settled.meets_corrected and not settled.explains
 
@@ -89,7 +58,6 @@ def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
     criterion = 50e-6
     acceleration = floor_acceleration(16000, 1e-3, criterion, [3])
-    assert acceleration.shape == (16000, 3)
     frequency = np.fft.rfftfreq(len(acceleration), 1e-3)
     spectrum = np.fft.rfft(acceleration, axis=0)[1:] / (2 * np.pi * frequency[1:, None])
     power = 2 * np.abs(spectrum / len(acceleration)) ** 2
@@ -105,36 +73,27 @@ def test_the_floor_meets_its_criterion_in_every_third_octave_band():
 @pytest.mark.long
 def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model):
     """Pointing starts at J[:, 0] l, and the other struts at their centre."""
-    place_m = 80e-6
-    run = off_centre(place_m, 0.0)
+    place_m, path = 80e-6, TestbedConfig().spiral_rad(1.5)
+    rig = hexapod_rig(start_m=place_m * np.eye(6)[0])
+    run, settled = (
+        rig.fly(rig.controller(), path, failures=[Failure(0, "locked")], lead_in_s=lead_in_s)
+        for lead_in_s in (0.0, 1.0)
+    )
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))
     # The flexures take a few thousandths of the coil's force.
     np.testing.assert_allclose(run.true[0], J[:2, 0] * place_m, rtol=6e-3)
     assert np.abs(run.displacement[:, 0] - place_m).max() < 6e-3 * place_m
     assert np.abs(run.displacement[0, 1:]).max() < 6e-3 * place_m
-    settled = off_centre(place_m, 1.0)
     # The integrators have removed it, but for the detector's noise.
     assert np.abs(settled.true[0]).max() < 1e-6
-
-
-def off_centre(place_m: float, lead_in_s: float) -> Run:
-    rig = hexapod_rig(start_m=place_m * np.eye(6)[0])
-    path = TestbedConfig().spiral_rad(SECONDS)
-    return rig.fly(rig.controller(), path, failures=LOCK_1, lead_in_s=lead_in_s)
-
-
-def predicted(testbed: Testbed, candidate: Candidate, column: str) -> np.ndarray | None:
-    duration_s = testbed.bench.duration_s
-    rig = candidate.rig(testbed, column, 0, duration_s)
-    return predicted_error_rad(rig, column, 0, duration_s, candidate.of("lead_in_s"))
 
 
 @pytest.mark.long
 def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     """Ring-down of the pointing mode in MuJoCo at the least damping simulated."""
     least = 0.005
-    quiet = damped(model, least)
-    frequency_hz, ratio = pointing_mode(quiet)
+    quiet = uncorrected.damped(model, least)
+    frequency_hz, ratio = uncorrected.pointing_mode(quiet)
     assert ratio == pytest.approx(least, rel=0.01)
     plant = Plant(quiet)
     squares, vectors = np.linalg.eig(-linearize(plant.model, plant.data).A[6:, :6])
@@ -143,40 +102,26 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     pole = pole_of(ring_down(quiet, shape, 0.3), quiet.opt.timestep)
     assert abs(pole) / (2 * np.pi) == pytest.approx(frequency_hz, rel=0.01)
     assert -pole.real / abs(pole) == pytest.approx(least, rel=0.03)
-    assert damped(model, 0.2).dof_damping.max() > 1.5 * model.dof_damping.max()
+    assert uncorrected.damped(model, 0.2).dof_damping.max() > 1.5 * model.dof_damping.max()
     discrete = copy.copy(quiet)
     discrete.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     pole = pole_of(ring_down(discrete, shape, 0.3), discrete.opt.timestep)
     assert -pole.real / abs(pole) > 1.5 * least
     with pytest.raises(ValueError, match="ratio must lie between 0 and 1, got 0"):
-        damped(model, 0)
-
-
-def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
-    """Outermost turn: W_a asks 16.6 um of every strut, uncorrected 24.9 um of strut 4."""
-    J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
-    W_a = np.linalg.pinv(J)
-    lost = J[:, 1:] @ W_a[1:]
-    need = {"sound": W_a, "uncorrected": W_a @ np.linalg.inv(lost)}
-    for column, weight in (("W_d", 1.0), ("W_e", 10.0)):
-        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_at={0: 0.0})
-        need[column] = StrutMapping(hexapod(model), goal, "constant").major_gain()
-    peak_um = {name: 100 * np.linalg.norm(gain, axis=1).max() for name, gain in need.items()}
-    assert peak_um["sound"] == pytest.approx(16.6, abs=0.05)
-    assert peak_um["uncorrected"] == pytest.approx(24.9, abs=0.05)
-    assert peak_um["W_e"] == pytest.approx(28.6, abs=0.05)
-    assert peak_um["W_d"] == pytest.approx(31.5, abs=0.05)
-    assert np.linalg.eigvalsh(lost) == pytest.approx([2 / 3, 1], abs=1e-3)
+        uncorrected.damped(model, 0)
 
 
 @pytest.mark.long
 def test_a_row_of_the_map_is_what_the_prediction_says(model):
-    bench, lost = at_crossover(6.0, 25.0), Candidate("lost_strut", {})
-    quiet = damped(model, 0.05)
-    loops = nominal_loops(quiet, bench)
-    errors, poles = map_row(0.05, np.array([6.0, 30.0]), 25.0, seed=0)
+    bench, lost = uncorrected.at_crossover(6.0, 25.0), uncorrected.Candidate("lost_strut", {})
+    quiet = uncorrected.damped(model, 0.05)
+    testbed = Testbed(quiet, bench, uncorrected.nominal_loops(quiet, bench))
+    errors, poles = uncorrected.map_row(0.05, np.array([6.0, 30.0]), 25.0, seed=0)
     for k, column in enumerate(("W_a", "W_a_uncorrected")):
-        expected = predicted(Testbed(quiet, bench, loops), lost, column)
+        rig = lost.rig(testbed, column, 0, bench.duration_s)
+        expected = uncorrected.predicted_error_rad(
+            rig, column, 0, bench.duration_s, lost.of("lead_in_s")
+        )
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
     # At 30 Hz the sound loop is not to be closed.

@@ -147,7 +147,9 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     f = v[major] / task[major] ** 2
     force = kin.force_mapping(major, torque_weight=rate).solve(f)
     forces = {"major_metric": 2.0 * task[major], "tie_metric": rate}
-    stated_force = kin.force_mapping(major, None, np.append(rate[:1], 0.0 * rate[1:]), **forces).solve(f)
+    stated_force = kin.force_mapping(
+        major, None, np.append(rate[:1], 0.0 * rate[1:]), **forces
+    ).solve(f)
     alike = len({*task[major]}) == len({*rate}) == 1
     gain_unit = task[major[0]] / rate[0] if alike else 1.0
     assert (plain.status is Status.LEAST_SQUARES) == (

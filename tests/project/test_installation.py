@@ -24,9 +24,9 @@ from hatch_build import FOLDERS, stage
 ROOT = Path(__file__).parents[2]
 
 
-def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def python(folder: Path, *words: str, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Outcome of the interpreter in a user's folder, with this project behind it on the path."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(path)}
     return subprocess.run(
         [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True
     )
@@ -37,12 +37,6 @@ def users_own(folder: Path) -> None:
     for name in ("experiments", "models", "sim"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text("MINE = True\n")
-
-
-def only_line(error: str) -> str:
-    """The sentence on standard error, without a traceback."""
-    assert error.count("\n") == 1, error
-    return error
 
 
 @pytest.mark.long
@@ -59,11 +53,8 @@ def test_installed_it_leaves_other_peoples_names_alone(tmp_path):
         "import sys\n"
         f"print([m.__file__ for m in sys.modules.values() if {str(ROOT / 'sim')!r} in repr(m)])\n"
     )
-    environment = os.environ | {"PYTHONPATH": str(tmp_path / "site")}
-    words = [sys.executable, "script.py"]
-    done = subprocess.run(words, cwd=user, env=environment, capture_output=True, text=True)
-    assert done.stderr == ""
-    assert done.stdout == "6 fjh.rig.rig True\n[]\n"
+    done = python(user, "script.py", path=tmp_path / "site")
+    assert (done.stdout, done.stderr) == ("6 fjh.rig.rig True\n[]\n", "")
 
 
 @pytest.mark.long
@@ -78,16 +69,12 @@ def test_in_the_wheel_every_import_begins_at_the_one_package(tmp_path):
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 names = [node.module or ""]
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                names = re.findall(r"^[a-z_]+\.[\w.]+(?=:\w+$|$)", node.value)
-                names = [name for name in names if module_file(name)]
+                for name in re.findall(r"^[a-z_]+\.[\w.]+(?=:\w+$|$)", node.value):
+                    place = ROOT / name.replace(".", "/")
+                    if place.with_suffix(".py").is_file() or (place / "__init__.py").is_file():
+                        names.append(name)
             left |= {f"{file}: {name}" for name in names if name.split(".")[0] in FOLDERS}
     assert not left
-
-
-def module_file(name: str) -> bool:
-    """Whether a module of this project has that name."""
-    place = ROOT / name.replace(".", "/")
-    return place.with_suffix(".py").is_file() or (place / "__init__.py").is_file()
 
 
 def test_in_a_checkout_both_names_are_one_object():
@@ -113,8 +100,7 @@ def test_each_of_its_names_is_there_and_documented(name):
 
 
 def test_what_it_does_not_have_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="module 'fjh' has no attribute 'rigs'"):
-        _ = fjh.rigs
+    assert not hasattr(fjh, "rigs")
 
 
 def test_its_import_waits_for_nothing(tmp_path):
@@ -125,10 +111,8 @@ def test_its_import_waits_for_nothing(tmp_path):
 def test_in_a_checkout_a_folder_that_hides_a_package_is_named(tmp_path):
     users_own(tmp_path)
     done = python(tmp_path, "-c", "import fjh")
-    last = done.stderr.splitlines()[-1]
-    assert last.startswith("ImportError: `import experiments` finds ")
-    assert str(tmp_path / "experiments") in last
-    assert f"not {ROOT / 'experiments'}: rename it, or install fjh" in last
+    said = f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename it, or install fjh"
+    assert said in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -137,18 +121,16 @@ def test_without_the_testbeds_extra_the_command_says_what_to_install(monkeypatch
     with pytest.raises(SystemExit) as end:
         run()
     assert end.value.code == 2
-    sentence = only_line(capsys.readouterr().err)
-    assert f"not installed, {package}: in a checkout, pip install" in sentence
-    assert 'pip install ".[all]"' in sentence
+    said = capsys.readouterr().err
+    assert f'not installed, {package}: in a checkout, pip install ".[all]"' in said
+    assert said.count("\n") == 1
 
 
 def test_sim_without_mujoco_says_what_to_install(tmp_path):
     absent = "import sys; sys.modules['mujoco'] = None; "
-    done = python(tmp_path, "-c", absent + "import sim")
-    line = 'in a checkout, pip install ".[sim]"'
-    assert done.stderr.splitlines()[-1] == (
-        f"ModuleNotFoundError: sim needs mujoco, which is not installed: {line}"
-    )
+    last = python(tmp_path, "-c", absent + "import sim").stderr.splitlines()[-1]
+    said = "ModuleNotFoundError: sim needs mujoco, which is not installed: in a checkout, "
+    assert last == f'{said}pip install ".[sim]"'
 
 
 def test_there_is_one_version(capsys):

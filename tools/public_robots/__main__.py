@@ -34,17 +34,31 @@ def main() -> None:
     parser.add_argument("--only", action="append", metavar="NAME", help="robots with this in it")
     parser.add_argument("--page", action="store_true", help="write the page alone")
     words = parser.parse_args()
+    only = words.only
     install(BUILD / "packages")
     found = models(BUILD / "packages")
     if not words.page:
-        chosen = [each for each in found if _is_due(each, words.only)]
+        chosen = [
+            each
+            for each in found
+            if (any(part in each.label for part in only) if only else not _result(each).is_file())
+        ]
         with ThreadPoolExecutor(PROCESSES) as pool:
             for done, (model, record) in enumerate(pool.map(_tried, chosen), 1):
                 says = f"{outcome(record)} {said(record)}"[:200]
                 print(f"{done} of {len(chosen)} {model.label}: {says}", flush=True)
     records = {each.label: _entry(each) for each in found if _result(each).is_file()}
     (BUILD / "robots.json").write_text(json.dumps(records, indent=1))
-    text = page(PAGE.read_text(encoding="utf-8"), list(records.values()), _conditions(records))
+    dates = sorted({each["date"] for each in records.values() if "date" in each})
+    commits = sorted({each["commit"][:7] for each in records.values() if "commit" in each})
+    with_them = ", ".join(f"{name} {number}" for name, number in versions().items())
+    conditions = (
+        f"{' to '.join(dict.fromkeys([dates[0], dates[-1]]))}, commit {', '.join(commits)}, "
+        f"{with_them}. Exact plants, seed 0, one flight each; at most {LIMIT_S} s of "
+        f"processor time a robot, {PROCESSES} processes at once, one BLAS thread each, "
+        f"{processor()}."
+    )
+    text = page(PAGE.read_text(encoding="utf-8"), list(records.values()), conditions)
     PAGE.write_text(text, encoding="utf-8")
 
 
@@ -55,25 +69,6 @@ def _result(model: Model) -> Path:
 def _entry(model: Model) -> dict[str, Any]:
     named = {"package": model.package, "name": model.name, "source": model.source}
     return named | json.loads(_result(model).read_text())
-
-
-def _conditions(records: dict[str, dict[str, Any]]) -> str:
-    """When and with what, in a sentence."""
-    dates = sorted({each["date"] for each in records.values() if "date" in each})
-    commits = sorted({each["commit"][:7] for each in records.values() if "commit" in each})
-    with_them = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return (
-        f"{' to '.join(dict.fromkeys([dates[0], dates[-1]]))}, commit {', '.join(commits)}, "
-        f"{with_them}. Exact plants, seed 0, one flight each; at most {LIMIT_S} s of "
-        f"processor time a robot, {PROCESSES} processes at once, one BLAS thread each, "
-        f"{processor()}."
-    )
-
-
-def _is_due(model: Model, only: list[str] | None) -> bool:
-    if only:
-        return any(part in model.label for part in only)
-    return not _result(model).is_file()
 
 
 def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
@@ -90,13 +85,14 @@ def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
     words = [sys.executable, "-W", "ignore", "-m", "tools.public_robots.trial", file, unfinished]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     code = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True).returncode
-    more: dict[str, Any] = {}
+    record: dict[str, Any] = {"stage": "load"}
+    if unfinished.is_file():
+        record = json.loads(unfinished.read_text())
     if code == -signal.SIGXCPU:
-        more = {"timeout_s": LIMIT_S}
+        record["timeout_s"] = LIMIT_S
     elif code:
-        more = {"traceback": f"the process ended with code {code}"}
-    begun = json.loads(unfinished.read_text()) if unfinished.is_file() else {"stage": "load"}
-    out.write_text(json.dumps(begun | more, indent=1))
+        record["traceback"] = f"the process ended with code {code}"
+    out.write_text(json.dumps(record, indent=1))
     unfinished.unlink(missing_ok=True)
     return model, _entry(model)
 

@@ -17,6 +17,7 @@ _COLUMNS = (
     *("named", "wrong", "refused, or warned"),
 )
 _WIDEST = 110
+FLIGHTS = ("sound", "lock")
 Record = dict[str, Any]
 
 
@@ -31,18 +32,14 @@ def page(before: str, records: Sequence[Record], conditions: str) -> str:
     text = before.partition(GENERATED)[0].rstrip()
     parts = [text, GENERATED, "## Results", conditions, _listed(_counts(records))]
     for package, version in PACKAGES.items():
-        rows = [_cells(each) for each in records if each["package"] == package]
-        if rows:
-            table = [_COLUMNS, ["---"] * len(_COLUMNS), *rows]
-            lines = [f"| {' | '.join(cells)} |" for cells in table]
+        if rows := [_cells(each) for each in records if each["package"] == package]:
+            lines = [f"| {' | '.join(c)} |" for c in (_COLUMNS, ["---"] * len(_COLUMNS), *rows)]
             parts += [f"### {package} {version}", "\n".join(lines)]
-    counted = Counter(_kind(said(each)) for each in records if outcome(each) not in _ENDED)
-    refusals = [f"{count} at {_short(sentence)}" for sentence, count in counted.most_common()]
+    refused = (each for each in records if outcome(each) in ("refused", "traceback"))
+    counted = Counter(_kind(said(each)) for each in refused).most_common()
+    refusals = [f"{count} at {_short(sentence)}" for sentence, count in counted]
     parts += ["## What refused them", _listed(refusals) or "Nothing."]
     return "\n\n".join(parts) + "\n"
-
-
-_ENDED = ("flies", "timeout_s")
 
 
 def _listed(lines: Sequence[str]) -> str:
@@ -56,53 +53,49 @@ def outcome(record: Record) -> str:
     return next(key for key in ("traceback", "refused", "timeout_s") if key in record)
 
 
-def ratio(record: Record, flight: str) -> float | None:
-    """Measured over predicted RMS, all rows together; None where nothing is predicted of it."""
-    numbers = record[flight]
+def _ratio(numbers: Record) -> float | None:
+    """Measured over predicted RMS of a flight, all rows together; None without a prediction."""
     if numbers["predicted"] is None or numbers["uncompared"] is not None:
         return None
-    measured, predicted = (hypot(*numbers[key]) for key in ("measured", "predicted"))
-    return measured / predicted if predicted else None
+    predicted = hypot(*numbers["predicted"])
+    return hypot(*numbers["measured"]) / predicted if predicted else None
 
 
-def silently_wrong(record: Record, *flights: str) -> bool:
+def _is_off(record: Record, flight: str) -> bool:
     """Whether a prediction is off by more than 20 %, and no warning says what it leaves out."""
-    found = [ratio(record, flight) for flight in flights if flight in record]
-    off = any(each is not None and not _is_close(each) for each in found)
-    return off and not record["rig"]["warnings"]
-
-
-def _is_close(value: float) -> bool:
-    return abs(value - 1.0) <= AGREES
+    value = _ratio(record[flight]) if flight in record else None
+    return value is not None and abs(value - 1.0) > AGREES and not record["rig"]["warnings"]
 
 
 def _counts(records: Sequence[Record]) -> list[str]:
     """Headlines, each with what it is of."""
     kinds = Counter(map(outcome, records))
-    flown = {of: [each for each in records if of in each] for of in ("sound", "lock")}
-    found = {of: [ratio(each, of) for each in some] for of, some in flown.items()}
-    ratios = {of: [each for each in some if each is not None] for of, some in found.items()}
-    close = {of: f"{sum(map(_is_close, some))} of {len(some)}" for of, some in ratios.items()}
-    without = [str(len(found[of]) - len(ratios[of])) for of in found]
-    silent = sum(silently_wrong(each, "sound", "lock") for each in flown["sound"])
-    named = sum(each["lock"]["named_after_ms"] is not None for each in flown["lock"])
-    wrong = sum(bool(each["sound"]["wrong"]) for each in flown["sound"])
+    sound, lock = ([each for each in records if flight in each] for flight in FLIGHTS)
+    close, without = [], []
+    for flight, flown in zip(FLIGHTS, (sound, lock), strict=True):
+        ratios = [_ratio(each[flight]) for each in flown]
+        known = [each for each in ratios if each is not None]
+        close.append(f"{sum(abs(each - 1.0) <= AGREES for each in known)} of {len(known)}")
+        without.append(str(len(ratios) - len(known)))
+    silent = sum(any(_is_off(each, flight) for flight in FLIGHTS) for each in sound)
+    named = sum(each["lock"]["named_after_ms"] is not None for each in lock)
+    wrong = sum(bool(each["sound"]["wrong"]) for each in sound)
+    worst = []
+    for stage in ("jacobians", "power"):
+        errors = [each[stage]["error"] for each in records if stage in each]
+        largest = max(errors, default=0.0)
+        worst.append(f"{len(errors)} models, largest relative error {largest:.1e}")
     return [
         f"models tried: {len(records)}; both flights: {kinds['flies']}; refused: "
         f"{kinds['refused']}; tracebacks: {kinds['traceback']}; "
         f"not done after the time limit: {kinds['timeout_s']}",
-        f"Jacobians: {_worst(records, 'jacobians')}; power: {_worst(records, 'power')}",
-        f"RMS as predicted within 20 % without a failure: {close['sound']}; after the lock: "
-        f"{close['lock']}; off without a warning in either: {silent}; "
+        f"Jacobians: {worst[0]}; power: {worst[1]}",
+        f"RMS as predicted within 20 % without a failure: {close[0]}; after the lock: "
+        f"{close[1]}; off without a warning in either: {silent}; "
         f"without a prediction: {' and '.join(without)}",
-        f"lock named: {named} of {len(flown['lock'])}; flights without a failure in which "
-        f"something was named: {wrong} of {len(flown['sound'])}",
+        f"lock named: {named} of {len(lock)}; flights without a failure in which "
+        f"something was named: {wrong} of {len(sound)}",
     ]
-
-
-def _worst(records: Sequence[Record], stage: str) -> str:
-    errors = [each[stage]["error"] for each in records if stage in each]
-    return f"{len(errors)} models, largest relative error {max(errors, default=0.0):.1e}"
 
 
 def _cells(record: Record) -> list[str]:
@@ -114,29 +107,23 @@ def _cells(record: Record) -> list[str]:
         cells["rows"] = ", ".join(ROWS[k] for k in record["rig"]["rows"])
     if "sound" in record:
         cells["rms"] = f"{100 * record['sound']['of_path']:.3g} %"
-        cells["measured / predicted"] = _compared(record, "sound")
-        wrong = [record[flight]["wrong"] for flight in ("sound", "lock") if flight in record]
+        wrong = [record[flight]["wrong"] for flight in FLIGHTS if flight in record]
         cells["wrong"] = str(sum(map(len, wrong)))
     if "lock" in record:
         delay_ms = record["lock"]["named_after_ms"]
         cells["named"] = "never" if delay_ms is None else f"{delay_ms} ms"
-        cells["after the lock"] = _compared(record, "lock")
+    for flight, column in zip(FLIGHTS, ("measured / predicted", "after the lock"), strict=True):
+        if flight in record:
+            value, bold = _ratio(record[flight]), "**" * _is_off(record, flight)
+            cells[column] = "not comparable" if value is None else f"{bold}{value:.2f}{bold}"
     return [cells.get(column, "") for column in _COLUMNS]
-
-
-def _compared(record: Record, flight: str) -> str:
-    value = ratio(record, flight)
-    if value is None:
-        return "not comparable"
-    bold = "**" * silently_wrong(record, flight)
-    return f"{bold}{value:.2f}{bold}"
 
 
 def said(record: Record) -> str:
     """What a robot is refused for, or warned of."""
     kind = outcome(record)
     if kind == "flies":
-        leaves = {record[flight]["leaves"] for flight in ("sound", "lock")} - {None}
+        leaves = {record[flight]["leaves"] for flight in FLIGHTS} - {None}
         beyond = [f"{name} leaves its range in the linear model" for name in sorted(leaves)]
         return "; ".join(dict.fromkeys([*beyond, *map(_kind, record["rig"]["warnings"])]))
     if kind == "timeout_s":

@@ -76,17 +76,16 @@ def models(folder: Path) -> list[Model]:
 
 def files(folder: Path) -> Iterator[Path]:
     """MJCF files that no other includes, in the order of their names; tests' own left out."""
-    texts = {
-        file: text
-        for file in sorted((*folder.rglob("*.xml"), *folder.rglob("*.mjcf")))
-        if "<mujoco" in (text := file.read_text(encoding="utf-8", errors="replace"))
-    }
+    found = sorted((*folder.rglob("*.xml"), *folder.rglob("*.mjcf")))
+    texts = {file: file.read_text(encoding="utf-8", errors="replace") for file in found}
     parts = {
         (file.parent / name).resolve()
         for file, text in texts.items()
+        if "<mujoco" in text
         for name in _INCLUDED.findall(text)
     }
     for file, text in texts.items():
         in_tests = any("test" in part for part in file.relative_to(folder).parts[:-1])
-        if not in_tests and file.resolve() not in parts and "<mujocoinclude" not in text:
+        is_whole = "<mujoco" in text and "<mujocoinclude" not in text
+        if is_whole and not in_tests and file.resolve() not in parts:
             yield file

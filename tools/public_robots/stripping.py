@@ -11,24 +11,13 @@ SHAPES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGe
 
 
 def stripped(file: Path) -> str:
-    """MJCF of a robot without meshes, height fields, skins, textures and materials.
-
-    Each body keeps the inertia that MuJoCo computes with the meshes.
+    """MJCF without meshes, height fields, skins, textures and materials; bodies keep inertias.
 
     Raises:
         ValueError: The file, or what is left of it, does not compile; as MuJoCo says it.
     """
-    spec = mujoco.MjSpec.from_file(str(file))
-    _keep_inertias(spec, spec.compile())  # before it is compiled bodies have no numbers
-    _without_files(spec)
-    spec.compile()
-    xml = _without_references(spec.to_xml())
-    mujoco.MjModel.from_xml_string(xml)
-    return xml
-
-
-def _keep_inertias(spec: Any, whole: mujoco.MjModel) -> None:
-    """Write into each body what the compiler has made of its geoms."""
+    spec: Any = mujoco.MjSpec.from_file(str(file))
+    whole = spec.compile()  # before it is compiled bodies have no numbers
     for body in spec.bodies[1:]:
         k = body.id
         if whole.body_mass[k] > 0:
@@ -37,10 +26,6 @@ def _keep_inertias(spec: Any, whole: mujoco.MjModel) -> None:
             body.ipos, body.iquat = whole.body_ipos[k], whole.body_iquat[k]
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     spec.compiler.settotalmass = -1
-
-
-def _without_files(spec: Any) -> None:
-    """Delete all that is read from a file, and what refers to it."""
     for geom in list(spec.geoms):
         if geom.type in SHAPES or geom.meshname or geom.hfieldname:
             spec.delete(geom)
@@ -49,14 +34,14 @@ def _without_files(spec: Any) -> None:
     for kind in ("skins", "meshes", "hfields", "materials", "textures", "flexes"):
         for each in list(getattr(spec, kind)):
             spec.delete(each)
-
-
-def _without_references(xml: str) -> str:
-    """Delete what default classes say of files: the specification does not give all classes."""
-    root = ElementTree.fromstring(xml)
+    spec.compile()
+    # Default classes refer to files, too, and the specification does not give all of them.
+    root = ElementTree.fromstring(spec.to_xml())
     for element in root.iter():
         for name in ("material", "mesh", "hfield"):
             element.attrib.pop(name, None)
         if element.tag == "geom" and element.get("type") in ("mesh", "hfield", "sdf"):
             del element.attrib["type"]
-    return ElementTree.tostring(root, encoding="unicode")
+    xml = ElementTree.tostring(root, encoding="unicode")
+    mujoco.MjModel.from_xml_string(xml)
+    return xml

@@ -1,12 +1,6 @@
-"""Which frame of an unknown robot is its task, and on which feet it stands: one rule for all.
+"""Which frame of an unknown robot is its task, and on which feet it stands: docs/robots.md."""
 
-The task is the end of the longest chain: of all named bodies the one with the most driven
-velocities between it and the world, of these the one whose chain is longest in metres. A robot with
-a free base stands on its feet: the ends of driven chains that are lowest, within a tenth of the
-robot's height. Its task is the longest chain that ends in no foot; if there is none, its base.
-"""
-
-from typing import NamedTuple
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
@@ -15,28 +9,25 @@ from sim import Array
 
 FOOT_HEIGHT = 0.1
 """Of the robot's height: ends of chains below are feet."""
-_DIGITS = 9
 
 
 class NoTask(ValueError):
     """The rule finds no frame."""
 
 
-class TaskFrame(NamedTuple):
-    """Name of a body, and of the feet, sites or bodies; none where there is no free base."""
-
-    frame: str
-    pinned: tuple[str, ...]
-
-
-def task_frame(model: mujoco.MjModel, data: mujoco.MjData) -> TaskFrame:
-    """The task frame at this pose.
+def task_frame(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, tuple[str, ...]]:
+    """Name of the body at this pose, and of the feet, sites or bodies, if the base is free.
 
     Raises:
         NoTask: No actuator moves a body that has a name.
     """
     mujoco.mj_fwdPosition(model, data)
-    driven = _driven(model, data)
+    moments = np.zeros((model.nout, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    # Velocities of each body's joints that an actuator moves.
+    driven = np.bincount(model.dof_bodyid[moments.any(axis=0)], minlength=model.nbody)
     reach = np.zeros((model.nbody, 2))  # driven velocities, and metres, of the chain to each body
     for k in range(1, model.nbody):
         offset_m = np.linalg.norm(data.xpos[k] - data.xpos[model.body_parentid[k]])
@@ -48,22 +39,12 @@ def task_frame(model: mujoco.MjModel, data: mujoco.MjData) -> TaskFrame:
     base = int(model.body_rootid[best])
     joint = model.body_jntadr[base]
     if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
-        return TaskFrame(model.body(best).name, ())
+        return model.body(best).name, ()
+    ends = [k for k in ends if model.body_rootid[k] == base]
     feet = _feet(model, data, base, ends)
     hands = [k for end in ends if end not in feet for k in (end, *_below(model, end))]
-    hands = [k for k in hands if model.body_rootid[k] == base]
     frame = _longest(model, reach, hands) if hands else base
-    return TaskFrame(model.body(frame).name, tuple(feet.values()))
-
-
-def _driven(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """How many velocities of each body's joints an actuator moves, shape (nbody,)."""
-    moments = np.zeros((model.nout, model.nv))
-    mujoco.mju_sparse2dense(
-        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    moved = moments.any(axis=0)
-    return np.bincount(model.dof_bodyid[moved], minlength=model.nbody)
+    return model.body(frame).name, tuple(feet.values())
 
 
 def _below(model: mujoco.MjModel, body: int) -> list[int]:
@@ -75,32 +56,27 @@ def _below(model: mujoco.MjModel, body: int) -> list[int]:
     return below[1:]
 
 
-def _longest(model: mujoco.MjModel, reach: Array, bodies: object) -> int:
+def _longest(model: mujoco.MjModel, reach: Array, bodies: Iterable[int]) -> int:
     """Of some bodies the named one at the end of the longest chain, the first of equals."""
-    named = [k for k in bodies if model.body(k).name]  # type: ignore[attr-defined]
+    named = [k for k in bodies if model.body(k).name]
     if not named:
         raise NoTask("no body of a chain that actuators move has a name")
-    return max(named, key=lambda k: (*np.round(reach[k], _DIGITS), -k))
+    return max(named, key=lambda k: (*np.round(reach[k], 9), -k))
 
 
 def _feet(model: mujoco.MjModel, data: mujoco.MjData, base: int, ends: list[int]) -> dict[int, str]:
-    """The name of a foot's lowest site or body, by the body that ends the chain.
-
-    A foot without a name is pinned at the next body above that has one.
-    """
+    """By the body that ends a chain: its lowest site or body, or one above, that has a name."""
     lowest: dict[int, tuple[float, str]] = {}
     for end in ends:
-        if model.body_rootid[end] == base:
-            bodies = [end, *_below(model, end)]
-            while not any(model.body(k).name for k in bodies) and bodies[0] != base:
-                bodies.insert(0, int(model.body_parentid[bodies[0]]))
-            frames = [(data.xpos[k][2], model.body(k).name) for k in bodies]
-            sites = [k for k in range(model.nsite) if model.site_bodyid[k] in bodies]
-            frames += [(data.site_xpos[k][2], model.site(k).name) for k in sites]
-            if named := [frame for frame in frames if frame[1]]:
-                lowest[end] = min(named)
-    tree = [k for k in range(model.nbody) if model.body_rootid[k] == base]
-    heights = [data.xpos[k][2] for k in tree] + [height for height, _ in lowest.values()]
-    ground = min((height for height, _ in lowest.values()), default=0.0)
-    limit = ground + FOOT_HEIGHT * (max(heights) - min(heights))
+        bodies = [end, *_below(model, end)]
+        while not any(model.body(k).name for k in bodies) and bodies[0] != base:
+            bodies.insert(0, int(model.body_parentid[bodies[0]]))
+        frames = [(data.xpos[k][2], model.body(k).name) for k in bodies]
+        sites = [k for k in range(model.nsite) if model.site_bodyid[k] in bodies]
+        frames += [(data.site_xpos[k][2], model.site(k).name) for k in sites]
+        if named := [frame for frame in frames if frame[1]]:
+            lowest[end] = min(named)
+    heights = [height for height, _ in lowest.values()]
+    tree = [*data.xpos[model.body_rootid == base, 2], *heights]
+    limit = min(heights, default=0.0) + FOOT_HEIGHT * (max(tree) - min(tree))
     return {end: name for end, (height, name) in lowest.items() if height <= limit}

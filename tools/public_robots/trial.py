@@ -1,7 +1,6 @@
 """One robot from its file to a flight; `python -m tools.public_robots.trial FILE OUT.json`.
 
-The stages come in order, and the first that is refused ends the trial. What is known so far is
-written after each stage, so that a process that is stopped leaves it.
+What is known is written after each stage, so that a process that is stopped leaves it.
 """
 
 import json
@@ -71,8 +70,8 @@ def main(file: Path, out: Path) -> None:
     start = time.monotonic()
     try:
         for stage, numbers in stages(file):
-            following = STAGES[(STAGES.index(stage) + 1) :]
-            keep(**{stage: numbers}, stage=following[0] if following else None)
+            following = (*STAGES, None)[STAGES.index(stage) + 1]
+            keep(**{stage: numbers}, stage=following)
     except REFUSALS as error:
         keep(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
     except Exception as error:
@@ -117,11 +116,7 @@ def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 def _rig_and_pins(
     rig: Callable[..., Rig], pins: list[str], major: tuple[int, ...]
 ) -> tuple[Rig, list[str]]:
-    """The robot with its loops; torque motors and velocity servos become position servos.
-
-    Where it is refused for what it stands on, with the pins that the refusal names; the major rows
-    are then the first that remain.
-    """
+    """The robot; if what it stands on is refused, with the pins and the rows that can be had."""
     try:
         return rig(pinned=pins, major=major), pins
     except ModelError as error:
@@ -135,10 +130,7 @@ def _rig_and_pins(
 
 
 def _expendable(rig: Rig) -> int:
-    """Of the actuators without which the task remains possible, the one that moves it most.
-
-    Of all, where it never remains so.
-    """
+    """Of the actuators without which the task remains possible, or else of all, the strongest."""
     system, major = rig.control.system, list(rig.major)
     moves = np.linalg.norm(system.kinematics().J[major], axis=0)
     order = ascending(-moves).tolist()
@@ -151,10 +143,7 @@ def _expendable(rig: Rig) -> int:
 
 
 def _flown(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
-    """A flight with a diagnosing controller, beside what was predicted.
-
-    The prediction is of a controller that learns of the failure when this one did.
-    """
+    """A flight with a diagnosing controller, beside that of one that learns of the failure then."""
     path = rig.path("circle", duration_s=FLIGHT_S, turn_s=FLIGHT_S)
     dither = dither_of(rig, "default", "default")
     run = rig.fly(rig.supervisor(dither), path, failures=failures)
@@ -187,35 +176,22 @@ def difference_error(
     model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body: int
 ) -> float:
     """Largest error of J_T against central differences along each velocity of the joints."""
-    differences = np.zeros((6, model.nv))
+    differences, turned = np.zeros((6, model.nv)), np.zeros(3)
+    ahead, behind = mujoco.MjData(model), mujoco.MjData(model)
     for k, velocity in enumerate(np.eye(model.nv)):
-        (quat, there), (other, back) = (
-            _pose(model, data, body, sign * velocity) for sign in (1.0, -1.0)
-        )
-        turned = np.zeros(3)  # in the axes of the body
-        mujoco.mju_subQuat(turned, quat, other)
+        for moved, step in ((ahead, _STEP), (behind, -_STEP)):
+            moved.qpos[:] = data.qpos
+            mujoco.mj_integratePos(model, moved.qpos, velocity, step)
+            mujoco.mj_kinematics(model, moved)
+        mujoco.mju_subQuat(turned, ahead.xquat[body], behind.xquat[body])  # in the body's axes
         differences[:3, k] = data.xmat[body].reshape(3, 3) @ turned
-        differences[3:, k] = there - back
+        differences[3:, k] = ahead.xpos[body] - behind.xpos[body]
     wrong = jac.J_T[:, : model.nv] - differences / (2 * _STEP)
     return float(np.abs(wrong).max() / max(1.0, np.abs(jac.J_T).max()))
 
 
-def _pose(
-    model: mujoco.MjModel, data: mujoco.MjData, body: int, velocity: Array
-) -> tuple[Array, Array]:
-    """Quaternion and place of a body, a step along a velocity of the joints further."""
-    moved = mujoco.MjData(model)
-    moved.qpos[:] = data.qpos
-    mujoco.mj_integratePos(model, moved.qpos, velocity, _STEP)
-    mujoco.mj_kinematics(model, moved)
-    return moved.xquat[body], moved.xpos[body]
-
-
 def power_error(model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body: int) -> float:
-    """Relative difference of the power of random forces, at actuators and task, and at the joints.
-
-    The velocities are those of random rates that the closures admit.
-    """
+    """Relative error of the power of random forces, at random rates that the closures admit."""
     kin, draw = ConstrainedSystem.of(jac).kinematics(), np.random.default_rng(0)
     rates = draw.standard_normal(len(kin.active))
     rates -= np.linalg.pinv(kin.active_constraint) @ (kin.active_constraint @ rates)

@@ -15,7 +15,6 @@ from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playw
 
 from tests.processes import started
 
-ROOT = Path(__file__).parents[3]
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update"),
@@ -98,11 +97,6 @@ class Seen:
         """Where its number is written."""
         return self.beside(slider).locator("input[inputmode=decimal]")
 
-    def close_notice(self) -> None:
-        """That the browser draws without a graphics card."""
-        notice = self.page.get_by_role("alert").filter(has_text="Software WebGL")
-        notice.get_by_role("button").click()
-
     def renew(self) -> Said:
         """New machines, when the diagnosis has learned what they are like."""
         before = self.until(lambda said: said.clock_s > _LONG_S).clock_s
@@ -122,32 +116,23 @@ def browsed() -> Iterator[Browser]:
         browser.close()
 
 
-@dataclass(frozen=True)
-class Served:
-    """The command that runs, in a session of its own, and its page."""
-
-    process: "subprocess.Popen[str]"
-    url: str
-
-
 def live(folder: Path, *words: str) -> "subprocess.Popen[str]":
     """`fjh live` with these words."""
     return started("-m", "experiments", "live", *words, "--out", str(folder))
 
 
 @contextmanager
-def served(folder: Path, *words: str) -> Iterator[Served]:
-    """The command from the line that says where its page is until the end of the block."""
+def served(folder: Path, *words: str) -> "Iterator[tuple[subprocess.Popen[str], str]]":
+    """The command and the address of its page, from when it is there to the end of the block."""
     process = live(folder, *words)
     try:
         assert process.stdout and process.stderr
         line = process.stdout.readline()
         found = re.search(r"http://127\.0\.0\.1:\d+", line)
         assert found, line + process.stderr.read()
-        yield Served(process, found[0])
+        yield process, found[0]
     finally:
-        if process.poll() is None:
-            process.kill()
+        process.kill()
         process.communicate()
 
 

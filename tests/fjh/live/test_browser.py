@@ -1,13 +1,7 @@
-"""`fjh live` as it is served and seen: each element does what it says, and the page says so.
+"""`fjh live` as it is served and seen; a failure seen for a moment may be named by two kinds."""
 
-Of a failure that is seen for a moment a pilot may name two kinds, such as "free or weak"; the one
-that happened is among them.
-"""
-
-import os
 import signal
 import socket
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -18,32 +12,18 @@ from playwright.sync_api import Browser
 from fjh.live.page import PORT
 from fjh.recording.properties import properties_of
 from sim import MODELS
-from tests.fjh.live.browser import (
-    SMALL,
-    Seen,
-    Served,
-    browsed,
-    free_port,
-    listens,
-    live,
-    served,
-)
+from tests.fjh.live import browser as seen
+from tests.processes import ended
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
-INTERRUPTED = "fjh: interrupted: no file was left half-written\n"
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
 """Each of new machines: one kind after another of the same strut is not always told apart."""
 SOUND = "All actuators are believed sound"
-HAPPENS = {
-    "Hum": "a sinusoid of 20 Hz",
-    "Stuck sensor": "one row stays as it is",
-    "Sagging supply": "all inputs times 0.8",
-}
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with browsed() as one:
+    with seen.browsed() as one:
         yield one
 
 
@@ -57,51 +37,37 @@ def wait_for(holds: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def is_gone(group: int) -> bool:
-    """Whether no process of a group is left."""
-    with suppress(ProcessLookupError):
-        os.killpg(group, 0)
-        return False
-    return True
-
-
-def interrupt(process: "subprocess.Popen[str]") -> None:
-    """It says one sentence, and nothing of it is left, after a moment for Python's own tracker."""
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert (process.returncode, error) == (130, INTERRUPTED)
-    wait_for(lambda: is_gone(process.pid))
-
-
 def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
     """As the kernel lists it; where the usual port is taken the next one is printed."""
     with socket.socket() as taken:
         with suppress(OSError):  # somebody else's has it already, which will do
             taken.bind(("127.0.0.1", PORT))
             taken.listen()
-        with served(tmp_path / "out") as command:
-            [(host, port)] = listens(command.process.pid)
-            assert host == "127.0.0.1" and port > PORT and command.url.endswith(f":{port}")
+        with seen.served(tmp_path / "out") as (process, url):
+            [(host, port)] = seen.listens(process.pid)
+            assert host == "127.0.0.1" and port > PORT and url.endswith(f":{port}")
 
 
 def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(browser, tmp_path):
     """In the middle of the writing of a recording: it is there whole, or not at all."""
     folder = tmp_path / "out"
-    with served(folder, "--port", str(free_port())) as command:
-        page = Seen(browser.new_page(viewport=SMALL), command.url)
+    with seen.served(folder, "--port", str(seen.free_port())) as (process, url):
+        page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)
         page.click("Save the last minute")
         wait_for(lambda: any(folder.glob("*")))  # the writing has begun
         page.page.close()
-        interrupt(command.process)
+        process.send_signal(signal.SIGINT)
+        ended(process, signal.SIGINT)
     assert {each.name for each in folder.glob("*")} <= {"live_1.rrd"}
     for recording in folder.glob("*"):
         assert properties_of(recording)["study"] == "live"
 
 
 def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
-    process = live(tmp_path / "out", "--port", str(free_port()))
-    wait_for(lambda: any(listens(process.pid)))
-    interrupt(process)
+    process = seen.live(tmp_path / "out", "--port", str(seen.free_port()))
+    wait_for(lambda: any(seen.listens(process.pid)))
+    process.send_signal(signal.SIGINT)
+    ended(process, signal.SIGINT)
     assert not (tmp_path / "out").exists()
 
 
@@ -109,19 +75,20 @@ def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def hexapod(tmp_path_factory) -> Iterator[Served]:
-    """The command for all tests that do not end it."""
-    with served(tmp_path_factory.mktemp("live") / "out", "--port", str(free_port())) as command:
-        yield command
+def address(tmp_path_factory) -> Iterator[str]:
+    """Of the command for all tests that do not end it."""
+    folder = tmp_path_factory.mktemp("live") / "out"
+    with seen.served(folder, "--port", str(seen.free_port())) as (_, url):
+        yield url
 
 
 @pytest.fixture(scope="module")
-def first(browser, hexapod) -> Seen:
-    return Seen(browser.new_page(viewport=SMALL), hexapod.url)
+def first(browser, address) -> seen.Seen:
+    return seen.Seen(browser.new_page(viewport=seen.SMALL), address)
 
 
 @pytest.fixture
-def page(first) -> Seen:
+def page(first) -> seen.Seen:
     """With new machines, when the diagnosis has learned what they are like."""
     first.renew()
     return first
@@ -142,32 +109,21 @@ def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page,
 
 
 @pytest.mark.night
-@pytest.mark.parametrize("box", HAPPENS)
-def test_a_disturbance_is_said_as_long_as_it_lasts(page, box):
-    page.tick(box)
-    said = page.until(lambda said: HAPPENS[box] in said.happens)
-    assert said.supervised.startswith(SOUND)
-    if box == "Stuck sensor":
-        held = page.until(lambda said: "repeats one value" in said.supervised)
-        assert "the commands are held" in held.supervised
-    page.tick(box)
-    page.until(lambda said: said.happens == "all is sound")
-
-
-@pytest.mark.night
-def test_a_bump_is_said_and_diagnosis_goes_off_and_on(page):
+def test_a_bump_and_a_stuck_sensor_are_said_and_diagnosis_goes_off_and_on(page):
     page.click("Bump")
     page.until(lambda said: said.last.startswith("Bumped: 5/54 of the payload's weight"))
-    page.tick("Diagnosis")
-    page.until(lambda said: said.supervised.startswith("Does not diagnose"))
-    page.tick("Diagnosis")
-    page.until(lambda said: said.supervised.startswith(SOUND))
+    page.tick("Stuck sensor")
+    page.until(lambda said: "repeats one value" in said.supervised)
+    page.tick("Stuck sensor")
+    for believed in ("Does not diagnose", SOUND):
+        page.tick("Diagnosis")
+        page.until(lambda said, believed=believed: said.supervised.startswith(believed))
 
 
 @pytest.mark.night
-def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser, hexapod, page):
+def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser, address, page):
     """What is clicked on one shows on the other, the elements too."""
-    other = Seen(browser.new_page(viewport=SMALL), hexapod.url, picture_s=10.0)
+    other = seen.Seen(browser.new_page(viewport=seen.SMALL), address, picture_s=10.0)
     other.make("strut2", "free")
     for each in (page, other):
         each.until(lambda said: said.supervised.startswith("strut2 is free"))
@@ -191,9 +147,9 @@ def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser
 def test_an_actuator_of_another_robot_that_locks_is_named(
     browser, tmp_path, robot, words, actuator
 ):
-    words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(free_port())]
-    with served(tmp_path / "out", *words) as command:
-        page = Seen(browser.new_page(viewport=SMALL), command.url)
+    words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(seen.free_port())]
+    with seen.served(tmp_path / "out", *words) as (_, url):
+        page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)
         page.until(lambda said: said.supervised.startswith(SOUND))
         page.make(actuator, "lock")
         said = page.until(lambda said: "locked" in said.named(actuator))

@@ -6,30 +6,16 @@ import numpy as np
 import pytest
 
 from fjh.live.course import COURSES, REST, Course, course
-from tests.fjh.live.robots import NAMES, rig
+from tests.fjh.rigs import rig
 
 SETTLED_S = 1.0
 """After which what was demanded before a path began no longer shows."""
-of_each_robot = pytest.mark.parametrize("name", NAMES)
+of_each_robot = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
 
 @cache
 def of(name: str, path: str) -> Course:
     return course(rig(name), path)
-
-
-@pytest.mark.parametrize("path", COURSES)
-@of_each_robot
-def test_a_course_begins_at_rest_and_repeats_with_its_cycle(name, path):
-    its = of(name, path)
-    first, demands = its.at(np.arange(1))
-    np.testing.assert_array_equal(first, 0.0)
-    assert (demands is None) == (its.demands is None) == (name == "hexapod")
-    ticks = len(its.desired) - its.cycle + np.arange(2 * its.cycle)
-    for values in its.at(ticks)[: 1 if name == "hexapod" else 2]:
-        assert values is not None
-        np.testing.assert_array_equal(values[: its.cycle], values[its.cycle :])
-    assert its.desired.any() == (path != REST)
 
 
 @pytest.mark.parametrize("path", COURSES)
@@ -62,10 +48,7 @@ def largest_step(desired: np.ndarray) -> float:
 @pytest.mark.parametrize("path", ["circle", "spiral", REST])
 @of_each_robot
 def test_a_change_of_path_has_no_jump(name, path, former):
-    """No tick moves farther than the fastest of both paths, and what the fade of 1 s adds.
-
-    The former path goes back by 2 radii at the most; the fade is at most 15/8 as fast as a ramp.
-    """
+    """No tick moves farther than both paths and a fade of 2 radii in 1 s, 15/8 of a ramp."""
     one, was = rig(name), of(name, former)
     at = 3 + len(was.desired) + round(0.4 * was.cycle)
     now = course(one, path, was, at)
@@ -80,7 +63,7 @@ def test_a_change_of_path_has_no_jump(name, path, former):
 
 def test_a_change_to_steps_goes_to_rest_first():
     """Steps are jumps of their own; until the first of them the fade is smooth."""
-    one, was = rig(), of("hexapod", "circle")
+    one, was = rig("hexapod"), of("hexapod", "circle")
     now = course(one, "steps", was, 2500)
     switch = round(1.0 / one.period_s)
     assert largest_step(now.desired[:switch]) < 0.02 * one.size

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fjh.live import session as sessions
-from fjh.live.course import COURSES, REST
+from fjh.live.course import COURSES
 from fjh.live.flight import Kind
 from fjh.live.panel import LASTING
 from fjh.live.session import Session
 from fjh.rig.run import SOUND
-from tests.fjh.live.robots import rig
+from tests.fjh.rigs import rig
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 LSB_PERCENT = 100 / 2**15
@@ -22,7 +22,7 @@ LEARNED = 1000
 
 @pytest.fixture
 def session() -> Session:
-    return Session(rig())
+    return Session(rig("hexapod"))
 
 
 def said(session: Session) -> str:
@@ -52,9 +52,11 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
         assert plant.data.eq_active[locks].all()
 
 
-def test_a_disturbance_that_was_switched_off_is_over(session):
-    """Both machines then go on without it; what is said twice is done once; it can begin anew."""
-    calm = Session(rig())
+def test_what_is_undone_between_two_ticks_leaves_no_trace(session):
+    """Twice on, twice off, or broken in every way and repaired; what was over can begin anew."""
+    calm = Session(rig("hexapod"))
+    for kind in (*KINDS[1:], KINDS[0]):
+        session.make(2, kind)
     for name in LASTING:
         for on in (True, True, False, False):
             session.disturb(name, on)
@@ -76,7 +78,7 @@ def test_a_disturbance_that_was_switched_off_is_over(session):
 
 def test_weights_change_without_a_step_of_the_inputs(session):
     """Against the same session with its weights as they were: the last bit, and then they move."""
-    as_before = Session(rig())
+    as_before = Session(rig("hexapod"))
     for each in (session, as_before):
         each.advance(150)
     session.weigh([8.0, 1.0, 1.0, 8.0, 1.0, 1.0])
@@ -107,19 +109,17 @@ def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
         assert again.failures == () and again.events == ()
 
 
-def test_another_path_is_followed_by_both_after_a_second(session):
-    for name in COURSES:
-        session.advance(30)
-        session.follow(name)
-        begin = session.tick
-        session.advance(20)
-        for flight in session.flights:
-            wanted, _ = session.course.at(np.arange(20))
-            np.testing.assert_array_equal(flight.desired[begin : begin + 20], wanted)
-        assert session.course.name == name
-        session.restart()
-        assert session.course.name == name and not session.course.desired[0].any()
-        assert session.course.desired.any() == (name != REST)
+@pytest.mark.parametrize("name", COURSES)
+def test_another_path_is_followed_by_both_and_by_new_machines(session, name):
+    session.advance(30)
+    session.follow(name)
+    begin = session.tick
+    session.advance(20)
+    wanted, _ = session.course.at(np.arange(20))
+    for flight in session.flights:
+        np.testing.assert_array_equal(flight.desired[begin : begin + 20], wanted)
+    session.restart()
+    assert session.course.name == name and not session.course.desired[0].any()
 
 
 def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monkeypatch):
@@ -139,7 +139,7 @@ def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monk
 
 def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
     monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
-    session = Session(rig())
+    session = Session(rig("hexapod"))
     assert [session.advance(30) for _ in range(3)] == [30, 19, 0]
     assert session.tick == 50 and not any(flight.left for flight in session.flights)
     session.restart()
@@ -149,26 +149,23 @@ def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
 # What takes seconds of flight.
 
 
-def until(session: Session, holds: Callable[[Session], bool], within_s: float) -> float:
-    """Fly on until something holds; the seconds that it took."""
+def until(session: Session, holds: Callable[[str], bool], within_s: float) -> float:
+    """Fly on until something is believed; the seconds that it took."""
     begin = session.tick
-    while not holds(session):
-        assert (session.tick - begin) * rig().period_s < within_s, said(session)
+    while not holds(said(session)):
+        assert (session.tick - begin) * rig("hexapod").period_s < within_s, said(session)
         session.advance(20)
-    return (session.tick - begin) * rig().period_s
+    return (session.tick - begin) * rig("hexapod").period_s
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("while_looking", [True, False])
 def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while_looking):
-    """It does not take the broken machine for the sound one, whoever saw it break.
-
-    Free since before anybody looked is named as locked: without force, a strut stands.
-    """
+    """Free since before anybody looked is named as locked: without force, a strut stands."""
     session.advance(LEARNED)
     if while_looking:
         session.make(0, "free")
-        until(session, lambda s: said(s).startswith("strut1 is free"), 0.5)
+        until(session, lambda it: it.startswith("strut1 is free"), 0.5)
     session.diagnose(False)
     assert said(session).startswith("Does not diagnose")
     if not while_looking:
@@ -177,7 +174,7 @@ def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while
     session.diagnose(True)
     assert "takes the first" not in said(session)
     broken = "strut1 is " if while_looking else "strut4 is locked"
-    until(session, lambda s: said(s).startswith(broken), 1.0)
+    until(session, lambda it: it.startswith(broken), 1.0)
 
 
 @pytest.mark.long
@@ -186,5 +183,5 @@ def test_diagnosis_that_never_saw_the_sound_machine_says_that_it_learns(session)
     session.diagnose(False)
     session.diagnose(True)
     assert said(session).startswith("It takes the first 0.8 s")
-    took = until(session, lambda s: said(s) == "All actuators are believed sound.", 1.0)
+    took = until(session, lambda it: it == "All actuators are believed sound.", 1.0)
     assert took == pytest.approx(0.8, abs=0.03)

@@ -31,10 +31,3 @@ def test_what_the_writer_complains_of_is_an_error_and_leaves_nothing(tmp_path):
     ):
         log_series(recording, time_column(np.arange(3.0)), "x", ["a [1]"], np.zeros((2, 1)))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_times_are_whole_nanoseconds():
-    """Float seconds would be cut: 0.003 s is 2,999,999 ns then."""
-    ticks = np.arange(16000)
-    stamps = time_column(ticks * 1e-3).as_arrow_array().cast("int64").to_numpy()
-    np.testing.assert_array_equal(stamps, ticks * 1_000_000)

@@ -30,16 +30,9 @@ def of_robot(
     return surveyed(subject, postures, seed, lambda done, total: None)
 
 
-def of_matrix(
-    file: Path,
-    *,
-    lower: str | None = None,
-    upper: str | None = None,
-    major: str | None = None,
-    hold: str | None = None,
-) -> Survey:
-    subject = matrix_subject(file, lower, upper, major, hold)
-    return surveyed(subject, 0, 0, lambda done, total: None)
+def of_matrix(file: Path, **given: str | None) -> Survey:
+    asked = dict.fromkeys(("lower", "upper", "major", "hold")) | given
+    return surveyed(matrix_subject(file, **asked), 0, 0, lambda done, total: None)
 
 
 def conditions(found: Survey) -> pd.DataFrame:

@@ -1,24 +1,21 @@
 """`fjh survey`: each number is what one condition has alone, and the report follows its subject."""
 
 from dataclasses import replace
-from itertools import product
 from math import comb
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial import ConvexHull, QhullError
 
 from fjh.rig.conditions import FREE, LOCKED
 from fjh.rig.examined import LEAST_LEFT, examine
 from fjh.rig.robot import robot_of
-from fjh.survey.conditions import actuator_frame, checks, condition_frame
+from fjh.survey.conditions import checks, condition_frame
 from fjh.survey.page import headline
 from prioritized import ConstrainedSystem
 from sim import MODELS, assemble
 from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
-from tests.published.faces import effectiveness
+from tests.published.faces import distances, effectiveness
 from tests.robots import TEST_MODELS
 
 B = np.random.default_rng(3).normal(size=(3, 5))
@@ -26,51 +23,18 @@ ARM = MODELS / "arm.xml"
 STRETCHED = {"site": "tip", "axes": None, "major": "3,4"}
 
 
-def test_actuators_in_another_order_have_the_same_report(tmp_path):
-    found = []
-    for columns in ([0, 1, 2, 3, 4], [3, 0, 4, 1, 2]):
-        named = pd.DataFrame(B[:, columns], columns=[f"a{k}" for k in columns])
-        named.to_csv(tmp_path / "B.csv", index=False)
-        survey = of_matrix(tmp_path / "B.csv")
-        of_failures = condition_frame(survey)
-        of_failures.index = [
-            (*sorted(locked), "|", *sorted(free))
-            for locked, free in zip(of_failures.locked, of_failures.free, strict=True)
-        ]
-        keys = ["worst_effect", "relative_manipulability", "largest_gain", "survived"]
-        found.append((of_failures[keys], actuator_frame(survey).set_index("actuator")))
-    for one, other in zip(*found, strict=True):
-        pd.testing.assert_frame_equal(one, other.loc[one.index], rtol=1e-9)
-
-
-def test_other_units_of_the_effects_change_effects_and_gains_alone(tmp_path):
-    one, ten = (conditions(of_matrix(written(tmp_path / "B.csv", k * B))) for k in (1, 10))
-    factors = {"worst_effect": 10, "error_gain": 10, "largest_gain": 0.1}
-    for key in ("effect_left", "relative_manipulability", "best_possible", "survived", *factors):
-        expected = factors.get(key, 1) * one[key]
-        np.testing.assert_allclose(ten[key], expected, rtol=1e-9, err_msg=key)
-
-
-def hexarotor(file: Path, turns: str) -> Path:
-    return written(file, effectiveness(turns))
-
-
 def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
     """Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
     for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
-        start = of_matrix(hexarotor(tmp_path / "B.csv", turns), **hover).start
+        start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
         assert start.survived[0]
         assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
 
 
 def room(columns: np.ndarray, low: np.ndarray, high: np.ndarray, held: np.ndarray) -> float:
-    """Radius of the ball about what is held, from the hull of what the ends of all limits do."""
-    ends = np.array([columns @ each for each in product(*zip(low, high, strict=True))]) - held
-    try:
-        return max(0.0, -ConvexHull(np.unique(ends, axis=0)).equations[:, -1].max())
-    except QhullError:  # they are in a plane
-        return 0.0
+    """Radius of the ball about what is held."""
+    return max(0.0, distances(columns, held, low, high).min())
 
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
@@ -118,7 +82,8 @@ def test_a_robot_whose_force_is_gone_has_lost_the_task(tmp_path, near):
 @pytest.mark.parametrize(("hold", "advice"), [(None, "(--hold)"), ("40,0,0,0", "hold less")])
 def test_inputs_without_room_about_rest_are_said_to_have_none(tmp_path, hold, advice):
     """Thrusts from 0 have none about zero; six of 6 N do not carry 40 N."""
-    found = of_matrix(hexarotor(tmp_path / "B.csv", "PPNNPN"), lower="0", upper="6", hold=hold)
+    file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
+    found = of_matrix(file, lower="0", upper="6", hold=hold)
     assert found.start.verdict(0) == "no room"
     assert headline(found.subject, found.start).endswith(f"{advice}.")
 

@@ -1,36 +1,22 @@
 """Which failures can be told apart: of a matrix by its columns, of a robot by `ftc.fdi`."""
 
 import itertools
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import subspace_angles
 
-from fjh.rig import Rig
 from fjh.rig.dither import MEASURED_S
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
-from fjh.survey.isolation import (
-    alike_columns,
-    further_sensors,
-    isolation_of,
-    told_apart,
-    with_sensors,
-)
-from fjh.survey.subject import matrix_subject, robot_subject
+from fjh.survey import isolation
+from fjh.survey.subject import robot_subject
 from ftc.fdi import DEFAULT_CONFIG, separations
 from sim import MODELS
 from tests.random_systems import SEEDS
-
-TOLERANCE = 1e-9
-
-
-@cache
-def hand() -> Rig:
-    return robot_rig(MODELS / "hand.xml", RobotOptions(major=(3, 4), sense="both"))
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 7))
@@ -40,7 +26,7 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
     some = rng.normal(size=(rows, 3))
     B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
     B = rng.uniform(0.1, 10, (rows, 1)) * B
-    found = alike_columns(B, range(columns), TOLERANCE)
+    found = isolation.alike_columns(B, range(columns), 1e-9)
     ranks = {
         (i, j): np.linalg.matrix_rank(B[:, [i, j]], tol=1e-9)
         for i, j in itertools.combinations(range(columns), 2)
@@ -53,44 +39,31 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
     assert (found["nearest"] == []) == (not apart)
     if apart:
         unit = B / np.linalg.norm(B, axis=1, keepdims=True)
-        angles = {pair: angle_deg(*unit[:, pair].T) for pair in apart}
+        angles = {
+            pair: np.rad2deg(subspace_angles(*np.hsplit(unit[:, pair], 2))[0]) for pair in apart
+        }
         least = pytest.approx(found["smallest_angle_deg"], rel=1e-6)
         assert min(angles.values()) == least and angles[tuple(found["nearest"])] == least
-    lonely = [k for k in sorted(seen) if all(k not in pair for pair in alike)]
-    assert found["isolable"] == len(lonely)
-
-
-def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
-    """Of two lines, from the cross product's size and the scalar product."""
-    across = np.sqrt(max((a @ a) * (b @ b) - (a @ b) ** 2, 0.0))
-    return float(np.rad2deg(np.arctan2(across, abs(a @ b))))
-
-
-def test_rotors_on_one_arm_look_alike(tmp_path):
-    """Two rotors above each other, in the same sense: one column twice."""
-    (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
-    subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
-    rows, _ = isolation_of(subject, "on", None)
-    [row] = rows.to_dict("records")
-    assert row["alike"] == [["top", "bottom"]] and row["without_effect"] == ["idle"]
+    assert found["isolable"] == len(seen - {k for pair in alike for k in pair})
 
 
 @pytest.mark.long
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
-    design, row = told_apart(hand(), "joints")
+    hand = robot_rig(MODELS / "hand.xml", RobotOptions(major=(3, 4), sense="both"))
+    design, row = isolation.told_apart(hand, "joints")
     assert row["further_sensors"]
 
     def isolable(watched: Any) -> int:
         found = separations(watched, design.dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
         return len(found.isolable())
 
-    watched, before = with_sensors(hand(), "joints").watched, row["isolable"]
+    watched, before = isolation.with_sensors(hand, "joints").watched, row["isolable"]
     assert isolable(watched) == before
     for name, with_it in zip(row["further_sensors"], row["isolable_with_further"], strict=True):
         more = {
             each: watched.measured(np.vstack([watched.plant.C, C]), [*watched.noise, noise])
-            for each, (C, noise) in further_sensors(hand(), "joints").items()
+            for each, (C, noise) in isolation.further_sensors(hand, "joints").items()
         }
         assert isolable(more[name]) == with_it > before
         assert max(map(isolable, more.values())) == with_it
@@ -107,7 +80,7 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
 def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(name, task, said):
     """A task that leaves no motion, and torque motors."""
     subject = robot_subject(MODELS / f"{name}.xml", RobotOptions(**task), None, None)
-    rows, settings = isolation_of(subject, "on", None)
+    rows, settings = isolation.isolation_of(subject, "on", None)
     assert rows.empty and said in settings["isolation_refused"]
 
 

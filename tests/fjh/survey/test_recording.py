@@ -1,6 +1,5 @@
 """The survey as a recording: of motions that are really lost, each in a cell."""
 
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -9,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fjh.survey import recording
-from fjh.survey.page import headline
 from fjh.survey.recording import losses, title, write_losses
 from sim import MODELS
 from tests.fjh.survey.surveys import of_robot
@@ -27,11 +25,6 @@ SURVEYED = {
 def survey(name: str) -> Any:
     file, major = SURVEYED[name]
     return of_robot(file, axes=None, major=major)
-
-
-def write(found: Any, folder: Path) -> None:
-    verdict = headline(found.subject, found.start)
-    write_losses(found.subject, found.start, "fjh survey", verdict, folder)
 
 
 def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
@@ -53,7 +46,7 @@ def test_the_motion_is_along_the_direction_that_is_lost(name, monkeypatch, tmp_p
     monkeypatch.setattr(recording, "MOST", 99)
     monkeypatch.setattr(recording, "condition_scene", lambda *driven, **_: driven)
     monkeypatch.setattr(recording, "write_scenes", lambda *of, pages: written.update(of[2]))
-    write(found, tmp_path)
+    write_losses(found.subject, found.start, "fjh survey", "verdict", tmp_path)
     model, lost = found.subject.robot.scene.own, losses(found.subject, found.start)
     assert len(written) == len(lost) > 0
     active = found.subject.system.active
@@ -77,7 +70,7 @@ def test_more_directions_than_a_screen_holds_are_in_further_recordings(tmp_path,
     monkeypatch.setattr(recording, "MOST", 3)
     found = survey("arm")
     lost = losses(found.subject, found.start)
-    write(found, tmp_path)
+    write_losses(found.subject, found.start, "fjh survey", "verdict", tmp_path)
     files = sorted(tmp_path.glob("*.rrd"))
     cells = [sum(entity.endswith("/along") for entity in entities(file)) for file in files]
     assert sum(cells) == len(lost) and max(cells) == 3 and len(files) == -(-len(lost) // 3)
