@@ -219,7 +219,7 @@ def test_ticks_without_a_measurement_do_not_shift_the_mean_of_a_steady_motion(mi
     for tick in range(17):
         y = None if tick in missing else tick * rate
         state = watch.step(state, y, np.zeros(2))
-    np.testing.assert_allclose(state.history[-1].y, 13.5 * rate / watch.nominal.noise)
+    assert state.history[-1].y == pytest.approx(13.5 * rate / watch.nominal.noise)
 
 
 def test_residuals_are_tested_at_the_stated_rate_of_false_alarms():

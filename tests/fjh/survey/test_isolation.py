@@ -85,7 +85,7 @@ def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(name, task, sa
 
 
 def test_of_many_actuators_no_dither_is_searched(monkeypatch):
-    monkeypatch.setattr("fjh.survey.isolation.MOST_ACTUATORS", 1)
+    monkeypatch.setattr(isolation, "MOST_ACTUATORS", 1)
     subject = robot_subject(MODELS / "hand.xml", RobotOptions(major=(3, 4)), None, None)
-    rows, settings = isolation_of(subject, "on", None)
+    rows, settings = isolation.isolation_of(subject, "on", None)
     assert rows.empty and "more than 1" in settings["isolation_refused"]
