@@ -120,6 +120,7 @@ def test_another_controller_meets_the_same_noise():
     np.testing.assert_allclose(other, own, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.night
 def test_its_columns_stand_beside_ours_and_a_failed_run_fails_the_study(folder, tmp_path):
     """Table I, 0.6 s of it, with a controller that fails in one of its columns."""
