@@ -114,6 +114,15 @@ def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, drawn):
         assert np.linalg.norm(points - corner, axis=1).min() < 1e-8
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_a_set_grows_with_its_limits(unit):
+    rng = np.random.default_rng(0)
+    kin = ConstrainedSystem(rng.normal(size=(3, 5)), None, range(5)).kinematics()
+    one, other = (kin.attainable([0, 1, 2], (-size, 2 * size)) for size in (1.0, unit))
+    assert other.radius == pytest.approx(unit * one.radius)
+    np.testing.assert_allclose(other.vertices, unit * one.vertices, rtol=1e-9)
+
+
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3)))
 def test_no_limits_are_limits_that_are_wide_enough(data, drawn):
     """An infinite limit is the end of wider and wider ones, for velocities and for forces."""

@@ -156,6 +156,9 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
         report.unmanipulable and not report.unstable_major
     )
     assert plain.rank == kin.velocity_mapping(major).rank
+    if not error:
+        F, J_Cp = kin.internal_force, system.J_C[:, kin.passive]
+        assert (np.abs(F @ J_Cp) <= 1e-12 * np.linalg.norm(J_Cp, axis=0)).all()
     return {
         "findings": tuple(finding.holds for finding in report.findings.values()),
         "possible": bool(failure_atlas(system, major, codes=[[0] * len(rate)]).possible[0]),

@@ -218,6 +218,9 @@ def test_the_tick_of_a_rougher_mechanism_takes_its_tolerance():
     mapping = fine.kinematics().velocity_mapping([0, 1])
     there = mapping.at(rough.kinematics())
     assert ticked(mapping, fine, v, rest) == pytest.approx(np.array([1.0, 100.0, 0.0]))
+    tick = mapping.tick()
+    assert tick is not None
+    assert tick.at_jacobians(fine, np.concatenate([v, rest]), None) == pytest.approx([1, 100, 0])
     found = ticked(there, rough, v, rest)
     np.testing.assert_allclose(there(v), [1.0, 0.0, 0.0])
     assert found is None or found == pytest.approx(there(v))
