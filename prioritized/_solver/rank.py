@@ -58,13 +58,6 @@ class RankedSvd:
         return np.min(np.where(np.isnan(ratio), np.inf, ratio), axis=-1, initial=np.inf)
 
     @property
-    def condition(self) -> Array:
-        """Largest singular value over the smallest that counts, shape (...); 1 without any."""
-        least = np.min(self.sigma, axis=-1, initial=np.inf, where=self.kept)
-        most = np.max(self.sigma, axis=-1, initial=0.0, where=self.kept)
-        return np.where(self.rank > 0, most / least, 1.0)
-
-    @property
     def uncertainty(self) -> float:
         """Relative error that the least singular value that counts may have, of one matrix.
 
