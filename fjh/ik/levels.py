@@ -82,11 +82,6 @@ class Levels(NamedTuple):
             levels.append(level)
         return levels
 
-    @property
-    def are_free(self) -> tuple[bool, ...]:
-        """Whether no task of a level states its damping, of each level."""
-        return tuple(all(task.damping is None for task in tasks) for tasks in self.tasks)
-
     def targets(self, kinematics: Kinematics) -> "Targets":
         """What asks for velocities at any state, for joints for the rates of the survivors."""
         parts, start = list[list[Part]](), 0

@@ -1,10 +1,9 @@
 """Figures for print: widths, colours, style, and how they are saved. No display is needed."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
-from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -69,15 +68,6 @@ def logarithmic(axes: Axes, names: str) -> None:
         axis.set_minor_locator(NullLocator())
 
 
-def name_rows(axes: Axes, names: Sequence[str], *, right: bool = False) -> None:
-    """Write the names of the rows 0, 1, ... beside the axes, where the layout keeps no room."""
-    place = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
-    style = {"va": "center", "ha": "left" if right else "right", "annotation_clip": False}
-    for row, name in enumerate(names):
-        text = axes.annotate(name, (float(right), row), (6 if right else -6, 0), **place, **style)
-        text.set_in_layout(False)
-
-
 @contextmanager
 def names_in_any_script() -> Iterator[None]:
     """Draw letters that the font lacks as boxes, without a warning."""
@@ -86,16 +76,8 @@ def names_in_any_script() -> Iterator[None]:
         yield
 
 
-def save_figure(
-    figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
-) -> None:
-    """Write `name.png` and `name.pdf`, or the formats asked for; the same bytes every time."""
-    for file, content in printed(figure, name, formats).items():
-        (folder / file).write_bytes(content)
-
-
 def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
-    """What :func:`save_figure` writes, by the names of the files."""
+    """A figure in these formats by names of files; the same bytes every time."""
     files = {}
     with names_in_any_script():
         if figure.axes and (layout := figure.get_layout_engine()):
