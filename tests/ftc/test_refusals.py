@@ -3,7 +3,7 @@
 import pickle
 import time
 from copy import deepcopy
-from dataclasses import FrozenInstanceError, is_dataclass
+from dataclasses import FrozenInstanceError, is_dataclass, replace
 from typing import Any
 
 import control
@@ -19,6 +19,15 @@ from tests.ftc.small_stage import DESIRED, LOADED, READ, STILL, N, stage
 def test_a_monitor_that_would_not_come_to_an_end_is_refused():
     with pytest.raises(ValueError, match="config must have samples of at most 10000 ticks"):
         monitor(stage().nominal, config=FdiConfig(sample_s=3600.0))
+
+
+def test_a_plant_of_which_one_command_is_felt_at_once_is_refused():
+    whole = stage().nominal
+    through = np.zeros((2, N))
+    through[0, 1] = 1e-3
+    plant = control.ss(whole.plant.A, whole.plant.B, whole.plant.C, through)
+    with pytest.raises(ValueError, match="no feedthrough"):
+        replace(whole, plant=plant)
 
 
 def test_without_a_sensor_check_a_gap_is_refused():
