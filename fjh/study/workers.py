@@ -89,9 +89,10 @@ def _on_one_thread(function: Callable[..., Any], arguments: dict[str, Any]) -> A
 def processes(count: int) -> Iterator[Executor]:
     """Make a pool of processes, which end with the block or with this process, whatever they do."""
     others = active_children()
+    with uninterrupted():  # Python's tracker of what they share must outlive a hang-up of all
+        ensure_running()
     # Not fork: threads of numerical libraries would be inherited in an unknown state.
     pool = ProcessPoolExecutor(max(count, 1), get_context("spawn"), _begin)
-    ensure_running()  # it would unblock signals while the first process starts
     try:
         yield pool
     finally:
