@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 profiles.register()
 
 # Their assertions say what they compare, as those of tests do.
-for helper in ("fjh.live.browser", "fjh.survey.surveys", "hostile", "models", "motions", "processes"):
-    pytest.register_assert_rewrite(f"tests.{helper}")
+pytest.register_assert_rewrite(
+    *("tests.fjh.live.browser", "tests.fjh.survey.surveys", "tests.hostile", "tests.models"),
+    *("tests.motions", "tests.processes"),
+)
 
 # A job that a shell puts in the background ignores Ctrl-C, and so would what the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
