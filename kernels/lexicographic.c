@@ -371,13 +371,13 @@ static double towards(work_t *w, int q)
 
 /* Find the bound to leave, -1 if there is none, and then bounds that clearly hold the level back.
  *
- * With `first_only` the first that may be left is taken, not the best.
+ * With `first_only` the first that may be left is taken, not the best. Steps of size `reach` led here.
  */
-static int multipliers(work_t *w, int q, const int8_t *state, bool first_only)
+static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, double reach)
 {
     int n = w->n, f = w->fixed, k = w->k, chosen = -1;
     double worst = 0.0, *g = w->move, *lambda = w->lambda, *r = w->r;
-    double terms = lacking(w, q, r), residual = sqrt(dot(r, r, q));
+    double terms = fmax(lacking(w, q, r), reach), residual = sqrt(dot(r, r, q));
     if (!(residual > ROUND_OFF * terms))
         return -1;
     memset(g, 0, (size_t)n * sizeof *g);
@@ -417,12 +417,12 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
                    int8_t *state)
 {
     int n = w->n, f = w->fixed, idle = 0;
-    double before = *w->gap;
+    double before = *w->gap, reach = 0.0; /* steps along rows that are nearly dependent are long */
     memset(w->t, 0, (size_t)q * sizeof *w->t);
     activate_all(w, q, state, 0);
     for (; w->steps < w->most; w->steps++) {
         *w->gap = before; /* the optimum rests on the decision of the last step alone */
-        double terms = towards(w, q), length = 1.0, most = 0.0, moved = 0.0;
+        double terms = fmax(towards(w, q), reach), length = 1.0, most = 0.0, moved = 0.0;
         int blocked = -1;
         for (int i = 0; i < q; i++) {
             double change = w->is_norm ? w->step[f + i] : dot(w->K + i * q, w->step + f, q);
@@ -450,6 +450,7 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
         }
         if (length > 0.0) {
             add(w->t, length, w->step + f, q);
+            reach = fmax(reach, length * sqrt(dot(w->step, w->step, n)));
             for (int j = 0; j < n; j++) {
                 double moved = x[j] + length * w->move[j];
                 if (fabs(moved) < 0.1 * ROUND_OFF * fabs(x[j]))
@@ -464,7 +465,7 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
             activate(w, q, blocked);
             continue;
         }
-        int chosen = multipliers(w, q, state, idle > DEGENERATE);
+        int chosen = multipliers(w, q, state, idle > DEGENERATE, reach);
         if (chosen < 0) {
             w->steps++;
             return true;

@@ -68,14 +68,18 @@ def moved_by_weights(made: Any, when: str, seed: int) -> tuple[float, bool]:
     return moved / float(size), limited
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(5000, marks=NIGHT)])
+@pytest.mark.parametrize(
+    "seeds",
+    # Of the last three a torque hardly depends on a force: on the way there x is 1e5 times as long.
+    [[*range(40), 138, 500, 3476], pytest.param(range(5000), marks=NIGHT, id="5000")],
+)
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
 @pytest.mark.parametrize("made", [velocity_mapping, force_mapping])
-def test_weights_do_not_move_a_major_task_that_limits_hold_back(made, when, count):
+def test_weights_do_not_move_a_major_task_that_limits_hold_back(made, when, seeds):
     """Joint and secondary weights, and what they are wanted to do, leave its residual alone."""
-    moved, limited = zip(*(moved_by_weights(made, when, k) for k in range(count)), strict=True)
+    moved, limited = zip(*(moved_by_weights(made, when, seed) for seed in seeds), strict=True)
     assert max(moved) < 1e-9
-    assert 0.25 * count < sum(limited) < 0.75 * count
+    assert 0.25 < np.mean(limited) < 0.75
 
 
 @given(st.data(), systems())
