@@ -377,8 +377,9 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, d
 {
     int n = w->n, f = w->fixed, k = w->k, chosen = -1;
     double worst = 0.0, *g = w->move, *lambda = w->lambda, *r = w->r;
-    double terms = fmax(lacking(w, q, r), reach), residual = sqrt(dot(r, r, q));
-    if (!(residual > ROUND_OFF * terms))
+    double terms = lacking(w, q, r), residual = sqrt(dot(r, r, q));
+    reach = fmax(reach, terms);
+    if (!(residual > ROUND_OFF * reach))
         return -1;
     memset(g, 0, (size_t)n * sizeof *g);
     for (int i = 0; i < q; i++)
@@ -407,7 +408,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, d
         }
     if (chosen < 0)
         for (int j = 0; j < n; j++)
-            if (w->none[j] < -fmax(ROUND_OFF * fmax(terms, w->from), ACCURACY * residual))
+            if (w->none[j] < -fmax(ROUND_OFF * fmax(reach, w->from), ACCURACY * residual))
                 w->held[j] = 1;
     return chosen;
 }
