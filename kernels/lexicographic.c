@@ -423,7 +423,7 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
     activate_all(w, q, state, 0);
     for (; w->steps < w->most; w->steps++) {
         *w->gap = before; /* the optimum rests on the decision of the last step alone */
-        double terms = fmax(towards(w, q), reach), length = 1.0, most = 0.0, moved = 0.0;
+        double terms = towards(w, q), length = 1.0, most = 0.0, moved = 0.0;
         int blocked = -1;
         for (int i = 0; i < q; i++) {
             double change = w->is_norm ? w->step[f + i] : dot(w->K + i * q, w->step + f, q);
