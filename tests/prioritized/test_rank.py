@@ -345,6 +345,7 @@ def test_a_tilted_mechanism_gets_the_verdicts_of_the_upright_one(seed, geometry,
     upright = platform(bases, tops).with_failures(*failed)
     tilted = platform(bases @ R.T, tops @ R.T).with_failures(*failed)
     kin, turned_kin = upright.kinematics(), tilted.kinematics()
+    assume(kin.closure_condition < 1e3)  # beyond 5e3 round-off of the loops may reach a verdict
     report, turned = kin.manipulability(major), turned_kin.manipulability(major @ twist.T)
     assert str(report) == str(turned)  # every flag, and the number of directions of each
     # A worst gain may be small and is known to round-off of the whole.
