@@ -143,8 +143,8 @@ def of_plain_arrays(
         return None
     if selected is None or not (
         J.dtype is w1.dtype is w2.dtype is _FLOAT64
-        and w1.shape in ((0,), J.shape[1:])
-        and w2.shape in ((0,), (len(selected[0][1]),))
+        and w1.shape == (J.shape[1:] if joint_weight is not None else (0,))
+        and w2.shape == ((len(selected[0][1]),) if secondary_weight is not None else (0,))
     ):
         return None
     directions, S, made = selected
