@@ -66,6 +66,9 @@ def test_every_simulated_force_is_the_mappings(tables):
     assert trials.held_off_percent.max() < 0.002
     assert trials.moved_percent.max() < 0.005
     assert trials[trials.kind != "locked"].pressed_major_off_percent.max() < 0.005
+    held = tables["prescribed"].set_index("condition").loc[["sound", "strut 1 locked"]]
+    lacking = held[["lacking_force_n", "lacking_major_n_m"]]
+    np.testing.assert_allclose(lacking, 0, atol=1e-12)  # then it exerts a whole wrench
 
 
 def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines):

@@ -29,7 +29,9 @@ def test_the_failures_are_found_named_and_gone_around(study):
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     assert {*failures.index} == {"exact", "all"}
     assert (failures[["right_rate", "detected_rate"]] == 1.0).all(axis=None)
-    assert not failures.alarm_before_count.any() and (failures.named_median_s < 0.3).all()
+    assert not failures[["alarm_before_count", "healthy_named_count"]].any(axis=None)
+    assert (failures.named_median_s < 0.3).all()
+    assert not tables["healthy"].alarms.any() and tables["beliefs"].sensitivity_peak.max() < 3
     assert failures.over_informed_after_pooled.between(0.9, 1.1).all()
     assert (tables["pairs"].handled_rate == 1.0).all()
     mixed = flown.query("sort == 'failure' and mismatch == 'all'")

@@ -109,6 +109,9 @@ def test_at_rest_the_elastic_mapping_is_right_and_one_for_locks_the_worse_the_so
     # yield to the flexures by 0.25 %; the linear model knows that.
     assert (sweep.mismatch_elastic_percent < 0.3).all()
     assert (sweep.mismatch_linear_model_percent < 0.01).all()
+    np.testing.assert_allclose(sweep.alpha_corrected_urad, 100.0, rtol=0.003)
+    assert (sweep.beta_corrected_urad.abs() < 0.1).all()
+    np.testing.assert_allclose(sweep.strut_1_simulated_um, sweep.strut_1_elastic_um, rtol=4e-3)
     np.testing.assert_allclose(sweep.all_flexures_n_per_m, 197.0, atol=0.5)
     as_if_locked = sweep.mismatch_as_if_locked_percent.to_numpy()
     assert as_if_locked[0] < 0.4 and as_if_locked[-1] > 45.0

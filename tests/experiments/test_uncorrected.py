@@ -9,11 +9,13 @@ import scipy.linalg
 
 from experiments import uncorrected
 from fjh.rig.hexapod.closed_form import hexapod
+from fjh.rig.hexapod.controller import StrutMapping
 from fjh.rig.hexapod.machine import FLOOR_BAND_HZ, floor_acceleration
 from fjh.rig.hexapod.paper import TABLE_I_URAD
 from fjh.rig.hexapod.rig import hexapod_rig
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.run import rms
+from ftc import Goal
 from sim import NOMINAL, Failure, Plant, linearize
 from tests.sim.machines import pole_of, ring_down
 
@@ -109,6 +111,18 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
     assert -pole.real / abs(pole) > 1.5 * least
     with pytest.raises(ValueError, match="ratio must lie between 0 and 1, got 0"):
         uncorrected.damped(model, 0)
+
+
+def test_the_strokes_of_the_page_are_those_of_the_mappings(model):
+    """Outermost turn, of the strut that moves most: W_a, without correction, W_e and W_d."""
+    J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
+    W_a = np.linalg.pinv(J)
+    gains = [W_a, W_a @ np.linalg.inv(J[:, 1:] @ W_a[1:])]
+    for weight in (10.0, 1.0):
+        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_at={0: 0.0})
+        gains.append(StrutMapping(hexapod(model), goal, "constant").major_gain())
+    peak_um = [100 * np.linalg.norm(gain, axis=1).max() for gain in gains]
+    np.testing.assert_allclose(peak_um, [16.6, 24.9, 28.6, 31.5], atol=0.05)
 
 
 @pytest.mark.long

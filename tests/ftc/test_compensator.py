@@ -59,6 +59,9 @@ def test_margins_and_peak_are_those_of_python_control_on_a_fine_grid():
     assert found.crossover_hz == pytest.approx(at_gain / (2 * np.pi), rel=1e-6)
     nearest = np.abs(1 + control.frequency_response(L, fine).complex).min()
     assert sensitivity_peak(L) == pytest.approx(1 / nearest, rel=1e-3)  # between two frequencies
+    margin = 10 ** (found.gain_margin_db / 20)
+    for factor, stable in ((0.98 * margin, True), (1.02 * margin, False)):
+        assert (np.abs(control.feedback(factor * L, 1).poles()).max() < 1) == stable
 
 
 def test_a_loop_whose_gain_stays_below_one_has_infinite_margins():

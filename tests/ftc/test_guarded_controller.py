@@ -122,6 +122,20 @@ def test_a_controller_gets_floats_whatever_a_sensor_counts_in():
     assert done.state.failure is None and done.inputs.any()
 
 
+def test_after_a_missing_reading_a_controller_goes_on():
+    """In the tick of the gap alone its commands stand, and it is not asked."""
+
+    class Blinking(Still):
+        ticks = 0
+
+        def measure(self) -> Measurement:
+            read, self.ticks = super().measure(), self.ticks + 1
+            return replace(read, output=np.full(2, np.nan)) if self.ticks == 6 else read
+
+    usual, blinked = run(Proportional).inputs, run(Proportional, machine=Blinking()).inputs
+    np.testing.assert_array_equal(blinked, np.insert(np.delete(usual, 5, 0), 5, usual[4], 0))
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
     """It gets copies, and copies are taken of what it returns."""

@@ -40,6 +40,18 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
     assert len(set(jac.active.tolist())) == len(seen)
 
 
+@pytest.mark.parametrize(
+    ("unit", "kinds"),
+    [
+        ("rad", ["hinge", "ball", "turn of a site"]),
+        ("m", ["site", "thrusters", "slider-crank", "free"]),
+    ],
+)
+def test_what_only_turns_moves_by_an_angle(unit, kinds):
+    for kind in kinds:
+        assert {drive.unit for drive in drives(mechanism(CASES[kind].mjcf)[0])} == {unit}, kind
+
+
 @every_kind
 def test_the_velocity_is_mujocos_by_the_gear_and_its_force_is_dual(kind):
     """Sum of gear force times velocity = qfrc_actuator . qvel, also along what opens loops."""

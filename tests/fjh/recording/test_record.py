@@ -83,6 +83,15 @@ def test_bodies_are_where_mujoco_puts_them_at_the_angles_of_the_run(kept):
     np.testing.assert_allclose(np.array(places)[-7:, 0], expected, atol=1e-7)
 
 
+def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
+    times, labels = rrd.rows(kept.file, "/machine/labels/failure_0/text", "Points3D:labels")
+    assert (times.tolist(), labels) == ([100_000_000], [["motor2 locked"]])
+    for geom, changes in (("link1/geom_2", []), ("link2/geom_4", [100_000_000])):
+        entity = f"/machine/visual_geometries/{geom}"
+        times, _ = rrd.rows(kept.file, entity, "Capsules3D:colors")
+        assert times[times > 0].tolist() == changes
+
+
 def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
     _, rig, run = kept
     diagnoses = Diagnosed("motor2", "weak", 0.05, None), Diagnosed("motor2", "locked", 0.2, None)

@@ -185,6 +185,11 @@ def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
     np.testing.assert_array_equal(flown(EXACT)[1], readings(bench, STEPS))
 
 
+def test_a_late_command_moves_a_robot_as_many_ticks_late_as_are_said():
+    prompt, late = (flown(sizes)[0].displacement for sizes in (EXACT, Mismatch(delay_ticks=2)))
+    np.testing.assert_array_equal(late[2:], prompt[:-2])
+
+
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
 def test_zeros_drift_in_what_is_read_and_the_task_of_encoders_with_them(sense):
     """Nothing moves otherwise; a task that is computed moves by the Jacobian times the drift."""

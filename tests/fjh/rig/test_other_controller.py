@@ -85,6 +85,15 @@ def test_a_module_of_the_users_hides_none_that_is_installed(tmp_path, monkeypatc
         controller_factory("control:lqg")
 
 
+def test_the_task_holds_the_machine_without_its_failures():
+    """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
+    known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
+    task = pursuing(rig("hexapod"), known).task
+    gain = -task.nominal.plant.C @ np.linalg.solve(task.nominal.plant.A, task.nominal.plant.B)
+    np.testing.assert_allclose(gain, task.major_jacobian, atol=4e-3 * np.abs(gain).max())
+    assert task.goal == known and np.array_equal(task.limits[0], -task.limits[1])
+
+
 @pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
 @pytest.mark.parametrize("locked", [(), (0,)])
 def test_the_examples_reach_a_constant_reference_without_error(name, locked):

@@ -143,7 +143,8 @@ SHORT, MISSING = np.zeros(1), np.full(2, NAN)
 TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     *((ValueError, made, "seed", [*NUMBERS, None, -1], "^seed must") for made in MADE),
     (ValueError, "flown", "path", [np.full((3, 2), 1e20)], r"^path must be at most 10000 rad or m"),
-    (ValueError, "predicted", "told", [[], [None, None], [-1.0]], "^told must"),
+    (ValueError, "flown", "path", [np.zeros((0, 2))], "^path must have a row"),
+    (ValueError, "predicted", "told", [[], [None, None], [-1.0], [0.0]], "^told must"),
     (ValueError, "event", "name", ["bmp", ""], "^there is no event"),
     # Hooks: which one, and when.
     (ValueError, "flown", "events", [Hook(sent=lambda *_: SHORT)], f"^{SENT}"),

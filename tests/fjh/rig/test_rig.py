@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fjh.rig import Rig, Run
 from fjh.rig.units import by_unit, said
 from fjh.study.errors import WrongInput
-from ftc import OracleController
+from ftc import Goal, OracleController
 from sim import Failure
 from sim.mjcf import drives
 from tests.arms import ARMS
@@ -22,6 +22,7 @@ from tests.fjh.rigs import ARM, path_of, readings, rig, rig_of
 from tests.models import model
 
 BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
+EQUAL = (1.0,) * 6
 
 
 @BOTH
@@ -82,6 +83,13 @@ def test_every_pilot_demands_the_path_through_the_inverse():
         np.testing.assert_array_equal(one.fly(each, path).inputs, plain)
     assert one.feedforward_demands(path) is not None
     assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
+
+
+def test_a_mapping_changes_at_the_time_that_was_said():
+    one, path, known = rig("hexapod"), path_of("hexapod", 0.1), Goal(EQUAL, locked_at={0: 0.0})
+    before, changing = one.controller(Goal(EQUAL)), one.reconfigured(Goal(EQUAL), known, 0.05)
+    sent, plain = (one.fly(each, path).inputs for each in (changing, before))
+    assert np.flatnonzero((sent != plain).any(axis=1))[0] == 50
 
 
 def test_a_robot_starts_where_it_is_told_to():

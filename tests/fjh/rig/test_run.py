@@ -11,6 +11,7 @@ import pytest
 
 from fjh.rig import Rig, Run
 from ftc import GuardedController, OracleController
+from sim import Failure
 from sim.mjcf import drives
 from tests.fjh.rigs import rig, rig_of
 
@@ -109,6 +110,9 @@ def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
     run, sound = flown("hexapod", what), flown("hexapod", "none")
     if what == "50 ms":  # and then as without
         np.testing.assert_allclose(error(run)[-50:], error(sound)[-50:], atol=3e-6)
+    elif what == "one NaN":
+        assert (run.inputs[STRUCK] == run.inputs[STRUCK - 1]).all()
+        assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
     else:
         assert rms(run) < 1.2 * rms(sound)
     assert not run.state.watch.alarm_ticks and not run.diagnoses
@@ -143,6 +147,20 @@ def test_a_healthy_robot_that_rubs_is_not_suspected():
     run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
     assert not run.diagnoses
     assert any("dry friction of shoulder, elbow, belt" in each for each in one.warnings)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("actuator", ["shoulder", "elbow"])
+def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(actuator):
+    """It sags by its load, then goes where it is told: there is no command to double."""
+    one, onset_s = rig_of("three_links", major=(5,)), 1.1
+    path, weak = one.path("circle", duration_s=2.1), [Failure(actuator, "weak", onset_s, 0.5)]
+    run, nothing_done = (
+        one.fly(each, path, failures=weak) for each in (one.supervisor(), one.controller())
+    )
+    assert [(each.actuator, each.kind) for each in run.diagnoses] == [(actuator, "weak")]
+    since = round(onset_s / one.period_s)
+    assert rms(run, since) <= 1.1 * rms(nothing_done, since)
 
 
 class Strength:

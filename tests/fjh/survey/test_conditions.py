@@ -10,7 +10,7 @@ import pytest
 from fjh.rig.conditions import FREE, LOCKED
 from fjh.rig.examined import LEAST_LEFT, examine
 from fjh.rig.robot import robot_of
-from fjh.survey.conditions import checks, condition_frame
+from fjh.survey.conditions import actuator_frame, checks, condition_frame
 from fjh.survey.page import headline
 from prioritized import ConstrainedSystem
 from sim import MODELS, assemble
@@ -30,6 +30,21 @@ def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
         start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
         assert start.survived[0]
         assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
+
+
+def test_each_row_names_what_failed_and_each_actuator_what_its_failures_leave(tmp_path):
+    names, file = [f"rotor{k}" for k in range(6)], tmp_path / "B.csv"
+    pd.DataFrame(effectiveness("PPNNPN"), columns=names).to_csv(file, index=False)
+    found = of_matrix(file, lower="0", upper="6.125", hold=f"{1.535 * 9.8},0,0,0")
+    actuators = actuator_frame(found).set_index("actuator")
+    for code, row in zip(found.start.codes, condition_frame(found).itertuples(), strict=True):
+        for kind, failed in ((LOCKED, row.locked), (FREE, row.free)):
+            assert failed == [name for name, each in zip(names, code, strict=True) if each == kind]
+        if row.failures == 1:
+            [name] = row.locked + row.free
+            left = actuators.loc[name, "left_locked" if row.locked else "left_free"]
+            assert left == pytest.approx(row.effect_left * row.survived)
+    assert (actuators.left_locked > actuators.left_free).all()
 
 
 def room(columns: np.ndarray, low: np.ndarray, high: np.ndarray, held: np.ndarray) -> float:

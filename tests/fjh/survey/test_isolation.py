@@ -13,7 +13,7 @@ from fjh.rig.dither import MEASURED_S
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
 from fjh.survey import isolation
-from fjh.survey.subject import robot_subject
+from fjh.survey.subject import matrix_subject, robot_subject
 from ftc.fdi import DEFAULT_CONFIG, separations
 from sim import MODELS
 from tests.random_systems import SEEDS
@@ -45,6 +45,14 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
         least = pytest.approx(found["smallest_angle_deg"], rel=1e-6)
         assert min(angles.values()) == least and angles[tuple(found["nearest"])] == least
     assert found["isolable"] == len(seen - {k for pair in alike for k in pair})
+
+
+def test_rotors_on_one_arm_look_alike(tmp_path):
+    """Two rotors above each other, in the same sense: one column twice."""
+    (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
+    subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
+    [row] = isolation.isolation_of(subject, "on", None)[0].to_dict("records")
+    assert row["alike"] == [["top", "bottom"]] and row["without_effect"] == ["idle"]
 
 
 @pytest.mark.long
