@@ -80,12 +80,12 @@ class Drive:
             turns = is_turn(self.model, self.joint, self.tendon)
         else:
             model, k = self.model, self.ids[0]
-            force, moment = np.split(model.actuator_gear[k], 2)
+            force, moment = np.split(model.actuator_gear[self.outputs[0]], 2)
             kind, end = _TRN(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
             if kind in _ON_JOINT and _JNT(model.jnt_type[end]) == _JNT.mjJNT_BALL:
                 force, moment = moment, force  # the first three are its axis
             alone = kind in _ON_JOINT or kind == _TRN.mjTRN_SITE
-            turns = alone and moment.any() and not force.any()
+            turns = kind == _TRN.mjTRN_SO3 or (alone and moment.any() and not force.any())
         return "rad" if turns else "m"
 
     @cached_property

@@ -43,13 +43,15 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
 @pytest.mark.parametrize(
     ("unit", "kinds"),
     [
-        ("rad", ["hinge", "ball", "turn of a site"]),
-        ("m", ["site", "thrusters", "slider-crank", "free"]),
+        ("rad", [["hinge"], ["ball"], ["orientation servo", "turn of a site"]]),
+        ("m", [["site"], ["thrusters"], ["slider-crank"], ["free"]]),
     ],
 )
 def test_what_only_turns_moves_by_an_angle(unit, kinds):
-    for kind in kinds:
-        assert {drive.unit for drive in drives(mechanism(CASES[kind].mjcf)[0])} == {unit}, kind
+    for together in kinds:
+        first, *others = (CASES[kind].mjcf for kind in together)
+        mjcf = first + "".join(each.replace('name="m"', 'name="n"') for each in others)
+        assert {drive.unit for drive in drives(mechanism(mjcf)[0])} == {unit}, together
 
 
 @every_kind
