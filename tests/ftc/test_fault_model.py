@@ -1,6 +1,7 @@
 """The plant with failed actuators, derived from the healthy one, against MuJoCo and mechanics."""
 
 from dataclasses import replace
+from functools import partial
 
 import control
 import mujoco
@@ -14,7 +15,7 @@ from fjh.rig.hexapod.rig import hexapod_rig
 from ftc import WEAKEST
 from ftc.fdi import KINDS, Fault, NominalModel, fault_model, monitor, static_share
 from ftc.fdi.fault_model import resting_displacements, static_gain
-from ftc.fdi.uncertainty import uncertain_model
+from ftc.fdi.uncertainty import UncertainModel, side_by_side, uncertain_model
 from ftc.reconfiguration import used_share
 from sim import Failure, Plant, assemble, load_model
 from tests import models
@@ -229,28 +230,59 @@ def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
     assert (np.abs(best.x) > 0.99 * limit).any()
 
 
-@pytest.mark.parametrize("faults", [[], [Fault(1, "locked")]])
+RUBBED = [[], [Fault(1, "locked")], [Fault(0, "free")]]
+"""Faults of carts that rub."""
+
+
+def rubbed(nominal: NominalModel, faults: list[Fault], ticks: int = 4) -> UncertainModel:
+    """Its model, with an error that is none, and limits that may be half of what they are."""
+    plant = partial(fault_model, nominal)
+    return uncertain_model(plant, faults, others=[plant], friction=0.5, ticks=ticks)
+
+
+def wave(sample: int) -> np.ndarray:
+    return 5e-4 * np.array([np.sin(0.2 * sample), np.cos(0.1 * sample), 1.0])
+
+
+@pytest.mark.parametrize("faults", RUBBED)
 def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
-    ticks, spread, n = 4, 0.5, 3
-    nominal, smaller = rubbing_carts(2), rubbing_carts(2, [0.025, 0.05, 0.05])
-    model = uncertain_model(
-        lambda some: fault_model(nominal, some), faults, friction=spread, ticks=ticks
-    )
-    assert len(model.M) - model.first_limit == n
-    X, x, y = np.zeros((1 + n, 2 * n)), np.zeros(2 * n), np.zeros(2 * n)
-    truth, other = fault_model(nominal, faults), fault_model(smaller, faults)
+    ticks, n, nominal = 4, 3, rubbing_carts(2)
+    truth = fault_model(nominal, faults)
+    other = fault_model(rubbing_carts(2, [0.025, 0.05, 0.05]), faults)
+    model = rubbed(nominal, faults, ticks)
+    assert (len(model.M), model.first_limit) == (2 + n, 2)
+    X, runs = np.zeros((2 + n, 2 * n)), np.zeros((3, 2 * n))
+    X[1] = 1e-9 * np.random.default_rng(0).normal(size=2 * n)
+    runs[1] = X[1]
     for sample in range(60):
-        u = 5e-4 * np.array([np.sin(0.2 * sample), np.cos(0.1 * sample), 1.0])
+        u = wave(sample)
         Y, X = model.step(X, np.array([*u, *u, 1.0]))
         seen = []
         for _ in range(ticks):
-            seen.append([truth.C @ x, other.C @ y])
-            x, y = truth.step(x, u), other.step(y, u)
-        mean = np.mean(seen, axis=0)
-        np.testing.assert_allclose(Y[:2], [mean[0], mean[0] - mean[1]], atol=1e-6)
-    np.testing.assert_allclose(X[:2], [x, x - y], atol=1e-12)
-    assert np.abs(X[1]).max() > 1e-6
+            seen.append([truth.C @ x for x in runs])
+            runs = np.array(
+                [of.step(x, u) for of, x in zip((truth, truth, other), runs, strict=True)]
+            )
+        x, _, smaller = np.mean(seen, axis=0)
+        np.testing.assert_allclose(Y[[0, 2]], [x, x - smaller], atol=1e-6)
+        beside = runs[1] - runs[0]
+        np.testing.assert_allclose(X[1], beside, atol=1e-3 * np.abs(beside).max())
+    np.testing.assert_allclose(X[[0, 2]], [runs[0], runs[0] - runs[2]], atol=1e-12)
+    assert np.abs(X[2]).max() > 1e-6
+
+
+def test_models_that_rub_move_side_by_side_as_each_alone():
+    models = [rubbed(rubbing_carts(2), faults) for faults in RUBBED]
+    alone = [np.zeros((len(model.M), 6)) for model in models]
+    X = np.array(alone)[:, None]
+    for sample in range(20):
+        v = np.array([*wave(sample), *wave(sample), 1.0])
+        Y = side_by_side(models).advance(X, v, np.ones((3, 1), dtype=bool), np.ones(1))
+        for k, model in enumerate(models):
+            seen, alone[k] = model.step(alone[k], v)
+            np.testing.assert_array_equal(Y[k, 0], seen)
+            np.testing.assert_array_equal(X[k, 0], alone[k])
 
 
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
