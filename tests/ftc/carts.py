@@ -221,8 +221,8 @@ def servo_carts(n: int, seed: int) -> Struts:
 
 
 def rubbing_carts(seed: int, limit: float | list[float] = 0.05, n: int = 3) -> NominalModel:
-    """Carts on servos with dry friction: of the last on its rail, of the others on the next one."""
-    plant, rows = servo_carts(n, seed), np.eye(n) - 0.3 * np.eye(n, k=1)
+    """Carts on servos with dry friction, each on its rail and some on the next cart."""
+    plant, rows = servo_carts(n, seed), np.eye(n) - 0.3 * np.roll(np.eye(n), 1, axis=1)
     push, limits = np.linalg.solve(plant.mass, rows.T), np.broadcast_to(limit, n).astype(float)
     friction = push, rows, limits, np.diag(rows @ push) / 9, np.full(n, 105.0)
     return replace(plant.nominal(), friction=friction)

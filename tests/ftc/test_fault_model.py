@@ -247,9 +247,9 @@ def wave(sample: int) -> np.ndarray:
 @pytest.mark.parametrize("faults", RUBBED)
 def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
-    ticks, n, nominal = 4, 3, rubbing_carts(2)
+    ticks, n, nominal = 4, 3, rubbing_carts(2, 0.15)
     truth = fault_model(nominal, faults)
-    other = fault_model(rubbing_carts(2, [0.025, 0.05, 0.05]), faults)
+    other = fault_model(rubbing_carts(2, [0.075, 0.15, 0.15]), faults)
     model = rubbed(nominal, faults, ticks)
     assert (len(model.M), model.first_limit) == (2 + n, 2)
     X, runs = np.zeros((2 + n, 2 * n)), np.zeros((3, 2 * n))
@@ -273,7 +273,7 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
 
 
 def test_models_that_rub_move_side_by_side_as_each_alone():
-    models = [rubbed(rubbing_carts(2), faults) for faults in RUBBED]
+    models = [rubbed(rubbing_carts(2, 0.15), faults) for faults in RUBBED]
     alone = [np.zeros((len(model.M), 6)) for model in models]
     X = np.array(alone)[:, None]
     for sample in range(20):
