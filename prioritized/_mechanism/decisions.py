@@ -105,10 +105,15 @@ class MajorTask:
             constraint: Projector (..., n, n) or orthonormal rows (..., r, n) of forbidden rates.
             metric: M (k, m1) of the major velocity in its own units; None measures natural ones.
         """
-        J = J if self.lost is None else J - self.lost
         S = self._major if metric is None else metric @ (self.S_m * self.task.task_units)
+        J = J if self.lost is None else J - self.lost
         admissible: Array = S @ (J - J @ transposed(constraint) @ constraint)
-        sigma = np.linalg.svd(admissible, compute_uv=False)
+        if self.lost is None:
+            sigma = np.linalg.svd(admissible, compute_uv=False)
+        else:  # badly conditioned loops leave something of it
+            U, sigma, Vt = np.linalg.svd(admissible, full_matrices=False)
+            is_left = np.arange(sigma.shape[-1]) >= np.asarray(self.reach.rank)[..., None]
+            J = J - np.linalg.pinv(S) @ (U * np.where(is_left, sigma, 0.0)[..., None, :]) @ Vt
         return J, parting(scale, norm(S), sigma, self.reach.rank)
 
     @property

@@ -176,7 +176,9 @@ def passive_motion(system: Partition) -> PassiveMotion:
     J_Cp = J_C.take(moving, 1)
     U, sigma, Vt = whole_svd(J_Cp)
     rank = p - int(system.rigid.freedom)
-    closing = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
+    # With a tolerance of zero round-off counts, and may be none.
+    sigma = np.maximum(sigma[:rank], np.finfo(float).eps * norm(J_Cp))
+    closing = (Vt[:rank].T / sigma) @ U[:, :rank].T
     gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
     if system.stiffness is not None:
         count = int(system.elastic.freedom)

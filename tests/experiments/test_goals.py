@@ -6,7 +6,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -109,6 +109,7 @@ def test_the_retreat_is_down_the_gradient_of_the_missing_clearance(seed):
         distance, _ = clearance()(replace(pose, translation_m=t_m))
         return 0.5 * max(0.0, physics.SAFE_M - distance) ** 2 / 0.2
 
+    assume(abs(clearance()(pose)[0] - physics.SAFE_M) > 1e-6)  # there the slope has a kink
     velocity = physics.retreat(clearance(), pose)
     np.testing.assert_allclose(velocity[:3], -slope(potential, pose.translation_m, 1e-7), atol=1e-8)
     assert velocity[3] == 0.0

@@ -262,6 +262,14 @@ def test_the_accuracy_sets_the_tolerance_and_stays_visible():
     assert exact.rank_tolerance == RANK_TOLERANCE
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tolerance_of_zero_divides_by_no_zero(seed):
+    """Of a loop that is written twice round-off counts, where there is any."""
+    J = np.random.default_rng(seed).normal(size=(4, 5))
+    system = ConstrainedSystem(J[:3], J[[3, 3]], [0, 1, 2], rank_tolerance=0.0)
+    assert np.isfinite(system.kinematics().passive_rates(np.zeros(3))).all()
+
+
 @pytest.mark.parametrize("batched", [False, True])
 def test_joint_weights_are_exact_whatever_the_geometry(batched):
     """A hot actuator spared 1e5 times as much as another, on a robot known to 1e-4."""
