@@ -180,7 +180,8 @@ def by_active_sets(
 ) -> np.ndarray:
     """The answer x (n,) of one problem, :func:`enumerated`; n plus the number of rows up to 6.
 
-    Rows are a first level G x = s of more unknowns s; x is the least before s is.
+    Rows are a first level G x = s of more unknowns s; x is the least before s is. NaN where
+    round-off leaves no case within the bounds.
     """
     n = len(lower)
     if rows is not None:
@@ -191,7 +192,8 @@ def by_active_sets(
         levels = [sides, *wide, (np.eye(n, n + len(G)), np.zeros(n))]
         lower, upper = np.append(lower, low), np.append(upper, high)
     made = [(np.asarray(A, float)[None], np.asarray(b, float)[None]) for A, b in levels]
-    return enumerated(made, np.array(lower, float)[None], np.array(upper, float)[None]).x[0, :n]
+    known = enumerated(made, np.array(lower, float)[None], np.array(upper, float)[None])
+    return np.where(known.gap > 0.0, known.x[0, :n], np.nan)
 
 
 def by_interior_point(

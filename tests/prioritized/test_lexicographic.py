@@ -35,7 +35,9 @@ def interior(problem: Problem) -> np.ndarray:
 
 
 def enumerated(problem: Problem) -> np.ndarray:
-    return by_active_sets(problem.levels, problem.lower, problem.upper, problem.rows)
+    x = by_active_sets(problem.levels, problem.lower, problem.upper, problem.rows)
+    assume(np.isfinite(x).all())
+    return x
 
 
 def drawn(seed: int, n: int, reach: float = 3.0) -> Problem:
