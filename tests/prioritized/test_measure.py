@@ -160,6 +160,7 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
         F, J_Cp = kin.internal_force, system.J_C[:, kin.passive]
         assert (np.abs(F @ J_Cp) <= 1e-12 * np.linalg.norm(J_Cp, axis=0)).all()
     return {
+        "gap": float(min(plain.gap, by_secondary.gap, stated.gap)),
         "findings": tuple(finding.holds for finding in report.findings.values()),
         "possible": bool(failure_atlas(system, major, codes=[[0] * len(rate)]).possible[0]),
         "status": plain.status,
@@ -180,6 +181,8 @@ def test_hinges_and_slides_have_one_verdict_and_answer_in_any_unit(unit, error):
     """Reach, ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
     for seed in range(scaled(30)):
         here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)
+        if min(here.pop("gap"), there.pop("gap")) < 2.0:  # a unit's own round-off may decide
+            continue
         for name, answer in here.items():
             if isinstance(answer, np.ndarray):
                 size = 1.0 + np.abs(answer).max(initial=0.0)
