@@ -81,11 +81,11 @@ class Drive:
         else:
             model, k = self.model, self.ids[0]
             force, moment = np.split(model.actuator_gear[self.outputs[0]], 2)
-            kind, end = _TRN(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
-            if kind in _ON_JOINT and _JNT(model.jnt_type[end]) == _JNT.mjJNT_BALL:
+            kind = _TRN(model.actuator_trntype[k])
+            if _is_on_ball(model, k):
                 force, moment = moment, force  # the first three are its axis
-            alone = kind in _ON_JOINT or kind == _TRN.mjTRN_SITE
-            turns = kind == _TRN.mjTRN_SO3 or (alone and moment.any() and not force.any())
+            has_both = kind in _ON_JOINT or kind == _TRN.mjTRN_SITE
+            turns = kind == _TRN.mjTRN_SO3 or (has_both and moment.any() and not force.any())
         return "rad" if turns else "m"
 
     @cached_property
@@ -272,8 +272,7 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
     else:
         # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
         # the same for opposite ones.
-        of_ball = kind in _ON_JOINT and _JNT(model.jnt_type[end]) == _JNT.mjJNT_BALL
-        used = gears[: 3 if of_ball else 6]
+        used = gears[: 3 if _is_on_ball(model, k) else 6]
         size = math.hypot(*used)
         # The first that is more than round-off of a sine or cosine.
         gear = math.copysign(size, next((g for g in used if abs(g) > 10.0**-_DIGITS * size), 0.0))
@@ -281,6 +280,13 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
     if not gear:
         raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
     return [((kind, end, other_end, direction), gear, first)]
+
+
+def _is_on_ball(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator turns a ball joint: its gear has three numbers that count."""
+    joint = int(model.actuator_trnid[actuator, 0])
+    is_on_joint = _TRN(model.actuator_trntype[actuator]) in _ON_JOINT
+    return is_on_joint and _JNT(model.jnt_type[joint]) == _JNT.mjJNT_BALL
 
 
 def _drive(model: mujoco.MjModel, motion: _Motion, outputs: list[tuple[float, int, int]]) -> Drive:
