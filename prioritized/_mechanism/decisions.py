@@ -67,25 +67,6 @@ class MajorTask:
         error = None if error is None else error @ np.abs(rest)
         return self.task.decided(self.task.still @ rest, self.task.geometry.size, error)
 
-    @cached_property
-    def lost(self) -> Array | None:
-        """What J has of the directions that count as lost, shape (..., m, n).
-
-        Without it the ranks of J are those decided here, by far. None where there is nothing.
-        """
-        of_major = self.task.start.dropped(self.reach)
-        of_secondary = self._first[1].dropped(self.secondary)
-        if of_major is None and of_secondary is None:
-            return None
-        S_m, S_s = self._major, self._secondary
-        lost = np.zeros(self.task.J.shape)
-        if of_major is not None:
-            lost = lost + np.linalg.pinv(S_m) @ of_major
-        if of_secondary is not None:
-            beside = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
-            lost = lost + np.linalg.pinv(beside) @ of_secondary
-        return lost
-
     @property
     def gap(self) -> Array:
         """Smallest gap of the decisions that a mapping rests on, shape (...)."""
@@ -105,15 +86,15 @@ class MajorTask:
             constraint: Projector (..., n, n) or orthonormal rows (..., r, n) of forbidden rates.
             metric: M (k, m1) of the major velocity in its own units; None measures natural ones.
         """
-        S = self._major if metric is None else metric @ (self.S_m * self.task.task_units)
-        J = J if self.lost is None else J - self.lost
+        S_m, S_s = self._major, self._secondary
+        if (lost := self.task.start.lost(self.reach, S_m @ J)) is not None:
+            J = J - np.linalg.pinv(S_m) @ lost
+        if (lost := self._first[1].lost(self.secondary, S_s @ J)) is not None:
+            beside = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
+            J = J - np.linalg.pinv(beside) @ lost
+        S = S_m if metric is None else metric @ (self.S_m * self.task.task_units)
         admissible: Array = S @ (J - J @ transposed(constraint) @ constraint)
-        if self.lost is None:
-            sigma = np.linalg.svd(admissible, compute_uv=False)
-        else:  # badly conditioned loops leave something of it
-            U, sigma, Vt = np.linalg.svd(admissible, full_matrices=False)
-            is_left = np.arange(sigma.shape[-1]) >= np.asarray(self.reach.rank)[..., None]
-            J = J - np.linalg.pinv(S) @ (U * np.where(is_left, sigma, 0.0)[..., None, :]) @ Vt
+        sigma = np.linalg.svd(admissible, compute_uv=False)
         return J, parting(scale, norm(S), sigma, self.reach.rank)
 
     @property

@@ -77,8 +77,7 @@ def in_order(
         step, on_rates = task.step(S / weights), R / weights
         all_rows = Step(step.A + on_rates, step.scale + norm(on_rates), step.error)
         decision, after = before.then(task, all_rows)
-        lost = before.dropped(decision)
-        if lost is not None:
+        if (lost := before.lost(decision, A / weights)) is not None:
             A = read_only(A - weights * lost)
         sigma = singular_values(A @ before.free)
         decided.append((A, float(parting(scale, 1.0, sigma, decision.rank))))

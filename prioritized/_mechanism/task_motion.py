@@ -186,14 +186,17 @@ class Before(NamedTuple):
             rows = np.concatenate([self.error, step.error], axis=-2)
         return decided, Before(N @ null_of(decided), gain, rows)
 
-    def dropped(self, decided: RankedSvd) -> Array | None:
-        """The part of further rows that is more than round-off and counts as zero, (..., k, n)."""
-        some = ~decided.kept & (decided.sigma > decided.round_off)
-        if not some.any():
+    def lost(self, decided: RankedSvd, A: Array) -> Array | None:
+        """What further rows A (..., k, n) have that counts as zero, (..., k, n).
+
+        None where that is round-off. A are the rows that are handed on: badly conditioned loops
+        leave others of them than those that were decided on.
+        """
+        is_more = (~decided.kept & (decided.sigma > decided.round_off)).any(axis=-1, keepdims=True)
+        if not is_more.any():
             return None
-        k = decided.sigma.shape[-1]
-        sigma = np.where(some, decided.sigma, 0.0)
-        part = (decided.U[..., :k] * sigma[..., None, :]) @ decided.Vt[..., :k, :]
+        U, sigma, Vt = np.linalg.svd(A @ self.free, full_matrices=False)
+        part = (U * np.where(~decided.kept & is_more, sigma, 0.0)[..., None, :]) @ Vt
         return part @ transposed(self.free)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from prioritized import (
     ConstrainedSystem,
     Kinematics,
     Status,
+    Task,
     failure_atlas,
     force_mapping,
     velocity_mapping,
@@ -184,18 +186,28 @@ def weak(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
     return orthogonal(rng, rows)[:, :k] * sigma @ orthogonal(rng, columns)[:k]
 
 
-@pytest.mark.parametrize("seed", range(scaled(20)))
-def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
-    """Every condition of three actuators, tolerances among the singular values."""
-    rng, rows = np.random.default_rng(seed), [0, 1]
-    for _ in range(5):
+def mechanisms(seed: int) -> Iterator[ConstrainedSystem]:
+    """Of three actuators and any loops, tolerances among the singular values."""
+    rng = np.random.default_rng(seed)
+    while True:
         c, accuracy = int(rng.integers(0, 5)), 10.0 ** -rng.uniform(5, 9)
         J_C = weak(rng, c, 7) if c else None
-        system = ConstrainedSystem(weak(rng, 3, 7), J_C, range(3), geometry_accuracy=accuracy)
+        yield ConstrainedSystem(weak(rng, 3, 7), J_C, range(3), geometry_accuracy=accuracy)
+
+
+def conditions(system: ConstrainedSystem) -> Iterator[tuple[tuple[int, ...], Kinematics]]:
+    """Every condition of three actuators, as of an atlas."""
+    for code in itertools.product(range(3), repeat=3):
+        locked, free = ([k for k in range(3) if code[k] == what] for what in (1, 2))
+        yield code, system.with_failures(locked, free).kinematics()
+
+
+@pytest.mark.parametrize("seed", range(scaled(20)))
+def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
+    rows = [0, 1]
+    for system in itertools.islice(mechanisms(seed), 5):
         atlas = failure_atlas(system, rows)
-        for row, code in enumerate(itertools.product(range(3), repeat=3)):
-            locked, free = ([k for k in range(3) if code[k] == what] for what in (1, 2))
-            kin = system.with_failures(locked, free).kinematics()
+        for row, (code, kin) in enumerate(conditions(system)):
             report = kin.manipulability(rows)
             for flag in FLAGS:
                 assert getattr(atlas, flag)[row] == getattr(report, flag), (code, flag)
@@ -205,6 +217,19 @@ def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
             assert mapping.rank == atlas.major_rank[row]
             attainable = kin.attainable(rows, (-1.0, 1.0))
             assert (attainable.radius > 0.0) == bool(atlas.possible[row])
+
+
+@pytest.mark.parametrize(("seed", "number"), [(22, 68), (25, 7), (28, 77), (33, 10)])
+def test_no_mapping_and_no_hierarchy_moves_along_what_counts_as_lost(seed, number):
+    """Loops of condition 1e4 hand on other rows than those that were decided on."""
+    system = next(itertools.islice(mechanisms(seed), number, None))
+    for code, kin in conditions(system):
+        mapping = kin.velocity_mapping([0, 1], joint_weight=np.ones(len(kin.active)))
+        assert (mapping.rank < 2) == kin.manipulability([0, 1]).unmanipulable, code
+        hierarchy = kin.hierarchy([Task([0, 1]), Task.joints()])
+        for v in np.eye(2):
+            rates = hierarchy.solve([v, None]).rates
+            assert np.linalg.norm(rates) <= 1.01 * mapping.largest_gain, code
 
 
 # Gaps warn.
