@@ -1,0 +1,47 @@
+"""Size of the documentation: what a reader must read is bounded."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+OUTSIDE = {"index", "changelog", "contributing"}
+"""Pages that the navigation does not list."""
+SECTIONS = {
+    "Start": 3,
+    "Your robot": 7,
+    "The paper, reproduced": 6,
+    "Theory and diagnosis": 4,
+    "Reference": 8,
+}
+
+
+def words(*pages: Path) -> int:
+    return sum(len(page.read_text().split()) for page in pages)
+
+
+@pytest.mark.parametrize(
+    ("pages", "most"),
+    [
+        ([ROOT / "README.md"], 500),
+        ([DOCS / "glossary.md"], 450),
+        ([ROOT / "README.md", *PAGES], 23_000),
+    ],
+    ids=["README", "glossary", "all"],
+)
+def test_the_documentation_stays_short(pages, most):
+    assert words(*pages) <= most
+
+
+def test_the_navigation_has_every_page_once_in_sections_by_reader():
+    """No page beside it, none twice, as many in each section as planned."""
+    trees = re.findall(r":caption: (.+)\n+(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)
+    listed = {
+        name: re.findall(r"^(?:.*<)?([\w/-]+)>?$", tree, re.MULTILINE) for name, tree in trees
+    }
+    assert {name: len(pages) for name, pages in listed.items()} == SECTIONS
+    pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES} - OUTSIDE
+    assert sorted(sum(listed.values(), [])) == sorted(pages | {"gallery/index"})
