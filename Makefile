@@ -84,8 +84,8 @@ fuzz:
 wheel-test:
 	$(PYTHON) tools/wheel.py
 
-# docs/robots.md: robots that registry packages ship, from their file to a flight; an hour the first
-# time. What has a result in build/robots/trials is not run again.
+# docs/data/robots.csv and docs/refused.md: robots of registry packages, from their file to a run; an
+# hour the first time. What has a result in build/robots/trials is not run again.
 robots: venv
 	$(BIN)/python -m tools.public_robots
 

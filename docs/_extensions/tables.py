@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 
+from fjh.rig.events import EVENTS
 from sim import MODELS, load_model
 
 if TYPE_CHECKING:
@@ -249,11 +250,21 @@ def recovered() -> str:
     return markdown(head, rows)
 
 
+def events() -> str:
+    """Each event that `fjh track --event` takes, what it does, and what diagnoses it correctly."""
+    rows = [
+        [f"`{name}`", kind.of, kind.sentence, ", ".join(kind.named_as) or kind.cause or "none"]
+        for name, kind in EVENTS.items()
+    ]
+    head = ["event", "of", "what happens", "correct diagnosis"]
+    return "\n".join(f"|{'|'.join(cells)}|" for cells in (head, ["-"] * len(head), *rows))
+
+
 TABLES: dict[str, Callable[[], str]] = {
     made.__name__: made
     for made in (
         *(table1, rest_positions, loose_strut, mechanisms, jacobian, jacobian_bound),
-        *(jacobian_readings, distances, dither, recovered),
+        *(jacobian_readings, distances, dither, recovered, events),
     )
 }
 

@@ -34,10 +34,10 @@ def results(
 ) -> None:
     """Print runs and checks of results, or what changed since a former result.
 
-    A change is one by more than noise: docs/find.md says what noise is. Rows are compared by their
-    names, whatever their order; settings that differ are said first. The exit code is 1 if a check
-    failed or, with --against, fails that did not. In Python `fjh.results` and `fjh.compare` give
-    the same as data frames.
+    A change is one by more than noise: docs/recordings.md says what noise is. Rows are compared by
+    their names, whatever their order; settings that differ are said first. The exit code is 1 if a
+    check failed or, with --against, fails that did not. In Python `fjh.results` and `fjh.compare`
+    give the same as data frames.
 
     Example: fjh results results/table1 --against docs/data/table1.json
     """

@@ -105,7 +105,7 @@ Controller = Annotated[
     str | None,
     Option(
         metavar="NAME",
-        help="Another controller, package.module:factory (docs/other-controllers.md).",
+        help="Another controller, package.module:factory (docs/control-without-simulator.md).",
     ),
 ]
 

@@ -125,7 +125,7 @@ def cluster(scheduler: str) -> Iterator[Executor]:
     if not scheduler.startswith(("tls://", "wss://", "inproc://", "tcp://127.", "tcp://localhost")):
         notice(
             f"--scheduler {scheduler} is not encrypted: whoever reaches that port runs programs "
-            "as you, on its workers and here; docs/security.md shows tls://"
+            "as you, on its workers and here; docs/install.md shows tls://"
         )
     try:
         client = Client(scheduler, timeout=ANSWERS_IN_S)

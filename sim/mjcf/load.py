@@ -40,7 +40,7 @@ _NOT_NEGATIVE = re.compile(r".*_(damping|armature|frictionloss)")
 def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mujoco.MjModel:
     """Compile an MJCF or URDF file; without a path, the hexapod `models/fjh.xml`.
 
-    A URDF file states no actuators: `docs/urdf.md` shows how to add them.
+    A URDF file states no actuators: `docs/load.md` shows how to add them.
 
     Args:
         path: Of the file, which is not changed.
@@ -69,7 +69,7 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
     except ValueError as error:
         reason = " ".join(str(error).split())
         if "package://" in file.read_text(errors="replace"):
-            reason += "; for meshes of package:// see docs/urdf.md: meshdir and strippath"
+            reason += "; for meshes of package:// see docs/load.md: meshdir and strippath"
         raise ModelError(f"{file} is not a valid MJCF or URDF model: {reason}") from None
     _check_numbers(file, model)
     for each in said:  # what is refused is refused in one sentence

@@ -302,7 +302,7 @@ if __name__ == "__main__":
 @pytest.mark.long
 @pytest.mark.skipif(not shutil.which("openssl"), reason="certificates are made by openssl")
 def test_a_cluster_over_tls_with_a_certificate_made_as_documented(tmp_path):
-    page = (ROOT / "docs" / "security.md").read_text()
+    page = (ROOT / "docs" / "install.md").read_text()
     [made] = [block.split("```")[0] for block in page.split("```sh\n") if "openssl" in block[:9]]
     (tmp_path / "tls.py").write_text(TLS)
     done = subprocess.run(

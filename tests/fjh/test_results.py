@@ -119,7 +119,7 @@ def test_nothing_that_is_printed_commands_a_terminal(capsys):
 
 
 def test_runs_checks_and_files_of_every_folder_are_frames():
-    """The first question of docs/find.md, on the published rows."""
+    """The first question of docs/recordings.md, on the published rows."""
     found = results(DATA)
     late = found.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
     assert len(late) and set(late.study) == {"recover"}

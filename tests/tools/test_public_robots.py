@@ -1,9 +1,14 @@
 """The pure parts of `make robots`, on small files written here."""
 
+import csv
+import io
+from pathlib import Path
+
 import mujoco
 import numpy as np
 
 from sim import MODELS, Body, jacobians
+from tools.public_robots.page import BEGIN, COLUMNS, END, page, table
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
 from tools.public_robots.task_frame import task_frame
@@ -105,3 +110,20 @@ def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
     mujoco.mj_forward(model, data)
     assert difference_error(model, data, bad, body) > 0.1
     assert power_error(model, data, bad, body) > 0.01
+
+
+def test_results_become_lines_of_a_csv_file_and_totals_on_the_page():
+    """One robot that completed both runs, one that was refused; the rest of the page stays."""
+    numbers = {"measured": [3.0, 4.0], "predicted": [5.0, 0.0], "uncompared": None, "leaves": None}
+    numbers |= {"of_path": 0.05, "wrong": [], "named_after_ms": 80}
+    done: dict = {"package": "dm-control", "name": "arm", "stage": None, "load": {"actuators": 2}}
+    done |= {"rig": {"rows": [3, 4], "warnings": []}, "sound": numbers, "lock": numbers}
+    refused = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
+    text = page(f"above\n{BEGIN}old\n{END}\nbelow\n", [done, refused], "Conditions.")
+    assert text.startswith(f"above\n{BEGIN}Conditions.\n") and text.endswith(f"{END}\nbelow\n")
+    assert "2 models: 1 completed both runs, 1 were refused" in text and "old" not in text
+    rows = list(csv.DictReader(io.StringIO(table([done, refused]))))
+    assert [row["outcome"] for row in rows] == ["completed", "refused"]
+    assert rows[0]["measured_over_predicted"] == "1.00" and rows[1]["message"] == "rig: no task"
+    published = (Path(__file__).parents[2] / "docs/data/robots.csv").read_text()
+    assert published.splitlines()[0] == ",".join(COLUMNS)

@@ -1,4 +1,6 @@
-"""`make robots`: every robot of some registry packages through a trial, and docs/robots.md.
+"""`make robots`: every robot of some registry packages through a trial.
+
+It writes docs/data/robots.csv, and the totals on docs/refused.md.
 
     python -m tools.public_robots                          those without a result yet
     python -m tools.public_robots --only panda --only ur5e   those whose name has one of these, anew
@@ -18,13 +20,14 @@ from pathlib import Path
 from typing import Any
 
 from fjh.study.provenance import processor, versions
-from tools.public_robots.page import outcome, page, said
+from tools.public_robots.page import outcome, page, said, table
 from tools.public_robots.registry import Model, install, models
 from tools.public_robots.trial import LIMIT_S
 
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "robots"
-PAGE = ROOT / "docs" / "robots.md"
+PAGE = ROOT / "docs" / "refused.md"
+TABLE = ROOT / "docs" / "data" / "robots.csv"
 PROCESSES = 2
 
 
@@ -32,7 +35,7 @@ def main() -> None:
     """Try robots, and write the page."""
     parser = argparse.ArgumentParser(description="Published robots, from their file to a flight.")
     parser.add_argument("--only", action="append", metavar="NAME", help="robots with this in it")
-    parser.add_argument("--page", action="store_true", help="write the page alone")
+    parser.add_argument("--page", action="store_true", help="write page and CSV file alone")
     words = parser.parse_args()
     only = words.only
     install(BUILD / "packages")
@@ -54,12 +57,13 @@ def main() -> None:
     with_them = ", ".join(f"{name} {number}" for name, number in versions().items())
     conditions = (
         f"{' to '.join(dict.fromkeys([dates[0], dates[-1]]))}, commit {', '.join(commits)}, "
-        f"{with_them}. Exact plants, seed 0, one flight each; at most {LIMIT_S} s of "
-        f"processor time a robot, {PROCESSES} processes at once, one BLAS thread each, "
+        f"{with_them}. Exact plants, seed 0, one run each; at most {LIMIT_S} s of "
+        f"processor time for each robot, {PROCESSES} processes at once, one BLAS thread each, "
         f"{processor()}."
     )
     text = page(PAGE.read_text(encoding="utf-8"), list(records.values()), conditions)
     PAGE.write_text(text, encoding="utf-8")
+    TABLE.write_text(table(list(records.values())), encoding="utf-8")
 
 
 def _result(model: Model) -> Path:

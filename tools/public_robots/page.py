@@ -1,5 +1,7 @@
-"""The generated part of docs/robots.md, from the results of all trials."""
+"""Results of all trials: docs/data/robots.csv, and the totals on docs/refused.md."""
 
+import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -11,39 +13,41 @@ from tools.public_robots.registry import PACKAGES
 
 AGREES = 0.2
 """Relative error up to which an RMS is as predicted."""
-GENERATED = "<!-- From here on written by `make robots`. -->"
-_COLUMNS = (
-    *("robot", "actuators", "rows", "rms", "measured / predicted", "after the lock"),
-    *("named", "wrong", "refused, or warned"),
+BEGIN = "<!-- totals of `make robots` -->\n"
+END = "<!-- end -->"
+COLUMNS = (
+    *("package", "version", "robot", "actuators", "major_rows", "outcome"),
+    *("rms_percent_of_radius", "measured_over_predicted", "after_lock_measured_over_predicted"),
+    *("identified_after_ms", "false_diagnoses", "message"),
 )
-_WIDEST = 110
+"""Of the CSV file; a cell is empty where a robot did not come that far, or has no prediction."""
 FLIGHTS = ("sound", "lock")
+OUTCOMES = {"flies": "completed", "timeout_s": "out of time"}
 Record = dict[str, Any]
 
 
 def page(before: str, records: Sequence[Record], conditions: str) -> str:
-    """The page: its text, then conditions, headlines, every robot, sentences that refused.
+    """Return the page with new totals.
 
     Args:
-        before: The page as it is; what stands above :data:`GENERATED` is kept.
+        before: The page as it is; only the text between :data:`BEGIN` and :data:`END` changes.
         records: Of all robots.
         conditions: Date, versions and machine, one sentence.
     """
-    text = before.partition(GENERATED)[0].rstrip()
-    parts = [text, GENERATED, "## Results", conditions, _listed(_counts(records))]
-    for package, version in PACKAGES.items():
-        if rows := [_cells(each) for each in records if each["package"] == package]:
-            lines = [f"| {' | '.join(c)} |" for c in (_COLUMNS, ["---"] * len(_COLUMNS), *rows)]
-            parts += [f"### {package} {version}", "\n".join(lines)]
-    refused = (each for each in records if outcome(each) in ("refused", "traceback"))
-    counted = Counter(_kind(said(each)) for each in refused).most_common()
-    refusals = [f"{count} at {_short(sentence)}" for sentence, count in counted]
-    parts += ["## What refused them", _listed(refusals) or "Nothing."]
-    return "\n\n".join(parts) + "\n"
+    head, _, rest = before.partition(BEGIN)
+    _, _, tail = rest.partition(END)
+    listed = "\n".join(f"- {line}" for line in _counts(records))
+    return f"{head}{BEGIN}{conditions}\n\n{listed}\n{END}{tail}"
 
 
-def _listed(lines: Sequence[str]) -> str:
-    return "\n".join(f"* {line}" for line in lines)
+def table(records: Sequence[Record]) -> str:
+    """Return the CSV file, one line for each robot, packages in the order of :data:`PACKAGES`."""
+    text = io.StringIO()
+    lines = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    lines.writeheader()
+    for package in PACKAGES:
+        lines.writerows(_cells(record) for record in records if record["package"] == package)
+    return text.getvalue()
 
 
 def outcome(record: Record) -> str:
@@ -86,37 +90,42 @@ def _counts(records: Sequence[Record]) -> list[str]:
         largest = max(errors, default=0.0)
         worst.append(f"{len(errors)} models, largest relative error {largest:.1e}")
     return [
-        f"models tried: {len(records)}; both flights: {kinds['flies']}; refused: "
-        f"{kinds['refused']}; tracebacks: {kinds['traceback']}; "
-        f"not done after the time limit: {kinds['timeout_s']}",
-        f"Jacobians: {worst[0]}; power: {worst[1]}",
-        f"RMS as predicted within 20 % without a failure: {close[0]}; after the lock: "
-        f"{close[1]}; off without a warning in either: {silent}; "
-        f"without a prediction: {' and '.join(without)}",
-        f"lock named: {named} of {len(lock)}; flights without a failure in which "
-        f"something was named: {wrong} of {len(sound)}",
+        f"{len(records)} models: {kinds['flies']} completed both runs, {kinds['refused']} were "
+        f"refused, {kinds['timeout_s']} exceeded the time limit, {kinds['traceback']} crashed.",
+        f"Jacobians: {worst[0]}. Power: {worst[1]}.",
+        f"RMS error within 20 % of the prediction: {close[0]} runs without failure and "
+        f"{close[1]} after the lock; {without[0]} and {without[1]} have no prediction. "
+        f"Beyond 20 % without a warning that says why: {silent}.",
+        f"The lock was identified in {named} of {len(lock)} runs. Something was diagnosed in "
+        f"{wrong} of {len(sound)} runs without failure.",
     ]
 
 
-def _cells(record: Record) -> list[str]:
-    """Empty where a robot did not come that far."""
-    cells = {"robot": f"`{record['name']}`", "refused, or warned": _short(said(record))}
+def _cells(record: Record) -> dict[str, object]:
+    """Return the cells of a robot by column."""
+    kind = outcome(record)
+    cells: dict[str, object] = {
+        "package": record["package"],
+        "version": PACKAGES[record["package"]],
+        "robot": record["name"],
+        "outcome": OUTCOMES.get(kind, kind),
+        "message": said(record),
+    }
     if "load" in record:
-        cells["actuators"] = str(record["load"]["actuators"])
+        cells["actuators"] = record["load"]["actuators"]
     if "rig" in record:
-        cells["rows"] = ", ".join(ROWS[k] for k in record["rig"]["rows"])
+        cells["major_rows"] = ", ".join(ROWS[k] for k in record["rig"]["rows"])
     if "sound" in record:
-        cells["rms"] = f"{100 * record['sound']['of_path']:.3g} %"
+        cells["rms_percent_of_radius"] = f"{100 * record['sound']['of_path']:.3g}"
         wrong = [record[flight]["wrong"] for flight in FLIGHTS if flight in record]
-        cells["wrong"] = str(sum(map(len, wrong)))
+        cells["false_diagnoses"] = sum(map(len, wrong))
     if "lock" in record:
         delay_ms = record["lock"]["named_after_ms"]
-        cells["named"] = "never" if delay_ms is None else f"{delay_ms} ms"
-    for flight, column in zip(FLIGHTS, ("measured / predicted", "after the lock"), strict=True):
-        if flight in record:
-            value, bold = _ratio(record[flight]), "**" * _is_off(record, flight)
-            cells[column] = "not comparable" if value is None else f"{bold}{value:.2f}{bold}"
-    return [cells.get(column, "") for column in _COLUMNS]
+        cells["identified_after_ms"] = "never" if delay_ms is None else delay_ms
+    for flight, column in zip(FLIGHTS, COLUMNS[7:9], strict=True):
+        if flight in record and (ratio := _ratio(record[flight])) is not None:
+            cells[column] = f"{ratio:.2f}"
+    return cells
 
 
 def said(record: Record) -> str:
@@ -129,11 +138,6 @@ def said(record: Record) -> str:
     if kind == "timeout_s":
         return f"{record['stage']}: not done after {record[kind]:g} s"
     return f"{record['stage']}: {'traceback, ' * (kind == 'traceback')}{record[kind]}"
-
-
-def _short(sentence: str) -> str:
-    plain = re.sub(r"[|`<>*_$\\\[\]]", lambda found: f"\\{found[0]}", sentence)
-    return plain if len(plain) <= _WIDEST else f"{plain[:_WIDEST].rstrip(chr(92))} ..."
 
 
 def _kind(sentence: str) -> str:

@@ -1,4 +1,4 @@
-"""Which frame of an unknown robot is its task, and on which feet it stands: docs/robots.md."""
+"""Which frame of an unknown robot is its task, and on which feet it stands: docs/refused.md."""
 
 from collections.abc import Iterable
 

@@ -97,7 +97,7 @@ def page(first) -> seen.Seen:
 @pytest.mark.night
 @pytest.mark.parametrize("strut", [f"strut{k}" for k in range(1, 7)])
 def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page, strut):
-    """Of those that were free, 3 and 6 are not always given back (docs/live.md)."""
+    """Of those that were free, 3 and 6 are not always given back (docs/track.md)."""
     for word, kind in KINDS.items():
         page.renew()
         page.make(strut, word)

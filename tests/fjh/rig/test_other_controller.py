@@ -31,7 +31,8 @@ LEAST: list[plan.Block] = [
 ]
 """Of the cases of `fjh paper recover`."""
 
-PAGE = Path(__file__).parents[3] / "docs" / "other-controllers.md"
+PAGE = Path(__file__).parents[3] / "docs" / "control-without-simulator.md"
+LQG = Path(__file__).with_name("lqg.py")
 BROKEN = """
 from page_examples import PseudoInverse
 
@@ -53,7 +54,8 @@ SHORT_S = 0.6
 def folder(tmp_path_factory) -> Iterator[Path]:
     """The working directory, with the page's examples and one that fails."""
     place = tmp_path_factory.mktemp("own")
-    (place / "page_examples.py").write_text(dict(blocks(PAGE.read_text()))["python"])
+    examples = dict(blocks(PAGE.read_text()))["python"], LQG.read_text()
+    (place / "page_examples.py").write_text("\n\n".join(examples))
     (place / "page_broken.py").write_text(BROKEN)
     (place / "page_unimportable.py").write_text("1 / 0")
     with pytest.MonkeyPatch.context() as patch:
