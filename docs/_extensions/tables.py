@@ -56,9 +56,8 @@ CANDIDATES = {
     "saturation": "amplifier limit 0.105 A",
     "retuned": "locked at -125 µm, loops and spiral retuned",
     "retuned_settled": "the same, 2 s to settle",
-    "limit": "demand limit 98 µrad",
-    "limit_clockwise": "95 µrad, spiral clockwise",
-    "limit_speed": "117.5 µrad, spiral of constant speed",
+    "limit_clockwise": "demand limit 95 µrad, spiral clockwise",
+    "limit_speed": "demand limit 117.5 µrad, spiral of constant speed",
 }
 """What differs in the explanations of Table I's last column that the page shows."""
 
@@ -83,27 +82,11 @@ def uncorrected() -> str:
 def jacobian() -> str:
     """The change of the Jacobian over the stroke, its bound, and the paper's values."""
     norms = study("jacobian")["variation"]
-    rows = {"largest value found": "value", "of it linear in the displacements": "linear"}
+    rows = {"largest value found": "value", "part linear in the displacements": "linear"}
     rows |= {"certified upper bound": "certified_upper_bound"}
     cells = [[label, *(f"{norm[key]:.5f}" for norm in norms)] for label, key in rows.items()]
     cells.append(["paper", *(f"{norm['paper']:g}" for norm in norms)])
     return markdown(["e", "Frobenius", "2-norm"], cells)
-
-
-def jacobian_loop() -> str:
-    """Deviation from the secondary optimum of four forms of the mapping, over the spiral's size."""
-    forms = ("constant", "analytic", "incremental", "relinearized")
-    rows: dict[int, dict[str, str]] = {}
-    for run in study("jacobian")["runs"]:
-        if (
-            run["column"] == "W_e"
-            and run["seed"] == 0
-            and run["spiral_factor"] in (1, 10, 100, 1000)
-        ):
-            sizes = rows.setdefault(run["spiral_factor"], {})
-            sizes[run["variant"]] = f"{run['extra_percent']:.2f}"
-    cells = [[f"x{factor}", *(row[form] for form in forms)] for factor, row in rows.items()]
-    return markdown(["spiral", *forms], cells)
 
 
 def force() -> str:
@@ -120,20 +103,6 @@ def force() -> str:
         rows.append([label, *(["not determined", *cells[1:]] if kind == "locked" else cells)])
     head = ["strut", "major force, pressing", "wrench, pressing"]
     return markdown([*head, "strut forces, holding", "displacement, holding"], rows)
-
-
-def internal_force() -> str:
-    """Torques of the over-actuated platform without and with internal force."""
-    rows: dict[str, list[list[str]]] = {}
-    for row in study("force")["internal_force"]:
-        numbers = [row[key] for key in ("weighed_rms_n", "hot_motor_rms_n", "least_squeeze_n")]
-        cells = ["" if number is None else f"{number:.1f}" for number in numbers]
-        rows.setdefault(row["name"], []).append(cells)
-    pairs = {name: zip(*cells, strict=True) for name, cells in rows.items()}
-    table = [
-        [name, *(", ".join(filter(None, pair)) for pair in each)] for name, each in pairs.items()
-    ]
-    return markdown(["purpose", "weighted torque", "hot motor", "least pressing force"], table)
 
 
 GOALS = {
@@ -176,7 +145,7 @@ STRATEGIES = {
     "redistributed": "redistributed pseudo-inverse",
     "weighted_0.3": "weighted, w = 0.3",
     "weighted_3": "weighted, w = 3",
-    "unlimited": "without limits",
+    "unlimited": "three times the stroke and current",
 }
 """Strategies of the study of limits that the page shows."""
 
@@ -211,7 +180,6 @@ def recovered() -> str:
 SIZES = {
     "gain": "gains",
     "stiffness": "springs",
-    "inertia": "masses",
     "delay_ticks": "delay",
     "floor_um_per_s": "floor",
     "hysteresis": "hysteresis",
@@ -260,7 +228,7 @@ GAINED = 0.97
 TABLES: dict[str, Callable[[], str]] = {
     made.__name__: made
     for made in (
-        *(table1, uncorrected, jacobian, jacobian_loop, force, internal_force, goals, limits),
+        *(table1, uncorrected, jacobian, force, goals, limits),
         *(recovered, mismatch_sizes, recover_events),
     )
 }
