@@ -56,9 +56,6 @@ def prepare(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
     elif page == "docs/recordings.md":
         for file in ("W_e.npz", "W_e.rrd"):
             (folder / file).symlink_to(request.getfixturevalue("table1_folder") / file)
-    elif page == "docs/priorities.md":
-        rows = pd.DataFrame({"struts": ["SSSSSS"], "alpha_rms_urad": [2.5]})
-        rows.to_parquet(folder / "sweep.parquet")
 
 
 @pytest.fixture(scope="session")
