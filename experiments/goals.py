@@ -1,4 +1,4 @@
-"""The study `goals`: four secondary goals that pointing must not notice; docs/goals.md."""
+"""The study `goals`: four secondary goals that pointing must not notice; docs/priorities.md."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace

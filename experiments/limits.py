@@ -1,4 +1,4 @@
-"""The study `limits`: ways to keep actuators within their limits, in the loop; docs/limits.md."""
+"""The study `limits`: ways to keep actuators within limits, in the loop; docs/priorities.md."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,4 +1,4 @@
-"""The studies `sweep` and `atlas`: many closed loops beside the linear model; docs/sweep.md."""
+"""The studies `sweep` and `atlas`: many loops beside the linear model; docs/priorities.md."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -296,8 +296,7 @@ def sweep(
     continues. The numbers are identical to the bit for any number of workers and interruptions, on
     processors of one kind.
 
-    Writes sweep.json, the rows as sweep.parquet (docs/sweep.md has its columns), tables as
-    sweep.md and Parquet, and a figure.
+    Writes sweep.json, the rows as sweep.parquet, tables as sweep.md and Parquet, and a figure.
 
     Example: fjh paper sweep --quick --workers 2 --out /tmp/mine
     """
@@ -401,8 +400,7 @@ def atlas(
     the linear model. Nine minutes on two cores, one with --quick. Clusters, interruption and
     --resume are as in fjh sweep.
 
-    Writes atlas.json, the rows as atlas.parquet (docs/sweep.md has its columns), tables as
-    atlas.md and Parquet, and a figure.
+    Writes atlas.json, the rows as atlas.parquet, tables as atlas.md and Parquet, and a figure.
 
     Example: fjh paper atlas --quick
     """

@@ -5,6 +5,7 @@ on GitHub sees what `python docs/_extensions/tables.py` wrote last (`make tables
 writes nothing and ends with 1 where a page is not up to date).
 """
 
+import csv
 import json
 import re
 import sys
@@ -12,16 +13,13 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import mujoco
-
 from fjh.rig.events import EVENTS
-from sim import MODELS, load_model
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 DOCS = Path(__file__).parents[1]
-NORMS = ("frobenius", "two")
+ANGLES = ("alpha", "beta")
 
 
 def study(name: str) -> dict[str, Any]:
@@ -30,7 +28,7 @@ def study(name: str) -> dict[str, Any]:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; of the widths of its columns nobody cares."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(re.sub(r" +", " ", f"| {' | '.join(cells)} |") for cells in lines)
 
@@ -39,7 +37,7 @@ def table1() -> str:
     """RMS errors beside those of the paper, and peaks of the secondary motion."""
     columns = study("table1")["columns"]
     rows = []
-    for angle in ("alpha", "beta"):
+    for angle in ANGLES:
         paper = [f"{each[f'paper_{angle}_rms_urad']:.4f}" for each in columns]
         here = [f"{each[f'{angle}_rms_urad']:.3f}" for each in columns]
         rows += [[f"{angle}, here", *here], [f"{angle}, paper", *paper[:-1], f"**{paper[-1]}**"]]
@@ -52,202 +50,181 @@ def table1() -> str:
     return markdown(head, [["origin", *origin], *rows, ["peak t_x, t_y [µm]", *peaks]])
 
 
-def rest_positions() -> str:
-    """Where the payload rests without the coil of a strut, over the stiffness that it keeps."""
-    sweep = study("release")["sweep"]
-    head = "suspension / own swing stiffness"
-    locked = "error of the payload motion predicted for a locked strut, %"
-    rows = {
-        "alpha for 100 µrad commanded, simulated": ("alpha_simulated_urad", ".2f"),
-        "alpha, elastic mapping": ("alpha_elastic_urad", ".2f"),
-        locked: ("mismatch_as_if_locked_percent", ".2g"),
-    }
-    return markdown(
-        [head, *(f"{each['suspension_over_swing']:g}" for each in sweep)],
-        [[name, *(f"{each[key]:{form}}" for each in sweep)] for name, (key, form) in rows.items()],
-    )
-
-
-def loose_strut() -> str:
-    """Spirals with a strut that has neither coil force nor spring."""
-    spirals = {each["name"]: each for each in study("release")["spirals"]}
-    names = {
-        "no failure": ("sound", "sound"),
-        "failure unknown to the mapping": ("uncorrected",) * 2,
-        "known, mapped by the springs' statics": ("corrected",) * 2,
-        "known, mapped as locked": ("as_locked",) * 2,
-    }
-    rows = []
-    for label, (start, flight) in names.items():
-        whole = spirals.get(start) or spirals[f"loose_from_start_{start}"]
-        switched = spirals.get(flight) or spirals[f"loose_in_flight_{flight}"]
-        rows.append(
-            [
-                label,
-                *(f"{whole[f'{angle}_rms_urad']:.2f}" for angle in ("alpha", "beta")),
-                f"{switched['alpha_peak_urad']:.1f}",
-                f"{switched['sensitivity_peak']:.2f}",
-            ]
-        )
-    head = ["strut 1 without coil force and spring", "alpha", "beta"]
-    return markdown([*head, "peak alpha, failure at 8 s", "peak sensitivity"], rows)
-
-
-MECHANISMS = {
-    "arm": ("7-joint serial arm, pointing", 7),
-    "hand": ("planar two-finger hand, placing an object", 3),
-    "arms": ("two cooperating arms, carrying a load", 6),
-    "platform": ("planar platform on four legs, positioning", 3),
+CANDIDATES = {
+    "lost_strut": "strut 1 locked, nothing else",
+    "resonance": "damping 0.015, roll-off 40 Hz",
+    "floor_office": "floor vibration 400 µm/s",
+    "off_centre": "locked at -110 µm",
+    "saturation": "amplifier limit 0.105 A",
+    "retuned": "locked at -125 µm, loops and spiral retuned",
+    "retuned_settled": "the same, 2 s to settle",
+    "limit_clockwise": "demand limit 95 µrad, spiral clockwise",
+    "limit_speed": "demand limit 117.5 µrad, spiral of constant speed",
 }
-"""What they are, and how many independent motions their loops leave them."""
+"""What differs in the explanations of Table I's last column that the page shows."""
 
 
-def mechanisms() -> str:
-    """Classification and simulation of other mechanisms."""
-    found = study("systems")["systems"]
-    columns = study("table1")["columns"]
-    off = max(
-        abs(each[f"{angle}_rms_urad"] / each[f"predicted_{angle}_rms_urad"] - 1)
-        for each in columns
-        for angle in ("alpha", "beta")
-    )
-    hexapod = ["flexure-jointed hexapod, pointing", "42, 6, 6", "Table I", "", "", ""]
-    rows = [["`fjh.xml`", *hexapod, f"{100 * off:.1f} % (RMS)"]]
-    for name, (title, freedoms) in MECHANISMS.items():
-        model: mujoco.MjModel = load_model(MODELS / f"{name}.xml")
-        ours = [each for each in found if each["mechanism"] == name]
-        exact = sum(not each["unmanipulable"] and not each["unstable_major"] for each in ours)
-        kinds = [sum(each[key] for each in ours) for key in ("unstable_major", "unmanipulable")]
-        counts = map(str, (len(ours), exact, *kinds))
-        sizes = f"{model.nv}, {model.nu}, {freedoms}"
-        error = 100 * max(each["largest_error"] for each in ours)
-        rows.append([f"`{name}.xml`", title, sizes, *counts, f"{error:.2f} %"])
-    head = ["file", "mechanism", "velocities, motors, freedoms"]
-    return markdown([*head, "conditions", "exact", "drifts", "lost", "largest error"], rows)
-
-
-def readings(*labels: str, digits: int = 5) -> list[list[str]]:
-    """Rows of the sizes of the change of the Jacobian that are read out of eq. (40)."""
-    tried = {each["reading"]: each for each in study("jacobian")["tried"]}
-    return [[label, *(f"{tried[label][norm]:.{digits}f}" for norm in NORMS)] for label in labels]
+def uncorrected() -> str:
+    """Explanations of Table I's last column."""
+    result = study("uncorrected")
+    rows = {row["name"]: row for row in result["candidates"]}
+    runs = {row["candidate"]: row for row in result["runs"] if row["column"] == "W_d"}
+    cells = []
+    for name, differs in CANDIDATES.items():
+        row, known = rows[name], runs[name]
+        met = {"ratios": row["meets_ratios"], "W_a": row["meets_w_a"]}
+        met["W_d, W_e"] = row["meets_corrected"]
+        missed = ", ".join(name for name, value in met.items() if not value)
+        ratios = "{alpha_ratio:.2f}, {beta_ratio:.2f}".format(**row)
+        errors = "{alpha_rms_urad:.1f}, {beta_rms_urad:.1f}".format(**known)
+        cells.append([differs, ratios, errors, f"misses {missed}" if missed else "**meets all**"])
+    return markdown(["what differs", "ratios", "W_d", "Table I"], cells)
 
 
 def jacobian() -> str:
-    """The change of the Jacobian over the stroke, and in other coordinates."""
-    found = study("jacobian")["variation"]
-    certified = [f"{each['certified_upper_bound']:.5f}" for each in found]
-    paper = [f"{each['paper']:g}" for each in found]
-    [values] = readings("twist, base axes")
-    others = ("twist, payload axes", "Euler rates, R = Rz Ry Rx", "Euler rates, R = Rx Ry Rz")
-    rows = [
-        ["twist, base axes: found", *values[1:]],
-        ["twist, base axes: certified to be at most", *certified],
-        ["paper", *paper],
-        *readings(*others),
-    ]
-    return markdown(["J is", "Frobenius", "2-norm"], rows)
+    """The change of the Jacobian over the stroke, its bound, and the paper's values."""
+    norms = study("jacobian")["variation"]
+    rows = {"largest value found": "value", "part linear in the displacements": "linear"}
+    rows |= {"certified upper bound": "certified_upper_bound"}
+    cells = [[label, *(f"{norm[key]:.5f}" for norm in norms)] for label, key in rows.items()]
+    cells.append(["paper", *(f"{norm['paper']:g}" for norm in norms)])
+    return markdown(["e", "Frobenius", "2-norm"], cells)
 
 
-def jacobian_bound() -> str:
-    """The terms of the certified bound."""
-    found = study("jacobian")["variation"]
-    rows = {
-        **{f"{part}": part for part in ("linear", "quadratic", "cubic", "remainder")},
-        **{"certified bound": "certified_upper_bound", "value found": "value"},
-    }
-    head = [r"part of the bound, over $\lVert J_0 \rVert$", "Frobenius", "2-norm"]
-    return markdown(
-        head, [[label, *(f"{each[key]:#.4g}" for each in found)] for label, key in rows.items()]
-    )
-
-
-def jacobian_readings() -> str:
-    """Other ways to read eq. (40)."""
-    rows = readings(
-        *("twist; largest entry of the change", "inverse of J", "lengths in mm"),
-        *("origin between the top nodes", "twist; one strut at a time"),
-        *("twist; struts within a ball", "inverse; largest entry of the change"),
-        "inverse; median of random points",
-    )
-    return markdown(["reading of (40)", "Frobenius", "2-norm"], rows)
-
-
-def distances() -> str:
-    """How far a failure is from the most similar other explanation, for the worst strut."""
-    found = study("recover")["ambiguity"]
-    kinds = {"locked": "locked", "free": "free", "weak": "half weak"}
-    wheres = {"centre": "at its centre", "off centre": "off centre"}
+def force() -> str:
+    """Largest errors of simulated static forces."""
+    kinds = {None: "healthy", "locked": "locked", "free": "free", "loose": "loose"}
+    theorems = study("force")["theorems"]
     rows = []
-    for kind, word in kinds.items():
-        for where, place in wheres.items():
-            cells = []
-            for key in ("from_other_actuators", "from_other_kinds"):
-                for setting in ("angles", "angles, dither"):
-                    least = min(
-                        each[key]
-                        for each in found
-                        if (each["setting"], each["kind"], each["where"]) == (setting, kind, where)
-                    )
-                    cells.append(f"{least:.0f}" if least > 10 else f"{least:.1f}")
-            rows.append([f"{word} {place}", *cells])
-    head = ["failure", "d from another strut: angles only", "with dither"]
-    return markdown([*head, "d from another kind: angles only", "with dither"], rows)
+    for kind, label in kinds.items():
+        errors = {
+            quantity: max(row[f"{quantity}_percent"] for row in theorems if row["kind"] == kind)
+            for quantity in ("pressed_major_off", "pressed_off", "held_off", "moved")
+        }
+        cells = [f"{value:.2g}" for value in errors.values()]
+        rows.append([label, *(["not determined", *cells[1:]] if kind == "locked" else cells)])
+    head = ["strut", "major force, pressing", "wrench, pressing"]
+    return markdown([*head, "strut forces, holding", "displacement, holding"], rows)
 
 
-def dither() -> str:
-    """What a motion of the payload separates, over its frequency."""
-    found = study("recover")["dither_design"]
-    rates = sorted({each["frequency_hz"] for each in found})
-    rows = {
-        name: [
-            next(
-                each["separation"]
-                for each in found
-                if (each["direction"], each["frequency_hz"]) == (name, rate)
-            )
-            for rate in rates
-        ]
-        for name in ("gamma", "t_x", "t_y", "t_z")
-    }
-    return markdown(
-        ["motion of the payload", *(f"{rate:g} Hz" for rate in rates)],
-        [
-            [
-                name.replace("t_z", "t_z, the heave"),
-                *(f"{each:.0f}" if each > 10 else f"{each:.1f}" for each in row),
-            ]
-            for name, row in rows.items()
-        ],
-    )
-
-
-MISMATCHES = {
-    "exact": "exact",
-    "gain": "gain of each coil ±3 %",
-    "stiffness": "stiffness of each spring ±3 %",
-    "damping": "damping of each damper ±20 %",
-    "inertia": "mass and inertia ±2 %",
-    "delay_ticks": "delay 1 ms",
-    "floor_um_per_s": "floor at VC-C",
-    "drift_urad_per_s": "detector drift ±0.01 µrad/s",
-    "gain_drift_per_s": "gain drift ±0.01 %/s",
-    "hysteresis": "hysteresis 1 %",
-    "timestep_s": "integrator step",
-    "all": "**all**",
+GOALS = {
+    "reliability": "hottest coil, °C",
+    "stroke": "least stroke left, µm",
+    "obstacle": "least clearance, µm",
+    "singularity": "largest condition number",
 }
+"""What is measured for each secondary goal."""
+
+
+def goals() -> str:
+    """Extremes of secondary goals, and the change of the pointing."""
+    result = study("goals")
+    seeds = {row["goal"]: row["difference_rms_urad"] for row in result["another_seed"]}
+    worst = {(row["goal"], row["name"]): row["worst"] for row in result["runs"]}
+    changes: dict[tuple[str, str], float] = {}
+    for row in result["angles"]:
+        key = row["goal"], row["name"]
+        changes[key] = max(changes.get(key, 0.0), row["difference_rms_urad"])
+    ways = ("pursued", *(f"pseudo_inverse_{weight}" for weight in (1, 10, 100)))
+    rows = []
+    for goal, label in GOALS.items():
+        moved = [*(changes[goal, way] for way in ways), seeds[goal]]
+        rows.append(
+            [
+                label,
+                *(f"{round(worst[goal, way], 1) + 0.0:.1f}" for way in ("pursued", "nothing")),
+                *(f"{change:.0f}" if change > 100 else f"{change:.2g}" for change in moved),
+            ]
+        )
+    head = ["measure", "pursued", "not pursued", "pointing change [µrad]: pursued"]
+    return markdown([*head, *(f"w = {weight}" for weight in (1, 10, 100)), "other seed"], rows)
+
+
+STRATEGIES = {
+    "strict": "strict",
+    "clipping": "clipping",
+    "clipping_tracking_10": "clipping, tracking time x10",
+    "redistributed": "redistributed pseudo-inverse",
+    "weighted_0.3": "weighted, w = 0.3",
+    "weighted_3": "weighted, w = 3",
+    "unlimited": "three times the stroke and current",
+}
+"""Strategies of the study of limits that the page shows."""
+
+
+def limits() -> str:
+    """RMS errors of strategies whose actuators reach their limits."""
+    spirals = {each["name"]: each["rms_urad"] for each in study("limits")["spirals"]}
+    conditions = {"sound": "no failure", "stuck": "strut 1 stuck"}
+    rows = [
+        [label, *(f"{spirals[f'{condition}_{name}']:.0f}" for condition in conditions)]
+        for name, label in STRATEGIES.items()
+    ]
+    return markdown(["", *conditions.values()], rows)
 
 
 def recovered() -> str:
-    """How soon failures are identified on plants that differ from the model, and the error then."""
-    found = {each["mismatch"]: each for each in study("recover")["by_mismatch"][::-1]}
+    """Errors of locked, free and weak struts with all mismatches."""
+    result = study("recover")
+    size = 1e6 * result["path_size_rad"]
     rows = []
-    for name, label in MISMATCHES.items():
-        each = found[name]
-        times = [each[f"named_{part}_s"] for part in ("median", "percentile_95", "largest")]
-        named = "/".join(f"{1e3 * one:.0f}" for one in times)
-        rows.append([label, named, f"{each['over_informed_after_worst']:.3f}"])
-    head = ["mismatch", "named, ms: median/95 %/largest", "RMS, worst flight"]
+    for who in ("supervised", "informed", "unaware"):
+        for when in ("during", "after"):
+            cells = [
+                "/".join(f"{size * kind[f'{what}_{who}_{when}']:.1f}" for what in ("rms", "peak"))
+                for kind in result["by_kind"]
+            ]
+            rows.append([f"{who}, {'first 0.5 s' if when == 'during' else 'later'}", *cells])
+    head = ["RMS/peak error, µrad", *(kind["kind"] for kind in result["by_kind"])]
+    return markdown(head, [row for row in rows if row[0] != "unaware, first 0.5 s"])
+
+
+SIZES = {
+    "gain": "gains",
+    "stiffness": "springs",
+    "delay_ticks": "delay",
+    "floor_um_per_s": "floor",
+    "hysteresis": "hysteresis",
+}
+"""Mismatches whose size the page varies."""
+
+
+def mismatch_sizes() -> str:
+    """Identification where the plant differs more from the model than the stated sizes."""
+    groups = study("recover")["by_mismatch"]
+    found = {(each["mismatch"], each["factor"]): each for each in groups}
+    rows = []
+    for name, label in SIZES.items():
+        cells = []
+        for factor in (3.0, 10.0, 30.0):
+            each = found[name, factor]
+            median = each["named_median_s"]
+            parts = [f"{each['right_count']}/{each['runs']}"]
+            parts += [] if median is None else [f"{1e3 * median:.0f} ms"]
+            for key, word in {"alarm_before": "false", "healthy_named": "healthy"}.items():
+                count = each[f"{key}_count"]
+                parts += [f"{count} {word}"] if count else []
+            cells.append(", ".join(parts))
+        rows.append([label, *cells])
+    return markdown(["mismatch", "x3", "x10", "x30"], rows)
+
+
+def recover_events() -> str:
+    """Events in which the supervised error differs from that of doing nothing, or is misjudged."""
+    with (DOCS / "data" / "recover_events.csv").open(encoding="utf-8") as file:
+        events = list(csv.DictReader(file))
+    rows = []
+    for event in events:
+        median, worst = (event[f"over_unaware_{part}"] for part in ("median", "worst"))
+        healthy, identified = event["healthy_identified_of_12"], event["identified_of_12"]
+        if float(median) < GAINED or int(healthy) > 2:
+            rows.append([event["event"], median, worst, identified or "-", healthy])
+    head = ["event", "median", "worst", "identified", "healthy"]
     return markdown(head, rows)
+
+
+GAINED = 0.97
+"""Ratio of errors below which the page shows an event."""
 
 
 def events() -> str:
@@ -263,8 +240,8 @@ def events() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     made.__name__: made
     for made in (
-        *(table1, rest_positions, loose_strut, mechanisms, jacobian, jacobian_bound),
-        *(jacobian_readings, distances, dither, recovered, events),
+        *(table1, uncorrected, jacobian, force, goals, limits),
+        *(recovered, mismatch_sizes, recover_events, events),
     )
 }
 

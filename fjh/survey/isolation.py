@@ -1,7 +1,7 @@
 """Which failures of one actuator can be told apart: of a robot by its sensors, of a matrix by it.
 
 Of a robot by the steady response to a dither that the major task does not feel, at the robot's
-start, as docs/diagnosis-design.md says. By the linear model alone: nothing is simulated.
+start, as docs/diagnosis.md says. By the linear model alone: nothing is simulated.
 """
 
 from collections.abc import Iterable, Sequence

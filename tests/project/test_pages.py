@@ -49,9 +49,6 @@ def prepare(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
         (folder / "docs").symlink_to(DOCS)
         for file in ("W_e.npz", "W_e.rrd"):
             (folder / file).symlink_to(request.getfixturevalue("table1_folder") / file)
-    elif page == "docs/sweep.md":
-        rows = pd.DataFrame({"struts": ["SSSSSS"], "alpha_rms_urad": [2.5]})
-        rows.to_parquet(folder / "sweep.parquet")
 
 
 @pytest.fixture(scope="session")
