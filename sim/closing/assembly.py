@@ -11,7 +11,7 @@ import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures
-from sim.closing.hold import Hold, Pin, hold
+from sim.closing.fixed import FixedCoordinates, Pin, fixed_coordinates
 from sim.closing.newton import CLOSED, Loops, close
 from sim.errors import ClosureError
 from sim.mjcf.frame import Body
@@ -77,7 +77,7 @@ def assemble(
     closed = start_of(model) if data is None else copy.copy(data)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    fixed = hold(model, held, pinned)
+    fixed = fixed_coordinates(model, held, pinned)
     for sentence in _close_in_place(model, closed, fixed, geometry_accuracy)[1]:
         warnings.warn(sentence, RuntimeWarning, stacklevel=2)
     return closed
@@ -137,8 +137,8 @@ def advance(
     motion = check.array("velocity times duration_s", v[: model.nv] * duration_s, None)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    fixed = hold(model, held, pinned)
-    is_told = check.flag("warn_of_misses", warn_of_misses)
+    fixed = fixed_coordinates(model, held, pinned)
+    warns = check.flag("warn_of_misses", warn_of_misses)
     if into is not None and into is not data:
         check_size("into", model, into)
         mujoco.mj_copyData(into, model, data)
@@ -148,11 +148,11 @@ def advance(
         loops = None
         if fixed.binds(moved):
             loops = _close_in_place(model, moved, fixed, geometry_accuracy)[0]
-            loops = loops.holding(fixed.at(moved))
+            loops = loops.with_fixed(fixed.at(moved))
         else:
             mujoco.mj_kinematics(model, moved)
             mujoco.mj_comPos(model, moved)
-        told = _site_motion(model, moved, motion) if is_told else None
+        site_motion = _site_motion(model, moved, motion) if warns else None
         part, why = _turned(model, motion)
         if loops is None:
             mujoco.mj_integratePos(model, moved.qpos, part * motion, 1.0)
@@ -166,20 +166,20 @@ def advance(
     if why:
         shorter = f"the step is shortened to {part:.3g} of what is asked for, else {why}"
         warnings.warn(shorter, RuntimeWarning, stacklevel=2)
-    if told is not None and (miss := _miss(model, part, *told, moved.site_xpos)):
+    if site_motion is not None and (miss := _miss(model, part, *site_motion, moved.site_xpos)):
         warnings.warn(miss, RuntimeWarning, stacklevel=2)
     return moved
 
 
 def _close_in_place(
-    model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: float | None
+    model: mujoco.MjModel, data: mujoco.MjData, fixed: FixedCoordinates, accuracy: float | None
 ) -> tuple[Loops, tuple[str, ...]]:
     """Close the loops of a state; returns them, and a sentence for each equality left out."""
     mujoco.mj_fwdPosition(model, data)
-    beside = check_closures(model, data, [pin.frame for pin in fixed.pins])
+    sentences = check_closures(model, data, [pin.frame for pin in fixed.pins])
     loops = Loops(model, active_closures(model, data), fixed.at(data), accuracy)
     close(data, loops)
-    return loops, beside
+    return loops, sentences
 
 
 def _turned(model: mujoco.MjModel, motion: Array) -> tuple[float, str]:
@@ -209,19 +209,19 @@ def _follow(
     Raises:
         ValueError: No part is short enough.
     """
-    begun, is_first = data.qpos.copy(), True
+    start, first_attempt = data.qpos.copy(), True
     while part > _SHORTEST:
         step = part * motion
-        goal = loops.holding(loops.fixed.moved(loops.model, data, step))
+        goal = loops.with_fixed(loops.fixed.after_motion(loops.model, data, step))
         shorter, fault = _fault(data, goal, step)
         if not fault:
             return part, why
         part, why = part * shorter, fault
-        data.qpos[:] = begun
+        data.qpos[:] = start
         mujoco.mj_fwdPosition(loops.model, data)
-        if is_first and _opens(data, goal, step):
+        if first_attempt and _opens(data, goal, step):
             break
-        is_first = False
+        first_attempt = False
     raise ValueError(f"the velocity must keep the loops closed: however short the step, {why}")
 
 
@@ -262,9 +262,9 @@ def _opens(data: mujoco.MjData, goal: Loops, step: Array) -> bool:
     closable = closing @ gaps
     correction = goal.least_change(data, closing @ rows, -closable)
     change, length = _lengths(goal.model, data, correction, step)
-    rest = np.linalg.norm(gaps - closing.T @ closable)
+    remaining = np.linalg.norm(gaps - closing.T @ closable)
     most = np.linalg.norm(rows * units) * np.linalg.norm(step / units)
-    return change > _LONGEST_CORRECTION * length or bool(rest > _LONGEST_CORRECTION * most)
+    return change > _LONGEST_CORRECTION * length or bool(remaining > _LONGEST_CORRECTION * most)
 
 
 def _lengths(model: mujoco.MjModel, data: mujoco.MjData, *motions: Array) -> list[float]:
@@ -275,28 +275,28 @@ def _lengths(model: mujoco.MjModel, data: mujoco.MjData, *motions: Array) -> lis
 
 def _site_motion(model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> tuple[Array, Array]:
     """Where each site is, and its displacement to first order, shape (nsite, 3) each."""
-    wanted, rows = np.empty((model.nsite, 3)), np.zeros((3, model.nv))
+    planned, rows = np.empty((model.nsite, 3)), np.zeros((3, model.nv))
     for k in range(model.nsite):
         mujoco.mj_jacSite(model, data, rows, None, k)
-        wanted[k] = rows @ motion
-    return data.site_xpos.copy(), wanted
+        planned[k] = rows @ motion
+    return data.site_xpos.copy(), planned
 
 
-def _miss(model: mujoco.MjModel, part: float, start: Array, wanted: Array, end: Array) -> str:
+def _miss(model: mujoco.MjModel, part: float, start: Array, planned: Array, end: Array) -> str:
     """Which site ends farther from where it was to be than it was to go, if one does.
 
     `part` of the motion was taken; where sites were, how the whole motion was to move them, and
     where they are, (nsite, 3) each.
     """
-    way = np.linalg.norm(part * wanted, axis=1)
-    missed = np.linalg.norm(end - start - part * wanted, axis=1)
-    is_command = way > np.maximum(_CANCELLED * way.max(initial=0.0), CLOSED)
-    ratio = np.divide(missed, way, out=np.zeros_like(way), where=is_command)
+    distance = np.linalg.norm(part * planned, axis=1)
+    missed = np.linalg.norm(end - start - part * planned, axis=1)
+    is_command = distance > np.maximum(_CANCELLED * distance.max(initial=0.0), CLOSED)
+    ratio = np.divide(missed, distance, out=np.zeros_like(distance), where=is_command)
     if ratio.max(initial=0.0) <= 1.0:
         return ""
     worst = greatest(ratio)
     return (
-        f'site "{name_of(model.site(worst))}" was to move by {way[worst]:.3g} and ends '
+        f'site "{name_of(model.site(worst))}" was to move by {distance[worst]:.3g} and ends '
         f"{missed[worst]:.3g} from there, as next to a singular pose: take steps of at most "
         f"{part * _FOLLOWED / ratio[worst]:.2g} of velocity times duration_s"
     )

@@ -67,16 +67,16 @@ def left_out(
     if not (of_flexes := _of_flexes(model, data)):
         return ()
     part = task_part(model, frames, np.flatnonzero(data.eq_active).tolist()).bodies
-    named = {k: equality_name(model, k) for k in of_flexes}
-    for k, name in named.items():
+    names = {k: equality_name(model, k) for k in of_flexes}
+    for k, name in names.items():
         if equality_bodies(model, k) & part:
             raise ModelError(
                 f"{name} ties a flex to the mechanism, and only connect, weld, joint and tendon "
                 'are closures: state active="false" for it in the file, or set its '
                 "model.eq_active0 and data.eq_active to 0"
             )
-    beside = "holds a flex beside the mechanism and is left out"
-    return tuple(f"{name} {beside}" for name in named.values())
+    suffix = "holds a flex beside the mechanism and is left out"
+    return tuple(f"{name} {suffix}" for name in names.values())
 
 
 def _of_flexes(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
@@ -109,7 +109,7 @@ class Closures(NamedTuple):
     equality: NDArray[np.intp]
     units: Array
     points: NDArray[np.intp]
-    carried: Array
+    carriers: Array
     places: NDArray[np.intp] | None
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
@@ -133,7 +133,7 @@ class Closures(NamedTuple):
             # The first three columns of cdof are a joint's axis, if it turns its body.
             gaps, axes, rows = pointer(self._open(data)), pointer(data.cdof), pointer(self.points)
             counts = model.nv, rows, len(self.points)
-            lib.at_midpoints(gaps, axes, *counts, pointer(self.carried), pointer(out))
+            lib.at_midpoints(gaps, axes, *counts, pointer(self.carriers), pointer(out))
 
     def parts(self, model: mujoco.MjModel) -> list[tuple[int, int, slice]]:
         """Number, kind and rows of each equality."""
@@ -217,15 +217,15 @@ def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
     if of_flexes := _of_flexes(model, data):
         places = np.flatnonzero(~np.isin(equality, of_flexes))
         equality = equality[places]
-    units, points, carried = np.ones(len(equality)), [], [np.zeros((0, model.nv))]
+    units, points, carriers = np.ones(len(equality)), [], [np.zeros((0, model.nv))]
     for k, kind, rows in _parts(model, equality):
         if kind == _WELD:  # the last three rows are sines of half the angles, scaled
             scale = model.eq_data[k, _TORQUE_SCALE]
             units[rows.start + 3 : rows.stop] = 2.0 / scale if scale else 0.0
         if kind in _ROWS:
             points += range(rows.start, rows.start + 3)
-            carried += [sum(_carries(model, body) for body in _bodies(model, k))] * 3
-    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried), places)
+            carriers += [sum(_moving_velocities(model, body) for body in _bodies(model, k))] * 3
+    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carriers), places)
 
 
 def _parts(model: mujoco.MjModel, equality: NDArray[np.intp]) -> list[tuple[int, int, slice]]:
@@ -278,7 +278,7 @@ def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
     return [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
 
 
-def _carries(model: mujoco.MjModel, body: int) -> Array:
+def _moving_velocities(model: mujoco.MjModel, body: int) -> Array:
     """Which velocities carry a body, one for those and zero for others, shape (nv,)."""
     chain = np.zeros(model.nv)
     while body:

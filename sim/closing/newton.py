@@ -12,7 +12,7 @@ import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import Closures, equality_name
-from sim.closing.hold import Hold
+from sim.closing.fixed import FixedCoordinates
 from sim.errors import ClosureError
 from sim.mjcf.accuracy import COARSEST, written_accuracy
 from sim.mjcf.frame import own_length
@@ -48,13 +48,13 @@ class Loops:
 
     model: mujoco.MjModel
     closures: Closures
-    fixed: Hold
+    fixed: FixedCoordinates
     accuracy: float | None
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
         """Velocities that are not held."""
-        return np.setdiff1d(np.arange(self.model.nv), self.fixed.still)
+        return np.setdiff1d(np.arange(self.model.nv), self.fixed.velocities)
 
     @cached_property
     def row_units(self) -> Array:
@@ -72,7 +72,7 @@ class Loops:
         pins = (pin.frame for pin in self.fixed.pins)
         return own_length(self.model, [*self.closures.frames(self.model), *pins])
 
-    def holding(self, fixed: Hold) -> "Loops":
+    def with_fixed(self, fixed: FixedCoordinates) -> "Loops":
         """The same loops, where the same drives and frames are to be elsewhere."""
         return check.made(Loops, **vars(self) | {"fixed": fixed})
 
@@ -80,9 +80,9 @@ class Loops:
         """How large the largest gap is, and whose, in words; of what MuJoCo last computed."""
         self._wake(data)
         most, equality = self.closures.largest_gap(data), self.closures.worst(data)
-        of_held = np.abs(self.fixed.gaps(data))
-        if exceeds(of_held.max(initial=0.0), most):
-            return float(of_held.max()), self.fixed.names()[greatest(of_held)]
+        fixed_gaps = np.abs(self.fixed.gaps(data))
+        if exceeds(fixed_gaps.max(initial=0.0), most):
+            return float(fixed_gaps.max()), self.fixed.names()[greatest(fixed_gaps)]
         return most, equality_name(self.model, equality) if equality >= 0 else ""
 
     def gaps(self, data: mujoco.MjData) -> Array:
@@ -141,9 +141,9 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
             return
         closing = loops.closable(rows)
         closable = closing @ gaps
-        rest = gaps - closing.T @ closable
+        remaining = gaps - closing.T @ closable
         # Both in the units of the rows: a gap that motion can close is closed, however small.
-        if np.abs(gaps - rest).max(initial=0.0) < CLOSED <= np.abs(rest).max(initial=0.0):
+        if np.abs(gaps - remaining).max(initial=0.0) < CLOSED <= np.abs(remaining).max(initial=0.0):
             stated = loops.accuracy
             inexact = written_accuracy(loops.model) if stated is None else stated
             size = np.linalg.norm(rows * loops.velocity_units)

@@ -14,7 +14,7 @@ import argument_checks as check
 from sim.array import Array
 from sim.closing.newton import FRACTIONS
 from sim.errors import ModelError
-from sim.kinematics.task import carried_bodies
+from sim.kinematics.task import subtree_bodies
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state, element_id
 
@@ -101,7 +101,7 @@ class Distances:
         """Numbers of the geoms of every pair that can collide, shape (q, 2), ascending."""
         model, pairs = check.instance("model", self.model, mujoco.MjModel), self.pairs
         if pairs is None:
-            named = np.transpose(np.triu_indices(model.ngeom, 1))
+            candidates = np.transpose(np.triu_indices(model.ngeom, 1))
         else:
             given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
             if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
@@ -111,17 +111,17 @@ class Distances:
                 )
             groups = [[_numbers(model, group) for group in pair] for pair in given]
             every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
-            named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
-        found = named[_can_collide(model, named)]
-        if not len(found):
+            candidates = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
+        collidable = candidates[_can_collide(model, candidates)]
+        if not len(collidable):
             raise ModelError(
                 "pairs must name two geoms that MuJoCo lets collide, got none: see contype, "
                 "conaffinity and exclude; those of one rigid body, or of a body and its parent, do "
                 "not"
             )
-        if (fields := found[model.geom_type[found] == _SDF]).size:
+        if (fields := collidable[model.geom_type[collidable] == _SDF]).size:
             raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
-        return check.read_only(found)
+        return check.read_only(collidable)
 
     def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:
         """The pairs nearer than `detection_m`, or `within_m` if that is more, at `data.qpos`.
@@ -225,13 +225,13 @@ class Distances:
 
     def _within(self, data: mujoco.MjData, distance_m: float) -> NDArray[np.intp]:
         """Numbers of the pairs that may be nearer than this, by their spheres or half spaces."""
-        first, second, reach_m, planes = self._spheres
-        apart = data.geom_xpos.take(second, axis=0) - data.geom_xpos.take(first, axis=0)
-        room = reach_m + distance_m
-        near = np.einsum("ij,ij->i", apart, apart) <= room * room
+        first, second, radii_m, planes = self._spheres
+        offset = data.geom_xpos.take(second, axis=0) - data.geom_xpos.take(first, axis=0)
+        limit_m = radii_m + distance_m
+        near = np.einsum("ij,ij->i", offset, offset) <= limit_m * limit_m
         if planes.size:
             normals = data.geom_xmat[first[planes], 2::3]
-            near[planes] = np.einsum("ij,ij->i", normals, apart[planes]) <= room[planes]
+            near[planes] = np.einsum("ij,ij->i", normals, offset[planes]) <= limit_m[planes]
         return np.flatnonzero(near)
 
     def _measured(
@@ -260,8 +260,8 @@ class Distances:
         """
         if abs(distance) < _TOUCHING_M:
             place = data.geom_xpos[pair[1]]
-            here, apart = place.copy(), place - data.geom_xpos[pair[0]]
-            place += _LIFT_M * apart / np.linalg.norm(apart)
+            here, offset = place.copy(), place - data.geom_xpos[pair[0]]
+            place += _LIFT_M * offset / np.linalg.norm(offset)
             fromto = np.empty(6)
             distance = mujoco.mj_geomDistance(self.model, data, *pair, _FARTHEST_M, fromto)
             place[:] = here
@@ -272,14 +272,14 @@ class Distances:
 def _numbers(model: mujoco.MjModel, group: Any) -> NDArray[np.intp]:
     """Numbers of the geoms of a group."""
     numbers: list[int] = []
-    for each in check.members("pairs", group, str, int, np.integer, Body):
-        if isinstance(each, Body):
-            moved = carried_bodies(model, located(model, "pairs", each).body)
-            numbers.extend(np.flatnonzero(np.isin(model.geom_bodyid, moved)).tolist())
-        elif isinstance(each, str):
-            numbers.append(element_id(model, "geom", each))
+    for item in check.members("pairs", group, str, int, np.integer, Body):
+        if isinstance(item, Body):
+            subtree = subtree_bodies(model, located(model, "pairs", item).body)
+            numbers.extend(np.flatnonzero(np.isin(model.geom_bodyid, subtree)).tolist())
+        elif isinstance(item, str):
+            numbers.append(element_id(model, "geom", item))
         else:
-            numbers.append(check.integer("pairs", each, model.ngeom))
+            numbers.append(check.integer("pairs", item, model.ngeom))
     return np.array(numbers, dtype=np.intp)
 
 

@@ -14,9 +14,9 @@ from scipy.sparse.csgraph import connected_components
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures, active_closures, left_out
-from sim.closing.hold import Pin, pins_of
+from sim.closing.fixed import Pin, pins_of
 from sim.errors import ModelError
-from sim.kinematics.structure import Kept, Structure, active_velocities, rows_at, variables_of
+from sim.kinematics.structure import MatrixCache, Structure, active_velocities, rows_at, variables_of
 from sim.kinematics.task import Task, located_axes, located_tasks
 from sim.mjcf.accuracy import moved, written_accuracy
 from sim.mjcf.drive import Drive, is_disabled
@@ -161,13 +161,13 @@ class Jacobians:
         """The sum of what half a unit of the last digit of each number does."""
         errors = np.zeros(self.J_T.shape), np.zeros(self.J_C.shape)
         if self.structure.roundings:
-            of, kept = self.structure.copied(), Kept()
+            of, cache = self.structure.copied(), MatrixCache()
             model = of.model
             mujoco.mj_setState(model, data := mujoco.MjData(model), self.place, _PLACE)
 
             def read() -> tuple[Array, Array]:
                 bring_up_to_date(model, data)
-                return rows_at(of, data, kept)
+                return rows_at(of, data, cache)
 
             here = read()
             for rounding in of.roundings:
@@ -209,15 +209,15 @@ class Jacobians:
 
         Zero where no actuator is.
         """
-        of_each = [drive.force_range for drive in self.drives]
-        of_each += [(0.0, 0.0)] * self.structure.variables
-        return check.read_only(np.array(of_each).reshape(-1, 2))
+        ranges = [drive.force_range for drive in self.drives]
+        ranges += [(0.0, 0.0)] * self.structure.variables
+        return check.read_only(np.array(ranges).reshape(-1, 2))
 
     @cached_property
     def one_sided(self) -> Array:
         """Of each active velocity 1 or -1 if it is only pushed so, 0 if both ways, shape (n,)."""
-        of_each = [drive.one_sided for drive in self.drives] + [0] * self.structure.variables
-        return check.read_only(np.array(of_each, dtype=int))
+        signs = [drive.one_sided for drive in self.drives] + [0] * self.structure.variables
+        return check.read_only(np.array(signs, dtype=int))
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -253,12 +253,12 @@ class Jacobians:
     def _contact_warnings(self) -> list[str]:
         model = self._model
         rigid = model.body_weldid  # bodies without a joint between them are one
-        held = {rigid[pin.frame.body] for pin in self.structure.pins}
+        pinned = {rigid[pin.frame.body] for pin in self.structure.pins}
         return [
             f'"{name_of(model.body(b))}" touches "{name_of(model.body(a))}" and is taken '
             "to move freely: pinned= takes it to stand"
             for a, b in sorted(touching(model, self._data))
-            if not {rigid[a], rigid[b]} & held
+            if not {rigid[a], rigid[b]} & pinned
         ]
 
     def _other_warnings(self) -> list[str]:
@@ -267,7 +267,7 @@ class Jacobians:
         at_body = model.site_sameframe == mujoco.mjtSameFrame.mjSAMEFRAME_BODY
         dropped = np.flatnonzero(at_body & model.site_pos.any(axis=1))
         actuators = range(model.nactuator)
-        said: dict[str, list[str]] = {
+        texts: dict[str, list[str]] = {
             "opt.disableactuator switches off, so not active: ": [
                 name_of(model.actuator(k)) for k in actuators if is_disabled(model, k)
             ],
@@ -279,7 +279,7 @@ class Jacobians:
                 name_of(model.site(k)) for k in dropped
             ],
         }
-        return [words + listed(names) for words, names in said.items() if names]
+        return [text + listed(names) for text, names in texts.items() if names]
 
 
 class JacobianViews(NamedTuple):
@@ -380,8 +380,8 @@ class JacobianReader:
         self._variables = variables_of(model, active)
         ends = np.cumsum([0, *(len(located.angular) for located in self._tasks.values())]).tolist()
         self._rows = dict(zip(self._tasks, map(slice, ends, ends[1:]), strict=True))
-        self._known = dict[tuple[object, ...], Structure]()
-        self._viewed, self._kept = Kept(), Kept()
+        self._structures = dict[tuple[object, ...], Structure]()
+        self._view_cache, self._cache = MatrixCache(), MatrixCache()
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is found again: matrices and their views would be copied apart."""
@@ -393,8 +393,8 @@ class JacobianReader:
         One reader serves one thread so, and any number by :meth:`at`. Arguments and errors are
         those of :meth:`at`.
         """
-        now, residual = self._known_at(data)
-        J_T, J_C = rows_at(now, data, self._viewed, copied=False)
+        now, residual = self._structure_at(data)
+        J_T, J_C = rows_at(now, data, self._view_cache, copied=False)
         return JacobianViews(J_T, J_C, now.active, residual, now.error_bound(residual))
 
     def at(self, data: mujoco.MjData) -> Jacobians:
@@ -403,8 +403,8 @@ class JacobianReader:
 
     def fields_at(self, data: mujoco.MjData) -> dict[str, Any]:
         """Fields of :meth:`at`, for a record that has more."""
-        now, residual = self._known_at(data)
-        J_T, J_C = rows_at(now, data, self._kept)
+        now, residual = self._structure_at(data)
+        J_T, J_C = rows_at(now, data, self._cache)
         place = np.empty(mujoco.mj_stateSize(self._model, _PLACE))
         mujoco.mj_getState(self._model, data, place, _PLACE)
         return {
@@ -418,7 +418,7 @@ class JacobianReader:
             "place": check.read_only(place),
         }
 
-    def _known_at(self, data: mujoco.MjData) -> tuple[Structure, float]:
+    def _structure_at(self, data: mujoco.MjData) -> tuple[Structure, float]:
         """Bring a state up to date: what is known of its equalities, and their largest gap."""
         model = self._model
         check_state(model, data)
@@ -427,37 +427,37 @@ class JacobianReader:
         if model.neq:
             closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
         key = closures, opt.disableactuator, opt.disableflags
-        known = self._known.get(key)
-        closed = active_closures(model, data) if known is None else known.closures
+        structure = self._structures.get(key)
+        closed = active_closures(model, data) if structure is None else structure.closures
         residual = closed.check_closed(model, data, self._tolerance)
-        if known is None:
-            known = self._known[key] = self._found(data, closed)
-        return known, residual
+        if structure is None:
+            structure = self._structures[key] = self._new_structure(data, closed)
+        return structure, residual
 
-    def _found(self, data: mujoco.MjData, closed: Closures) -> Structure:
+    def _new_structure(self, data: mujoco.MjData, closed: Closures) -> Structure:
         """What no pose changes, where something active moves each task."""
         model, tasks, pins = self._model, self._tasks, self._pins
         frames = [frame for located in tasks.values() for frame in located.frames]
-        beside = left_out(model, data, [*frames, *(pin.frame for pin in pins)])
+        omitted = left_out(model, data, [*frames, *(pin.frame for pin in pins)])
         velocities = active_velocities(model, self._variables)
-        now = Structure(model, tasks, pins, self._stuck, closed, beside, *velocities)
+        now = Structure(model, tasks, pins, self._stuck, closed, omitted, *velocities)
         # Rows of what is stretched are zero here, and elsewhere are not.
-        if self._resting(now, data) and (resting := self._resting(now, _elsewhere(model, data))):
+        if self._unmoved(now, data) and (unmoved := self._unmoved(now, _generic_state(model, data))):
             raise ModelError(
-                f"no actuator moves {check.shown(resting[0])}: name another task, what its "
+                f"no actuator moves {check.shown(unmoved[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
         return now
 
-    def _resting(self, now: Structure, data: mujoco.MjData) -> list[Task]:
+    def _unmoved(self, now: Structure, data: mujoco.MjData) -> list[Task]:
         """Tasks of which no active velocity moves anything, through whatever closures."""
         J_T, J_C = (np.abs(A) > _ZERO * np.abs(A).max(initial=1.0) for A in rows_at(now, data, {}))
         part = connected_components(J_C.T @ J_C, directed=False)[1]  # velocities tied by closures
         moves = J_T & np.isin(part, part[now.active])
-        return [task for task, own in self._rows.items() if not moves[own].any()]
+        return [task for task, rows in self._rows.items() if not moves[rows].any()]
 
 
-def _elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+def _generic_state(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
     """A state near by where no entry of a Jacobian vanishes that does not at every pose."""
     there, size = copy(data), np.where(turning(model), 0.3, 0.1 * model.stat.extent)
     motion = size * np.random.default_rng(0).uniform(0.5, 1.5, size=model.nv)

@@ -109,19 +109,19 @@ class Mechanism:
         error. What nothing determines stays where it is, or moves as the springs have it.
         """
         J_C, gaps, here = _checked(posture).J_C, posture.gaps, posture.displacements
-        wanted = np.ascontiguousarray(check.array("displacements", displacements, len(here)))
+        target = np.ascontiguousarray(check.array("displacements", displacements, len(here)))
         is_plain = type(held) is np.ndarray and held.dtype == np.intp and held.ndim == 1
         if not is_plain or not held.flags.c_contiguous:
             held = check.indices("held", held, len(here))
         (c, N), h = J_C.shape, len(held)
         motion, work = np.empty(N), np.empty(lib.nearest_room(c, h, N, N))
-        found = lib.nearest_motion(
+        status = lib.nearest_motion(
             *(self._drives.pointer, c, pointer(J_C), len(gaps), pointer(gaps)),
-            *(h, pointer(held), pointer(wanted), pointer(here), pointer(work), pointer(motion)),
+            *(h, pointer(held), pointer(target), pointer(here), pointer(work), pointer(motion)),
         )
-        if found == lib.MOTION_REFUSED:
+        if status == lib.MOTION_REFUSED:
             check.indices("held", held, len(here))
-        if found != lib.MOTION_FOUND:
+        if status != lib.MOTION_FOUND:
             return posture
         qpos = posture.qpos.copy()
         mujoco.mj_integratePos(self._model, qpos, motion[: self._model.nv], 1.0)

@@ -41,7 +41,7 @@ class Observed:
         }
         self.frame, self.base = frame, base
         self.origin_m, nominal = frame.position_m(data).copy(), np.zeros(len(drives))
-        self.known = {name: np.array(each, dtype=np.intp) for name, each in numbers.items()} | {
+        self.constants = {name: np.array(values, dtype=np.intp) for name, values in numbers.items()} | {
             "drives": len(drives),
             "at_joints": len(joints),
             "gear": np.array([drives[n].gear[0] for n in others]),
@@ -57,7 +57,7 @@ class Observed:
 
     def refresh(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Bring lengths of transmissions up to date with bodies that are."""
-        if self.known["others"].size:
+        if self.constants["others"].size:
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
             mujoco.mj_transmission(model, data)
@@ -65,7 +65,7 @@ class Observed:
 
     def fields(self, data: mujoco.MjData) -> dict[str, Any]:
         """What compiled code reads, by names of kernels.h, as long as `data` is there."""
-        return self.known | {
+        return self.constants | {
             "xmat": self.frame.rotation(data),
             "xpos": self.frame.position_m(data),
             "base_xmat": self.axes(data),
@@ -86,8 +86,8 @@ class Observer:
 
     def __init__(self, observed: Observed, data: mujoco.MjData) -> None:
         """Take a state, which is up to date whenever it is read."""
-        self.data, self._seen = data, np.empty(18 + observed.known["drives"])
-        rotation, translation_m, self._task, displacement = np.split(self._seen, [9, 12, 18])
+        self.data, self._values = data, np.empty(18 + observed.constants["drives"])
+        rotation, translation_m, self._task, displacement = np.split(self._values, [9, 12, 18])
         self._log = Struct(
             "observation",
             **observed.fields(data),
@@ -101,11 +101,11 @@ class Observer:
     def read(self) -> tuple[Pose, Array]:
         """The motion of the task frame in base axes, R_now R_nominal^T, and of the drives, (n,)."""
         principal(lib.observe(self._log.pointer, 0, ffi.NULL, ffi.NULL, 0), self._task)
-        seen = check.read_only(self._seen.copy())
+        values = check.read_only(self._values.copy())
         pose = check.made(
             Pose,
-            rotation=seen[:9].reshape(3, 3),
-            translation_m=seen[9:12],
-            _displacement=seen[12:18],
+            rotation=values[:9].reshape(3, 3),
+            translation_m=values[9:12],
+            _displacement=values[12:18],
         )
-        return pose, seen[18:]
+        return pose, values[18:]

@@ -52,9 +52,9 @@ class Pose:
 
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
-        known = vars(self).get("_displacement")  # of a pose that compiled code has read
-        if known is not None:
-            return known.copy()
+        computed = vars(self).get("_displacement")  # of a pose that compiled code has read
+        if computed is not None:
+            return computed.copy()
         lead = self.lead
         given = *self._flat(lead), (displacement := np.empty((*lead, 6)))
         principal(lib.displacements(math.prod(lead), *map(pointer, given)), displacement)
@@ -126,11 +126,11 @@ def target_pose(name: str, target: Target) -> Pose | Array:
     return _of_matrix(name, A)
 
 
-def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
+def displacement_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
     """[rotation vector; translation] (6,) from one pose to another, in the axes of both."""
-    way = np.empty(6)
-    principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, way))), way)
-    return way
+    displacement = np.empty(6)
+    principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, displacement))), displacement)
+    return displacement
 
 
 def principal(largest_rad: float, twists: Array) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures
-from sim.closing.hold import LocatedPin
+from sim.closing.fixed import LocatedPin
 from sim.errors import ModelError
 from sim.kinematics.task import LocatedFunction, Motion, Task
 from sim.mjcf.accuracy import Rounding, roundings
@@ -84,7 +84,7 @@ class Structure:
     @cached_property
     def task_units(self) -> Array:
         """Natural unit of each row of J_T, shape (m,)."""
-        angular = [each for located in self.tasks.values() for each in located.angular]
+        angular = [is_angle for located in self.tasks.values() for is_angle in located.angular]
         return check.read_only(np.where(np.array(angular, dtype=bool), 1.0, self.length))
 
     @cached_property
@@ -245,12 +245,12 @@ def _blank(of: Structure, limits: int) -> Matrices:
     return Matrices(whole, views, per_qvel, tuple(parts), constraints[c:])
 
 
-Kept: TypeAlias = dict[tuple["Structure", int], Matrices]
+MatrixCache: TypeAlias = dict[tuple["Structure", int], Matrices]
 """Matrices of a structure and a number of rows of limits."""
 
 
 def rows_at(
-    of: Structure, data: mujoco.MjData, kept: Kept, *, copied: bool = True
+    of: Structure, data: mujoco.MjData, cache: MatrixCache, *, copied: bool = True
 ) -> tuple[Array, Array]:
     """J_T (m, N) and J_C (c, N) at a pose that is up to date, read-only.
 
@@ -263,7 +263,7 @@ def rows_at(
     model = of.model
     limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK
     key = of, len(limits)
-    to = kept.pop(key, None) or _blank(*key)  # another thread must not have them meanwhile
+    to = cache.pop(key, None) or _blank(*key)  # another thread must not have them meanwhile
     for write, out in to.parts:
         write(model, data, out)
     if len(limits):
@@ -279,7 +279,7 @@ def rows_at(
     J_T, J_C = to.views
     if copied:
         J_T, J_C = check.read_only(J_T.copy()), check.read_only(J_C.copy())
-    kept[key] = to
+    cache[key] = to
     return J_T, J_C
 
 

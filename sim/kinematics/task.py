@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import NOMINAL, Pose, Target, target_pose, way_between
+from sim.kinematics.pose import NOMINAL, Pose, Target, target_pose, displacement_between
 from sim.mjcf.frame import Body, Located, located
 from sim.mjcf.model import check_state, element_id
 
@@ -109,7 +109,7 @@ class TaskFunction(ABC):
 
     _checks: ClassVar[Mapping[str, Callable[[str, Any], Any]]] = {}
     """Of attributes of a class of its own, by their names."""
-    _is_given: ClassVar[bool] = False
+    _is_fixed: ClassVar[bool] = False
 
     target: Any = field(default=None, repr=False)
     gain: float = field(default=1.0, repr=False)
@@ -119,7 +119,7 @@ class TaskFunction(ABC):
     def __setattr__(self, name: str, value: Any) -> None:
         """Check what is set."""
         checks = {**_CHECKS, **self._checks}
-        if self._is_given and name in checks and name != "gain":
+        if self._is_fixed and name in checks and name != "gain":
             raise AttributeError(
                 f"{name} of {type(self).__name__} is fixed once an Ik has the task, only target "
                 "and gain may be set: make another task, and another Ik"
@@ -130,9 +130,9 @@ class TaskFunction(ABC):
             value = checks[name](name, value)
         object.__setattr__(self, name, value)
 
-    def give(self) -> None:
+    def fix(self) -> None:
         """Fix what :meth:`on` looks up."""
-        object.__setattr__(self, "_is_given", True)
+        object.__setattr__(self, "_is_fixed", True)
 
     def checked(self, target: Any) -> Any:
         """The target in the form that the error is computed with."""
@@ -265,9 +265,9 @@ class Motion:
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """[rotation vector; translation] to the target, its rows, shape (k,)."""
         assert self.target is not None
-        return self.way(data, self.target())
+        return self.displacement_to(data, self.target())
 
-    def way(
+    def displacement_to(
         self, data: mujoco.MjData, target: Pose | Array, seen_from: Located | None = None
     ) -> Array:
         """[rotation vector; translation] to a target, its rows, shape (k,).
@@ -283,28 +283,28 @@ class Motion:
             outer = seen_from.rotation(data)
             goal = seen_from.position_m(data) + outer @ goal
             there = outer @ there if is_pose else there
-        way = way_between(rotation, position_m, there, goal)
+        displacement = displacement_between(rotation, position_m, there, goal)
         if not is_pose:
-            way[:3] = 0.0  # but for round-off
+            displacement[:3] = 0.0  # but for round-off
         if self.axes is not None:
-            way = (way.reshape(2, 3) @ self.axes.rotation(data)).ravel()
-        return way[self._index]
+            displacement = (displacement.reshape(2, 3) @ self.axes.rotation(data)).ravel()
+        return displacement[self._index]
 
 
 def mass_center(model: mujoco.MjModel, body: str | None) -> MassCenter:
     """The centre of mass of a body by name with all that it carries; None is everything."""
     check.instance("model", model, mujoco.MjModel)
-    within = carried_bodies(model, 0 if body is None else element_id(model, "body", body))
+    within = subtree_bodies(model, 0 if body is None else element_id(model, "body", body))
     return MassCenter(within[0], tuple(Located(k, k, is_site=False) for k in within if k))
 
 
-def carried_bodies(model: mujoco.MjModel, body: int) -> list[int]:
+def subtree_bodies(model: mujoco.MjModel, body: int) -> list[int]:
     """Numbers of a body and of all bodies that hang from it, ascending."""
-    carried = [body]
+    subtree = [body]
     for k in range(body + 1, model.nbody):  # parents come before their children
-        if model.body_parentid[k] in carried:
-            carried.append(k)
-    return carried
+        if model.body_parentid[k] in subtree:
+            subtree.append(k)
+    return subtree
 
 
 def located_task(model: mujoco.MjModel, task: Task, axes: Located | None = None) -> LocatedFunction:
@@ -312,7 +312,7 @@ def located_task(model: mujoco.MjModel, task: Task, axes: Located | None = None)
     if isinstance(task, CenterOfMass):
         return Motion(mass_center(model, task.body), None, axes, LINEAR)
     if isinstance(task, Relative):
-        frame, root = (located(model, "site", each) for each in (task.frame, task.root))
+        frame, root = (located(model, "site", name) for name in (task.frame, task.root))
         return Motion(frame, root, axes)
     if isinstance(task, TaskFunction):
         return task.on(model)
@@ -326,10 +326,10 @@ def located_tasks(
     tasks: Any = list(site) if isinstance(site, list | tuple) else [site]
     if not tasks:
         raise ValueError("site must name a task at least, got none")
-    found = {task: located_task(model, task, axes) for task in tasks}
-    if len(found) < len(tasks):
+    functions = {task: located_task(model, task, axes) for task in tasks}
+    if len(functions) < len(tasks):
         raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
-    return found
+    return functions
 
 
 def located_axes(model: mujoco.MjModel, axes: str | None) -> Located | None:
@@ -381,10 +381,10 @@ def pose_error(
     targets: Any = target if isinstance(site, list | tuple) else [target]
     if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
         raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
-    ways = []
+    displacements = []
     for task, given in zip(tasks, targets, strict=True):
-        ways.append(task.way(data, target_pose("target", given), seen_from))
-    return np.concatenate(ways)
+        displacements.append(task.displacement_to(data, target_pose("target", given), seen_from))
+    return np.concatenate(displacements)
 
 
 def _motions(
@@ -396,11 +396,11 @@ def _motions(
     """The axes, and the tasks on frames and centres of mass, in a state brought up to date."""
     check_state(model, data)
     in_axes = located_axes(model, axes)
-    found = list[Motion]()
+    motions = list[Motion]()
     for task, rows in located_tasks(model, site, in_axes).items():
         if not isinstance(rows, Motion):
             raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
-        found.append(rows)
+        motions.append(rows)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    return in_axes, found
+    return in_axes, motions

@@ -20,7 +20,7 @@ from sim.mjcf.model import check_state, joint_name, name_of
 from sim.mjcf.part import Part
 
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-_IDLE, _NOTHING, _MOSTLY = 1e-6, 1e-12, 0.3
+_UNOBSERVABLE, _NEGLIGIBLE, _MOSTLY = 1e-6, 1e-12, 0.3
 """Part of the stiffness and of the outputs below which a motion has none, a size that is none, and
 part of the largest speed of a joint from which on it is named."""
 _REDUNDANT = 1e-9
@@ -104,18 +104,18 @@ class LinearPlant:
         check.lock(self)
 
     @property
-    def idle(self) -> tuple[str, ...]:
+    def unobservable_joints(self) -> tuple[str, ...]:
         """Joints that nothing holds and that move neither the task nor an actuator.
 
         So spins a rod between two ball joints.
         """
         k = len(self.A) // 2
-        held = self.A[k:, :k] / max(np.abs(self.A[k:, :k]).max(initial=0.0), 1.0)
+        stiffness = self.A[k:, :k] / max(np.abs(self.A[k:, :k]).max(initial=0.0), 1.0)
         outputs = np.vstack([self.C_twist[:, :k], self.C_active[:, :k]])
-        rows = np.vstack([held, outputs / max(np.abs(outputs).max(initial=0.0), _NOTHING)])
-        return self.named(scipy.linalg.null_space(rows, rcond=_IDLE))
+        rows = np.vstack([stiffness, outputs / max(np.abs(outputs).max(initial=0.0), _NEGLIGIBLE)])
+        return self.moving_joints(scipy.linalg.null_space(rows, rcond=_UNOBSERVABLE))
 
-    def named(self, y: Array) -> tuple[str, ...]:
+    def moving_joints(self, y: Array) -> tuple[str, ...]:
         """Joints that mostly move in motions y (k, ...), real or complex modes, in their order."""
         if self.motion is None:
             return ()
@@ -194,9 +194,9 @@ def linear_plant(
         probe.qvel[:] = Z @ y_dot
         probe.ctrl[:] = u
         mujoco.mj_forward(model, probe)
-        ways, mass = allowed(closure_rows(model, probe)), mass_of(model, probe)
-        force = ways.T @ (mass @ probe.qacc_smooth)
-        return Z.T @ ways @ np.linalg.solve(ways.T @ mass @ ways, force)
+        basis, mass = allowed(closure_rows(model, probe)), mass_of(model, probe)
+        force = basis.T @ (mass @ probe.qacc_smooth)
+        return Z.T @ basis @ np.linalg.solve(basis.T @ mass @ basis, force)
 
     slopes = [
         (acceleration(start + step) - acceleration(start - step)) / (2 * step.sum())
@@ -224,24 +224,24 @@ def allowed(J_C: Array) -> Array:
 
 
 def friction_of(
-    model: mujoco.MjModel, data: mujoco.MjData, ways: Array, mass: Array
+    model: mujoco.MjModel, data: mujoco.MjData, basis: Array, mass: Array
 ) -> Friction | None:
     """Dry friction of a state that is up to date; None where nothing rubs.
 
     `ways` (nv, k) are velocities per free coordinate, `mass` (nv, nv) is the mass matrix.
     """
-    rubs = np.flatnonzero(np.isin(data.efc_type, _FRICTION) & (data.efc_frictionloss > 0.0))
-    rows = constraint_rows(model, data)[rubs] @ ways
+    indices = np.flatnonzero(np.isin(data.efc_type, _FRICTION) & (data.efc_frictionloss > 0.0))
+    rows = constraint_rows(model, data)[indices] @ basis
     moves = rows.any(axis=1)  # what the closed loops hold does not rub
-    rubs, rows = rubs[moves], rows[moves]
-    if not len(rubs):
+    indices, rows = indices[moves], rows[moves]
+    if not len(indices):
         return None
     return Friction(
-        push=np.linalg.solve(ways.T @ mass @ ways, rows.T),
+        push=np.linalg.solve(basis.T @ mass @ basis, rows.T),
         rows=rows,
-        limit=data.efc_frictionloss[rubs].copy(),
-        softness=data.efc_R[rubs].copy(),
-        rate=data.efc_KBIP[rubs, 1].copy(),
+        limit=data.efc_frictionloss[indices].copy(),
+        softness=data.efc_R[indices].copy(),
+        rate=data.efc_KBIP[indices, 1].copy(),
     )
 
 
@@ -255,9 +255,9 @@ def beyond_linear(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, ...]
 
     `data` says which of its equalities are active.
     """
-    found = []
+    sentences = []
     if names := dry_friction(model):
-        found.append(
+        sentences.append(
             f"dry friction of {', '.join(names)}: the prediction includes it, the diagnosis takes "
             "its size as uncertain; the design of the loops leaves it out"
         )
@@ -267,20 +267,20 @@ def beyond_linear(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, ...]
     sprung = _names(model, of_joints, model.tendon_stiffnesspoly.any(axis=1))
     for what, names in (("damping", damped), ("stiffness", sprung)):
         if names:
-            found.append(
+            sentences.append(
                 f"{what} of {', '.join(names)} is not linear: the model has its slope at the start"
             )
     for k in np.flatnonzero(data.eq_active).tolist():
         if stiffness_of(model, k) * model.eq_solimp[k, 0] < _SOFT * _STIFFNESS:  # at its centre
-            found.append(
+            sentences.append(
                 f"{equality_name(model, k)} is soft and gives like backlash: the model has it rigid"
             )
     if model.opt.density > 0:
-        found.append(
+        sentences.append(
             f"drag of a medium of density {model.opt.density:g} grows with the square of the speed:"
             " the model leaves it out"
         )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def _names(
@@ -295,7 +295,7 @@ def _names(
     )
 
 
-class Met:
+class NonlinearityMonitor:
     """Events of a :class:`sim.Bench` that note what a run meets and a linear model leaves out.
 
     Attributes:
@@ -305,11 +305,11 @@ class Met:
     def __init__(self, model: mujoco.MjModel, part: Part | None = None) -> None:
         """Take a model of the plant, and what of it counts; None is everything."""
         self.sentences, self._part = dict[str, None](), part
-        own = drives(model, among=None if part is None else part.actuators)
+        drives_of_part = drives(model, among=None if part is None else part.actuators)
         self._forces = [
-            (k, out, each.name)
-            for each in own
-            for k, out in zip(each.ids, each.outputs, strict=True)
+            (k, out, drive.name)
+            for drive in drives_of_part
+            for k, out in zip(drive.ids, drive.outputs, strict=True)
         ]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -317,17 +317,17 @@ class Met:
         for a, b in touching(model, data):
             if self._part is None or set(model.body_weldid[[a, b]]) & self._part.bodies:
                 one, other = (name_of(model.body(k)) for k in (b, a))
-                self._meet(f'"{one}" touched "{other}"')
+                self._record(f'"{one}" touched "{other}"')
         if data.nl:
             for limit in at_limits(model, data):
                 if self._part is None or limit.name not in self._part.left_out:
-                    self._meet(f'{limit.kind} "{limit.name}" reached its limit')
+                    self._record(f'{limit.kind} "{limit.name}" reached its limit')
         for actuator, output, name in self._forces:
             if model.actuator_forcelimited[actuator]:
                 low, high = force_limits(model, actuator)
                 slack = _AT * (high - low)
                 if not low + slack < data.actuator_force[output] < high - slack:
-                    self._meet(f'the force of "{name}" reached its limit')
+                    self._record(f'the force of "{name}" reached its limit')
 
-    def _meet(self, sentence: str) -> None:
+    def _record(self, sentence: str) -> None:
         self.sentences.setdefault(sentence)

@@ -90,7 +90,7 @@ class Plant:
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         actuators.reserve_off_group(self.model)
-        self._sound = {name: getattr(self.model, name).copy() for name in actuators.STRENGTHS}
+        self._healthy = {name: getattr(self.model, name).copy() for name in actuators.STRENGTHS}
         self.data = mujoco.MjData(self.model)
         self.drives = required_drives(self.model, None if part is None else part.actuators)
         self._locks = [actuators.lock_of(self.model, drive) for drive in self.drives]
@@ -102,29 +102,29 @@ class Plant:
         loops = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
         self._is_loop = np.isin(self.model.eq_type, loops).astype(float)
         if part is not None:
-            self._is_loop[list(part.apart)] = 0.0
+            self._is_loop[list(part.other_equalities)] = 0.0
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
         actuators.enable_locks(self.model, self.data)
         self._last = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
-        held = None if part is None else self.data.actuator_force.copy()
+        forces = None if part is None else self.data.actuator_force.copy()
         if start is not None and part is None:
-            held, falls, why = actuators.balance(self.model, self.data, self.drives)
-            if falls is not None:
-                raise ModelError(why)
-        self._commands = actuators.commands_of(self.model, self.data, self.drives, held)
+            forces, moving, reason = actuators.balance(self.model, self.data, self.drives)
+            if moving is not None:
+                raise ModelError(reason)
+        self._commands = actuators.commands_of(self.model, self.data, self.drives, forces)
         if start is not None:
             if beyond := actuators.beyond_ranges(self.model, self.drives, self._commands):
                 raise ModelError(beyond)
-            self._commands = self._commands.beside(start.ctrl)
+            self._commands = self._commands.with_other_controls(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
             mujoco.mj_forward(self.model, self.data)
         self._observed = Observed(self.model, self.data, self.drives, frame, axes)
         self._observer = Observer(self._observed, self.data)
         self._limits = actuators.rest_limits(self.model, self.data, self.drives, self._commands)
-        self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
+        self._gravity, self._initially_active = self.model.opt.gravity.copy(), self.data.eq_active.copy()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the views of :attr:`data`, which a copy has of its own."""
@@ -145,9 +145,9 @@ class Plant:
             SimulationDiverged: The state is no longer finite.
         """
         steps = physics_steps("period_s", period_s, self.model.opt.timestep)
-        self.hold(check.array("command_m", command_m, len(self.drives)), steps)
+        self.step_physics(check.array("command_m", command_m, len(self.drives)), steps)
 
-    def hold(self, command_m: Array, steps: int) -> None:
+    def step_physics(self, command_m: Array, steps: int) -> None:
         """Hold checked displacements for a number of physics steps; Ctrl-C ends it soon."""
         model, data = self.model, self.data
         mujoco.mj_getState(model, data, self._last, _STATE)
@@ -169,7 +169,7 @@ class Plant:
         steps = physics_steps("seconds", seconds, self.model.opt.timestep)
         n = len(self.drives)
         at_m = np.zeros(n) if command_m is None else check.array("command_m", command_m, n)
-        self.hold(at_m, steps)
+        self.step_physics(at_m, steps)
         self.data.time = 0.0
 
     def lock(self, actuator: int) -> None:
@@ -186,9 +186,9 @@ class Plant:
     @property
     def soft_locks(self) -> dict[int, str]:
         """How far, and why, locks would give way at the present pose, by number of the drive."""
-        each = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
-        found = {k: actuators.yields(self.model, self.data, *one) for k, one in each}
-        return {k: said for k, said in found.items() if said is not None}
+        locks = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
+        warnings = {k: actuators.lock_warning(self.model, self.data, *one) for k, one in locks}
+        return {k: warning for k, warning in warnings.items() if warning is not None}
 
     def release(self, actuator: int) -> None:
         """Switch actuator 0..n-1 off: a torque failure."""
@@ -215,9 +215,9 @@ class Plant:
         """Let actuator 0..n-1 work from now on as it did when the plant was made."""
         k = self._index(actuator)
         if (lock := self._locks[k]) >= 0:
-            self.data.eq_active[lock] = self._held[lock]
-            self.model.eq_data[lock] = self._sound["eq_data"][lock]
-        actuators.restore(self.model, self.drives[k], self._sound)
+            self.data.eq_active[lock] = self._initially_active[lock]
+            self.model.eq_data[lock] = self._healthy["eq_data"][lock]
+        actuators.restore(self.model, self.drives[k], self._healthy)
 
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with a wrench (6,), [N m] and [N], at its site.
@@ -428,8 +428,8 @@ class Failure:
 
         NAME is that of a joint, tendon or actuator, or the number of the actuator in digits.
         """
-        name, _, rest = check.instance("text", text, str).rpartition(":")
-        kind, _, time_s = rest.partition("@")
+        name, _, event = check.instance("text", text, str).rpartition(":")
+        kind, _, time_s = event.partition("@")
         is_number = name.isascii() and name.isdecimal() and len(name) < 10  # of 32 bits
         actuator = int(name) if is_number else name
         with suppress(ValueError):  # what is said below is of the whole text
@@ -450,7 +450,7 @@ class Failure:
             raise TypeError(f"actuator must be a number here, got {check.shown(self.actuator)}")
         return int(self.actuator)
 
-    def strike(self, plant: Plant) -> None:
+    def inject(self, plant: Plant) -> None:
         """Apply the failure now; a ModelError if the actuator is to lock and has no lock."""
         actuator = check.instance("plant", plant, Plant).number(self.actuator)
         if self.kind == "weak":
@@ -467,5 +467,5 @@ def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
     """
     plant = Plant(model)
     for failure in check.members("failures", failures, Failure):
-        failure.strike(plant)
+        failure.inject(plant)
     return plant

@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.closing.assembly import assemble
-from sim.closing.hold import Pin
+from sim.closing.fixed import Pin
 from sim.errors import ModelError
 from sim.mjcf.drive import add_locks, drives, lock_name, required_drives
-from sim.mjcf.frame import Body, frame_named, located
+from sim.mjcf.frame import Body, find_frame, located
 from sim.mjcf.joints import one_axis
 from sim.mjcf.load import load_spec
 from sim.mjcf.model import joint_name, listed, name_of
 from sim.mjcf.part import Part, task_part, tendon_bodies
 from sim.plant.actuators import balance
 from sim.plant.servo import servoed
-from sim.scene.rest import is_held, settled, stand, standing
+from sim.scene.equilibrium import is_in_equilibrium, settled, stand, ground_contacts
 
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _INSIDE = 0.05
 """Part of its range by which a joint begins inside: at its limit it could move one way only."""
 _OVERLAPS = 1e-3
 """Part of the model's extent by which bodies must overlap to be in collision."""
-_ELSEWHERE = "start elsewhere, at a keyframe for one"
+_OTHER_START = "start elsewhere, at a keyframe for one"
 _MOVED = 1e-3
 """Displacement of a joint, [rad] or [m], that is worth a sentence."""
 
@@ -61,7 +61,7 @@ def robot_scene(
     file: str | Path,
     frame: str | Body,
     axes: str | None,
-    begin: Callable[[mujoco.MjModel], mujoco.MjData],
+    initial_state: Callable[[mujoco.MjModel], mujoco.MjData],
     pinned: Sequence[Pin] = (),
     servo_hz: float | None = None,
     settle: bool = True,
@@ -69,7 +69,7 @@ def robot_scene(
     """Split a file at rest into what a task involves and all else.
 
     Where the file has props, a hand or a spring beside the task, or a start that its actuators
-    do not hold, the physics runs until all rests: see :func:`sim.scene.rest.settled`.
+    do not hold, the physics runs until all rests: see :func:`sim.scene.equilibrium.settled`.
 
     Args:
         file: MJCF.
@@ -84,9 +84,9 @@ def robot_scene(
     Raises:
         sim.ModelError, sim.ClosureError: The file or a frame is unusable, or something moves.
     """
-    spec, model, frame, stated = _compiled(file, frame, begin, pinned)
+    spec, model, frame, stated = _compiled(file, frame, initial_state, pinned)
     required_drives(model)
-    start = begin(model)
+    start = initial_state(model)
     _clamp(model, start)
     start = assemble(model, start)
     mujoco.mj_forward(model, start)
@@ -100,14 +100,14 @@ def robot_scene(
         used = part.actuators
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
         part = replace(part, model=model)
-    held = settle and is_held(part, start)
-    balanced = not part.rest and (not settle or (held and not pinned))
-    rested = start if balanced or not settle else _rested(part, start, held=held)
-    said = _beyond_ranges(part, stated), _in_collision(part, start), _moved(part, stated, rested)
-    moved = tuple(filter(None, said))
+    in_equilibrium = settle and is_in_equilibrium(part, start)
+    balanced = not part.other_bodies and (not settle or (in_equilibrium and not pinned))
+    rested = start if balanced or not settle else _rested(part, start, in_equilibrium=in_equilibrium)
+    sentences = _beyond_ranges(part, stated), _in_collision(part, start), _moved(part, stated, rested)
+    moved = tuple(filter(None, sentences))
     if balanced:
         return Scene(model, start, frame, None, model, start, moved)
-    own = reduced(spec, part, rested) if part.rest else model
+    own = reduced(spec, part, rested) if part.other_bodies else model
     own_start = mujoco.MjData(own)
     own_start.qpos[:] = rested.qpos[part.positions]
     return Scene(model, rested, frame, part, own, assemble(own, own_start), moved)
@@ -116,14 +116,14 @@ def robot_scene(
 def _compiled(
     file: str | Path,
     frame: str | Body,
-    begin: Callable[[mujoco.MjModel], mujoco.MjData],
+    initial_state: Callable[[mujoco.MjModel], mujoco.MjData],
     pinned: Sequence[Pin],
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, str | Body, Array]:
     """The file with locks and pins, the task frame, and the joint positions in the file."""
     spec, model = load_spec(file)
-    frame = frame_named(model, "site", frame)
-    pins = [replace(pin, frame=frame_named(model, "pinned", pin.frame)) for pin in pinned]
-    data = begin(model)
+    frame = find_frame(model, "site", frame)
+    pins = [replace(pin, frame=find_frame(model, "pinned", pin.frame)) for pin in pinned]
+    data = initial_state(model)
     stated = data.qpos.copy()
     _clamp(model, data)
     mujoco.mj_fwdPosition(model, data)
@@ -133,15 +133,15 @@ def _compiled(
     return spec, model, frame, stated
 
 
-def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
+def _rested(part: Part, start: mujoco.MjData, *, in_equilibrium: bool) -> mujoco.MjData:
     """State in which all comes to rest; `held` says whether the start is balanced."""
     if (part.model.jnt_type == _FREE).any():  # the physics would only show it fall
         _refuse_what_moves(part, start, of="free joint")
     rested = settled(part, start)
-    if held and not is_held(part, rested):
-        left = _moved(part, start.qpos, rested)
+    if in_equilibrium and not is_in_equilibrium(part, rested):
+        moves = _moved(part, start.qpos, rested)
         raise ModelError(
-            f"the servos balance the start and do not keep it: {left}; make them stiffer (--servo "
+            f"the servos balance the start and do not keep it: {moves}; make them stiffer (--servo "
             "or servo_hz= for torque motors) or pin more (pinned)"
         )
     _refuse_what_moves(part, rested)
@@ -166,15 +166,15 @@ def _beyond(model: mujoco.MjModel, qpos: Array) -> NDArray[np.intp]:
 def _beyond_ranges(part: Part, stated: Array) -> str:
     """Sentence on joints of the part that start beyond their ranges; empty if none does."""
     model = part.model
-    mine = set(np.delete(model.dof_jntid, part.still).tolist())
-    said = [
+    mine = set(np.delete(model.dof_jntid, part.other_velocities).tolist())
+    texts = [
         f"{joint_name(model, j)} at {stated[model.jnt_qposadr[j]]:.3g}, its range "
         f"{model.jnt_range[j, 0]:.3g} to {model.jnt_range[j, 1]:.3g}"
         for j in _beyond(model, stated).tolist()
         if j in mine
     ]
-    where = f"the start is beyond ranges, and begins inside them instead: {listed(said)}"
-    return f"{where}; {_ELSEWHERE}" if said else ""
+    where = f"the start is beyond ranges, and begins inside them instead: {listed(texts)}"
+    return f"{where}; {_OTHER_START}" if texts else ""
 
 
 def _in_collision(part: Part, start: mujoco.MjData) -> str:
@@ -185,32 +185,32 @@ def _in_collision(part: Part, start: mujoco.MjData) -> str:
         rigid = {int(model.body_weldid[body]) for body in bodies}
         if contact.dist < -_OVERLAPS * model.stat.extent and rigid & part.bodies:
             deep[" and ".join(name_of(model.body(body)) for body in bodies)] = None
-    return f"the start is in collision: {listed(list(deep))}; {_ELSEWHERE}" if deep else ""
+    return f"the start is in collision: {listed(list(deep))}; {_OTHER_START}" if deep else ""
 
 
 def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
     """Refuse a part that its actuators do not hold, and say which pins would."""
     model = part.model
-    found = balance(model, start, drives(model, among=part.actuators), part.still)
-    if found.joint is not None and of in found.moves:
-        body = name_of(model.body(model.jnt_bodyid[found.joint]))
-        feet = standing(part, start) or [body]
-        raise ModelError(f"{found.moves}: pin what stands, pinned {','.join(feet)}")
+    result = balance(model, start, drives(model, among=part.actuators), part.other_velocities)
+    if result.joint is not None and of in result.moves:
+        body = name_of(model.body(model.jnt_bodyid[result.joint]))
+        feet = ground_contacts(part, start) or [body]
+        raise ModelError(f"{result.moves}: pin what stands, pinned {','.join(feet)}")
 
 
 def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> str:
     """Sentence on joints of the part that moved until all came to rest; empty if none did."""
-    model, way = part.model, np.empty(part.model.nv)
-    mujoco.mj_differentiatePos(model, way, 1.0, stated, rested.qpos)
-    way[part.still] = 0.0
-    named = []
-    for joint in dict.fromkeys(model.dof_jntid[np.abs(way) > _MOVED].tolist()):
-        own = np.abs(way[model.dof_jntid == joint])
+    model, displacement = part.model, np.empty(part.model.nv)
+    mujoco.mj_differentiatePos(model, displacement, 1.0, stated, rested.qpos)
+    displacement[part.other_velocities] = 0.0
+    moves = []
+    for joint in dict.fromkeys(model.dof_jntid[np.abs(displacement) > _MOVED].tolist()):
+        moved = np.abs(displacement[model.dof_jntid == joint])
         lengths = {_SLIDE: 1, _FREE: 3}.get(int(model.jnt_type[joint]), 0)
-        parts = {"m": own[:lengths], "rad": own[lengths:]}
+        parts = {"m": moved[:lengths], "rad": moved[lengths:]}
         far = (f"{part.max():.2g} {unit}" for unit, part in parts.items() if len(part))
-        named.append(f"{joint_name(model, joint)} by {' and '.join(far)}")
-    return f"came to rest away from its start: {listed(named)}" if named else ""
+        moves.append(f"{joint_name(model, joint)} by {' and '.join(far)}")
+    return f"came to rest away from its start: {listed(moves)}" if moves else ""
 
 
 def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjModel:
@@ -220,23 +220,23 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
     part, in their order, with the servos that `part.model` has got since `spec` was compiled, which
     stays as it is; positions of `data` are up to date.
     """
-    model, rest = part.model, frozenset(part.rest)
+    model, other_bodies = part.model, frozenset(part.other_bodies)
     spec = spec.copy()
     spec.compiler.fusestatic = False
-    bodies = [body for body in spec.bodies if body.id in rest]
+    bodies = [body for body in spec.bodies if body.id in other_bodies]
     for body in bodies:
         _place(body, model, data)
     gone = [
         *spec.sensors,
         *spec.keys,
-        *(each for each in spec.actuators if each.id not in part.actuators),
-        *(each for each in spec.equalities if each.id in part.apart),
-        *(each for each in spec.tendons if tendon_bodies(model, each.id) & rest),
+        *(element for element in spec.actuators if element.id not in part.actuators),
+        *(element for element in spec.equalities if element.id in part.other_equalities),
+        *(element for element in spec.tendons if tendon_bodies(model, element.id) & other_bodies),
         *(joint for body in bodies for joint in body.joints),
     ]
-    locks = {each.name: each for each in spec.equalities}
-    for each in gone:
-        spec.delete(each)
+    locks = {element.name: element for element in spec.equalities}
+    for element in gone:
+        spec.delete(element)
     for fewer, actuator in enumerate(part.actuators):  # named by numbers, which are others now
         if lock := locks.get(lock_name(actuator)):
             lock.name = lock_name(fewer)

@@ -165,17 +165,17 @@ class LookAtTask(TaskFunction):
         """A position (3,)."""
         return check.frozen(check.array("target", target, 3))
 
-    def on(self, model: mujoco.MjModel) -> "LocatedSight":
+    def on(self, model: mujoco.MjModel) -> "LocatedLookAt":
         """As :meth:`TaskFunction.on`."""
         axis, frame = np.asarray(self.axis), located(model, "frame", self.frame)
         first = np.cross(axis, np.eye(3)[least(np.abs(axis))])
         first /= np.linalg.norm(first)
         across = np.column_stack([first, np.cross(axis, first)])
-        return LocatedSight(self, (frame,), axis, across)
+        return LocatedLookAt(self, (frame,), axis, across)
 
 
 @dataclass(frozen=True, eq=False)
-class LocatedSight:
+class LocatedLookAt:
     """A frame of one model, an axis of which is to point at a position.
 
     Attributes:
@@ -198,7 +198,7 @@ class LocatedSight:
         rows = across.T @ twist[:3]
         if self.task.target is None:  # as far away as can be
             return rows
-        direction, distance = self._sight(data)
+        direction, distance = self._line_of_sight(data)
         if distance >= _NEAREST_M:
             # The direction turns with -(direction x velocity) / distance.
             rows += np.cross(across.T, direction) / distance @ twist[3:]
@@ -206,7 +206,7 @@ class LocatedSight:
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """The rotation vector from the axis to the direction, about the two axes, shape (2,)."""
-        direction, distance = self._sight(data)
+        direction, distance = self._line_of_sight(data)
         if distance < _NEAREST_M:
             return np.zeros(2)
         rotation = self.frames[0].rotation(data)
@@ -217,11 +217,11 @@ class LocatedSight:
             return np.zeros(2) if cosine > 0.0 else np.array([np.pi, 0.0])
         return turn * (np.arctan2(sine, cosine) / sine)
 
-    def _sight(self, data: mujoco.MjData) -> tuple[Array, float]:
+    def _line_of_sight(self, data: mujoco.MjData) -> tuple[Array, float]:
         """Unit vector to the target in the world, (3,), and how far that is [m]."""
-        way = self.task.needed() - self.frames[0].position_m(data)
-        distance = float(np.linalg.norm(way))
-        return way / max(distance, _NEAREST_M), distance
+        offset = self.task.needed() - self.frames[0].position_m(data)
+        distance = float(np.linalg.norm(offset))
+        return offset / max(distance, _NEAREST_M), distance
 
 
 def _names(name: str, value: Iterable[str] | None) -> tuple[str, ...] | None:
@@ -230,7 +230,7 @@ def _names(name: str, value: Iterable[str] | None) -> tuple[str, ...] | None:
 
 def _factors(name: str, value: Mapping[str, float]) -> Mapping[str, float]:
     given = check.instance(name, value, Mapping)
-    factors = {each: check.number(name, given[each]) for each in check.members(name, given, str)}
+    factors = {joint: check.number(name, given[joint]) for joint in check.members(name, given, str)}
     if not any(factors.values()):
         raise ValueError(f"{name} must name a joint at least, with a factor, got none")
     return factors
@@ -326,9 +326,9 @@ class LocatedRates:
         target = self.task.needed()
         if len(target) != model.nq:
             raise ValueError(f"target of PostureTask must be ({model.nq},), got ({len(target)},)")
-        way = np.empty(model.nv)
-        mujoco.mj_differentiatePos(model, way, 1.0, data.qpos, target)
-        return way[self.velocities]
+        displacement = np.empty(model.nv)
+        mujoco.mj_differentiatePos(model, displacement, 1.0, data.qpos, target)
+        return displacement[self.velocities]
 
 
 @dataclass(eq=False)

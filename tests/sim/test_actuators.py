@@ -215,7 +215,7 @@ def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
     plant = started(name) if name in POSES else Plant(model_of(name), **WORLD)
     command = 0.01 * np.eye(len(plant.drives))[drive]
     plant.step(command, 0.05)
-    Failure(drive, "locked").strike(plant)
+    Failure(drive, "locked").inject(plant)
     where = plant.displacements()[drive]
     assert abs(where) > 1e-4
     for _ in range(50):
@@ -383,12 +383,12 @@ def of_failures(plant: Plant) -> bytes:
     return content.tobytes() + plant.data.eq_active.tobytes()
 
 
-def strike(plant: Plant, actuator: int, kinds: str) -> None:
+def inject(plant: Plant, actuator: int, kinds: str) -> None:
     """Failures that it can have, one after the other."""
     drive = plant.drives[actuator]
     for kind in kinds.split():
         if kind != "locked" or drive.joint is not None or drive.tendon is not None:
-            Failure(actuator, kind).strike(plant)  # type: ignore[arg-type]
+            Failure(actuator, kind).inject(plant)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -399,10 +399,10 @@ def test_repair_gives_the_model_back_all_that_failures_take(plant, kinds):
     before = of_failures(plant)
     plant.step(np.full(len(plant.drives), 1e-5), PERIOD_S)
     for actuator in range(len(plant.drives)):
-        strike(plant, 0, kinds)
+        inject(plant, 0, kinds)
         alone = of_failures(plant)
         if actuator:
-            strike(plant, actuator, kinds)
+            inject(plant, actuator, kinds)
             plant.repair(actuator)
         assert of_failures(plant) == alone != before
         plant.repair(0)

@@ -26,7 +26,7 @@ from sim import (
     pose_error,
     pose_of,
 )
-from sim.kinematics.pose import way_between
+from sim.kinematics.pose import displacement_between
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
 from tests.models import model as model_of
@@ -133,7 +133,7 @@ def test_a_way_turns_as_mujoco_says(angle):
         axis *= rng.choice([-1.0, 1.0]) / np.linalg.norm(axis)
         turn, here = Rotation.from_rotvec(angle * axis), Rotation.random(random_state=seed)
         R, R_to = here.as_matrix(), (turn * here).as_matrix()
-        way = way_between(R, POINT, R_to, POINT + axis)
+        way = displacement_between(R, POINT, R_to, POINT + axis)
         np.testing.assert_allclose(way[:3], rotation_vector(R_to @ R.T), rtol=0, atol=1e-14)
         np.testing.assert_array_equal(way[3:], (POINT + axis) - POINT)
         np.testing.assert_allclose(way[:3], one_half_turn(angle * axis), rtol=0, atol=3e-15)

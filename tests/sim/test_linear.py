@@ -8,7 +8,7 @@ import scipy.linalg
 from sim import MODELS, ModelError, Plant, assemble, jacobians, linearize, load_model
 from sim.mjcf import joint_stiffness, located, mass_matrix
 from sim.mjcf.part import task_part
-from sim.plant import Met, beyond_linear, dry_friction
+from sim.plant import NonlinearityMonitor, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
 from tests.models import model as model_of
 from tests.motions import shifted
@@ -60,7 +60,7 @@ def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
         <joint name="lock1" joint1="crank" active="false"/></equality>
       <actuator><position joint="crank" kp="10" kv="1"/></actuator></mujoco>""")
     linear = Plant(model, **WORLD, start=mujoco.MjData(model)).linear()
-    assert linear.idle == ("ball",)
+    assert linear.unobservable_joints == ("ball",)
 
 
 @pytest.mark.parametrize("length", [0.3, np.nextafter(0.3, 0), np.nextafter(0.3, 1), 0.3 + 1e-12])
@@ -186,7 +186,7 @@ def test_a_run_names_what_it_met():
     """The arm stands on the floor, beyond its limit, its motor at full force; nothing at first."""
     model, data = pair(joint='range="-1 1" limited="true"')
     data.eq_active[:] = 0
-    met = Met(model)
+    met = NonlinearityMonitor(model)
     mujoco.mj_step(model, data)
     met.plant(0, model, data)
     assert not met.sentences
@@ -207,8 +207,8 @@ def test_what_lies_beside_a_task_is_not_met():
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 200)
     everything, of_task = (
-        Met(model),
-        Met(model, task_part(model, [located(model, "site", "tool")], ())),
+        NonlinearityMonitor(model),
+        NonlinearityMonitor(model, task_part(model, [located(model, "site", "tool")], ())),
     )
     for met in (everything, of_task):
         met.plant(0, model, data)

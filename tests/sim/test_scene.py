@@ -60,10 +60,10 @@ def test_a_part_is_all_that_moves_the_task_with_its_places_and_inertia(file, see
     frame = located(model, "site", Body(f"b{body}"))
     part = task_part(model, [frame], range(model.neq))
     data = at(model, np.random.default_rng(seed).uniform(-1, 1, model.nq))
-    np.testing.assert_allclose(frame.jacobian(model, data)[:, part.still], 0.0, atol=1e-12)
-    mine = np.setdiff1d(np.arange(model.nv), part.still)
+    np.testing.assert_allclose(frame.jacobian(model, data)[:, part.other_velocities], 0.0, atol=1e-12)
+    mine = np.setdiff1d(np.arange(model.nv), part.other_velocities)
     rows = np.abs(closure_rows(model, data)) > 1e-12
-    assert not (rows[:, part.still].any(axis=1) & rows[:, mine].any(axis=1)).any()
+    assert not (rows[:, part.other_velocities].any(axis=1) & rows[:, mine].any(axis=1)).any()
     own = reduced(spec, part, data)
     own_data = at(own, data.qpos[part.positions])
     np.testing.assert_allclose(own_data.xpos, data.xpos, atol=1e-12)
@@ -77,7 +77,7 @@ def scene_of(file: Path, site: str = "tip", *more, **options) -> Scene:
 
 
 def plant_of(scene: Scene, payload: str = "tip") -> Plant:
-    return Plant(scene.whole, base=None, payload=payload, start=scene.start, part=scene.part)
+    return Plant(scene.model, base=None, payload=payload, start=scene.start, part=scene.part)
 
 
 def desk(folder: Path, **changes: str) -> Scene:
@@ -95,7 +95,7 @@ def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
     """The ball falls to the floor, the jaw goes to the end of its range, a limp arm hangs."""
     scene = desk(tmp_path)
     assert scene.part is not None and scene.part.left_out == ("jaw", "ball", "other")
-    assert [scene.own.joint(j).name for j in range(scene.own.njnt)] == ["shoulder", "elbow"]
+    assert [scene.task_model.joint(j).name for j in range(scene.task_model.njnt)] == ["shoulder", "elbow"]
     assert scene.start.body("ball").xpos[2] == pytest.approx(0.05, abs=2e-3)
     assert scene.start.joint("jaw").qpos[0] == pytest.approx(0.003, abs=1e-5)
     assert scene.start.joint("other").qpos[0] == pytest.approx(np.pi / 2, abs=0.05)
@@ -114,7 +114,7 @@ def test_an_arm_whose_actuators_come_after_those_of_the_rest_has_its_locks(tmp_p
     limp = '    <motor name="limp" joint="other"/>\n'
     scene = scene_of(saved(tmp_path, "desk", (limp, ""), ("<actuator>\n", f"<actuator>\n{limp}")))
     assert scene.part is not None and scene.part.actuators == (1, 2)
-    plant = Plant(scene.own, base=None, payload="tip", start=scene.own_start)
+    plant = Plant(scene.task_model, base=None, payload="tip", start=scene.task_start)
     plant.lock(1)
     np.testing.assert_allclose(moved(plant, 0.05, 0.05), [0.05, 0.0], atol=1e-3)
 
@@ -122,7 +122,7 @@ def test_an_arm_whose_actuators_come_after_those_of_the_rest_has_its_locks(tmp_p
 def test_a_servo_that_cannot_hold_the_start_sags_and_says_so(tmp_path):
     """Its weakest joint comes to rest where the range of the control ends."""
     scene = desk(tmp_path, m1='ctrlrange="0 1"')
-    assert "shoulder by" in scene.moved[0]
+    assert "shoulder by" in scene.start_warnings[0]
     assert np.abs(moved(plant_of(scene), 0.0, 0.0)).max() < 1e-6
 
 
@@ -131,11 +131,11 @@ def test_a_joint_that_the_file_has_outside_its_range_begins_inside(tmp_path):
     scene = desk(tmp_path, elbow='range="17.2 74.5" limited="true"')
     low, high = np.deg2rad([17.2, 74.5])
     begins = low + 0.05 * (high - low)
-    np.testing.assert_allclose(scene.own_start.joint("elbow").qpos, begins, atol=1e-6)
+    np.testing.assert_allclose(scene.task_start.joint("elbow").qpos, begins, atol=1e-6)
     assert re.match(
-        "the start is beyond ranges, .*: elbow at 0, its range 0.3 to 1.3;", scene.moved[0]
+        "the start is beyond ranges, .*: elbow at 0, its range 0.3 to 1.3;", scene.start_warnings[0]
     )
-    assert scene.moved[1:] == (f"came to rest away from its start: elbow by {begins:.2g} rad",)
+    assert scene.start_warnings[1:] == (f"came to rest away from its start: elbow by {begins:.2g} rad",)
     plant = plant_of(scene)
     for way in (-0.02, 0.02):
         np.testing.assert_allclose(moved(plant, 0.0, way, seconds=1.0), [0.0, way], atol=1e-3)
@@ -144,7 +144,7 @@ def test_a_joint_that_the_file_has_outside_its_range_begins_inside(tmp_path):
 def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it():
     """Two joints, one cable: where it stands is for the springs to say, and there it stays."""
     scene = scene_of(FOLDER / "finger.xml")
-    assert "one by" in scene.moved[0] and "two by" in scene.moved[0]
+    assert "one by" in scene.start_warnings[0] and "two by" in scene.start_warnings[0]
     plant = plant_of(scene)
     plant.step(np.zeros(1), 2.0)
     assert np.abs(plant.pose().displacement()).max() < 1e-5

@@ -114,7 +114,7 @@ def test_a_velocity_servo_of_a_scene_becomes_a_position_servo(tmp_path):
     with pytest.raises(ModelError, match=r"velocity servo.*--servo"):
         robot_scene(file, "tip", None, mujoco.MjData)
     scene = robot_scene(file, "tip", None, mujoco.MjData, servo_hz=5.0)
-    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    plant = Plant(scene.model, base=None, payload="tip", start=scene.start, part=scene.part)
     plant.step(np.array([0.0, 0.02]), 1.0)
     np.testing.assert_allclose(plant.displacements(), [0.0, 0.02], atol=1e-3)
     assert not plant.model.actuator("m2").forcelimited

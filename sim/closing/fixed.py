@@ -55,22 +55,22 @@ def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[
     Raises:
         ModelError: A frame that does not exist.
     """
-    found = []
+    pins = []
     for pin in check.members("pinned", pinned, str, Body, Pin):
         frame, weld = (pin.frame, pin.weld) if isinstance(pin, Pin) else (pin, False)
         name = frame if isinstance(frame, str) else frame.name
         rows = slice(0, 6) if weld else slice(3, 6)
-        found.append(LocatedPin(name, located(model, "pinned", frame), rows))
-    return tuple(found)
+        pins.append(LocatedPin(name, located(model, "pinned", frame), rows))
+    return tuple(pins)
 
 
-class Hold(NamedTuple):
+class FixedCoordinates(NamedTuple):
     """What stays as it is in one state: velocities, and lengths of drives and poses of pins.
 
     Lengths are as `data.actuator_length`, poses rotations and positions; none before :meth:`at`.
     """
 
-    still: tuple[int, ...]
+    velocities: tuple[int, ...]
     drives: tuple[Drive, ...]
     pins: tuple[LocatedPin, ...]
     lengths: Array = _NO_LENGTHS
@@ -110,10 +110,10 @@ class Hold(NamedTuple):
         of_pins = [f'pinned "{pin.name}"' for pin in self.pins for _ in range(pin.height)]
         return [*(f'held "{drive.name}"' for drive in self.drives), *of_pins]
 
-    def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":
+    def after_motion(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":
         """What is held after a motion (nv,) from the state: transmissions grow as it says."""
-        growth = drive_rows(model, data, self.drives) @ motion
-        return self._replace(lengths=self.lengths + self._gear * growth)
+        elongation = drive_rows(model, data, self.drives) @ motion
+        return self._replace(lengths=self.lengths + self._gear * elongation)
 
     def _lengths(self, data: mujoco.MjData) -> Array:
         return data.actuator_length[[drive.outputs[0] for drive in self.drives]]
@@ -123,28 +123,28 @@ class Hold(NamedTuple):
         return np.array([drive.gear[0] for drive in self.drives])
 
 
-def hold(
+def fixed_coordinates(
     model: mujoco.MjModel, held: Iterable[str | int], pinned: Iterable[str | Body | Pin]
-) -> Hold:
+) -> FixedCoordinates:
     """Look up what is to stay: see :func:`assemble`.
 
     Raises:
         ModelError: Something that does not exist, with the nearest that does.
         ValueError: An index that is none.
     """
-    still: list[int] = []
-    of_drives: list[Drive] = []
+    velocities: list[int] = []
+    fixed_drives: list[Drive] = []
     for item in check.members("held", held, str, int, np.integer):
         is_name = isinstance(item, str)
-        kept = _named(model, item) if is_name else _numbered(model, check.integer("held", item))
-        if isinstance(kept, Drive):
-            of_drives.append(kept)
+        coordinates = _by_name(model, item) if is_name else _by_number(model, check.integer("held", item))
+        if isinstance(coordinates, Drive):
+            fixed_drives.append(coordinates)
         else:
-            still += kept
-    return Hold(tuple(still), tuple(of_drives), pins_of(model, pinned))
+            velocities += coordinates
+    return FixedCoordinates(tuple(velocities), tuple(fixed_drives), pins_of(model, pinned))
 
 
-def _numbered(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
+def _by_number(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
     """A velocity, or a transmission that is no joint, by number."""
     if velocity < model.nv:
         return [velocity]
@@ -154,19 +154,19 @@ def _numbered(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
     raise ModelError(f"held must lie in 0..{model.nv + len(extra) - 1}, got {velocity}")
 
 
-def _named(model: mujoco.MjModel, name: str) -> list[int] | Drive:
+def _by_name(model: mujoco.MjModel, name: str) -> list[int] | Drive:
     """The velocities of a joint, or a transmission that is no joint, by any of its names."""
     of_model = drives(model)
     joints = {(model.joint(k).name, k) for k in range(model.njnt)}
-    joints |= {(each, d.joint) for d in of_model if d.joint is not None for each in d.actuators}
-    extra = [(each, d) for d in extra_drives(of_model) for each in {d.name, *d.actuators}]
-    found = [kept for each, kept in (*joints, *extra) if each == name != ""]
-    if not found:
-        names = sorted({each for each, _ in (*joints, *extra)} - {""})
+    joints |= {(label, d.joint) for d in of_model if d.joint is not None for label in d.actuators}
+    extra = [(label, d) for d in extra_drives(of_model) for label in {d.name, *d.actuators}]
+    matches = [match for label, match in (*joints, *extra) if label == name != ""]
+    if not matches:
+        names = sorted({label for label, _ in (*joints, *extra)} - {""})
         near = get_close_matches(name, names, 1)
         hint = f'; did you mean "{near[0]}"?' if near else f"; it has: {listed(names)}"
         raise ModelError(f'held: the model has no joint "{name}"{hint}')
-    if len(found) > 1:
+    if len(matches) > 1:
         raise ModelError(f'held: "{name}" means both a joint and a tendon or actuator')
-    kept = found[0]
-    return kept if isinstance(kept, Drive) else np.flatnonzero(model.dof_jntid == kept).tolist()
+    match = matches[0]
+    return match if isinstance(match, Drive) else np.flatnonzero(model.dof_jntid == match).tolist()

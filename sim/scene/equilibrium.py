@@ -9,7 +9,7 @@ import numpy as np
 
 from argument_checks.ties import greatest
 from sim.array import Array
-from sim.closing.hold import Pin
+from sim.closing.fixed import Pin
 from sim.errors import ModelError, has_diverged
 from sim.mjcf.drive import Drive, drives, law_of, stiffen
 from sim.mjcf.frame import located
@@ -22,16 +22,16 @@ LONGEST_S, _EVERY_S = 10.0, 0.05
 """Of physics, in which a file comes to rest, and how often that is looked at."""
 SLOW, _MOVES = 1e-8, 1e-2
 """Speed of a robot's joints at rest, and one that is no rest in the end, [rad]/[s] or [m]/[s]."""
-SLOW_BESIDE, _BESIDE_S = 1e-3, 2.0
+SLOW_OTHERS, _OTHERS_S = 1e-3, 2.0
 """Speed of all else at rest, and the time after which it may still move."""
 _LOOKED_S, _FALL_S = 0.02, 1.0
 """How often contacts of what falls are looked for, and how long."""
 
 
-def is_held(part: Part, data: mujoco.MjData) -> bool:
+def is_in_equilibrium(part: Part, data: mujoco.MjData) -> bool:
     """Whether the actuators of the part hold it where it stands in `data`, within their ranges."""
-    own, found, commands = _statics(part, data)
-    return found.joint is None and not beyond_ranges(part.model, own, commands)
+    own, result, commands = _statics(part, data)
+    return result.joint is None and not beyond_ranges(part.model, own, commands)
 
 
 def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
@@ -50,16 +50,16 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
         getattr(data, field)[:] = getattr(start, field)
     mujoco.mj_forward(model, data)
     data.ctrl[:] = _holding(part, data)
-    mine = np.setdiff1d(np.arange(model.nv), part.still)
+    mine = np.setdiff1d(np.arange(model.nv), part.other_velocities)
     steps = max(1, round(_EVERY_S / model.opt.timestep))
     rests = False
     while data.time < LONGEST_S and not rests:
         mujoco.mj_step(model, data, steps)
         if has_diverged(data):
             raise ModelError(_diverges(model))
-        beside = np.abs(data.qvel[part.still]).max(initial=0.0)
+        other_speed = np.abs(data.qvel[part.other_velocities]).max(initial=0.0)
         speed = np.abs(data.qvel[mine])
-        rests = speed.max(initial=0.0) < SLOW and (beside < SLOW_BESIDE or data.time > _BESIDE_S)
+        rests = speed.max(initial=0.0) < SLOW and (other_speed < SLOW_OTHERS or data.time > _OTHERS_S)
     if (speed := np.abs(data.qvel[mine])).max(initial=0.0) > _MOVES:
         joint = int(model.dof_jntid[mine[greatest(speed)]])
         raise ModelError(
@@ -84,14 +84,14 @@ def _diverges(model: mujoco.MjModel) -> str:
 
 def _statics(part: Part, data: mujoco.MjData) -> tuple[tuple[Drive, ...], Balance, Commands]:
     own = drives(part.model, among=part.actuators)
-    found = balance(part.model, data, own, part.still)
-    return own, found, commands_of(part.model, data, own, found.forces)
+    result = balance(part.model, data, own, part.other_velocities)
+    return own, result, commands_of(part.model, data, own, result.forces)
 
 
 def _holding(part: Part, data: mujoco.MjData) -> Array:
     """Controls (nu,) that hold what stands still in `data`, within their ranges."""
     model, (_, _, commands) = part.model, _statics(part, data)
-    controls = commands.beside(data.ctrl).at_rest
+    controls = commands.with_other_controls(data.ctrl).at_rest
     for k in set(range(model.nactuator)) - set(part.actuators):
         try:
             law = law_of(model, k)
@@ -138,7 +138,7 @@ def stand(
             spec.add_exclude(bodyname1=by_number[there].name, bodyname2=by_number[here].name)
 
 
-def standing(part: Part, data: mujoco.MjData) -> list[str]:
+def ground_contacts(part: Part, data: mujoco.MjData) -> list[str]:
     """List bodies that stand on the ground, or come to when let fall, as pins are written.
 
     Those that touch it at one point can turn about it.
