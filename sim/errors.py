@@ -23,7 +23,7 @@ class ModelError(ValueError):
 
 
 class ClosureError(ModelError):
-    """Error for an equality, or a held or pinned element, whose gap [m] or [rad] cannot be closed."""
+    """Error for an equality, or a held or pinned element, whose gap [m] or [rad] stays open."""
 
     def __init__(self, equality: str, gap: float, advice: str) -> None:
         """Take the name of the open element, its gap [m] or [rad], and advice."""

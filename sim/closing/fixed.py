@@ -1,4 +1,4 @@
-"""What stays where it is while loops are closed: held joints and transmissions, pinned frames."""
+"""Coordinates that stay fixed while loops are closed: joints, transmissions, pinned frames."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ _NO_LENGTHS = check.frozen(np.zeros(0))
 
 @dataclass(frozen=True)
 class Pin:
-    """A frame that stays where it is, as a foot that stands: a contact taken as an equality.
+    """Fixed frame, such as a standing foot: a contact that is treated as an equality.
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`Body`.
-        weld: Whether it does not turn either; otherwise only its origin stays.
+        weld: Whether rotation is fixed as well; otherwise only the origin is.
     """
 
     frame: str | Body
@@ -37,7 +37,7 @@ class Pin:
 
 
 class LocatedPin(NamedTuple):
-    """A pin: the name of its frame, that frame in a model, and which rows of its twist are zero."""
+    """Pin of one model: name of its frame, the frame, and the rows of its twist that are zero."""
 
     name: str | int
     frame: Located
@@ -45,15 +45,15 @@ class LocatedPin(NamedTuple):
 
     @property
     def height(self) -> int:
-        """How many rows."""
+        """Number of rows."""
         return self.rows.stop - self.rows.start
 
 
 def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[LocatedPin, ...]:
-    """The pins of an argument `pinned`, looked up; a frame alone is one that may turn.
+    """Look up the pins of an argument `pinned`; a frame given without :class:`Pin` may rotate.
 
     Raises:
-        ModelError: A frame that does not exist.
+        ModelError: A frame does not exist.
     """
     pins = []
     for pin in check.members("pinned", pinned, str, Body, Pin):
@@ -65,9 +65,10 @@ def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[
 
 
 class FixedCoordinates(NamedTuple):
-    """What stays as it is in one state: velocities, and lengths of drives and poses of pins.
+    """Fixed coordinates: velocities, transmissions and pins, with reference lengths and poses.
 
-    Lengths are as `data.actuator_length`, poses rotations and positions; none before :meth:`at`.
+    Lengths are as in `data.actuator_length`, poses are rotations and positions; both are set by
+    :meth:`at`.
     """
 
     velocities: tuple[int, ...]
@@ -77,41 +78,43 @@ class FixedCoordinates(NamedTuple):
     poses: tuple[tuple[Array, Array], ...] = ()
 
     def binds(self, data: mujoco.MjData) -> bool:
-        """Whether there are loops to close, or what stays needs more than not to be moved."""
+        """Return whether there are equalities, or fixed drives or pins, to be closed."""
         return bool(self.drives or self.pins or data.eq_active.any())
 
-    def at(self, data: mujoco.MjData) -> "Hold":
-        """The same drives and frames, to be held as they are in a state that is up to date."""
+    def at(self, data: mujoco.MjData) -> "FixedCoordinates":
+        """Return a copy with the lengths and poses of a state that is up to date."""
         frames = [pin.frame for pin in self.pins]
         poses = tuple((at.rotation(data).copy(), at.position_m(data).copy()) for at in frames)
         return self._replace(lengths=self._lengths(data), poses=poses)
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Slopes of the gaps, (p, nv)."""
+        """Return the gradients (p, nv) of :meth:`gaps`."""
         of_pins = [pin.frame.jacobian(model, data)[pin.rows] for pin in self.pins]
         return np.vstack([drive_rows(model, data, self.drives), *of_pins])
 
     def gaps(self, data: mujoco.MjData) -> Array:
-        """How far transmissions and frames have moved, (p,), [m] or [rad]."""
+        """Return how far transmissions and frames have moved, (p,), [m] or [rad]."""
         gaps = [(self._lengths(data) - self.lengths) / self._gear]
-        gaps[0][[not drive.has_length for drive in self.drives]] = 0.0  # held by their rows alone
+        gaps[0][[not drive.has_length for drive in self.drives]] = 0.0  # fixed by their rows only
         for pin, (rotation, position) in zip(self.pins, self.poses, strict=True):
             turn = rotation_vector(pin.frame.rotation(data) @ rotation.T)
             gaps.append(np.append(turn, pin.frame.position_m(data) - position)[pin.rows])
         return np.concatenate(gaps)
 
     def turns(self) -> list[bool]:
-        """Whether each of these gaps is an angle; otherwise it is a length."""
+        """Return whether each gap is an angle; otherwise it is a length."""
         of_pins = [row < 3 for pin in self.pins for row in range(6)[pin.rows]]
         return [*(drive.unit == "rad" for drive in self.drives), *of_pins]
 
     def names(self) -> list[str]:
-        """What each gap is of, in words."""
+        """Return a description of the element of each gap."""
         of_pins = [f'pinned "{pin.name}"' for pin in self.pins for _ in range(pin.height)]
         return [*(f'held "{drive.name}"' for drive in self.drives), *of_pins]
 
-    def after_motion(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":
-        """What is held after a motion (nv,) from the state: transmissions grow as it says."""
+    def after_motion(
+        self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array
+    ) -> "FixedCoordinates":
+        """Return a copy whose lengths have changed by a motion (nv,) from the state."""
         elongation = drive_rows(model, data, self.drives) @ motion
         return self._replace(lengths=self.lengths + self._gear * elongation)
 
@@ -126,17 +129,19 @@ class FixedCoordinates(NamedTuple):
 def fixed_coordinates(
     model: mujoco.MjModel, held: Iterable[str | int], pinned: Iterable[str | Body | Pin]
 ) -> FixedCoordinates:
-    """Look up what is to stay: see :func:`assemble`.
+    """Look up the arguments `held` and `pinned` of :func:`assemble`.
 
     Raises:
-        ModelError: Something that does not exist, with the nearest that does.
-        ValueError: An index that is none.
+        ModelError: An element does not exist; the message suggests the nearest name.
+        ValueError: An index is invalid.
     """
     velocities: list[int] = []
     fixed_drives: list[Drive] = []
     for item in check.members("held", held, str, int, np.integer):
         is_name = isinstance(item, str)
-        coordinates = _by_name(model, item) if is_name else _by_number(model, check.integer("held", item))
+        coordinates = (
+            _by_name(model, item) if is_name else _by_number(model, check.integer("held", item))
+        )
         if isinstance(coordinates, Drive):
             fixed_drives.append(coordinates)
         else:
@@ -145,7 +150,7 @@ def fixed_coordinates(
 
 
 def _by_number(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
-    """A velocity, or a transmission that is no joint, by number."""
+    """Return a velocity, or a transmission without a joint, by number."""
     if velocity < model.nv:
         return [velocity]
     extra = extra_drives(drives(model))
@@ -155,7 +160,7 @@ def _by_number(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
 
 
 def _by_name(model: mujoco.MjModel, name: str) -> list[int] | Drive:
-    """The velocities of a joint, or a transmission that is no joint, by any of its names."""
+    """Return the velocities of a joint, or a transmission without a joint, by a name."""
     of_model = drives(model)
     joints = {(model.joint(k).name, k) for k in range(model.njnt)}
     joints |= {(label, d.joint) for d in of_model if d.joint is not None for label in d.actuators}

@@ -37,7 +37,7 @@ Lockable = tuple[str, int]
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """One active velocity and the actuators that move it.
+    """Active velocity and the actuators that move it.
 
     Attributes:
         ids: Numbers of the actuators.
@@ -76,7 +76,7 @@ class Drive:
 
     @cached_property
     def unit(self) -> str:
-        """Unit of the displacement: "rad" for rotations and sums of angles by a tendon, else "m"."""
+        """Unit of the displacement: "rad" for rotations and tendons that sum angles, else "m"."""
         if self.lockable:
             turns = is_turn(self.model, self.joint, self.tendon)
         else:
@@ -129,7 +129,9 @@ def force_limits(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
     if not model.actuator_forcelimited[actuator]:
         return -np.inf, np.inf
     least, most = model.actuator_forcerange[actuator].tolist()
-    return (-most if model.actuator_outnum[actuator] > 1 else least), most  # limits the norm of several
+    return (
+        -most if model.actuator_outnum[actuator] > 1 else least
+    ), most  # limits the norm of several
 
 
 def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
@@ -163,7 +165,11 @@ def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
     if name in numbers:
         return numbers[name]
     near = get_close_matches(name, chain(*names), 1)
-    hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(labels[0] for labels in names)}"
+    hint = (
+        f'did you mean "{near[0]}"?'
+        if near
+        else f"it has {', '.join(labels[0] for labels in names)}"
+    )
     raise ValueError(f'the robot has no actuator or joint "{name:.80}"; {hint}')
 
 
@@ -332,7 +338,7 @@ def law_of(model: mujoco.MjModel, actuator: int) -> Law:
         )
     if model.actuator_actnum[actuator]:
         raise ModelError(
-            f"{called} has a state of its own, and a command could not be its displacement"
+            f"{called} has an internal state, so its command cannot be its displacement"
         )
     if not model.actuator_gainprm[actuator, 0]:
         raise ModelError(f"{called} has gain 0, so nothing commands it: take it out")
@@ -377,7 +383,9 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
             continue
         kind, of = part[0], getattr(model, part[0])(part[1]).name
         if name in taken:
-            message = f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
+            message = (
+                f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
+            )
             raise ModelError(message)
         locked.add(part)
         lock = spec.add_equality(name=name, type=types[kind], name1=of, active=False)
@@ -386,7 +394,7 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
 
 
 def weakens_locks(model: mujoco.MjModel) -> bool:
-    """Return whether the integrator applies dampers after locks, so that they move locked joints."""
+    """Return whether the integrator applies dampers after locks and so moves locked joints."""
     integrator, flags = model.opt.integrator, model.opt.disableflags
     if integrator == mujoco.mjtIntegrator.mjINT_EULER:
         explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER

@@ -82,7 +82,7 @@ class Commands:
 
     @cached_property
     def are_displacements(self) -> bool:
-        """Whether each control equals its drive's displacement, as for position servos."""
+        """True if each control equals its drive's displacement, as for position servos."""
         slope = np.eye(len(self.at_rest))
         return not self.at_rest.any() and np.array_equal(self.per_displacement, slope)
 
@@ -159,8 +159,8 @@ def _why_without(drive: Drive, laws: list[Law]) -> str:
         return f"is a torque motor, and no displacement follows from a torque: {_SERVO}"
     return (
         "is a torque motor at a site, or on a ball or free joint, where no displacement follows "
-        "from its force: a simulation needs a controller of the base. Its force mapping, attainable "
-        "forces and limits are those of any actuator"
+        "from its force: a simulation needs a controller of the base. Its force mapping, "
+        "attainable forces and limits are those of any actuator"
     )
 
 

@@ -95,7 +95,7 @@ def _generator(seed: int | Sequence[int]) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class MaxwellSlip:
-    """Hysteresis model: m parallel elastic elements, each with dry friction in series, on n springs.
+    """Hysteresis model: m parallel elastic elements with dry friction in series on n springs.
 
     An element of stiffness k is stretched with the displacement x until its force reaches its
     friction, k s; then it slips. Its stretch z follows dx within -s..s, and its force is -k z. In a
@@ -129,7 +129,7 @@ class MaxwellSlip:
         return (stretch + by[:, None]).clip(-self.slip, self.slip)
 
     def force(self, stretch: Array) -> Array:
-        """Return the force on the end of each spring, (n,), [N] or [N m], opposite to the stretch."""
+        """Return the force on each spring's end, (n,), [N] or [N m], opposite to the stretch."""
         stretch = check.array("stretch", stretch, *self.slip.shape)
         return -(self.stiffness * stretch).sum(axis=1)
 
@@ -214,7 +214,9 @@ class Bench:
         self.plant, self.sensors, self._drives = plant, sensors, drives
         hooks = (None, None, None) if events is None else hooks_of(events)
         self._on_plant, self._on_measured, self._on_sent = hooks
-        delay = min(check.integer("delay_ticks", delay_ticks), ticks)  # a longer one has the same effect
+        delay = min(
+            check.integer("delay_ticks", delay_ticks), ticks
+        )  # a longer one has the same effect
         self._pending = deque([plant.command] * delay)
         self._hysteresis, self.reading_error = hysteresis, None
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
@@ -276,7 +278,7 @@ class Bench:
         return changed
 
     def apply(self, inputs: Array) -> None:
-        """Simulate one period with the inputs of the drives, which they convert to displacements."""
+        """Simulate one period with inputs that the drives convert to displacements (n,)."""
         command, name = check.array("inputs", inputs), "inputs"
         if self._on_sent is not None:
             command = sent_by(self._on_sent, self._tick, command)

@@ -70,8 +70,9 @@ def servoed(
     driven = [_needs_feedback(model, drive) for drive in of_model]
     if of_model and not any(driven) and not any(drive.has_length for drive in of_model):
         raise ModelError(
-            f'neither actuator "{of_model[0].actuators[0]}" nor any other measures a length that a '
-            "position servo could control (site, ball or free joint): use force mappings"
+            f'actuator "{of_model[0].actuators[0]}", at a site or on a ball or free joint, '
+            "measures no length that a position servo could control, nor does any other: use force "
+            "mappings"
         )
     # Motion of each drive with the others fixed and the least motion of undriven joints.
     Z = allowed(closure_rows(model, state))

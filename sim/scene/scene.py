@@ -1,4 +1,4 @@
-"""A file as a robot at work: the part that a task involves, what is beside it, where all rests."""
+"""Scene of a file: the part that a task involves, its surroundings, and their equilibrium."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,41 +20,42 @@ from sim.mjcf.model import joint_name, listed, name_of
 from sim.mjcf.part import Part, task_part, tendon_bodies
 from sim.plant.actuators import balance
 from sim.plant.servo import servoed
-from sim.scene.equilibrium import is_in_equilibrium, settled, stand, ground_contacts
+from sim.scene.equilibrium import ground_contacts, is_in_equilibrium, settled, stand
 
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _INSIDE = 0.05
-"""Part of its range by which a joint begins inside: at its limit it could move one way only."""
+"""Fraction of its range by which a start beyond it is moved inside: both directions are needed."""
 _OVERLAPS = 1e-3
-"""Part of the model's extent by which bodies must overlap to be in collision."""
+"""Fraction of the model's extent by which bodies overlap in a collision."""
 _OTHER_START = "start elsewhere, at a keyframe for one"
 _MOVED = 1e-3
-"""Displacement of a joint, [rad] or [m], that is worth a sentence."""
+"""Displacement of a joint, [rad] or [m], above which it is reported."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A file at rest, and what of it a task involves.
+    """File at rest, with the part that a task involves.
 
     Attributes:
-        whole: Model of everything, for the physics.
-        start: Its state at rest.
-        frame: Of the task.
-        part: What the task involves, where the physics has come to rest; `start` then has the
-            controls that keep it there. None is everything, which its actuators hold at `start`.
-        own: Model of that part alone, for its controller.
-        own_start: Its state, the same, loops closed: in the physics they give a little.
-        moved: How the start differs from the reference, or is in collision, and what moved until
-            all came to rest, in words.
+        model: Model of the whole file, for the physics.
+        start: State of `model` at rest.
+        frame: Frame of the task.
+        part: Part that the task involves, if the physics was simulated to find `start`, which then
+            has the controls that keep it at rest. None is the whole file, in balance at `start`.
+        task_model: Model of that part alone, for its controller.
+        task_start: State of `task_model` in the same pose; its loops are closed exactly, which in
+            the physics have small gaps.
+        start_warnings: Sentences on a start beyond ranges or in collision, and on joints that
+            moved until all was at rest.
     """
 
-    whole: mujoco.MjModel
+    model: mujoco.MjModel
     start: mujoco.MjData
     frame: str | Body
     part: Part | None
-    own: mujoco.MjModel
-    own_start: mujoco.MjData
-    moved: tuple[str, ...]
+    task_model: mujoco.MjModel
+    task_start: mujoco.MjData
+    start_warnings: tuple[str, ...]
 
 
 def robot_scene(
@@ -66,23 +67,24 @@ def robot_scene(
     servo_hz: float | None = None,
     settle: bool = True,
 ) -> Scene:
-    """Split a file at rest into what a task involves and all else.
+    """Load a file, find its equilibrium, and split it into the part of a task and all else.
 
-    Where the file has props, a hand or a spring beside the task, or a start that its actuators
-    do not hold, the physics runs until all rests: see :func:`sim.scene.equilibrium.settled`.
+    If the file has objects, a hand or springs outside the task, or a start that is not in balance,
+    the physics is simulated until all is at rest: see :func:`sim.scene.equilibrium.settled`.
 
     Args:
-        file: MJCF.
-        frame: Of the task: a site, or a body; a name is that of a site if there is one.
-        axes: Site whose axes express it; None is the world.
-        begin: Makes the state in which a model begins, loops open or not.
-        pinned: Frames that stand.
-        servo_hz: Natural frequency of position servos for torque motors; None is without.
-        settle: Whether it must rest; False is for kinematics alone, which take it where it begins,
-            loops closed, whatever holds it.
+        file: Path of an MJCF file.
+        frame: Frame of the task, a site or a body; a name is that of a site if there is one.
+        axes: Site whose axes express the task; None is the world.
+        initial_state: Function that returns the start state of a model, loops open or not.
+        pinned: Frames that are fixed to the world.
+        servo_hz: Natural frequency of position servos that replace torque motors; None keeps these.
+        settle: Whether the scene must be at rest; False, for kinematics alone, uses the start with
+            closed loops without checking its balance.
 
     Raises:
-        sim.ModelError, sim.ClosureError: The file or a frame is unusable, or something moves.
+        sim.ModelError, sim.ClosureError: The file or a frame is unusable, or the scene is not at
+            rest.
     """
     spec, model, frame, stated = _compiled(file, frame, initial_state, pinned)
     required_drives(model)
@@ -95,22 +97,29 @@ def robot_scene(
     part = task_part(model, frames, np.flatnonzero(start.eq_active).tolist())
     if not part.actuators:
         called = frame.name if isinstance(frame, Body) else frame
-        raise ModelError(f"no actuator moves {called}: take a frame that the robot carries")
+        raise ModelError(f"no actuator moves {called}: choose a frame on the robot")
     if servo_hz is not None:
         used = part.actuators
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
         part = replace(part, model=model)
     in_equilibrium = settle and is_in_equilibrium(part, start)
     balanced = not part.other_bodies and (not settle or (in_equilibrium and not pinned))
-    rested = start if balanced or not settle else _rested(part, start, in_equilibrium=in_equilibrium)
-    sentences = _beyond_ranges(part, stated), _in_collision(part, start), _moved(part, stated, rested)
-    moved = tuple(filter(None, sentences))
+    rested = (
+        start if balanced or not settle else _rested(part, start, in_equilibrium=in_equilibrium)
+    )
+    sentences = (
+        _beyond_ranges(part, stated),
+        _in_collision(part, start),
+        _moved(part, stated, rested),
+    )
+    start_warnings = tuple(filter(None, sentences))
     if balanced:
-        return Scene(model, start, frame, None, model, start, moved)
-    own = reduced(spec, part, rested) if part.other_bodies else model
-    own_start = mujoco.MjData(own)
-    own_start.qpos[:] = rested.qpos[part.positions]
-    return Scene(model, rested, frame, part, own, assemble(own, own_start), moved)
+        return Scene(model, start, frame, None, model, start, start_warnings)
+    task_model = reduced(spec, part, rested) if part.other_bodies else model
+    task_start = mujoco.MjData(task_model)
+    task_start.qpos[:] = rested.qpos[part.positions]
+    task_start = assemble(task_model, task_start)
+    return Scene(model, rested, frame, part, task_model, task_start, start_warnings)
 
 
 def _compiled(
@@ -119,7 +128,7 @@ def _compiled(
     initial_state: Callable[[mujoco.MjModel], mujoco.MjData],
     pinned: Sequence[Pin],
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, str | Body, Array]:
-    """The file with locks and pins, the task frame, and the joint positions in the file."""
+    """Load a file with locks and pins; return task frame and initial joint positions as well."""
     spec, model = load_spec(file)
     frame = find_frame(model, "site", frame)
     pins = [replace(pin, frame=find_frame(model, "pinned", pin.frame)) for pin in pinned]
@@ -134,8 +143,8 @@ def _compiled(
 
 
 def _rested(part: Part, start: mujoco.MjData, *, in_equilibrium: bool) -> mujoco.MjData:
-    """State in which all comes to rest; `held` says whether the start is balanced."""
-    if (part.model.jnt_type == _FREE).any():  # the physics would only show it fall
+    """Return the state in which all is at rest; `in_equilibrium` is True for a balanced start."""
+    if (part.model.jnt_type == _FREE).any():  # the physics would only let it fall
         _refuse_what_moves(part, start, of="free joint")
     rested = settled(part, start)
     if in_equilibrium and not is_in_equilibrium(part, rested):
@@ -149,7 +158,7 @@ def _rested(part: Part, start: mujoco.MjData, *, in_equilibrium: bool) -> mujoco
 
 
 def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Put joints that begin beyond their ranges inside, by :data:`_INSIDE`."""
+    """Move joints that start beyond their ranges inside, by :data:`_INSIDE`."""
     some = _beyond(model, data.qpos)
     at, (low, high) = model.jnt_qposadr[some], model.jnt_range[some].T
     margin = _INSIDE * (high - low)
@@ -157,14 +166,14 @@ def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _beyond(model: mujoco.MjModel, qpos: Array) -> NDArray[np.intp]:
-    """Joints that stand beyond their ranges."""
+    """Return the joints whose positions are beyond their ranges."""
     some = np.flatnonzero(model.jnt_limited.astype(bool) & one_axis(model))
     given, (low, high) = qpos[model.jnt_qposadr[some]], model.jnt_range[some].T
     return some[(given < low) | (given > high)]
 
 
 def _beyond_ranges(part: Part, stated: Array) -> str:
-    """Sentence on joints of the part that start beyond their ranges; empty if none does."""
+    """Return a sentence on joints of the part that start beyond their ranges; empty if none."""
     model = part.model
     mine = set(np.delete(model.dof_jntid, part.other_velocities).tolist())
     texts = [
@@ -189,17 +198,17 @@ def _in_collision(part: Part, start: mujoco.MjData) -> str:
 
 
 def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
-    """Refuse a part that its actuators do not hold, and say which pins would."""
+    """Check that a part is in balance; raise ModelError with pins that would help."""
     model = part.model
     result = balance(model, start, drives(model, among=part.actuators), part.other_velocities)
     if result.joint is not None and of in result.moves:
         body = name_of(model.body(model.jnt_bodyid[result.joint]))
         feet = ground_contacts(part, start) or [body]
-        raise ModelError(f"{result.moves}: pin what stands, pinned {','.join(feet)}")
+        raise ModelError(f"{result.moves}: fix bodies on the ground, pinned {','.join(feet)}")
 
 
 def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> str:
-    """Sentence on joints of the part that moved until all came to rest; empty if none did."""
+    """Return a sentence on joints of the part that moved until all was at rest; empty if none."""
     model, displacement = part.model, np.empty(part.model.nv)
     mujoco.mj_differentiatePos(model, displacement, 1.0, stated, rested.qpos)
     displacement[part.other_velocities] = 0.0
@@ -214,11 +223,11 @@ def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> str:
 
 
 def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjModel:
-    """Compile a model without the joints that are no part of the task, as if welded in `data`.
+    """Compile a model of the part alone, with all other joints welded at their pose in `data`.
 
-    What acts on them is gone. Names stay, and so do the joints, actuators and equalities of the
-    part, in their order, with the servos that `part.model` has got since `spec` was compiled, which
-    stays as it is; positions of `data` are up to date.
+    Elements that act on other joints are removed. Joints, actuators and equalities of the part keep
+    their names and order, and the servos that `part.model` got after `spec` was compiled; `spec` is
+    not changed. Positions in `data` are up to date.
     """
     model, other_bodies = part.model, frozenset(part.other_bodies)
     spec = spec.copy()
@@ -237,22 +246,26 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
     locks = {element.name: element for element in spec.equalities}
     for element in gone:
         spec.delete(element)
-    for fewer, actuator in enumerate(part.actuators):  # named by numbers, which are others now
+    for fewer, actuator in enumerate(
+        part.actuators
+    ):  # locks are named by actuator numbers, which have changed
         if lock := locks.get(lock_name(actuator)):
             lock.name = lock_name(fewer)
-    own, ids = spec.compile(), list(part.actuators)
-    own.opt.integrator = model.opt.integrator
+    reduced_model, ids = spec.compile(), list(part.actuators)
+    reduced_model.opt.integrator = model.opt.integrator
     for names, here, there in (
         ("gainprm biasprm biastype forcerange forcelimited", slice(None), ids),
-        ("ctrlrange ctrllimited", own.actuator_ctrladr, model.actuator_ctrladr[ids]),
+        ("ctrlrange ctrllimited", reduced_model.actuator_ctrladr, model.actuator_ctrladr[ids]),
     ):
         for name in names.split():
-            getattr(own, f"actuator_{name}")[here] = getattr(model, f"actuator_{name}")[there]
-    return own
+            getattr(reduced_model, f"actuator_{name}")[here] = getattr(model, f"actuator_{name}")[
+                there
+            ]
+    return reduced_model
 
 
 def _place(body: mujoco.MjsBody, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Give a body the pose in its parent that it has in `data`."""
+    """Set a body's pose relative to its parent to that in `data`."""
     at, above = body.id, int(model.body_parentid[body.id])
     to_parent = data.xmat[above].reshape(3, 3).T
     body.pos = to_parent @ (data.xpos[at] - data.xpos[above])

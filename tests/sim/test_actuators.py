@@ -152,11 +152,15 @@ REFUSED = [
     ('<motor name="m" joint="a"/>', {}, '"m" is a torque motor, .*sim.servoed'),
     ('<velocity name="m" joint="a" kv="2"/>', {}, '"m" is a velocity servo, whose control is a'),
     ('<muscle name="m" joint="a" lengthrange="-1 1"/>', {}, '"m" is a muscle: only servos and'),
-    ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has a state of its own'),
+    ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has an internal state'),
     ('<damper name="m" joint="a" kv="2" ctrlrange="0 1"/>', {}, '"m" is an actuator of variable'),
     ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so nothing commands it'),
     ('<general name="m" joint="a" biastype="affine" biasprm="0 2"/>', {}, '"m" pushes away from'),
-    ('<position name="m" site="tool" gear="1 0 0 0 0 0"/>', {}, '"m" feels a length that does not'),
+    (
+        '<position name="m" site="tool" gear="1 0 0 0 0 0"/>',
+        {},
+        '"m" measures a length that does not',
+    ),
     ('<adhesion name="m" body="arm" gain="1" ctrlrange="0 1"/>', {}, '"m" adheres'),
     (
         '<motor name="m" joint="a"/>',

@@ -77,7 +77,7 @@ def test_what_cannot_close_is_named_with_its_gap():
     assert raised.value.gap == pytest.approx(np.abs(data.efc_pos[:3]).max())
     of.eq_data[0, :3] *= 0.1
     of.eq_data[0, 3:6] = [-0.01, -0.2, 0]
-    with pytest.raises(ClosureError, match="hold or pin less, or begin nearer"):
+    with pytest.raises(ClosureError, match="hold or pin less, or start nearer"):
         assemble(of, held=["left", "right"])
 
 
@@ -256,7 +256,7 @@ def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, s
         advance(of, data, motion)
     assert len(given) == misses
     if misses:
-        assert "was to move by" in str(given[0].message)
+        assert "was commanded to move by" in str(given[0].message)
         part = float(str(given[0].message).split("at most ")[1].split()[0])
         there = advance(of, data, part * motion)
         off = there.site("tip").xpos - data.site("tip").xpos - [part * step * unit, 0.0, 0.0]

@@ -193,7 +193,7 @@ def test_what_pushes_to_one_side_only_is_marked_and_warned_about(actuators, side
     name = jac.names.velocities[jac.active[0]]
     if 'muscle name="m" joint="a" gear="-1"' in actuators:
         np.testing.assert_array_equal(jac.force_range, [[0.0, np.inf]])
-    words = f"actuated in one direction only, which the mappings do not know: {name}"
+    words = f"actuated in one direction only, which the mappings do not consider: {name}"
     assert jac.warnings == ((words,) if side else ())
 
 

@@ -180,7 +180,7 @@ def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
     model, data = cloth(
         beside=CLOTH.format('<pin id="8"/>'), ties='<weld body1="hand" body2="cloth_0"/>'
     )
-    with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
+    with pytest.raises(ModelError, match=r"couples a flex to the mechanism.*eq_active0 and data"):
         jacobians(model, data, "tool", closure_tolerance=np.inf)
     of_flex = model.eq_type == mujoco.mjtEq.mjEQ_FLEX
     model.eq_active0[of_flex], data.eq_active[of_flex] = 0, 0

@@ -239,7 +239,7 @@ def test_what_a_task_cannot_be_of_is_refused_with_the_remedy():
     model = arms()
     with pytest.raises(ModelError, match='"a3" is no slide and no hinge'):
         JointCouplingTask({"a3": 1.0}).on(model)
-    with pytest.raises(ValueError, match="must name a joint at least"):
+    with pytest.raises(ValueError, match="must name at least one joint"):
         JointCouplingTask({})
     with pytest.raises(ValueError, match="must be set before"):
         FrameTask("left").on(model).error(model, mujoco.MjData(model))

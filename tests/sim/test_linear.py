@@ -42,7 +42,7 @@ def test_a_standing_push_along_an_arm_softens_it():
 
 def test_an_actuator_with_a_state_of_its_own_is_refused():
     model = pendulum('<general joint="a" dyntype="filter" dynprm="0.1"/>')
-    with pytest.raises(ModelError, match="an actuator has a state of its own"):
+    with pytest.raises(ModelError, match="has an internal state"):
         linearize(model, mujoco.MjData(model), "tool", None)
 
 

@@ -60,7 +60,9 @@ def test_a_part_is_all_that_moves_the_task_with_its_places_and_inertia(file, see
     frame = located(model, "site", Body(f"b{body}"))
     part = task_part(model, [frame], range(model.neq))
     data = at(model, np.random.default_rng(seed).uniform(-1, 1, model.nq))
-    np.testing.assert_allclose(frame.jacobian(model, data)[:, part.other_velocities], 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        frame.jacobian(model, data)[:, part.other_velocities], 0.0, atol=1e-12
+    )
     mine = np.setdiff1d(np.arange(model.nv), part.other_velocities)
     rows = np.abs(closure_rows(model, data)) > 1e-12
     assert not (rows[:, part.other_velocities].any(axis=1) & rows[:, mine].any(axis=1)).any()
@@ -95,7 +97,10 @@ def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
     """The ball falls to the floor, the jaw goes to the end of its range, a limp arm hangs."""
     scene = desk(tmp_path)
     assert scene.part is not None and scene.part.left_out == ("jaw", "ball", "other")
-    assert [scene.task_model.joint(j).name for j in range(scene.task_model.njnt)] == ["shoulder", "elbow"]
+    assert [scene.task_model.joint(j).name for j in range(scene.task_model.njnt)] == [
+        "shoulder",
+        "elbow",
+    ]
     assert scene.start.body("ball").xpos[2] == pytest.approx(0.05, abs=2e-3)
     assert scene.start.joint("jaw").qpos[0] == pytest.approx(0.003, abs=1e-5)
     assert scene.start.joint("other").qpos[0] == pytest.approx(np.pi / 2, abs=0.05)
@@ -135,7 +140,9 @@ def test_a_joint_that_the_file_has_outside_its_range_begins_inside(tmp_path):
     assert re.match(
         "the start is beyond ranges, .*: elbow at 0, its range 0.3 to 1.3;", scene.start_warnings[0]
     )
-    assert scene.start_warnings[1:] == (f"came to rest away from its start: elbow by {begins:.2g} rad",)
+    assert scene.start_warnings[1:] == (
+        f"came to rest away from its start: elbow by {begins:.2g} rad",
+    )
     plant = plant_of(scene)
     for way in (-0.02, 0.02):
         np.testing.assert_allclose(moved(plant, 0.0, way, seconds=1.0), [0.0, way], atol=1e-3)
