@@ -119,9 +119,9 @@ class Mechanism:
             *(self._drives.pointer, c, pointer(J_C), len(gaps), pointer(gaps)),
             *(h, pointer(held), pointer(target), pointer(here), pointer(work), pointer(motion)),
         )
-        if status == lib.MOTION_REFUSED:
+        if status == lib.MOTION_INVALID:
             check.indices("held", held, len(here))
-        if status != lib.MOTION_FOUND:
+        if status != lib.MOTION_SOLVED:
             return posture
         qpos = posture.qpos.copy()
         mujoco.mj_integratePos(self._model, qpos, motion[: self._model.nv], 1.0)

@@ -274,8 +274,8 @@ def beyond_linear(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, ...]
     for k in np.flatnonzero(data.eq_active).tolist():
         if stiffness_of(model, k) * model.eq_solimp[k, 0] < _SOFT * _STIFFNESS:  # at its centre
             sentences.append(
-                f"{equality_name(model, k)} is soft and yields like backlash: the model treats it as "
-                "rigid"
+                f"{equality_name(model, k)} is soft and yields like backlash: the model treats it "
+                "as rigid"
             )
     if model.opt.density > 0:
         sentences.append(

@@ -164,7 +164,7 @@ def test_physics_that_diverges_is_refused_with_what_helps(tmp_path):
     euler = saved(tmp_path, "desk", damped, ('"implicitfast"', '"Euler"'))
     with pytest.raises(ModelError, match=r"diverges, .* of 0.002 s .* EULER; .* or implicitfast$"):
         scene_of(euler)
-    assert scene_of(saved(tmp_path, "desk", damped)).own.nu == 2
+    assert scene_of(saved(tmp_path, "desk", damped)).task_model.nu == 2
 
 
 def test_a_base_that_falls_is_refused_with_pins_that_work():
