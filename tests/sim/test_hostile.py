@@ -31,7 +31,7 @@ TRUSTED = {
     # Attacked as each of its kinds.
     *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
     # Of numbers that are checked, at every tick.
-    *("Plant.hold", "Plant.check_lock"),
+    *("Plant.step_physics", "Plant.check_lock"),
     *("Distances.farthest", "Distances.largest_fraction", "Distances.fits"),
 }
 FOUND = public(
