@@ -151,8 +151,12 @@ def _simulated(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
     predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
     of_model = predicted.rms_after if failures else predicted.rms_before
     measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
-    failed = [rig.actuators[each.number] for each in failures]
-    correct = [each for each in run.diagnoses if each.actuator in failed and each.time_s >= FAILS_S]
+    failed = [rig.actuators[failure.number] for failure in failures]
+    correct = [
+        diagnosis
+        for diagnosis in run.diagnoses
+        if diagnosis.actuator in failed and diagnosis.time_s >= FAILS_S
+    ]
     return {
         "measured": measured.tolist(),
         "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
@@ -161,7 +165,7 @@ def _simulated(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
         "leaves": predicted.leaves,
         "status": run.status,
         "named_after_ms": round(1e3 * (correct[0].time_s - FAILS_S)) if correct else None,
-        "wrong": [str(each) for each in run.diagnoses if each not in correct],
+        "wrong": [str(diagnosis) for diagnosis in run.diagnoses if diagnosis not in correct],
     }
 
 
