@@ -251,8 +251,8 @@ class Jacobians:
         if stuck is True:
             return []
         return [
-            f'{limit.kind} "{limit.name}" rests on its limit and is taken to move freely: '
-            f'stuck_at_limits=["{limit.name}"] takes it as stuck'
+            f'{limit.kind} "{limit.name}" rests on its limit and is treated as free: '
+            f'stuck_at_limits=["{limit.name}"] treats it as stuck'
             for limit in at_limits(self._model, self._data)
             if not stuck or limit.name not in stuck
         ]
@@ -262,8 +262,8 @@ class Jacobians:
         rigid = model.body_weldid  # bodies without a joint between them are one
         pinned = {rigid[pin.frame.body] for pin in self.structure.pins}
         return [
-            f'"{name_of(model.body(b))}" touches "{name_of(model.body(a))}" and is taken '
-            "to move freely: pinned= takes it to stand"
+            f'"{name_of(model.body(b))}" touches "{name_of(model.body(a))}" and is treated '
+            "as free: pinned= fixes it"
             for a, b in sorted(touching(model, self._data))
             if not {rigid[a], rigid[b]} & pinned
         ]

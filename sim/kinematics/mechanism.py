@@ -144,7 +144,7 @@ class Mechanism:
         """Take an observer with a state from the pool, or create one; the caller returns it."""
         try:
             return self._observers.pop()
-        except IndexError:  # another thread has it
+        except IndexError:  # none left
             mujoco.mj_copyData(data := mujoco.MjData(self._model), self._model, self._data)
             return Observer(self._observed, data)
 

@@ -265,8 +265,8 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
     end, other_end = model.actuator_trnid[k].tolist()
     if kind == _TRN.mjTRN_BODY:
         raise ModelError(
-            f"{_called(model, k)} adheres to whatever touches it, which is no velocity: take it "
-            "out of the model, or disable its group and pin what it holds"
+            f"{_called(model, k)} adheres to bodies in contact and drives no velocity: remove it "
+            "from the model, or disable its group and pin what it holds"
         )
     if kind == _TRN.mjTRN_SO3:
         return [((kind, end, other_end, (i,)), 1.0, first + i) for i in range(3)]
@@ -285,7 +285,7 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
         gear = math.copysign(size, next((g for g in used if abs(g) > 10.0**-_DIGITS * size), 0.0))
         direction = tuple(round(g / gear, _DIGITS) for g in used) if gear else ()
     if not gear:
-        raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
+        raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: remove it")
     return [((kind, end, other_end, direction), gear, first)]
 
 
@@ -341,7 +341,7 @@ def law_of(model: mujoco.MjModel, actuator: int) -> Law:
             f"{called} has an internal state, so its command cannot be its displacement"
         )
     if not model.actuator_gainprm[actuator, 0]:
-        raise ModelError(f"{called} has gain 0, so nothing commands it: take it out")
+        raise ModelError(f"{called} has gain 0, so it cannot be commanded: remove it")
     feedback = model.actuator_biasprm[actuator, :3].tolist() if bias == _BIAS.mjBIAS_AFFINE else ()
     return Law(float(model.actuator_gainprm[actuator, 0]), *feedback)
 

@@ -397,13 +397,13 @@ def lock_warning(
         return None
     if dragged > soft:
         called = mujoco.mjtIntegrator(model.opt.integrator).name[6:].lower()
-        cause = f"{called} drags it along at time steps of {1e3 * step_s:g} ms: "
+        cause = f"{called} moves it at time steps of {1e3 * step_s:g} ms: "
         cause += 'integrator="discrete" or shorter steps hold it'
     else:
         cause = f"it has a time constant of {1e3 * time_s:.3g} ms and an impedance of "
         cause += f"{impedance:g}: an impedance of 0.9999 and {STEPS} shorter time steps hold it"
     return (
-        f"the lock of {_called(drive)} gives way, by about "
+        f"the lock of {_called(drive)} yields, by about "
         f"{100 * min(soft + dragged, 1):.0f} % of a motion of {_MOTION_HZ:g} Hz, as {cause}"
     )
 

@@ -143,8 +143,8 @@ def linearize(
     out. Dry friction is not linear, and is returned separately from A.
 
     MuJoCo's unconstrained accelerations, projected on what the loops allow, are differentiated
-    along a null-space basis of the active equalities. (Its constrained ones let 1e-4 of the
-    stiffest spring through.) Central differences: stepping off a curved constraint by h leaves a
+    along a null-space basis of the active equalities. (Its constrained ones contain 1e-4 of
+    the stiffest spring.) Central differences: stepping off a curved constraint by h leaves a
     gap of order h^2, which is the same on both sides and cancels.
 
     Args:

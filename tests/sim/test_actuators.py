@@ -154,7 +154,7 @@ REJECTED = [
     ('<muscle name="m" joint="a" lengthrange="-1 1"/>', {}, '"m" is a muscle: only servos and'),
     ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has an internal state'),
     ('<damper name="m" joint="a" kv="2" ctrlrange="0 1"/>', {}, '"m" is an actuator of variable'),
-    ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so nothing commands it'),
+    ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so it cannot be commanded'),
     ('<general name="m" joint="a" biastype="affine" biasprm="0 2"/>', {}, '"m" pushes away from'),
     (
         '<position name="m" site="tool" gear="1 0 0 0 0 0"/>',
@@ -291,7 +291,7 @@ def test_a_yielding_lock_is_reported_before_the_simulation():
         for step_s in (2.5e-4, 1e-2)
     }
     assert {k: list(v) for k, v in warnings.items() if v} == {("IMPLICITFAST", 1e-2): [1]}
-    pattern = r'lock of tendon "cable" gives way, by about \d+ % .* implicitfast .* of 10 ms'
+    pattern = r'lock of tendon "cable" yields, by about \d+ % .* implicitfast .* of 10 ms'
     assert re.search(pattern, warnings["IMPLICITFAST", 1e-2][1])
     soft = model_of("three_joints", *on_cable, add_locks=True)
     soft.eq_solref[:], soft.eq_solimp[:, 0] = [0.1, 1.0], 0.9

@@ -229,9 +229,9 @@ def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, join
     [
         (
             '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1"/>',
-            'actuator "pad" adheres to .*: take it out .* or disable its group and pin',
+            'actuator "pad" adheres to .*: remove it .* or disable its group and pin',
         ),
-        ('<motor name="m" joint="a" gear="0"/>', 'actuator "m" has gear 0 .*: take it out'),
+        ('<motor name="m" joint="a" gear="0"/>', 'actuator "m" has gear 0 .*: remove it'),
         ('<motor site="tool" gear="0 0 0 0 0 0"/>', 'actuator "number 0" has gear 0'),
         ("", "the model has no enabled actuator, .*: add one"),
         ('<motor name="m" joint="c"/>', "no actuator moves 'tool'"),

@@ -40,7 +40,7 @@ def test_an_element_on_its_limit_gives_a_warning_or_is_stuck(name, pose):
     free, stuck, listed = (
         jacobians(of, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
     )
-    warning = f'{name} rests on its limit and is taken to move freely: stuck_at_limits=["{joint}"]'
+    warning = f'{name} rests on its limit and is treated as free: stuck_at_limits=["{joint}"]'
     assert len(free.warnings) == 1 and free.warnings[0].startswith(warning)
     assert stuck.warnings == listed.warnings == ()
     np.testing.assert_array_equal(listed.J_C, stuck.J_C)
@@ -154,7 +154,7 @@ def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
     assert not jacobians(crane, data, "tool").warnings
     data.mocap_pos[0] = 0.3, 0.0, 2.2
     (sentence,) = jacobians(crane, data, "tool").warnings
-    assert sentence.startswith('tendon "rope" rests on its limit and is taken to move freely')
+    assert sentence.startswith('tendon "rope" rests on its limit and is treated as free')
 
 
 # Contacts and pins.
@@ -170,7 +170,7 @@ def leg(height: float = 0.0) -> mujoco.MjData:
 
 
 def test_contacts_give_warnings_with_the_names_of_the_bodies():
-    warning = '"foot" touches "world" and is taken to move freely: pinned= takes it to stand'
+    warning = '"foot" touches "world" and is treated as free: pinned= fixes it'
     for height, margin, gap, warnings in (
         (0.0, 0.0, 0.0, (warning,)),
         (1e-3, 0.0, 0.0, ()),
