@@ -103,7 +103,7 @@ def target_pose(name: str, target: Target) -> Pose | Array:
     if isinstance(target, Pose):
         R = check.array(f"{name}.rotation", target.rotation, 3, 3)
         check.array(f"{name}.translation_m", target.translation_m, 3)
-        _refuse_no_rotation(f"{name}.rotation", R)
+        _check_rotations(f"{name}.rotation", R)
         return target
     if isinstance(target, list | tuple) and len(target) == 2:
         quat_wxyz = check.array(f"the quaternion of {name}", target[1], 4)
@@ -153,11 +153,11 @@ def _of_matrix(name: str, T: ArrayLike) -> Pose:
     A = check.array(name, check.array(name, T, copy=True), ..., 4, 4)
     if (np.abs(A[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > _ROTATION_ERROR).any():
         raise ValueError(f"{name} must have the last row 0 0 0 1, got {check.shown(A.tolist())}")
-    _refuse_no_rotation(name, A[..., :3, :3])
+    _check_rotations(name, A[..., :3, :3])
     return Pose(A[..., :3, :3], A[..., :3, 3])
 
 
-def _refuse_no_rotation(name: str, R: Array) -> None:
+def _check_rotations(name: str, R: Array) -> None:
     """Check that all matrices (..., 3, 3) are rotations."""
     error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)
     if error > _ROTATION_ERROR or (np.linalg.det(R) < 0.0).any():

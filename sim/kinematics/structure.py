@@ -169,7 +169,7 @@ class Structure:
 def active_velocities(
     model: mujoco.MjModel, variables: NDArray[np.intp] | None
 ) -> tuple[NDArray[np.intp], Array, tuple[Drive, ...], int]:
-    """Return the last four attributes of a :class:`Structure`.
+    """Return indices, gears, drives and number of variables, as in :class:`Structure`.
 
     `variables` are velocities without an actuator; None is all of them.
 

@@ -226,13 +226,13 @@ class Motion:
 
     @property
     def frames(self) -> tuple[Located, ...]:
-        """See :class:`LocatedFunction`."""
+        """Frames whose motion the rows depend on."""
         frames = self.frame.frames if isinstance(self.frame, MassCenter) else (self.frame,)
         return frames if self.root is None else (*frames, self.root)
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """See :class:`LocatedFunction`."""
+        """Flags (k,) that are True for angular rows and False for linear ones."""
         return tuple(row < 3 for row in self.rows)
 
     @cached_property

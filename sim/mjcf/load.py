@@ -78,7 +78,7 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
 
 
 def model_sha256(path: str | Path | None = None) -> str:
-    """Hash an MJCF file, which identifies the machine of a result; a ModelError without one."""
+    """Return the SHA-256 of an MJCF file, by which results identify their machine."""
     return hashlib.sha256(_file(path).read_bytes()).hexdigest()
 
 

@@ -87,7 +87,7 @@ class Commands:
         return not self.at_rest.any() and np.array_equal(self.per_displacement, slope)
 
     def with_other_controls(self, controls: Array) -> "Commands":
-        """Return a copy in which the controls of no drive have these values (nu,)."""
+        """Return a copy in which controls that belong to no drive have these values (nu,)."""
         commanded = self.per_displacement.any(axis=1)
         return replace(self, at_rest=np.where(commanded, self.at_rest, controls))
 
@@ -126,7 +126,7 @@ def commands_of(
         if stiffness[n] <= 0.0:
             raise ModelError(f'actuator "{drive.actuators[0]}" {_why_without(drive, laws)}')
         if not drive.has_length:
-            _refuse_other_length(model, data, drive)
+            _check_length(model, data, drive)
     feedback /= stiffness[:, None]
     return Commands(at_rest, gains, force, slope, stiffness, feedback)
 
@@ -164,7 +164,7 @@ def _why_without(drive: Drive, laws: list[Law]) -> str:
     )
 
 
-def _refuse_other_length(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> None:
+def _check_length(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> None:
     """Check that a servo measures its own displacement.
 
     Without a reference site it measures none; a rotated reference site or ball joint gives another.
@@ -324,7 +324,7 @@ def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
 
 
 def _lock_name(model: mujoco.MjModel, drive: Drive) -> str:
-    """Name of a lock, after the first actuator, if disabled, of its joint or tendon."""
+    """Return the name of a drive's lock, after the first (even disabled) actuator of its element."""
     numbers = range(model.nactuator)
     return lock_name(next(k for k in numbers if lockable_by(model, k) == drive.lockable))
 

@@ -145,7 +145,7 @@ def _compiled(
 def _rested(part: Part, start: mujoco.MjData, *, in_equilibrium: bool) -> mujoco.MjData:
     """Return the state in which all is at rest; `in_equilibrium` is True for a balanced start."""
     if (part.model.jnt_type == _FREE).any():  # the physics would only let it fall
-        _refuse_what_moves(part, start, of="free joint")
+        _check_balance(part, start, of="free joint")
     rested = settled(part, start)
     if in_equilibrium and not is_in_equilibrium(part, rested):
         moves = _moved(part, start.qpos, rested)
@@ -153,7 +153,7 @@ def _rested(part: Part, start: mujoco.MjData, *, in_equilibrium: bool) -> mujoco
             f"the servos balance the start and do not keep it: {moves}; make them stiffer (--servo "
             "or servo_hz= for torque motors) or pin more (pinned)"
         )
-    _refuse_what_moves(part, rested)
+    _check_balance(part, rested)
     return rested
 
 
@@ -187,7 +187,7 @@ def _beyond_ranges(part: Part, stated: Array) -> str:
 
 
 def _in_collision(part: Part, start: mujoco.MjData) -> str:
-    """Sentence on bodies of the part that overlap at the start; empty if none do."""
+    """Return a sentence on bodies of the part that overlap at the start; empty if none."""
     model, deep = part.model, dict[str, None]()
     for contact in start.contact[: start.ncon]:
         bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom if geom >= 0]
@@ -197,7 +197,7 @@ def _in_collision(part: Part, start: mujoco.MjData) -> str:
     return f"the start is in collision: {listed(list(deep))}; {_OTHER_START}" if deep else ""
 
 
-def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
+def _check_balance(part: Part, start: mujoco.MjData, of: str = "") -> None:
     """Check that a part is in balance; raise ModelError with pins that would help."""
     model = part.model
     result = balance(model, start, drives(model, among=part.actuators), part.other_velocities)

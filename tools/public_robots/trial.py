@@ -130,7 +130,7 @@ def _rig_and_pins(
 
 
 def _expendable(rig: Rig) -> int:
-    """Return the actuator that moves the task most among those that it can do without."""
+    """Return the strongest actuator without which the task is possible, else the strongest."""
     system, major = rig.control.system, list(rig.major)
     moves = np.linalg.norm(system.kinematics().J[major], axis=0)
     order = ascending(-moves).tolist()
