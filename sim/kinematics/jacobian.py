@@ -391,7 +391,7 @@ class JacobianReader:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without caches: views must refer to the copy's own matrices."""
-        return vars(self) | {"_known": {}, "_viewed": {}, "_kept": {}}
+        return vars(self) | {"_structures": {}, "_view_cache": {}, "_cache": {}}
 
     def read(self, data: mujoco.MjData) -> JacobianViews:
         """Return views of the Jacobians for one tick; the next reading overwrites them.

@@ -324,7 +324,7 @@ def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
 
 
 def _lock_name(model: mujoco.MjModel, drive: Drive) -> str:
-    """Return the name of a drive's lock, after the first (even disabled) actuator of its element."""
+    """Return the name of a drive's lock, after its element's first, even disabled, actuator."""
     numbers = range(model.nactuator)
     return lock_name(next(k for k in numbers if lockable_by(model, k) == drive.lockable))
 
