@@ -38,9 +38,7 @@ def settings() -> dict[str, dict[str, str]]:
         if loaded := output(LOADED, OPENBLAS_CORETYPE=kernel):
             kernels.setdefault(loaded, kernel)
     variables = {kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in kernels.values()}
-    wide = [
-        feature for feature in output(FEATURES).split() if feature[:4] in ("AVX2", "FMA3", "AVX5")
-    ]
+    wide = [name for name in output(FEATURES).split() if name[:4] in ("AVX2", "FMA3", "AVX5")]
     variables["no-avx2-fma3"] = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide)}
     return variables | {"two-threads": {"OPENBLAS_NUM_THREADS": "2"}, "reversed": {}}
 
@@ -50,19 +48,10 @@ def run(name: str, environment: dict[str, str]) -> bool:
     print(f"== {name}: {environment or 'test files from the last to the first'}", flush=True)
     files = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("test_*.py"))
     order = ["--no-loadscope-reorder", *reversed(files)] if name == "reversed" else []
-    arguments = (
-        "--numprocesses",
-        "auto",
-        "--dist",
-        "loadfile",
-        "--quiet",
-        "-m",
-        "not long",
-        *order,
-    )
+    args = ("--numprocesses", "auto", "--dist", "loadfile", "--quiet", "-m", "not long", *order)
     # Other kernels are slower.
     environment = {"OPENBLAS_NUM_THREADS": "1", "PROCESSOR_TIME": "unlimited"} | environment
-    pytest = [sys.executable, "-m", "pytest", *arguments]
+    pytest = [sys.executable, "-m", "pytest", *args]
     code = subprocess.run(pytest, cwd=ROOT, env=os.environ | environment).returncode
     print(f"== {name}: {f'FAILED, exit code {code}' if code else 'passed'}", flush=True)
     return code == 0

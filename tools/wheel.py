@@ -79,22 +79,12 @@ class Environment:
         return wheel
 
 
-def run(*arguments: str, cwd: Path, code: int = 0) -> str:
+def run(*args: str, cwd: Path, code: int = 0) -> str:
     """Run a command and return both output streams; exit if its exit code differs from `code`."""
-    print(
-        "+",
-        Path(arguments[0]).name,
-        *(word.replace("\n", "; ")[:60] for word in arguments[1:]),
-        flush=True,
-    )
+    print("+", Path(args[0]).name, *(arg.replace("\n", "; ")[:60] for arg in args[1:]), flush=True)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
-        arguments,
-        cwd=cwd,
-        env=environment,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        args, cwd=cwd, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
     if done.returncode != code:
         sys.exit(f"exit code {done.returncode}, expected {code}:\n{done.stdout}")

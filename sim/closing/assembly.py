@@ -11,7 +11,7 @@ import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures
-from sim.closing.fixed import FixedCoordinates, Pin, fixed_coordinates
+from sim.closing.fixed import FixedMotion, Pin, fixed_motion
 from sim.closing.newton import CLOSED, Loops, close
 from sim.errors import ClosureError
 from sim.mjcf.frame import Body
@@ -76,7 +76,7 @@ def assemble(
     closed = start_of(model) if data is None else copy.copy(data)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    fixed = fixed_coordinates(model, held, pinned)
+    fixed = fixed_motion(model, held, pinned)
     for sentence in _close_in_place(model, closed, fixed, geometry_accuracy)[1]:
         warnings.warn(sentence, RuntimeWarning, stacklevel=2)
     return closed
@@ -135,7 +135,7 @@ def advance(
     motion = check.array("velocity times duration_s", v[: model.nv] * duration_s, None)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    fixed = fixed_coordinates(model, held, pinned)
+    fixed = fixed_motion(model, held, pinned)
     warns = check.flag("warn_of_misses", warn_of_misses)
     if into is not None and into is not data:
         check_size("into", model, into)
@@ -170,7 +170,7 @@ def advance(
 
 
 def _close_in_place(
-    model: mujoco.MjModel, data: mujoco.MjData, fixed: FixedCoordinates, accuracy: float | None
+    model: mujoco.MjModel, data: mujoco.MjData, fixed: FixedMotion, accuracy: float | None
 ) -> tuple[Loops, tuple[str, ...]]:
     """Close the loops of a state; return them, and a sentence for each equality left out."""
     mujoco.mj_fwdPosition(model, data)
@@ -211,7 +211,7 @@ def _follow(
     start, first_attempt = data.qpos.copy(), True
     while part > _SHORTEST:
         step = part * motion
-        goal = loops.with_fixed(loops.fixed.after_motion(loops.model, data, step))
+        goal = loops.with_fixed(loops.fixed.moved(loops.model, data, step))
         shorter, fault = _fault(data, goal, step)
         if not fault:
             return part, why

@@ -64,11 +64,10 @@ def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[
     return tuple(pins)
 
 
-class FixedCoordinates(NamedTuple):
-    """Fixed coordinates: velocities, transmissions and pins, with reference lengths and poses.
+class FixedMotion(NamedTuple):
+    """Fixed velocities, transmissions and pins, with reference lengths and poses.
 
-    Lengths are as in `data.actuator_length`, poses are rotations and positions; both are set by
-    :meth:`at`.
+    Lengths are as `data.actuator_length`, poses rotations and positions, both set by :meth:`at`.
     """
 
     velocities: tuple[int, ...]
@@ -81,7 +80,7 @@ class FixedCoordinates(NamedTuple):
         """Return whether there are equalities, or fixed drives or pins, to be closed."""
         return bool(self.drives or self.pins or data.eq_active.any())
 
-    def at(self, data: mujoco.MjData) -> "FixedCoordinates":
+    def at(self, data: mujoco.MjData) -> "FixedMotion":
         """Return a copy with the lengths and poses of a state that is up to date."""
         frames = [pin.frame for pin in self.pins]
         poses = tuple((at.rotation(data).copy(), at.position_m(data).copy()) for at in frames)
@@ -111,9 +110,7 @@ class FixedCoordinates(NamedTuple):
         of_pins = [f'pinned "{pin.name}"' for pin in self.pins for _ in range(pin.height)]
         return [*(f'held "{drive.name}"' for drive in self.drives), *of_pins]
 
-    def after_motion(
-        self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array
-    ) -> "FixedCoordinates":
+    def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "FixedMotion":
         """Return a copy whose lengths have changed by a motion (nv,) from the state."""
         elongation = drive_rows(model, data, self.drives) @ motion
         return self._replace(lengths=self.lengths + self._gear * elongation)
@@ -126,9 +123,9 @@ class FixedCoordinates(NamedTuple):
         return np.array([drive.gear[0] for drive in self.drives])
 
 
-def fixed_coordinates(
+def fixed_motion(
     model: mujoco.MjModel, held: Iterable[str | int], pinned: Iterable[str | Body | Pin]
-) -> FixedCoordinates:
+) -> FixedMotion:
     """Look up the arguments `held` and `pinned` of :func:`assemble`.
 
     Raises:
@@ -139,14 +136,12 @@ def fixed_coordinates(
     fixed_drives: list[Drive] = []
     for item in check.members("held", held, str, int, np.integer):
         is_name = isinstance(item, str)
-        coordinates = (
-            _by_name(model, item) if is_name else _by_number(model, check.integer("held", item))
-        )
-        if isinstance(coordinates, Drive):
-            fixed_drives.append(coordinates)
+        part = _by_name(model, item) if is_name else _by_number(model, check.integer("held", item))
+        if isinstance(part, Drive):
+            fixed_drives.append(part)
         else:
-            velocities += coordinates
-    return FixedCoordinates(tuple(velocities), tuple(fixed_drives), pins_of(model, pinned))
+            velocities += part
+    return FixedMotion(tuple(velocities), tuple(fixed_drives), pins_of(model, pinned))
 
 
 def _by_number(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:

@@ -12,7 +12,7 @@ import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import Closures, equality_name
-from sim.closing.fixed import FixedCoordinates
+from sim.closing.fixed import FixedMotion
 from sim.errors import ClosureError
 from sim.mjcf.accuracy import COARSEST, written_accuracy
 from sim.mjcf.frame import own_length
@@ -48,7 +48,7 @@ class Loops:
 
     model: mujoco.MjModel
     closures: Closures
-    fixed: FixedCoordinates
+    fixed: FixedMotion
     accuracy: float | None
 
     @cached_property
@@ -72,7 +72,7 @@ class Loops:
         pins = (pin.frame for pin in self.fixed.pins)
         return own_length(self.model, [*self.closures.frames(self.model), *pins])
 
-    def with_fixed(self, fixed: FixedCoordinates) -> "Loops":
+    def with_fixed(self, fixed: FixedMotion) -> "Loops":
         """Return a copy with other fixed coordinates of the same drives and frames."""
         return check.made(Loops, **vars(self) | {"fixed": fixed})
 

@@ -16,13 +16,7 @@ from sim.array import Array
 from sim.closing.equalities import Closures, active_closures, left_out
 from sim.closing.fixed import Pin, pins_of
 from sim.errors import ModelError
-from sim.kinematics.structure import (
-    MatrixCache,
-    Structure,
-    active_velocities,
-    rows_at,
-    variables_of,
-)
+from sim.kinematics.structure import Cache, Structure, active_velocities, rows_at, variables_of
 from sim.kinematics.task import Task, located_axes, located_tasks
 from sim.mjcf.accuracy import moved, written_accuracy
 from sim.mjcf.drive import Drive, is_disabled
@@ -168,7 +162,7 @@ class Jacobians:
         """Sums of the changes of J_T and J_C by half a unit of the last digit of each number."""
         errors = np.zeros(self.J_T.shape), np.zeros(self.J_C.shape)
         if self.structure.roundings:
-            of, cache = self.structure.copied(), MatrixCache()
+            of, cache = self.structure.copied(), Cache()
             model = of.model
             mujoco.mj_setState(model, data := mujoco.MjData(model), self.place, _PLACE)
 
@@ -387,7 +381,7 @@ class JacobianReader:
         ends = np.cumsum([0, *(len(located.angular) for located in self._tasks.values())]).tolist()
         self._rows = dict(zip(self._tasks, map(slice, ends, ends[1:]), strict=True))
         self._structures = dict[tuple[object, ...], Structure]()
-        self._view_cache, self._cache = MatrixCache(), MatrixCache()
+        self._view_cache, self._cache = Cache(), Cache()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without caches: views must refer to the copy's own matrices."""
@@ -448,11 +442,9 @@ class JacobianReader:
         velocities = active_velocities(model, self._variables)
         now = Structure(model, tasks, pins, self._stuck, closed, omitted, *velocities)
         # In a singular pose, such as a stretched arm, rows may be zero that are not in general.
-        if self._unmoved(now, data) and (
-            unmoved := self._unmoved(now, _generic_state(model, data))
-        ):
+        if self._unmoved(now, data) and (still := self._unmoved(now, _generic(model, data))):
             raise ModelError(
-                f"no actuator moves {check.shown(unmoved[0])}: name another task, what its "
+                f"no actuator moves {check.shown(still[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
         return now
@@ -465,7 +457,7 @@ class JacobianReader:
         return [task for task, rows in self._rows.items() if not moves[rows].any()]
 
 
-def _generic_state(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+def _generic(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
     """Return a nearby state in general position, where only structural zeros vanish."""
     there, size = copy(data), np.where(turning(model), 0.3, 0.1 * model.stat.extent)
     motion = size * np.random.default_rng(0).uniform(0.5, 1.5, size=model.nv)

@@ -128,16 +128,11 @@ def target_pose(name: str, target: Target) -> Pose | Array:
     return _of_matrix(name, A)
 
 
-def displacement_between(
-    rotation: Array, position_m: Array, to_rotation: Array, to_m: Array
-) -> Array:
+def pose_difference(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
     """Return [rotation vector; translation] (6,) from one pose to another, in common axes."""
-    displacement = np.empty(6)
-    principal(
-        lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, displacement))),
-        displacement,
-    )
-    return displacement
+    twist = np.empty(6)
+    principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, twist))), twist)
+    return twist
 
 
 def principal(largest_rad: float, twists: Array) -> None:

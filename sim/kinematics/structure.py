@@ -248,12 +248,12 @@ def _blank(of: Structure, limits: int) -> Matrices:
     return Matrices(whole, views, per_qvel, tuple(parts), constraints[c:])
 
 
-MatrixCache: TypeAlias = dict[tuple["Structure", int], Matrices]
+Cache: TypeAlias = dict[tuple["Structure", int], Matrices]
 """Matrices by structure and number of rows of limits."""
 
 
 def rows_at(
-    of: Structure, data: mujoco.MjData, cache: MatrixCache, *, copied: bool = True
+    of: Structure, data: mujoco.MjData, cache: Cache, *, copied: bool = True
 ) -> tuple[Array, Array]:
     """Return J_T (m, N) and J_C (c, N), read-only, at a pose that is up to date.
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import NOMINAL, Pose, Target, displacement_between, target_pose
+from sim.kinematics.pose import NOMINAL, Pose, Target, pose_difference, target_pose
 from sim.mjcf.frame import Body, Located, located
 from sim.mjcf.model import check_state, element_id
 
@@ -283,7 +283,7 @@ class Motion:
             outer = seen_from.rotation(data)
             goal = seen_from.position_m(data) + outer @ goal
             there = outer @ there if is_pose else there
-        displacement = displacement_between(rotation, position_m, there, goal)
+        displacement = pose_difference(rotation, position_m, there, goal)
         if not is_pose:
             displacement[:3] = 0.0  # removes round-off
         if self.axes is not None:

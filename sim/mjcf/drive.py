@@ -165,11 +165,8 @@ def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
     if name in numbers:
         return numbers[name]
     near = get_close_matches(name, chain(*names), 1)
-    hint = (
-        f'did you mean "{near[0]}"?'
-        if near
-        else f"it has {', '.join(labels[0] for labels in names)}"
-    )
+    own = ", ".join(labels[0] for labels in names)
+    hint = f'did you mean "{near[0]}"?' if near else f"it has {own}"
     raise ValueError(f'the robot has no actuator or joint "{name:.80}"; {hint}')
 
 
@@ -311,10 +308,9 @@ def _called(model: mujoco.MjModel, actuator: int) -> str:
 
 
 class Law(NamedTuple):
-    """Force law: force = gain control + constant + per_length length + per_speed speed.
+    """Force law before the gear: gain control + constant + per_length length + per_speed speed.
 
-    The force is that before the gear. A torque motor has a gain only, a position servo a negative
-    `per_length`.
+    A torque motor has a gain only, a position servo a negative `per_length`.
     """
 
     gain: float
@@ -383,10 +379,8 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
             continue
         kind, of = part[0], getattr(model, part[0])(part[1]).name
         if name in taken:
-            message = (
-                f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
-            )
-            raise ModelError(message)
+            text = f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
+            raise ModelError(text)
         locked.add(part)
         lock = spec.add_equality(name=name, type=types[kind], name1=of, active=False)
         stiffen(lock, model.opt.timestep)

@@ -83,8 +83,7 @@ def robot_scene(
             closed loops without checking its balance.
 
     Raises:
-        sim.ModelError, sim.ClosureError: The file or a frame is unusable, or the scene is not at
-            rest.
+        sim.ModelError, sim.ClosureError: The file or a frame is unusable, or there is no rest.
     """
     spec, model, frame, stated = _compiled(file, frame, initial_state, pinned)
     required_drives(model)
@@ -102,17 +101,11 @@ def robot_scene(
         used = part.actuators
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
         part = replace(part, model=model)
-    in_equilibrium = settle and is_in_equilibrium(part, start)
-    balanced = not part.other_bodies and (not settle or (in_equilibrium and not pinned))
-    rested = (
-        start if balanced or not settle else _rested(part, start, in_equilibrium=in_equilibrium)
-    )
-    sentences = (
-        _beyond_ranges(part, stated),
-        _in_collision(part, start),
-        _moved(part, stated, rested),
-    )
-    start_warnings = tuple(filter(None, sentences))
+    is_balanced = settle and is_in_equilibrium(part, start)
+    balanced = not part.other_bodies and (not settle or (is_balanced and not pinned))
+    rested = start if balanced or not settle else _rested(part, start, was_balanced=is_balanced)
+    texts = _beyond_ranges(part, stated), _in_collision(part, start), _moved(part, stated, rested)
+    start_warnings = tuple(filter(None, texts))
     if balanced:
         return Scene(model, start, frame, None, model, start, start_warnings)
     task_model = reduced(spec, part, rested) if part.other_bodies else model
@@ -142,12 +135,12 @@ def _compiled(
     return spec, model, frame, stated
 
 
-def _rested(part: Part, start: mujoco.MjData, *, in_equilibrium: bool) -> mujoco.MjData:
-    """Return the state in which all is at rest; `in_equilibrium` is True for a balanced start."""
+def _rested(part: Part, start: mujoco.MjData, *, was_balanced: bool) -> mujoco.MjData:
+    """Return the state in which all is at rest; `was_balanced` is True for a balanced start."""
     if (part.model.jnt_type == _FREE).any():  # the physics would only let it fall
         _check_balance(part, start, of="free joint")
     rested = settled(part, start)
-    if in_equilibrium and not is_in_equilibrium(part, rested):
+    if was_balanced and not is_in_equilibrium(part, rested):
         moves = _moved(part, start.qpos, rested)
         raise ModelError(
             f"the servos balance the start and do not keep it: {moves}; make them stiffer (--servo "
@@ -246,22 +239,19 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
     locks = {element.name: element for element in spec.equalities}
     for element in gone:
         spec.delete(element)
-    for fewer, actuator in enumerate(
-        part.actuators
-    ):  # locks are named by actuator numbers, which have changed
+    for fewer, actuator in enumerate(part.actuators):  # a lock has the number of its actuator
         if lock := locks.get(lock_name(actuator)):
             lock.name = lock_name(fewer)
-    reduced_model, ids = spec.compile(), list(part.actuators)
-    reduced_model.opt.integrator = model.opt.integrator
+    part_model, ids = spec.compile(), list(part.actuators)
+    part_model.opt.integrator = model.opt.integrator
     for names, here, there in (
         ("gainprm biasprm biastype forcerange forcelimited", slice(None), ids),
-        ("ctrlrange ctrllimited", reduced_model.actuator_ctrladr, model.actuator_ctrladr[ids]),
+        ("ctrlrange ctrllimited", part_model.actuator_ctrladr, model.actuator_ctrladr[ids]),
     ):
         for name in names.split():
-            getattr(reduced_model, f"actuator_{name}")[here] = getattr(model, f"actuator_{name}")[
-                there
-            ]
-    return reduced_model
+            field = f"actuator_{name}"
+            getattr(part_model, field)[here] = getattr(model, field)[there]
+    return part_model
 
 
 def _place(body: mujoco.MjsBody, model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -26,7 +26,7 @@ from sim import (
     pose_error,
     pose_of,
 )
-from sim.kinematics.pose import displacement_between
+from sim.kinematics.pose import pose_difference
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
 from tests.models import model as model_of
@@ -125,7 +125,7 @@ def test_a_frame_turns_to_its_target_about_one_axis(seed):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, 3.0, np.pi - 1e-6, np.pi])
-def test_a_displacement_between_poses_rotates_as_in_mujoco(angle):
+def test_a_pose_difference_poses_rotates_as_in_mujoco(angle):
     """Agreement is to round-off; half a turn is about the same of its two axes."""
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -133,7 +133,7 @@ def test_a_displacement_between_poses_rotates_as_in_mujoco(angle):
         axis *= rng.choice([-1.0, 1.0]) / np.linalg.norm(axis)
         turn, here = Rotation.from_rotvec(angle * axis), Rotation.random(random_state=seed)
         R, R_to = here.as_matrix(), (turn * here).as_matrix()
-        displacement = displacement_between(R, POINT, R_to, POINT + axis)
+        displacement = pose_difference(R, POINT, R_to, POINT + axis)
         np.testing.assert_allclose(
             displacement[:3], rotation_vector(R_to @ R.T), rtol=0, atol=1e-14
         )

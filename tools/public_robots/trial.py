@@ -152,11 +152,7 @@ def _simulated(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
     of_model = predicted.rms_after if failures else predicted.rms_before
     measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
     failed = [rig.actuators[failure.number] for failure in failures]
-    correct = [
-        diagnosis
-        for diagnosis in run.diagnoses
-        if diagnosis.actuator in failed and diagnosis.time_s >= FAILS_S
-    ]
+    correct = [d for d in run.diagnoses if d.actuator in failed and d.time_s >= FAILS_S]
     return {
         "measured": measured.tolist(),
         "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
@@ -204,12 +200,10 @@ def power_error(model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body
     twist = np.zeros((6, model.nv))
     mujoco.mj_jacBody(model, data, twist[3:], twist[:3], body)
 
-    def off(velocity: Array, jacobian: Array) -> float:
-        forces = rng.standard_normal(len(velocity))
+    def off(rates: Array, jacobian: Array) -> float:
+        forces = rng.standard_normal(len(rates))
         joint_power = (jacobian.T @ forces) @ joints
-        return float(
-            abs(forces @ velocity - joint_power) / (np.abs(forces * velocity).sum() or 1.0)
-        )
+        return float(abs(forces @ rates - joint_power) / (np.abs(forces * rates).sum() or 1.0))
 
     return max(off(rates, rows), off(kin.J @ rates, twist))
 
