@@ -37,7 +37,7 @@ from fjh.study.result import Check, Picture, Result, Shown, check
 from ftc import deciding_sentence, is_possible
 from ftc.fdi import Fault
 from sim import CLOSURE_TOLERANCE, Array, Failure, SimulationDiverged
-from sim.plant import Met, dry_friction
+from sim.plant import NonlinearityMonitor, dry_friction
 
 NONE: list[Any] = []
 """Nothing happens."""
@@ -144,7 +144,7 @@ def track(
         notice(f"{called(rig, each)} may not be found: {advised(each)}")
 
     compares = told and bool(failures or events)
-    runs, met = 1 + compares + (controller is not None), Met(rig.model, rig.part)
+    runs, met = 1 + compares + (controller is not None), NonlinearityMonitor(rig.model, rig.part)
 
     def on_tick(before: int, done: int) -> None:
         if done % 100 == 0 or done == len(desired):

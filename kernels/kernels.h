@@ -223,7 +223,7 @@ typedef struct {
 /* Write the motion (N) that closes the loops, J_C (c, N) motion = -gaps, of which those beyond g
  * are zero; then takes the active velocities `held` (h) from displacements (n) to those wanted; then
  * moves as the springs have it, and least. What contradicts itself is met with least error. */
-enum { MOTION_FOUND, MOTION_NONE, MOTION_REFUSED }; /* nothing is to move; no such distinct ones */
+enum { MOTION_SOLVED, MOTION_NONE, MOTION_INVALID }; /* nothing is to move; no such distinct ones */
 int nearest_room(int c, int h, int s, int N);
 int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
                    int h, const int64_t *held, const double *wanted, const double *displacements,

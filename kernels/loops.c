@@ -162,10 +162,10 @@ int nearest_motion(const drives_model *of, int c, const double *J_C, int g, cons
     bool is_there = true;
     for (int i = 0; i < h; i++) {
         if (held[i] < 0 || held[i] >= of->n)
-            return MOTION_REFUSED;
+            return MOTION_INVALID;
         for (int j = 0; j < i; j++)
             if (held[i] == held[j])
-                return MOTION_REFUSED;
+                return MOTION_INVALID;
     }
     if (!c && !s) { /* each drive alone */
         memset(motion, 0, (size_t)N * sizeof *motion);
@@ -173,7 +173,7 @@ int nearest_motion(const drives_model *of, int c, const double *J_C, int g, cons
             motion[of->active[held[i]]] = wanted[held[i]] - displacements[held[i]];
             is_there = is_there && wanted[held[i]] == displacements[held[i]];
         }
-        return is_there ? MOTION_NONE : MOTION_FOUND;
+        return is_there ? MOTION_NONE : MOTION_SOLVED;
     }
     memset(room, 0, (size_t)(rows * (N + 1)) * sizeof *room);
     memcpy(A, J_C, (size_t)(c * N) * sizeof *A);
@@ -196,5 +196,5 @@ int nearest_motion(const drives_model *of, int c, const double *J_C, int g, cons
     lexicographic_problem p = motion_levels(c, h, s, N, ends);
     lexicographic_solve(&p, A, b, 0, limits, 0, limits + 3 * N, motion,
                         (int8_t *)(limits + 2 * N), report, 0);
-    return MOTION_FOUND;
+    return MOTION_SOLVED;
 }

@@ -13,7 +13,7 @@ if _find_spec("mujoco") is None:
 from sim.array import Array as Array
 from sim.closing.assembly import advance as advance
 from sim.closing.assembly import assemble as assemble
-from sim.closing.hold import Pin as Pin
+from sim.closing.fixed import Pin as Pin
 from sim.closing.newton import FRACTIONS as FRACTIONS
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
@@ -51,4 +51,4 @@ from sim.tasks.functions import LookAtTask as LookAtTask
 from sim.tasks.functions import PostureTask as PostureTask
 from sim.tasks.functions import RelativeFrameTask as RelativeFrameTask
 
-log_warnings()  # in every process that uses MuJoCo through us, workers too
+log_warnings()  # in every process that imports sim, workers included

@@ -1,4 +1,4 @@
-"""The array type of all signatures: float64 unless a docstring says otherwise."""
+"""Array type of all signatures: float64 unless a docstring says otherwise."""
 
 from typing import Any
 

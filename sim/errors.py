@@ -1,4 +1,4 @@
-"""Errors of the simulation, MuJoCo's own warnings, and which of these mean divergence."""
+"""Errors of the simulation, MuJoCo's warnings, and the warnings that mean divergence."""
 
 import logging
 from math import isfinite
@@ -12,20 +12,21 @@ from sim.array import Array
 _KIND = mujoco.mjtWarning
 BAD_CONTROL = int(_KIND.mjWARN_BADCTRL)
 _NOT_FINITE = slice(int(_KIND.mjWARN_BADQPOS), BAD_CONTROL + 1)
-"""MuJoCo clears the controls after the last, and resets the state, its time too, after others."""
+"""Counters of MuJoCo's warnings of non-finite numbers; after BADCTRL it clears the controls,
+after the others it resets the state, time included."""
 
 _log = logging.getLogger("sim")
 
 
 class ModelError(ValueError):
-    """An MJCF file or model that cannot be used; the message names the thing."""
+    """Error for an MJCF file or model that cannot be used; the message names the element."""
 
 
 class ClosureError(ModelError):
-    """An equality, or what is held or pinned, is open by a gap [m] or [rad], and stays so."""
+    """Error for an equality, or a held or pinned element, whose gap [m] or [rad] stays open."""
 
     def __init__(self, equality: str, gap: float, advice: str) -> None:
-        """Say what is open, by how much, and what to try."""
+        """Take the name of the open element, its gap [m] or [rad], and advice."""
         super().__init__(equality, gap, advice)  # so that it survives pickling
         self.equality, self.gap, self.advice = equality, gap, advice
 
@@ -34,16 +35,16 @@ class ClosureError(ModelError):
 
 
 class SimulationDiverged(RuntimeError):
-    """The simulation produced non-finite numbers, or was given some that MuJoCo does not take.
+    """Error for a simulation that produced, or was given, numbers that MuJoCo does not accept.
 
     Attributes:
-        time_s: When it was noticed.
-        state: The last finite state at a control period (mjSTATE_INTEGRATION), to go on from.
-        what: What happened, in words.
+        time_s: Simulated time at which it was noticed.
+        state: Last finite state at a control period (mjSTATE_INTEGRATION), for a restart.
+        what: Description of what happened.
     """
 
     def __init__(self, time_s: float, state: Array, what: str = "became non-finite") -> None:
-        # All in `args`, so that the exception survives the way out of a worker process.
+        # All in `args`, so that the exception can be pickled in a worker process.
         super().__init__(time_s, state, what)
         self.time_s, self.state, self.what = time_s, state, what
 
@@ -52,7 +53,7 @@ class SimulationDiverged(RuntimeError):
 
 
 def has_diverged(data: mujoco.MjData) -> bool:
-    """Whether a state left the finite numbers since it was made or reset."""
+    """Return whether the state has become non-finite since it was created or reset."""
     counts: Any = data.warning  # MuJoCo's stubs do not have the vector of all
     counted = any(counts.number.tolist()[_NOT_FINITE])
     return counted or not isfinite(dnrm2(data.qpos) + dnrm2(data.qvel))

@@ -1,6 +1,6 @@
-"""Files that a reader may be given and cannot use: one corpus for all readers.
+"""Corpus of unusable files for the tests of all readers.
 
-Each entry makes a file at a path; of the same path there may be a sound file before.
+Each entry writes a file to a path, where a valid file may exist.
 """
 
 import io
@@ -17,18 +17,18 @@ from fjh.study.spelling import LARGEST_FILE
 
 Spoil = Callable[[Path], object]
 EXECUTED = "executed"
-"""A folder that appears in the working folder if what a file holds was executed."""
+"""Folder that appears in the working folder if the content of a file was executed."""
 
 
 class Evil:
-    """An object whose reading makes a folder."""
+    """Object that creates a folder when it is unpickled."""
 
     def __reduce__(self):
         return os.mkdir, (EXECUTED,)
 
 
 def written(content: bytes) -> Spoil:
-    """Another content."""
+    """Return a function that writes other content."""
     return lambda path: path.write_bytes(content)
 
 
@@ -45,7 +45,7 @@ NO_FILES: dict[str, Spoil] = {
     "endless": lambda path: path.symlink_to("/dev/zero"),
     "huge": _huge,
 }
-"""What is not read at all, nor waited for."""
+"""Paths that must not be read or waited for."""
 
 CONTENTS: dict[str, Spoil] = {
     "empty": written(b""),
@@ -54,11 +54,11 @@ CONTENTS: dict[str, Spoil] = {
     "zeros": written(b"\0" * 300 + b"\n"),
     "pickled": written(pickle.dumps(Evil())),
 }
-"""What is no file of any format."""
+"""Contents of no known format."""
 
 
 def without_its_last(count: int) -> Spoil:
-    """A sound file that was not written to its end."""
+    """Return a function that removes the last bytes of a valid file."""
     return lambda path: os.truncate(path, max(0, path.stat().st_size - count))
 
 
@@ -74,21 +74,21 @@ def _flipped(path: Path) -> None:
 
 
 def saved(array: object) -> bytes:
-    """An array as NumPy writes it; objects are pickled."""
+    """Return an array as NumPy writes it; objects are pickled."""
     file = io.BytesIO()
     np.save(file, np.asarray(array), allow_pickle=True)
     return file.getvalue()
 
 
 def _declared(*shape: int) -> bytes:
-    """A header, and none of what it declares."""
+    """Return the header of an array without its data."""
     file = io.BytesIO()
     write_header(file, {"shape": shape, "fortran_order": False, "descr": "<f8"})
     return file.getvalue()
 
 
 def packed(**entries: bytes) -> Spoil:
-    """An `.npz` of these entries."""
+    """Return a function that writes an `.npz` of some entries."""
 
     def make(path: Path) -> None:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -99,7 +99,7 @@ def packed(**entries: bytes) -> Spoil:
 
 
 def _bomb(path: Path) -> None:
-    """It says of itself that it unpacks to more than may be read."""
+    """Write an archive that declares more unpacked data than may be read."""
     packed(time_s=_declared(LARGEST_FILE // 8) + bytes(1000))(path)
     content = path.read_bytes()  # its directory is believed
     at = content.rindex(b"PK\x01\x02") + 24
@@ -118,7 +118,7 @@ ARRAYS: dict[str, Spoil] = {
     "a flipped byte": _flipped,
     **CUT_OFF,
 }
-"""Of `.npz` files."""
+"""Broken `.npz` files."""
 
 
 def _path(time_s: np.ndarray, desired: np.ndarray) -> Spoil:
@@ -132,14 +132,14 @@ PATHS: dict[str, Spoil] = {
     "NaN inside": _path(np.arange(3.0), np.full((3, 2), np.nan)),
     "no ticks": _path(np.zeros(0), np.zeros((0, 2))),
 }
-"""Of `.npz` files with a path."""
+"""Broken `.npz` files of a path."""
 
 JSON: dict[str, Spoil] = {
     "nested without end": written(b"[" * 200_000),
     "endless number": written(b'{"a":' + b"9" * 6000 + b"}"),
     "half": written(b'{"columns": '),
 }
-"""Of JSON files."""
+"""Broken JSON files."""
 
 TABLES: dict[str, Spoil] = {
     "NaN": written(b"1,nan\n1,1\n"),
@@ -147,7 +147,7 @@ TABLES: dict[str, Spoil] = {
     "ragged": written(b"1,1\n1\n"),
     "of words": written(b"a,b\nc,d\n"),
 }
-"""Of CSV files."""
+"""Broken CSV files."""
 
 MODELS: dict[str, Spoil] = {
     "no machine": written(b"<mujoco/>"),
@@ -155,4 +155,4 @@ MODELS: dict[str, Spoil] = {
     "another format": written(b"<html></html>"),
     "NaN": written(b'<mujoco><worldbody><body><geom size="nan"/></body></worldbody></mujoco>'),
 }
-"""Of MJCF files."""
+"""Broken MJCF files."""

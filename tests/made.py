@@ -1,4 +1,4 @@
-"""A short run that no simulation made, and a study of nothing: for tests that are about files."""
+"""Artificial short run and study for tests of files, without a simulation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,12 +23,12 @@ ABOUT = About("made", "made-seed0", said=["Made."], parameters={"seed": 0})
 
 @cache
 def hexapod() -> Rig:
-    """The rig that the made runs are of."""
+    """Return the rig of the artificial runs."""
     return Rig.hexapod()
 
 
 def made_run() -> Run:
-    """The spiral's beginning, tracked up to noise; nothing else moves."""
+    """Create the start of the spiral, tracked up to noise, without other motion."""
     rng, bench, ticks = np.random.default_rng(0), TestbedConfig(), 400
     desired = bench.spiral_rad(ticks * bench.control_period_s)
 
@@ -58,7 +58,7 @@ def made_run() -> Run:
 
 
 def keep_made(folder: Path, name: str = "made", *, locked: bool = True) -> None:
-    """`made.npz` and `made.rrd`, as any study of the hexapod writes a run; strut 1 is locked."""
+    """Write `made.npz` and `made.rrd` as a study of the hexapod does; strut 1 is locked."""
     run = replace(made_run(), failures=(Failure(0, "locked"),) * locked)
     file, arrays = folder / f"{name}.rrd", hexapod_arrays(run)
     write_run(file, hexapod(), run, ABOUT, arrays=arrays, known="known")
@@ -67,14 +67,14 @@ def keep_made(folder: Path, name: str = "made", *, locked: bool = True) -> None:
 def made_view(
     *incidents: Change, diagnoses: Sequence[Change] = (), **arrays: np.ndarray
 ) -> RunView:
-    """A made run as it is shown, with what happened in it and some arrays of its file changed."""
+    """Create the view of an artificial run with some incidents and changed arrays."""
     rig, own = hexapod(), hexapod_arrays(made_run()) | arrays
     stated = replace(stated_of(rig), incidents=list(incidents), diagnoses=list(diagnoses))
     return RunView(stated, as_run_arrays(own), rig.model)
 
 
 def made_study(name: str, make: Callable[..., Result]) -> Study:
-    """A study of this name: a function that is called with its options."""
+    """Create a study of this name from a function of its options."""
 
     def study(
         *,

@@ -1,4 +1,4 @@
-"""Models for tests, `tests/models/*.xml`: a comment in each says what it is for."""
+"""Models for tests, `tests/models/*.xml`, each with a comment on its purpose."""
 
 import copy
 import tempfile
@@ -13,23 +13,23 @@ FOLDER = Path(__file__).with_suffix("")
 
 
 def text(name: str, *changes: tuple[str, str]) -> str:
-    """The file, with words replaced, each of which must be there."""
-    found = (FOLDER / f"{name}.xml").read_text()
+    """Return the text of a model file with replacements, each of which must apply."""
+    content = (FOLDER / f"{name}.xml").read_text()
     for old, new in changes:
-        assert old in found, old
-        found = found.replace(old, new)
-    return found
+        assert old in content, old
+        content = content.replace(old, new)
+    return content
 
 
 def saved(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
-    """A file of this text in a folder."""
+    """Write the text of a model with replacements to a folder."""
     file = folder / f"{name}.xml"
     file.write_text(text(name, *changes))
     return file
 
 
 def model(name: str, *changes: tuple[str, str], add_locks: bool = False) -> "mujoco.MjModel":
-    """The model, compiled once, as it is or as `load_model` adds locks: who asks gets a copy."""
+    """Return a copy of a model, compiled once, with locks added by `load_model` on request."""
     return copy.copy(_compiled(text(name, *changes), add_locks))
 
 

@@ -1,4 +1,4 @@
-"""Geoms on joints: pairs of shapes that float past each other, and arms among obstacles."""
+"""Scenes of geoms on joints: pairs of floating shapes, and arms among obstacles."""
 
 import itertools
 
@@ -19,7 +19,7 @@ STONE = '<mesh name="stone" vertex="0 0 0  0.2 0 0  0 0.2 0  0 0 0.2  0.15 0.15 
 
 
 def two(first: str, second: str) -> mujoco.MjModel:
-    """The first is on a slide, a hinge and a ball in a row; the second floats, or is the ground."""
+    """Create two geoms: one on a slide, hinge and ball in series, one floating or the ground."""
     other = f'<geom name="second" {SHAPES[second]} mass="1"/>'
     inner = f'<geom name="first" {SHAPES[first]} mass="1"/>'
     for joint in ("ball", "hinge", "slide"):
@@ -32,7 +32,7 @@ def two(first: str, second: str) -> mujoco.MjModel:
 
 
 def arm_among(obstacles: int, rng: np.random.Generator) -> mujoco.MjModel:
-    """A random arm of six hinges above a floor, and boxes, spheres and capsules within reach."""
+    """Create a random arm of six hinges above a floor, among boxes, spheres and capsules."""
     arm = ""
     for k in range(6):
         shape = ("capsule", "box", "sphere")[rng.integers(3)]
@@ -55,7 +55,7 @@ def arm_among(obstacles: int, rng: np.random.Generator) -> mujoco.MjModel:
 def distances_of(
     model: mujoco.MjModel, qpos: np.ndarray, pairs: np.ndarray, most_m: float
 ) -> np.ndarray:
-    """Distance of every pair at a pose, one after the other, in a state of its own."""
+    """Compute the distance of every pair at a pose, in a separate state."""
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
@@ -63,7 +63,7 @@ def distances_of(
 
 
 def moved(model: mujoco.MjModel, qpos: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The pose after a step on the manifold."""
+    """Return the pose after a step on the manifold."""
     there = qpos.copy()
     mujoco.mj_integratePos(model, there, step, 1.0)
     return there

@@ -252,7 +252,7 @@ static void fuzz_loops(void)
         held[i] = size(0, n ? n - 1 : 0);
     double *motion = room(N), *work = room(nearest_room(c, h, of.springs ? N : 0, N));
     if (nearest_motion(&of, c, usual(c * N), g, usual(g), h, held, usual(n), usual(n), work,
-                       motion) == MOTION_FOUND)
+                       motion) == MOTION_SOLVED)
         demand(within(motion, NULL, N), "a motion that was found is finite");
 
     const int bases = size(0, 2), columns = size(0, N), all = bases * N * columns;

@@ -1,4 +1,4 @@
-"""Screenshots of the page for the documentation: `python -m tools.live_pictures FOLDER`."""
+"""Screenshots of the live page for the documentation: `python -m tools.live_pictures FOLDER`."""
 
 import sys
 import tempfile
@@ -12,25 +12,25 @@ from tests.fjh.live.browser import Seen, browsed, free_port, served
 
 SIZE: ViewportSize = {"width": 1400, "height": 900}
 SINCE_S = 4.0
-"""Simulated time for which something has been broken."""
+"""Simulated time between failure and screenshot [s]."""
 ARM = (str(MODELS / "arm.xml"), "--site", "payload", "--major", "3,4,5")
 ELBOW = Rig.of_mjcf(ARM[0], major=[3, 4, 5]).actuators[3]
-SHOWN = {"live": ((), "strut1", "free"), "live_arm": (ARM, ELBOW, "lock")}
-"""Words of the command, and what is broken."""
+PICTURES = {"live": ((), "strut1", "free"), "live_arm": (ARM, ELBOW, "lock")}
+"""Arguments of the command, actuator and failure, by the name of the picture."""
 
 
 def main(folder: Path) -> None:
-    """Make all of them."""
+    """Write all screenshots to a folder."""
     with browsed() as browser, tempfile.TemporaryDirectory() as out:
-        for name, (words, actuator, word) in SHOWN.items():
-            with served(Path(out), *words, "--port", str(free_port())) as (_, url):
+        for name, (arguments, actuator, fault) in PICTURES.items():
+            with served(Path(out), *arguments, "--port", str(free_port())) as (_, url):
                 page = Seen(browser.new_page(viewport=SIZE), url)
-                # That the browser draws without a graphics card.
+                # Close the notice that the browser draws without a graphics card.
                 notice = page.page.get_by_role("alert").filter(has_text="Software WebGL")
                 notice.get_by_role("button").click()
-                begin = page.until(lambda said: "believed sound" in said.supervised).clock_s
-                page.make(actuator, word)
-                page.until(lambda said, end=begin + SINCE_S: said.clock_s > end)
+                start_s = page.until(lambda state: "believed sound" in state.supervised).clock_s
+                page.make(actuator, fault)
+                page.until(lambda state, end=start_s + SINCE_S: state.clock_s > end)
                 page.page.screenshot(path=folder / f"{name}.png")
                 page.page.close()
 

@@ -1,9 +1,9 @@
-"""`make test-processors`: the short tests, computed as on other processors.
+"""`make test-processors`: run the short tests with the arithmetic of other processors.
 
 The last bits of a sum depend on the order of its terms, which OpenBLAS and numpy choose by the
 processor and the number of threads. Each setting forces a choice; the last reverses the test files.
 
-    python tools/processors.py [NAME ...]    those settings, or all; exits with how many failed
+    python tools/processors.py [NAME ...]    these settings, or all; exit code: number that failed
 """
 
 import os
@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 KERNELS = ("Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX")
-"""Of OpenBLAS, for processors of 2008 (SSE4) to 2017 (AVX-512)."""
+"""Kernels of OpenBLAS, for processors of 2008 (SSE4) to 2017 (AVX-512)."""
 
 LOADED = """
 import numpy, scipy.linalg, threadpoolctl
@@ -24,7 +24,7 @@ FEATURES = "import numpy; print(*numpy.show_config(mode='dicts')['SIMD Extension
 
 
 def output(code: str, **environment: str) -> str:
-    """What Python prints, or nothing where it does not survive."""
+    """Return what a Python program prints, or an empty string if it fails."""
     ran = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True
     )
@@ -32,38 +32,38 @@ def output(code: str, **environment: str) -> str:
 
 
 def settings() -> dict[str, dict[str, str]]:
-    """Environment variables by the name of a setting; of kernels those that differ here."""
+    """Return environment variables by setting; kernels equal on this machine appear once."""
     kernels: dict[str, str] = {}
     for kernel in KERNELS:
         if loaded := output(LOADED, OPENBLAS_CORETYPE=kernel):
             kernels.setdefault(loaded, kernel)
-    found = {kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in kernels.values()}
-    wide = [each for each in output(FEATURES).split() if each[:4] in ("AVX2", "FMA3", "AVX5")]
-    found["no-avx2-fma3"] = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide)}
-    return found | {"two-threads": {"OPENBLAS_NUM_THREADS": "2"}, "reversed": {}}
+    variables = {kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in kernels.values()}
+    wide = [name for name in output(FEATURES).split() if name[:4] in ("AVX2", "FMA3", "AVX5")]
+    variables["no-avx2-fma3"] = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide)}
+    return variables | {"two-threads": {"OPENBLAS_NUM_THREADS": "2"}, "reversed": {}}
 
 
 def run(name: str, environment: dict[str, str]) -> bool:
-    """Whether the short tests pass."""
+    """Run the short tests with some environment variables; return whether they pass."""
     print(f"== {name}: {environment or 'test files from the last to the first'}", flush=True)
     files = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("test_*.py"))
     order = ["--no-loadscope-reorder", *reversed(files)] if name == "reversed" else []
-    words = ("--numprocesses", "auto", "--dist", "loadfile", "--quiet", "-m", "not long", *order)
+    args = ("--numprocesses", "auto", "--dist", "loadfile", "--quiet", "-m", "not long", *order)
     # Other kernels are slower.
     environment = {"OPENBLAS_NUM_THREADS": "1", "PROCESSOR_TIME": "unlimited"} | environment
-    pytest = [sys.executable, "-m", "pytest", *words]
+    pytest = [sys.executable, "-m", "pytest", *args]
     code = subprocess.run(pytest, cwd=ROOT, env=os.environ | environment).returncode
     print(f"== {name}: {f'FAILED, exit code {code}' if code else 'passed'}", flush=True)
     return code == 0
 
 
 def main() -> int:
-    """Number of settings in which a test failed."""
-    known = settings()
-    chosen = sys.argv[1:] or list(known)
-    if unknown := set(chosen) - set(known):
-        sys.exit(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(known)}")
-    failed = [name for name in chosen if not run(name, known[name])]
+    """Run the settings of the command line; return the number in which a test failed."""
+    available = settings()
+    chosen = sys.argv[1:] or list(available)
+    if unknown := set(chosen) - set(available):
+        sys.exit(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(available)}")
+    failed = [name for name in chosen if not run(name, available[name])]
     print(f"{len(chosen) - len(failed)} of {len(chosen)} settings passed", *failed, sep="\n")
     return len(failed)
 

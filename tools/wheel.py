@@ -1,6 +1,7 @@
 """`make wheel-test`: build the wheel, install it step by step in an empty environment, use it.
 
-`python tools/wheel.py FILE.whl` takes this one. Needs a package index: pytest leaves this file out.
+`python tools/wheel.py FILE.whl` tests a given wheel. It needs a package index, so pytest does not
+run it.
 """
 
 import os
@@ -35,7 +36,7 @@ rates = failed.expand(mapping([0.1]))
 assert rates[0] == 0 and abs(rates[1] + 0.5 * rates[2] - 0.1) < 1e-15
 print(mapping.status.value)
 """
-"""What a user without a simulator does, and every module that is then to be had."""
+"""Program of a user without a simulator, which imports every module available then."""
 
 TYPED = """
 import fjh
@@ -49,28 +50,28 @@ c: int = Failure.__name__
 d: int = fjh.__version__
 e: int = Result.__name__
 """
-"""A user's file whose last five lines a type checker refuses, if it sees the types."""
+"""User's file with type errors in its last five lines, which a type checker must report."""
 
 
 class Environment:
-    """A virtual environment, and a folder from which its commands run."""
+    """Virtual environment, and a folder from which its commands run."""
 
     def __init__(self, place: Path) -> None:
         self.bin, self.folder = place / "venv" / "bin", place / "user"
         self.folder.mkdir()
         run(sys.executable, "-m", "venv", str(place / "venv"), cwd=place)
 
-    def __call__(self, command: str, *words: str, code: int = 0) -> str:
-        """Output of a command, which must end with this exit code."""
-        return run(str(self.bin / command), *words, cwd=self.folder, code=code)
+    def __call__(self, command: str, *arguments: str, code: int = 0) -> str:
+        """Run a command, which must end with this exit code; return its output."""
+        return run(str(self.bin / command), *arguments, cwd=self.folder, code=code)
 
     def install(self, *requirements: str) -> None:
-        """From the index, the versions that CI uses."""
+        """Install packages from the index, in the versions that CI uses."""
         options = ("--quiet", "--no-compile", "--constraint", str(ROOT / "constraints.txt"))
         self("python", "-m", "pip", "install", *options, *requirements)
 
     def build(self, place: Path) -> Path:
-        """The wheel of a copy of the checkout: leftovers of former builds would go into it."""
+        """Build the wheel of a copy of the checkout, without files of former builds."""
         copy = shutil.copytree(ROOT, place / "copy", ignore=shutil.ignore_patterns(*NOT_SOURCES))
         options = ("--quiet", "--no-deps", "--wheel-dir", str(place))
         self("python", "-m", "pip", "wheel", *options, str(copy))
@@ -78,14 +79,12 @@ class Environment:
         return wheel
 
 
-def run(*words: str, cwd: Path, code: int = 0) -> str:
-    """What a command prints, both streams; another exit code than this ends the test."""
-    print(
-        "+", Path(words[0]).name, *(word.replace("\n", "; ")[:60] for word in words[1:]), flush=True
-    )
+def run(*args: str, cwd: Path, code: int = 0) -> str:
+    """Run a command and return both output streams; exit if its exit code differs from `code`."""
+    print("+", Path(args[0]).name, *(arg.replace("\n", "; ")[:60] for arg in args[1:]), flush=True)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
-        words, cwd=cwd, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        args, cwd=cwd, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
     if done.returncode != code:
         sys.exit(f"exit code {done.returncode}, expected {code}:\n{done.stdout}")
@@ -93,14 +92,14 @@ def run(*words: str, cwd: Path, code: int = 0) -> str:
 
 
 def extra_of(sentence: str) -> str:
-    """The extra that a one-line refusal names."""
+    """Return the extra that a one-line error message names."""
     lines = [line for line in sentence.splitlines() if not line.startswith(("  ", "Traceback"))]
     assert len(lines) == 1, sentence
     return re.findall(r'pip install "\.(\[\w+\])"', lines[0])[0]
 
 
 def main() -> None:
-    """Raise or exit with a message where the wheel does not do what the README says."""
+    """Test the wheel; raise or exit with a message if it fails."""
     with TemporaryDirectory() as folder:
         user = Environment(Path(folder))
         wheel = Path(sys.argv[1]).resolve() if sys.argv[1:] else user.build(Path(folder))
@@ -121,8 +120,8 @@ def main() -> None:
         print(user("python", "-c", "\n".join(blocks)), end="")
         (user.folder / "typed.py").write_text(TYPED)
         complaints = user("python", "-m", "mypy", "typed.py", code=1)
-        found = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)
-        assert found == [(str(line), "assignment") for line in range(7, 12)], complaints
+        errors = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)
+        assert errors == [(str(line), "assignment") for line in range(7, 12)], complaints
     print(f"{wheel.name} installs and runs on Python {sys.version.split()[0]}")
 
 

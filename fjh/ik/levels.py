@@ -51,7 +51,7 @@ class Levels(NamedTuple):
             raise ValueError("tasks must have one at least in each level, and none twice")
         located = tuple(tuple(task.on(model) for task in level) for level in tasks)
         for task in every:
-            task.give()
+            task.fix()
         rows = [
             task
             for level, places in zip(tasks, located, strict=True)

@@ -445,7 +445,7 @@ class LimitsOf(NamedTuple):
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
-            ends.append(self.coupled.room(data))
+            ends.append(self.coupled.slack(data))
         data.qpos[:] = start
         lacking = np.minimum(ends[1], 0.0) - ends[0]
         if (lacking <= _BENT * period_s * float(np.abs(qvel).max()) + _ROUND_OFF**2).all():
@@ -479,7 +479,7 @@ class LimitsOf(NamedTuple):
         self, data: mujoco.MjData, v: Array, span_s: float
     ) -> tuple[Array, Array, Array, Indices]:
         """R of what several joints move, its room, the part that a tick may take, and geoms."""
-        rows, room, pairs = self.coupled.rows(data), self.coupled.room(data), _NO_PAIRS
+        rows, room, pairs = self.coupled.rows(data), self.coupled.slack(data), _NO_PAIRS
         gain, distances = np.ones(len(room)), self.limits.distances
         if distances is not None:
             qvel = v[: self.model.nv]

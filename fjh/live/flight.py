@@ -78,7 +78,7 @@ class Flight:
         if kind == SOUND:
             self._bench.plant.repair(actuator)
         else:
-            Failure(actuator, kind, self.now_s).strike(self._bench.plant)
+            Failure(actuator, kind, self.now_s).inject(self._bench.plant)
         self.changes.append((self.now_s, actuator, kind))
 
     def begin(self, name: str) -> None:

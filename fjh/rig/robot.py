@@ -66,7 +66,7 @@ class Robot:
     @property
     def model(self) -> mujoco.MjModel:
         """Of all that the file holds."""
-        return self.scene.whole
+        return self.scene.model
 
     def plant(self, model: mujoco.MjModel) -> Plant:
         """With this model of all that the file holds."""
@@ -84,7 +84,7 @@ class Robot:
         scene, axes = self.scene, self.options.axes
         if scene.part is None:
             return self.known
-        return Plant(scene.own, base=axes, payload=scene.frame, start=scene.own_start)
+        return Plant(scene.task_model, base=axes, payload=scene.frame, start=scene.task_start)
 
     @cached_property
     def linear(self) -> LinearPlant:
@@ -123,7 +123,7 @@ class Robot:
 
     def _mechanism(self, *, springs: bool) -> Mechanism:
         scene, axes = self.scene, self.options.axes
-        return Mechanism(scene.own, scene.own_start, scene.frame, axes, springs=springs)
+        return Mechanism(scene.task_model, scene.task_start, scene.frame, axes, springs=springs)
 
 
 def robot_of(
@@ -144,10 +144,10 @@ def robot_of(
         scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz, settle)
     except ClosureError as error:
         raise ModelError(f"{file}: {error}") from None
-    model = scene.whole
+    model = scene.model
     steps = max(1, math.ceil(options.period / model.opt.timestep - 1e-9))
     size = _usual_size(model, options.major) if options.size is None else options.size
-    goal = _goal(len(drives(scene.own)), options)
+    goal = _goal(len(drives(scene.task_model)), options)
     return Robot(scene, options, steps * model.opt.timestep, goal, size)
 
 
@@ -158,13 +158,13 @@ def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
-    scene, idle = robot.scene, robot.linear.idle
+    scene, idle = robot.scene, robot.linear.unobservable_joints
     return (
         *left_out_of(robot),
         *([f"nothing holds, and no task feels, a motion of {listed(idle)}"] if idle else ()),
-        *scene.moved,
+        *scene.start_warnings,
         *robot.mechanism.nominal.warnings,
-        *beyond_linear(scene.own, scene.own_start),
+        *beyond_linear(scene.task_model, scene.task_start),
         *robot.known.soft_locks.values(),
     )
 

@@ -63,7 +63,7 @@ class RobotMachine:
             failures=failures,
             drives=partial(np.multiply, per_command),
             delay_ticks=sizes.delay_ticks,
-            keep_qpos=True,
+            log_qpos=True,
             events=events,
         )
 

@@ -162,9 +162,9 @@ def simulate(
     try:
         looped = run_loop(machine, controller, reference, demands, keeps=_estimate)
     except (ValueError, TypeError, AttributeError):
-        if bench.gap is None:
+        if bench.reading_error is None:
             raise
-        raise bench.gap from None
+        raise bench.reading_error from None
     return run_of(rig, bench, looped, times, reference, failures, kept)
 
 

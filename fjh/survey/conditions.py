@@ -150,7 +150,7 @@ def examined_elsewhere(
         Joint positions (nq,) of the model that the task involves, and what is left there, of each.
     """
     closed = [data for qpos in drawn(robot, count, seed) if (data := _closed(robot, qpos))]
-    reader = JacobianReader(robot.scene.own, robot.scene.frame, robot.options.axes)
+    reader = JacobianReader(robot.scene.task_model, robot.scene.frame, robot.options.axes)
     systems = [{"system": subject.system.at_pose(reader.at(data))} for data in closed]
     n = len(subject.actuators)
     examined_at = of_conditions(subject, min(most_failures(n), 2 if n <= BOTH_UP_TO else 1))
@@ -172,9 +172,9 @@ def drawn(robot: Robot, count: int, seed: int) -> Array:
     """
     from scipy.stats.qmc import Sobol  # late: a matrix does not wait for it
 
-    model, start = robot.scene.own, robot.scene.own_start.qpos
+    model, start = robot.scene.task_model, robot.scene.task_start.qpos
     joints = np.flatnonzero(one_axis(model))
-    if robot.scene.own_start.eq_active.any():
+    if robot.scene.task_start.eq_active.any():
         joints = np.intersect1d(joints, [d.joint for d in drives(model) if d.joint is not None])
     if not joints.size:
         return np.zeros((0, model.nq))
@@ -192,7 +192,7 @@ def drawn(robot: Robot, count: int, seed: int) -> Array:
 
 def _closed(robot: Robot, qpos: Array) -> mujoco.MjData | None:
     """The nearest posture with closed loops; None without one inside the joint ranges."""
-    model, data = robot.scene.own, copy.copy(robot.scene.own_start)
+    model, data = robot.scene.task_model, copy.copy(robot.scene.task_start)
     data.qpos[:] = qpos
     try:
         closed = assemble(model, data)

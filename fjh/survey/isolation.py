@@ -158,7 +158,7 @@ def further_sensors(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
     Encoders of the actuators, the other rows of the twist, and encoders of hinges and slides that
     nothing drives, by name. All are as precise as forward kinematics from the actuators' encoders.
     """
-    linear, model = rig.machine.robot.linear, rig.machine.robot.scene.own
+    linear, model = rig.machine.robot.linear, rig.machine.robot.scene.task_model
     assert linear.motion is not None  # that of a plant
     encoders, moves = linear.C_active, linear.motion
     driven = {drive.joint for drive in rig.machine.robot.alone.drives}

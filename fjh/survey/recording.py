@@ -123,7 +123,7 @@ def title(subject: Subject, start: Examined, loss: Loss, most: int = 3) -> str:
 def _scene(subject: Subject, start: Examined, loss: Loss) -> Scene:
     """All joints swing slowly about the start; bodies that failed actuators move are named."""
     assert subject.robot is not None  # a matrix has no losses
-    model, nominal = subject.robot.scene.own, np.array(subject.robot.scene.own_start.qpos)
+    model, nominal = subject.robot.scene.task_model, np.array(subject.robot.scene.task_start.qpos)
     joints = loss.velocities[: model.nv]  # behind them: of drives that are no joints
     # It ends at its largest: the viewer opens there.
     time_s = np.arange(round(1.25 * _PERIOD_S * _RATE_HZ) + 1) / _RATE_HZ

@@ -144,7 +144,7 @@ def robot_subject(
     """
     path = HEXAPOD_MJCF if file is None else file
     robot = robot_of(path, options, settle=False)
-    driven = drives(robot.scene.own)
+    driven = drives(robot.scene.task_model)
     names = tuple(own for own, *_ in names_of(driven))
     rates, source = input_limits(lower, upper, names)
     of_file = _together([_rate_range(drive) for drive in driven])
@@ -169,7 +169,7 @@ def robot_subject(
         torques=forces or input_limits(None, None, names)[0],
         sources={"rates": source, "forces": forces and "force ranges of the file, without gravity"},
         robot=robot,
-        warnings=(*left_out_of(robot), *robot.scene.moved, *robot.rigid.nominal.warnings),
+        warnings=(*left_out_of(robot), *robot.scene.start_warnings, *robot.rigid.nominal.warnings),
     )
 
 

@@ -1,1 +1,1 @@
-"""Closed loops: their equalities, what is held meanwhile, and positions that close them."""
+"""Closed loops: equalities, fixed joints and frames, and joint positions that close them."""

@@ -1,4 +1,4 @@
-"""Joint positions at which every loop is closed, and steps from there that close them again."""
+"""Joint positions with closed loops, and steps along velocities that keep them closed."""
 
 import copy
 import warnings
@@ -11,7 +11,7 @@ import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures
-from sim.closing.hold import Hold, Pin, hold
+from sim.closing.fixed import FixedMotion, Pin, fixed_motion
 from sim.closing.newton import CLOSED, Loops, close
 from sim.errors import ClosureError
 from sim.mjcf.frame import Body
@@ -19,14 +19,15 @@ from sim.mjcf.joints import mass_of, turning
 from sim.mjcf.model import bring_up_to_date, check_size, check_state, name_of, start_of
 
 _LONGEST_TURN_RAD = 1.0
+"""Largest rotation of a joint in one step [rad]."""
 _LONGEST_CORRECTION = 0.05
-"""Part of a motion that closing the loops again may change: so far it is what was asked for."""
+"""Largest correction by closing the loops, as a fraction of the requested motion."""
 _SHORTEST = 1e-9
-"""Part of a motion that is tried: a shorter one is lost in what counts as closed."""
+"""Smallest fraction of a motion that is tested: shorter ones are within the closure tolerance."""
 _CANCELLED = 1e-6
-"""Part of the fastest site's motion below which a site stays where it is."""
+"""Fraction of the fastest site's motion below which a site counts as not moved."""
 _FOLLOWED = 0.2
-"""Part of its way by which a site may miss after a step that is shortened as advised."""
+"""Deviation of a site, as a fraction of its motion, that the advised step length allows."""
 
 
 def assemble(
@@ -37,39 +38,37 @@ def assemble(
     *,
     geometry_accuracy: float | None = None,
 ) -> mujoco.MjData:
-    """A state whose `qpos` closes every active equality to 1e-10 rad, or of its own length.
+    """Return a state whose `qpos` closes every active equality.
 
-    Of a length that is 1e-10 m in a model of a metre, 1e-7 mm in the same model in millimetres: the
-    own length is the longest chain from a joint to what closures or pins hold. Where round-off lets
-    it be, a gap is below 1e-10 in the unit of a larger model, too.
+    Gaps are at most 1e-10 rad or 1e-10 mechanism lengths, the longest chain from a joint to a
+    closure or pin: 1e-10 m for a mechanism of one metre, 1e-7 mm for the same in millimetres. If
+    round-off permits, they are below 1e-10 units in larger models as well.
 
-    Newton's method on the manifold of joint positions: each step closes the gaps to first order
-    with the least change in the metric of the mass matrix. Joint limits do not count.
+    Newton's method is used on the manifold of joint positions: each step closes the gaps to first
+    order with the least change in the metric of the mass matrix. Joint limits are ignored.
 
-    An over-constrained mechanism closes as far as its geometry is accurate: with axes that are
-    parallel to 1e-6 only, gaps of this size stay that no motion within it can close.
+    An over-constrained mechanism is closed to the accuracy of its geometry: if axes are parallel
+    to 1e-6 only, gaps of this size remain that no motion can close.
 
-    Equalities of a flex beside the mechanism, such as a cloth, are left out, and a `RuntimeWarning`
-    names each.
+    Equalities of a flex outside the mechanism, such as a cloth, are left out, each with a
+    `RuntimeWarning`.
 
     Args:
         model: Any model.
-        data: The state to begin from, which stays as it is; None is the model's
-            first keyframe, or `qpos0` where it has none, as everywhere.
-        held: What does not move: names of joints, tendons or actuators, or velocity indices as in
-            `system.stuck`.
-        pinned: Frames that stay where they are: names of sites, :class:`Body`, or :class:`Pin`.
-        geometry_accuracy: In rad or relative length; None is what the numbers of the model show, as
-            in `jac.geometry_accuracy`, and mostly zero.
+        data: Start state, which is not changed; None is the model's first keyframe, or `qpos0`.
+        held: Elements that do not move: names of joints, tendons or actuators, or velocity indices
+            as in `system.stuck`.
+        pinned: Frames that do not move: names of sites, :class:`Body`, or :class:`Pin`.
+        geometry_accuracy: Accuracy in rad or relative length; None estimates it from the model's
+            numbers, as in `jac.geometry_accuracy`, and is zero for most models.
 
     Returns:
-        A new state, derived quantities up to date.
+        A new state with derived quantities up to date.
 
     Raises:
-        ClosureError: An equality that does not close: which, and how far it stays open.
-        ModelError: A name that does not exist; an active equality that ties a flex to what
-            actuators, closures or pins have to do with; closures that the model's flags switch
-            off.
+        ClosureError: An equality does not close; the message has its name and gap.
+        ModelError: A name does not exist; an active equality couples a flex to the mechanism; or
+            the model's flags disable active closures.
     """
     check.instance("model", model, mujoco.MjModel)
     if data is not None:
@@ -77,7 +76,7 @@ def assemble(
     closed = start_of(model) if data is None else copy.copy(data)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    fixed = hold(model, held, pinned)
+    fixed = fixed_motion(model, held, pinned)
     for sentence in _close_in_place(model, closed, fixed, geometry_accuracy)[1]:
         warnings.warn(sentence, RuntimeWarning, stacklevel=2)
     return closed
@@ -95,39 +94,38 @@ def advance(
     warn_of_misses: bool = True,
     into: mujoco.MjData | None = None,
 ) -> mujoco.MjData:
-    """The state after moving at a constant velocity for some time, all loops closed again.
+    """Return the state after moving at a constant velocity for some time, with closed loops.
 
-    A step that is too long is shortened, and a `RuntimeWarning` says to which part and why: no
-    joint turns by more than 1 rad, and closing the loops again changes the motion by at most a
-    twentieth. From there the next step goes on.
+    A step that is too long is shortened, with a `RuntimeWarning` that has the fraction and the
+    reason: no joint rotates by more than 1 rad, and closing the loops changes the motion by at most
+    5 %. The next step can continue from the new state.
 
     Args:
         model: The model.
-        data: The state to begin from, which stays as it is unless it is `into`.
-        velocity: Of all joints, in MuJoCo's order, shape (N,), as `kin.velocities(rates)`; what
-            follows the first nv numbers belongs to transmissions and follows from these.
-        duration_s: How long; 1 for a velocity that is a displacement.
-        held: What takes no part in closing the loops: joints that are stuck (`system.stuck`), or
+        data: Start state, which is not changed unless it is `into`.
+        velocity: Velocities in MuJoCo's order, shape (N,), as `kin.velocities(rates)`; those after
+            the first nv belong to transmissions and are ignored, since they follow from the others.
+        duration_s: Duration [s]; 1 for a velocity that is a displacement.
+        held: Elements that closing the loops does not move: stuck joints (`system.stuck`), or
             actuated ones that must move exactly as commanded.
-        pinned: As for :func:`assemble`.
-        geometry_accuracy: As for :func:`assemble`.
-        warn_of_misses: Whether a site that misses is told, as below; a loop corrects it in its next
-            tick.
-        into: A state of this model that becomes the new one; it may be `data`. After an error its
-            `qpos` is that of `data`. None is another one, which takes 0.3 ms to make.
+        pinned: Frames that do not move, as for :func:`assemble`.
+        geometry_accuracy: Accuracy of the geometry, as for :func:`assemble`.
+        warn_of_misses: Whether to warn of deviating sites, see below; a control loop corrects
+            them in its next tick.
+        into: State of this model to be overwritten; it may be `data`. After an error its `qpos` is
+            that of `data`. None creates a new state, which takes 0.3 ms.
 
     Returns:
-        The new state, up to date but for contacts and the mass matrix. Its `time` is later by the
-        duration that was really taken: `duration_s`, or the part of it that a shortened step is.
+        The new state, up to date except contacts and the mass matrix. Its `time` increases by the
+        duration of the step actually taken.
 
-    Where a site misses where its velocity leads by more than the way there, as next to a singular
-    pose, a `RuntimeWarning` says which and how much shorter the step must be: the site follows the
-    command to a fifth then. Sites whose velocities cancel entirely are no part of a command.
+    If a site deviates from its commanded end by more than its commanded motion, as near a singular
+    pose, a `RuntimeWarning` has its name and the step length with which it follows the command to
+    20 %. Sites whose commanded velocity is zero up to round-off are excluded.
 
     Raises:
-        ValueError: The velocity opens the loops, or moves what is pinned, so that no part of the
-            step is short enough.
-        ClosureError, ModelError, TypeError: As :func:`assemble`, of the state to begin from.
+        ValueError: The velocity opens the loops or moves a pinned frame, for any step length.
+        ClosureError, ModelError, TypeError: As for :func:`assemble`, for the start state.
     """
     check_state(model, data)
     v = check.array("velocity", velocity, None)
@@ -137,8 +135,8 @@ def advance(
     motion = check.array("velocity times duration_s", v[: model.nv] * duration_s, None)
     if geometry_accuracy is not None:
         check.number("geometry_accuracy", geometry_accuracy, 0.0)
-    fixed = hold(model, held, pinned)
-    is_told = check.flag("warn_of_misses", warn_of_misses)
+    fixed = fixed_motion(model, held, pinned)
+    warns = check.flag("warn_of_misses", warn_of_misses)
     if into is not None and into is not data:
         check_size("into", model, into)
         mujoco.mj_copyData(into, model, data)
@@ -148,11 +146,11 @@ def advance(
         loops = None
         if fixed.binds(moved):
             loops = _close_in_place(model, moved, fixed, geometry_accuracy)[0]
-            loops = loops.holding(fixed.at(moved))
+            loops = loops.with_fixed(fixed.at(moved))
         else:
             mujoco.mj_kinematics(model, moved)
             mujoco.mj_comPos(model, moved)
-        told = _site_motion(model, moved, motion) if is_told else None
+        site_motion = _site_motion(model, moved, motion) if warns else None
         part, why = _turned(model, motion)
         if loops is None:
             mujoco.mj_integratePos(model, moved.qpos, part * motion, 1.0)
@@ -164,30 +162,30 @@ def advance(
         raise
     moved.time += part * duration_s
     if why:
-        shorter = f"the step is shortened to {part:.3g} of what is asked for, else {why}"
+        shorter = f"the step is shortened to {part:.3g} of the requested one, else {why}"
         warnings.warn(shorter, RuntimeWarning, stacklevel=2)
-    if told is not None and (miss := _miss(model, part, *told, moved.site_xpos)):
+    if site_motion is not None and (miss := _miss(model, part, *site_motion, moved.site_xpos)):
         warnings.warn(miss, RuntimeWarning, stacklevel=2)
     return moved
 
 
 def _close_in_place(
-    model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: float | None
+    model: mujoco.MjModel, data: mujoco.MjData, fixed: FixedMotion, accuracy: float | None
 ) -> tuple[Loops, tuple[str, ...]]:
-    """Close the loops of a state; returns them, and a sentence for each equality left out."""
+    """Close the loops of a state; return them, and a sentence for each equality left out."""
     mujoco.mj_fwdPosition(model, data)
-    beside = check_closures(model, data, [pin.frame for pin in fixed.pins])
+    sentences = check_closures(model, data, [pin.frame for pin in fixed.pins])
     loops = Loops(model, active_closures(model, data), fixed.at(data), accuracy)
     close(data, loops)
-    return loops, beside
+    return loops, sentences
 
 
 def _turned(model: mujoco.MjModel, motion: Array) -> tuple[float, str]:
-    """The part of a motion of which no joint turns too far, and which joint would.
+    """Return the fraction of a motion that limits all joint rotations, and the limiting joint.
 
-    Beyond a radian a velocity says little about where the task goes.
+    Beyond 1 rad the velocity predicts the task motion poorly.
     """
-    if np.abs(motion).max(initial=0.0) <= _LONGEST_TURN_RAD:  # mostly, and faster
+    if np.abs(motion).max(initial=0.0) <= _LONGEST_TURN_RAD:  # the usual case, and faster
         return 1.0, ""
     turns = np.abs(motion) * turning(model)
     if not exceeds(turns.max(initial=0.0), _LONGEST_TURN_RAD):
@@ -202,34 +200,35 @@ def _turned(model: mujoco.MjModel, motion: Array) -> tuple[float, str]:
 def _follow(
     data: mujoco.MjData, loops: Loops, motion: Array, part: float, why: str
 ) -> tuple[float, str]:
-    """Move in place by the longest part of a motion (nv,) after which loops close with few changes.
+    """Move in place by the largest fraction of a motion (nv,) with a small loop correction.
 
-    Takes the part to try first and why it is not all; returns those of the part that was taken.
+    `part` and `why` are the first fraction to test and the reason if it is below 1; those of the
+    fraction that was taken are returned.
 
     Raises:
-        ValueError: No part is short enough.
+        ValueError: No fraction is small enough.
     """
-    begun, is_first = data.qpos.copy(), True
+    start, first_attempt = data.qpos.copy(), True
     while part > _SHORTEST:
         step = part * motion
-        goal = loops.holding(loops.fixed.moved(loops.model, data, step))
+        goal = loops.with_fixed(loops.fixed.moved(loops.model, data, step))
         shorter, fault = _fault(data, goal, step)
         if not fault:
             return part, why
         part, why = part * shorter, fault
-        data.qpos[:] = begun
+        data.qpos[:] = start
         mujoco.mj_fwdPosition(loops.model, data)
-        if is_first and _opens(data, goal, step):
+        if first_attempt and _opens(data, goal, step):
             break
-        is_first = False
+        first_attempt = False
     raise ValueError(f"the velocity must keep the loops closed: however short the step, {why}")
 
 
 def _fault(data: mujoco.MjData, goal: Loops, step: Array) -> tuple[float, str]:
-    """Take a step in place and close the loops; if it is too long, what part to try next, and why.
+    """Take a step in place and close the loops; if it is too long, return a factor and the reason.
 
-    The correction grows with the square of the step. That foresees the part to within what it
-    neglects; no more than half of the step is taken back by it.
+    The factor for the next test is predicted from the correction, which grows with the square of
+    the step, and is at least 0.5. It is 1 if the step is taken.
     """
     model = goal.model
     mujoco.mj_integratePos(model, data.qpos, step, 1.0)
@@ -245,58 +244,58 @@ def _fault(data: mujoco.MjData, goal: Loops, step: Array) -> tuple[float, str]:
         return 1.0, ""
     data.qpos[:] = before
     mujoco.mj_fwdPosition(model, data)
-    foreseen = (1.0 - _LONGEST_CORRECTION) * _LONGEST_CORRECTION * length / change
+    predicted = (1.0 - _LONGEST_CORRECTION) * _LONGEST_CORRECTION * length / change
     opened = goal.largest_gap(data)[1]
     why = f"closing {opened} again changes {change / length:.0%} of the motion"
-    return max(foreseen, 0.5), why
+    return max(predicted, 0.5), why
 
 
 def _opens(data: mujoco.MjData, goal: Loops, step: Array) -> bool:
-    """Whether a motion opens the loops to first order, so that no part of it is short enough.
+    """Return whether a motion opens the loops to first order, so that any fraction is too long.
 
-    The least correction that keeps them closed is too long; or what no motion closes is too large a
-    part of the most that a motion of this length may open.
+    This is the case if the least correction is too long, or if the gap that no motion can close is
+    a large fraction of the largest gap that a motion of this length can open.
     """
     rows, units = goal.rows(data), goal.velocity_units
     gaps, closing = goal.gaps(data) + rows @ step, goal.closable(rows)
     closable = closing @ gaps
     correction = goal.least_change(data, closing @ rows, -closable)
     change, length = _lengths(goal.model, data, correction, step)
-    rest = np.linalg.norm(gaps - closing.T @ closable)
+    remaining = np.linalg.norm(gaps - closing.T @ closable)
     most = np.linalg.norm(rows * units) * np.linalg.norm(step / units)
-    return change > _LONGEST_CORRECTION * length or bool(rest > _LONGEST_CORRECTION * most)
+    return change > _LONGEST_CORRECTION * length or bool(remaining > _LONGEST_CORRECTION * most)
 
 
 def _lengths(model: mujoco.MjModel, data: mujoco.MjData, *motions: Array) -> list[float]:
-    """Lengths of motions (nv,) in the metric of the mass matrix."""
+    """Return the lengths of motions (nv,) in the metric of the mass matrix."""
     mass = mass_of(model, data)
     return [float(np.sqrt(motion @ mass @ motion)) for motion in motions]
 
 
 def _site_motion(model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> tuple[Array, Array]:
-    """Where each site is, and its displacement to first order, shape (nsite, 3) each."""
-    wanted, rows = np.empty((model.nsite, 3)), np.zeros((3, model.nv))
+    """Return the position of each site and its first-order displacement, (nsite, 3) each."""
+    planned, rows = np.empty((model.nsite, 3)), np.zeros((3, model.nv))
     for k in range(model.nsite):
         mujoco.mj_jacSite(model, data, rows, None, k)
-        wanted[k] = rows @ motion
-    return data.site_xpos.copy(), wanted
+        planned[k] = rows @ motion
+    return data.site_xpos.copy(), planned
 
 
-def _miss(model: mujoco.MjModel, part: float, start: Array, wanted: Array, end: Array) -> str:
-    """Which site ends farther from where it was to be than it was to go, if one does.
+def _miss(model: mujoco.MjModel, part: float, start: Array, planned: Array, end: Array) -> str:
+    """Return a sentence on the site with the largest deviation, if it exceeds its motion.
 
-    `part` of the motion was taken; where sites were, how the whole motion was to move them, and
-    where they are, (nsite, 3) each.
+    `part` is the fraction of the motion that was taken; `start` and `end` are positions of sites,
+    `planned` their displacements by the whole motion, (nsite, 3) each.
     """
-    way = np.linalg.norm(part * wanted, axis=1)
-    missed = np.linalg.norm(end - start - part * wanted, axis=1)
-    is_command = way > np.maximum(_CANCELLED * way.max(initial=0.0), CLOSED)
-    ratio = np.divide(missed, way, out=np.zeros_like(way), where=is_command)
+    distance = np.linalg.norm(part * planned, axis=1)
+    missed = np.linalg.norm(end - start - part * planned, axis=1)
+    is_command = distance > np.maximum(_CANCELLED * distance.max(initial=0.0), CLOSED)
+    ratio = np.divide(missed, distance, out=np.zeros_like(distance), where=is_command)
     if ratio.max(initial=0.0) <= 1.0:
         return ""
     worst = greatest(ratio)
     return (
-        f'site "{name_of(model.site(worst))}" was to move by {way[worst]:.3g} and ends '
-        f"{missed[worst]:.3g} from there, as next to a singular pose: take steps of at most "
+        f'site "{name_of(model.site(worst))}" was commanded to move by {distance[worst]:.3g} and '
+        f"ends {missed[worst]:.3g} from there, as near a singular pose: take steps of at most "
         f"{part * _FOLLOWED / ratio[worst]:.2g} of velocity times duration_s"
     )

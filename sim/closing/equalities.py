@@ -1,4 +1,4 @@
-"""Rows of the active equalities, taken where the loops are closed, and how far they are open."""
+"""Rows and gaps of the active equalities that close loops."""
 
 from collections.abc import Iterable
 from math import isfinite
@@ -24,9 +24,9 @@ _CONNECT, _WELD, _JOINT, _TENDON = (
 _KINDS = {_CONNECT: "connect", _WELD: "weld", _JOINT: "joint", _TENDON: "tendon"}
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _ROWS = {_CONNECT: 3, _WELD: 6}
-"""Rows of an equality; others have one."""
+"""Number of rows of an equality; other kinds have one."""
 _TORQUE_SCALE = 10
-"""Where `eq_data` of a weld has its torquescale."""
+"""Index of the torquescale in a weld's `eq_data`."""
 _WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 )
@@ -38,13 +38,13 @@ def check_closures(
     frames: Iterable[Located] = (),
     among: Iterable[int] | None = None,
 ) -> tuple[str, ...]:
-    """Refuse active equalities that are no closures of what actuators move and closures tie.
+    """Check that no active equality couples the mechanism to a flex.
 
-    `frames` belong to the mechanism besides; actuators are `among` these numbers, None is all.
-    Returns a sentence for each equality that is left out; see :func:`left_out`.
+    The mechanism has the bodies of `frames`, of closures, and of the actuators `among` (None is
+    all). Returns a sentence for each equality that is left out; see :func:`left_out`.
 
     Raises:
-        ModelError: As described; or the model's flags switch equalities off that are active.
+        ModelError: As for :func:`left_out`; or the model's flags disable active equalities.
     """
     _check_flags(model, data)
     if not _of_flexes(model, data):  # the common case
@@ -59,28 +59,28 @@ def check_closures(
 def left_out(
     model: mujoco.MjModel, data: mujoco.MjData, frames: Iterable[Located]
 ) -> tuple[str, ...]:
-    """A sentence for each active equality of a flex beside a mechanism that moves these frames.
+    """Return a sentence for each active equality of a flex outside the mechanism of some frames.
 
     Raises:
-        ModelError: One of them ties the mechanism to a flex.
+        ModelError: An equality couples the mechanism to a flex.
     """
     if not (of_flexes := _of_flexes(model, data)):
         return ()
     part = task_part(model, frames, np.flatnonzero(data.eq_active).tolist()).bodies
-    named = {k: equality_name(model, k) for k in of_flexes}
-    for k, name in named.items():
+    names = {k: equality_name(model, k) for k in of_flexes}
+    for k, name in names.items():
         if equality_bodies(model, k) & part:
             raise ModelError(
-                f"{name} ties a flex to the mechanism, and only connect, weld, joint and tendon "
+                f"{name} couples a flex to the mechanism, and only connect, weld, joint and tendon "
                 'are closures: state active="false" for it in the file, or set its '
                 "model.eq_active0 and data.eq_active to 0"
             )
-    beside = "holds a flex beside the mechanism and is left out"
-    return tuple(f"{name} {beside}" for name in named.values())
+    suffix = "acts on a flex outside the mechanism and is left out"
+    return tuple(f"{name} {suffix}" for name in names.values())
 
 
 def _of_flexes(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
-    """Active equalities of a flex."""
+    """Return the active equalities of flexes."""
     if not model.nflex:
         return []
     active = data.eq_active.astype(bool)
@@ -96,34 +96,34 @@ def _check_flags(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class Closures(NamedTuple):
-    """The active equality constraints: what of their rows no pose changes.
+    """Pose-independent data of the rows of the active equality constraints.
 
     Attributes:
-        equality: To which equality each row belongs, shape (c,).
-        units: What makes of MuJoCo's residuals meters and radians, shape (c,).
-        points: Which rows keep two points together: three of each connect and weld, shape (3k,).
-        carried: How many of the two bodies each velocity carries, in each of these, (3k, nv).
-        places: Which of MuJoCo's rows of equalities these are; None is all. Others are of a flex.
+        equality: Number of the equality of each row, shape (c,).
+        units: Factors that convert MuJoCo's residuals to metres and radians, shape (c,).
+        points: Rows that keep two points together: three of each connect and weld, shape (3k,).
+        carriers: Number of the two bodies that each velocity moves, for each of these, (3k, nv).
+        places: Indices of these rows among MuJoCo's equality rows, without those of flexes; None is
+            all.
     """
 
     equality: NDArray[np.intp]
     units: Array
     points: NDArray[np.intp]
-    carried: Array
+    carriers: Array
     places: NDArray[np.intp] | None
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Rows of the closures, shape (c, nv); see :meth:`write_rows`."""
+        """Return the rows of the closures, shape (c, nv); see :meth:`write_rows`."""
         self.write_rows(model, data, rows := np.empty((len(self.units), model.nv)))
         return rows
 
     def write_rows(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (c, nv) by the closures' rows, from what MuJoCo last computed.
+        """Write the closures' rows to an array (c, nv), from MuJoCo's last computation.
 
-        MuJoCo takes the rows of a connect or weld with each body's own anchor. While these are D
-        apart, a joint that carries both bodies moves them apart by omega x D, although it opens
-        nothing, and redundant rows become constraints. Here both bodies move as at the anchors'
-        midpoint.
+        MuJoCo computes the rows of a connect or weld at each body's own anchor. If these differ by
+        D, a joint that moves both bodies adds omega x D to the rows, although it opens nothing, and
+        redundant rows become constraints. Here both bodies are taken at the anchors' midpoint.
         """
         if not self.units.size:
             return
@@ -133,14 +133,14 @@ class Closures(NamedTuple):
             # The first three columns of cdof are a joint's axis, if it turns its body.
             gaps, axes, rows = pointer(self._open(data)), pointer(data.cdof), pointer(self.points)
             counts = model.nv, rows, len(self.points)
-            lib.at_midpoints(gaps, axes, *counts, pointer(self.carried), pointer(out))
+            lib.at_midpoints(gaps, axes, *counts, pointer(self.carriers), pointer(out))
 
     def parts(self, model: mujoco.MjModel) -> list[tuple[int, int, slice]]:
-        """Number, kind and rows of each equality."""
+        """Return number, kind and rows of each equality."""
         return _parts(model, self.equality)
 
     def frames(self, model: mujoco.MjModel) -> tuple[Located, ...]:
-        """What connects and welds keep together."""
+        """Return the frames that connects and welds keep together."""
         frames = list[Located]()
         for k, kind, _ in self.parts(model):
             if kind in _ROWS:
@@ -150,7 +150,7 @@ class Closures(NamedTuple):
         return tuple(frames)
 
     def turns(self, model: mujoco.MjModel) -> NDArray[np.bool_]:
-        """Whether each row's gap is an angle, shape (c,); otherwise it is a length."""
+        """Return whether each row's gap is an angle, shape (c,); otherwise it is a length."""
         turns = np.zeros(len(self.units), dtype=bool)
         for k, kind, rows in self.parts(model):
             first = int(model.eq_obj1id[k])
@@ -163,18 +163,18 @@ class Closures(NamedTuple):
         return turns
 
     def _open(self, data: mujoco.MjData) -> Array:
-        """MuJoCo's residuals, those of the closures first."""
+        """Return MuJoCo's residuals, those of the closures first."""
         return data.efc_pos if self.places is None else data.efc_pos[self.places]
 
     def gaps(self, data: mujoco.MjData) -> Array:
-        """How far each row is open, shape (c,), from what MuJoCo last computed.
+        """Return the gap of each row, (c,), [m] or [rad], from MuJoCo's last computation.
 
-        [m] or [rad]; of a weld's turn the rotation vector.
+        For the rotation of a weld it is the rotation vector.
         """
         return self._open(data)[: len(self.units)] * self.units
 
     def largest_gap(self, data: mujoco.MjData) -> float:
-        """The largest gap, [m] or [rad]; 0 without closures.
+        """Return the largest gap, [m] or [rad]; 0 without closures.
 
         Raises:
             ModelError: An equality is not finite.
@@ -188,10 +188,10 @@ class Closures(NamedTuple):
         return largest
 
     def check_closed(self, model: mujoco.MjModel, data: mujoco.MjData, tolerance: float) -> float:
-        """The largest gap, [m] or [rad], where it is at most the tolerance.
+        """Return the largest gap, [m] or [rad], after checking it against the tolerance.
 
         Raises:
-            ClosureError: It is larger.
+            ClosureError: The gap is larger.
             ModelError: An equality is not finite.
         """
         if (gap := self.largest_gap(data)) > tolerance:
@@ -200,16 +200,16 @@ class Closures(NamedTuple):
         return gap
 
     def worst(self, data: mujoco.MjData) -> int:
-        """The equality with the largest gap; -1 without closures."""
+        """Return the equality with the largest gap; -1 without closures."""
         gaps = np.abs(self.gaps(data))
         return int(self.equality[greatest(gaps)]) if gaps.size else -1
 
 
 def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
-    """The active equality constraints, from what MuJoCo last computed.
+    """Return the active closures, from MuJoCo's last computation.
 
     Raises:
-        ModelError: The model's flags switch equalities off that are active.
+        ModelError: The model's flags disable active equalities.
     """
     _check_flags(model, data)
     with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
@@ -217,19 +217,19 @@ def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
     if of_flexes := _of_flexes(model, data):
         places = np.flatnonzero(~np.isin(equality, of_flexes))
         equality = equality[places]
-    units, points, carried = np.ones(len(equality)), [], [np.zeros((0, model.nv))]
+    units, points, carriers = np.ones(len(equality)), [], [np.zeros((0, model.nv))]
     for k, kind, rows in _parts(model, equality):
         if kind == _WELD:  # the last three rows are sines of half the angles, scaled
             scale = model.eq_data[k, _TORQUE_SCALE]
             units[rows.start + 3 : rows.stop] = 2.0 / scale if scale else 0.0
         if kind in _ROWS:
             points += range(rows.start, rows.start + 3)
-            carried += [sum(_carries(model, body) for body in _bodies(model, k))] * 3
-    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried), places)
+            carriers += [sum(_moving_velocities(model, body) for body in _bodies(model, k))] * 3
+    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carriers), places)
 
 
 def _parts(model: mujoco.MjModel, equality: NDArray[np.intp]) -> list[tuple[int, int, slice]]:
-    """Number, kind and rows of each equality, one after the other."""
+    """Return number, kind and consecutive rows of each equality."""
     parts, start = [], 0
     for k in dict.fromkeys(equality.tolist()):
         kind = int(model.eq_type[k])
@@ -238,12 +238,12 @@ def _parts(model: mujoco.MjModel, equality: NDArray[np.intp]) -> list[tuple[int,
 
 
 def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """:meth:`Closures.rows` of the active equality constraints, shape (c, nv)."""
+    """Return the rows of the active closures, shape (c, nv); see :meth:`Closures.rows`."""
     return active_closures(model, data).rows(model, data)
 
 
 def equality_name(model: mujoco.MjModel, equality: int) -> str:
-    """What a reader calls an equality: by its name, or by the bodies or joints it ties."""
+    """Return a description of an equality by its name, or by the elements it couples."""
     if name := model.equality(equality).name:
         return f'equality "{name}"'
     kind = int(model.eq_type[equality])
@@ -258,7 +258,7 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
 def constraint_rows(
     model: mujoco.MjModel, data: mujoco.MjData, which: slice | NDArray[np.intp] = slice(None)
 ) -> Array:
-    """MuJoCo's own of these constraints, which may be a view; equalities come first."""
+    """Return MuJoCo's rows of some constraints, possibly a view; equalities come first."""
     if not mujoco.mj_isSparse(model):
         return data.efc_J[: data.nefc * model.nv].reshape(-1, model.nv)[which]
     filled, first = data.efc_J_rownnz[which], data.efc_J_rowadr[which]
@@ -269,7 +269,7 @@ def constraint_rows(
 
 
 def _bodies(model: mujoco.MjModel, equality: int) -> list[int]:
-    """The two bodies of a connect or weld, which may be given by sites."""
+    """Return the two bodies of a connect or weld, which may be given by sites."""
     ends = _ends(model, equality)
     return model.site_bodyid[ends].tolist() if model.eq_objtype[equality] == _SITE else ends
 
@@ -278,8 +278,8 @@ def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
     return [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
 
 
-def _carries(model: mujoco.MjModel, body: int) -> Array:
-    """Which velocities carry a body, one for those and zero for others, shape (nv,)."""
+def _moving_velocities(model: mujoco.MjModel, body: int) -> Array:
+    """Return an array (nv,) with one for velocities that move a body and zero for others."""
     chain = np.zeros(model.nv)
     while body:
         first = model.body_dofadr[body]

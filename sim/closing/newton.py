@@ -1,4 +1,4 @@
-"""Newton's method on the gaps of closed loops."""
+"""Newton's method for the gaps of closed loops."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
 from sim.closing.equalities import Closures, equality_name
-from sim.closing.hold import Hold
+from sim.closing.fixed import FixedMotion
 from sim.errors import ClosureError
 from sim.mjcf.accuracy import COARSEST, written_accuracy
 from sim.mjcf.frame import own_length
@@ -20,51 +20,51 @@ from sim.mjcf.joints import mass_of, turning
 from sim.mjcf.model import with_sleepers
 
 CLOSED = 1e-10
-"""Gap below which a closure counts as closed, [rad], or a part of the mechanism's own length.
+"""Gap below which a closure counts as closed, [rad] or a fraction of the mechanism's length.
 
-In models longer than 1 in their unit less is aimed at, the same number in that unit, and this is
-enough where round-off lets no step come nearer.
+For mechanisms longer than 1 unit the method aims at this number in that unit, which is smaller,
+and accepts the fraction if round-off prevents further progress.
 """
 
 _ROUND_OFF = 1e-14
-"""Of positions in the model's unit: a smaller gap is none, whatever the own length."""
+"""Round-off of positions in the model's unit: smaller gaps count as zero."""
 _MOST_STEPS = 60
 FRACTIONS = tuple(0.5**k for k in range(11))
-"""Of a step, to be tried one after the other."""
+"""Candidate fractions of a step, in the order in which they are tested."""
 _LONGEST_MOVE = 0.5
-"""Of any joint in one step, [rad] or own lengths: farther, the linearization means nothing."""
+"""Longest move of a joint in one step, [rad] or mechanism lengths, for a valid linearization."""
 _REDUNDANT = 1e-9
-"""Singular values of the rows below this fraction of their norm close nothing."""
+"""Relative singular value of the rows below which they are redundant."""
 _MARGIN = 10.0
-"""By which those of an inexact model may exceed its accuracy, as in `prioritized`."""
+"""Factor on the model's accuracy that bounds redundant singular values, as in `prioritized`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Everything that is to be closed: equalities, and what is held or pinned; c gaps.
+    """Set of the c gaps to be closed: equalities, fixed transmissions and frames.
 
-    The geometry is accurate to `accuracy` in rad or relative length; None is what the model shows.
+    `accuracy` is that of the geometry, in rad or relative length; None estimates it from the model.
     """
 
     model: mujoco.MjModel
     closures: Closures
-    fixed: Hold
+    fixed: FixedMotion
     accuracy: float | None
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
-        """Velocities that are not held."""
-        return np.setdiff1d(np.arange(self.model.nv), self.fixed.still)
+        """Indices of the velocities that are not fixed."""
+        return np.setdiff1d(np.arange(self.model.nv), self.fixed.velocities)
 
     @cached_property
     def row_units(self) -> Array:
-        """Units of the gaps, (c,): 1 of an angle, the own length of a length."""
+        """Units of the gaps, (c,): 1 rad for angles, the mechanism's length for lengths."""
         turns = np.append(self.closures.turns(self.model), self.fixed.turns()).astype(bool)
         return np.where(turns, 1.0, self._length)
 
     @cached_property
     def velocity_units(self) -> Array:
-        """Units of the velocities, (nv,), likewise."""
+        """Units of the velocities, (nv,): 1 rad for angles, the mechanism's length for lengths."""
         return np.where(turning(self.model), 1.0, self._length)
 
     @cached_property
@@ -72,24 +72,24 @@ class Loops:
         pins = (pin.frame for pin in self.fixed.pins)
         return own_length(self.model, [*self.closures.frames(self.model), *pins])
 
-    def holding(self, fixed: Hold) -> "Loops":
-        """The same loops, where the same drives and frames are to be elsewhere."""
+    def with_fixed(self, fixed: FixedMotion) -> "Loops":
+        """Return a copy with other fixed coordinates of the same drives and frames."""
         return check.made(Loops, **vars(self) | {"fixed": fixed})
 
     def largest_gap(self, data: mujoco.MjData) -> tuple[float, str]:
-        """How large the largest gap is, and whose, in words; of what MuJoCo last computed."""
+        """Return the largest gap and the name of its element, from MuJoCo's last computation."""
         self._wake(data)
         most, equality = self.closures.largest_gap(data), self.closures.worst(data)
-        of_held = np.abs(self.fixed.gaps(data))
-        if exceeds(of_held.max(initial=0.0), most):
-            return float(of_held.max()), self.fixed.names()[greatest(of_held)]
+        fixed_gaps = np.abs(self.fixed.gaps(data))
+        if exceeds(fixed_gaps.max(initial=0.0), most):
+            return float(fixed_gaps.max()), self.fixed.names()[greatest(fixed_gaps)]
         return most, equality_name(self.model, equality) if equality >= 0 else ""
 
     def gaps(self, data: mujoco.MjData) -> Array:
-        """All gaps (c,) in their units.
+        """Return all gaps (c,) in their units.
 
         Raises:
-            ModelError: One is not finite.
+            ModelError: A gap is not finite.
         """
         self._wake(data)
         self.closures.largest_gap(data)  # raises
@@ -97,24 +97,24 @@ class Loops:
         return every / self.row_units
 
     def rows(self, data: mujoco.MjData) -> Array:
-        """Slopes of the gaps in their units, (c, nv)."""
+        """Return the gradients of the gaps in their units, (c, nv)."""
         self._wake(data)
         of_closures = self.closures.units[:, None] * self.closures.rows(self.model, data)
         rows = np.vstack([of_closures, self.fixed.rows(self.model, data)])
         return rows / self.row_units[:, None]
 
     def closable(self, rows: Array) -> Array:
-        """Combinations (r, c) of the gaps that motion can close, at the model's accuracy."""
+        """Return the combinations (r, c) of gaps that motion can close, at the model's accuracy."""
         rows = (rows * self.velocity_units)[:, self.free]
         size, accuracy = np.linalg.norm(rows), self.accuracy
         U, sigma, _ = np.linalg.svd(rows, full_matrices=False)
-        if accuracy is None:  # what the model shows is looked for only where it matters
+        if accuracy is None:  # estimating it is slow, and rarely necessary
             doubtful = (sigma > _REDUNDANT * size) & (sigma < _MARGIN * COARSEST * size)
             accuracy = written_accuracy(self.model) if doubtful.any() else 0.0
         return U[:, sigma > max(_REDUNDANT, _MARGIN * accuracy) * size].T
 
     def least_change(self, data: mujoco.MjData, rows: Array, change: Array) -> Array:
-        """The dq (nv,) of least dq^T M dq with rows dq = change, by velocities that are free."""
+        """Return the dq (nv,) of least dq^T M dq with rows dq = change; fixed velocities are 0."""
         free, step = self.free, np.zeros(self.model.nv)
         L = np.linalg.cholesky(mass_of(self.model, data)[np.ix_(free, free)])
         weighed = scipy.linalg.solve_triangular(L, rows[:, free].T, lower=True).T
@@ -127,12 +127,12 @@ class Loops:
 
 
 def close(data: mujoco.MjData, loops: Loops) -> None:
-    """Close loops in place by Newton's method, derived quantities up to date before and after.
+    """Close loops in place by Newton's method; derived quantities are up to date before and after.
 
     Raises:
-        ClosureError: What does not close.
+        ClosureError: A loop does not close.
     """
-    if loops.largest_gap(data)[0] < _ROUND_OFF:  # mostly, and faster
+    if loops.largest_gap(data)[0] < _ROUND_OFF:  # the usual case, and faster
         return
     aim = CLOSED * np.minimum(1.0, 1.0 / loops.row_units)
     for _ in range(_MOST_STEPS):
@@ -141,9 +141,9 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
             return
         closing = loops.closable(rows)
         closable = closing @ gaps
-        rest = gaps - closing.T @ closable
-        # Both in the units of the rows: a gap that motion can close is closed, however small.
-        if np.abs(gaps - rest).max(initial=0.0) < CLOSED <= np.abs(rest).max(initial=0.0):
+        remaining = gaps - closing.T @ closable
+        # Compared in the units of the rows: even a small gap is closed if motion can close it.
+        if np.abs(gaps - remaining).max(initial=0.0) < CLOSED <= np.abs(remaining).max(initial=0.0):
             stated = loops.accuracy
             inexact = written_accuracy(loops.model) if stated is None else stated
             size = np.linalg.norm(rows * loops.velocity_units)
@@ -156,11 +156,11 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
     if (np.abs(loops.gaps(data)) < CLOSED).all():
         return
     gap, equality = loops.largest_gap(data)
-    raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or begin nearer")
+    raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or start nearer")
 
 
 def _come_nearer(data: mujoco.MjData, loops: Loops, step: Array, closing: Array) -> bool:
-    """Take the step, halved until the gaps shrink; False, and no step, if they do not."""
+    """Take the step, halved until the gaps decrease; return False, without a step, if none does."""
     model, here = loops.model, data.qpos.copy()
     before = np.linalg.norm(closing @ loops.gaps(data))
     longest = np.abs(step / loops.velocity_units).max(initial=0.0)

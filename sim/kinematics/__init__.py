@@ -1,1 +1,1 @@
-"""Kinematics of any model: poses, tasks, Jacobians and their accuracy, a controller's own model."""
+"""Kinematics of any model: poses, tasks, Jacobians, distances, a controller's model."""

@@ -1,4 +1,4 @@
-"""Distances between geoms, their rates, and steps that keep them."""
+"""Distances between geoms, their rates, and step lengths that keep them safe."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,33 +14,33 @@ import argument_checks as check
 from sim.array import Array
 from sim.closing.newton import FRACTIONS
 from sim.errors import ModelError
-from sim.kinematics.task import carried_bodies
+from sim.kinematics.task import subtree_bodies
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state, element_id
 
 _FARTHEST_M = 100.0
-"""MuJoCo loses digits of a distance with the largest that it is asked for."""
+"""Largest requested distance [m]: MuJoCo loses digits of a distance as this grows."""
 _TOUCHING_M, _LIFT_M = 1e-9, 1e-6
-"""Witness points nearer than the first give no direction; geoms apart by the second do."""
+"""Distance [m] of witness points below which they give no direction, and the one used then."""
 _ACCURACY_M = 1e-9
-"""What a distance may lack of the one allowed: round-off of MuJoCo's."""
+"""Tolerance of allowed distances [m], for round-off in MuJoCo."""
 _GEOMETRY = (
     *("body_parentid", "body_pos", "body_quat", "jnt_type", "jnt_bodyid", "jnt_pos", "jnt_axis"),
     *("qpos0", "geom_type", "geom_bodyid", "geom_size", "geom_pos", "geom_quat", "geom_dataid"),
     *("mesh_vert", "hfield_size", "hfield_data"),
 )
-"""What distances depend on."""
+"""Fields of a model that distances depend on."""
 _PLANE, _SDF = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_SDF)
 
 GeomPairs: TypeAlias = Sequence[tuple[Sequence[str | int | Body], Sequence[str | int | Body]]]
-"""Pairs of groups; a group lists geoms by name or number, or bodies with all that they carry."""
+"""Pairs of groups; a group lists geoms by name or number, or bodies with their subtrees."""
 
 
 class Near(NamedTuple):
-    """The p pairs of geoms that are near at one pose.
+    """Pairs of geoms, p in number, that are near at one pose.
 
     Attributes:
-        distance_m: Shape (p,); below zero the depth of penetration.
+        distance_m: Distance of each pair, shape (p,); negative for penetration.
         rows: Rate of each distance per qvel, shape (p, nv).
         pairs: Numbers of the geoms, shape (p, 2).
     """
@@ -52,31 +52,31 @@ class Near(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Distances between geoms, for limits that keep them apart.
+    """Distances between geoms, for limits that avoid collisions.
 
-    Left out are pairs that MuJoCo never lets collide: geoms of one rigid body, of a body and its
+    Pairs that MuJoCo never lets collide are left out: geoms of one rigid body, of a body and its
     parent unless that is fixed in the world, of bodies under an `exclude`, and those whose
-    `contype` and `conaffinity` do not match. A `pair` of the model counts always.
+    `contype` and `conaffinity` do not match. A `pair` of the model is always included.
 
-    `mj_geomDistance` finds the distances. Rates of geoms that are apart are right within 1e-3 of a
-    unit velocity, and so are those of spheres, boxes, meshes and planes that penetrate. The depth
-    of a capsule in a box, of an ellipsoid and of a cylinder is found roughly: one rate in ten is
-    off by 1 % and more, a few have another direction. Height fields are right from outside but for
-    one rate in a hundred; into one, depth is not the distance out of it. Pairs of height fields,
-    or of one with a plane, never come near.
+    Distances are those of `mj_geomDistance`. Rates of separated geoms are accurate to 1e-3 of a
+    unit velocity, and so are those of penetrating spheres, boxes, meshes and planes. The depth of a
+    capsule in a box, of an ellipsoid and of a cylinder is approximate: one rate in ten is wrong by
+    1 % or more, a few have another direction. Outside height fields one rate in a hundred is
+    wrong; inside, the depth is not the distance to the surface. Pairs of height fields, or of a
+    height field and a plane, are never near.
 
     Attributes:
         model: Any model.
-        pairs: Pairs of groups, every geom of one against every geom of the other. A group is a
-            list of names or numbers of geoms, or of :class:`Body`, which is all geoms of the
-            body and of those that hang from it. None is every pair of the model.
-        margin_m: Distance to be kept.
-        detection_m: Distance from which on a pair is near; above the margin, at most 100 m.
-        gain: Part of the way to the margin that a tick may take, in 0..1 but not 0.
+        pairs: Pairs of groups, every geom of one with every geom of the other. A group is a list
+            of names or numbers of geoms, or of :class:`Body`, which stands for all geoms of the
+            body and its subtree. None is every pair of the model.
+        margin_m: Smallest allowed distance [m].
+        detection_m: Distance [m] below which a pair is near; above the margin, at most 100 m.
+        gain: Fraction of the distance to the margin that a tick may use, in 0..1 but not 0.
 
     Raises:
-        ModelError: A geom or body that does not exist, a signed distance field, whose distances
-            MuJoCo does not compute, or no pair that can collide.
+        ModelError: A geom or body does not exist, or is a signed distance field, whose distances
+            MuJoCo does not compute; or no pair can collide.
     """
 
     model: mujoco.MjModel
@@ -86,7 +86,7 @@ class Distances:
     gain: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check the arguments, and find the pairs."""
+        """Check the arguments and find the pairs."""
         check.number("margin_m", self.margin_m, 0.0)
         check.number("detection_m", self.detection_m, 0.0, _FARTHEST_M)
         if not self.margin_m < self.detection_m:
@@ -101,7 +101,7 @@ class Distances:
         """Numbers of the geoms of every pair that can collide, shape (q, 2), ascending."""
         model, pairs = check.instance("model", self.model, mujoco.MjModel), self.pairs
         if pairs is None:
-            named = np.transpose(np.triu_indices(model.ngeom, 1))
+            candidates = np.transpose(np.triu_indices(model.ngeom, 1))
         else:
             given: Any = pairs if isinstance(pairs, list | tuple) and len(pairs) else [None]
             if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
@@ -111,20 +111,20 @@ class Distances:
                 )
             groups = [[_numbers(model, group) for group in pair] for pair in given]
             every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]
-            named = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
-        found = named[_can_collide(model, named)]
-        if not len(found):
+            candidates = np.unique(np.sort(np.concatenate(every), axis=1), axis=0)
+        collidable = candidates[_can_collide(model, candidates)]
+        if not len(collidable):
             raise ModelError(
                 "pairs must name two geoms that MuJoCo lets collide, got none: see contype, "
                 "conaffinity and exclude; those of one rigid body, or of a body and its parent, do "
                 "not"
             )
-        if (fields := found[model.geom_type[found] == _SDF]).size:
+        if (fields := collidable[model.geom_type[collidable] == _SDF]).size:
             raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
-        return check.read_only(found)
+        return check.read_only(collidable)
 
     def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:
-        """The pairs nearer than `detection_m`, or `within_m` if that is more, at `data.qpos`.
+        """Return the pairs nearer than `detection_m`, or than a larger `within_m`, at `data.qpos`.
 
         Frames in `data` are brought up to date.
         """
@@ -146,13 +146,13 @@ class Distances:
         return Near(check.read_only(distance_m), check.read_only(rows), check.read_only(pairs))
 
     def fits(self, model: mujoco.MjModel) -> bool:
-        """Whether a model has the same bodies, joints and geoms."""
+        """Return whether a model has the same bodies, joints and geoms."""
         return model is self.model or all(
             np.array_equal(getattr(model, name), getattr(self.model, name)) for name in _GEOMETRY
         )
 
     def farthest(self, data: mujoco.MjData, qvel: Array, dt: float) -> float:
-        """How far the geom that moves most comes in a step; see :meth:`safe_fraction`."""
+        """Return the largest displacement [m] of a geom in a step; see :meth:`safe_fraction`."""
         ends = []
         for duration_s in (dt, 0.0):
             with self._moved(data, qvel, duration_s):
@@ -162,17 +162,17 @@ class Distances:
         return float((np.linalg.norm(to - start, axis=1) + turns).max(initial=0.0))
 
     def safe_fraction(self, data: mujoco.MjData, qvel: ArrayLike, dt: float) -> float:
-        """The largest of 1, 1/2, 1/4, ..., 1/1024 and 0 of a step that ends at safe distances.
+        """Return the largest fraction 1, 1/2, ..., 1/1024, 0 of a step that ends at safe distances.
 
-        After it no pair is nearer than the margin, or than it was where it was nearer before, but
-        for a nanometre. Rates hold at the witness points alone: a turning box brings another
-        corner near. What a step passes on its way is not seen; steps are to be shorter than what
-        they could pass through.
+        After the step no pair is nearer than the margin, or than its distance before if that was
+        smaller, to a nanometre. (Rates alone do not ensure this: they are those of the present
+        witness points, and other points of a rotating box may come nearer.) Only the end of the
+        step is checked, so steps must be shorter than obstacles are thick.
 
         Args:
-            data: As of :meth:`at`. Its `qpos` is moved and put back.
+            data: State, as for :meth:`at`. Its `qpos` is changed and restored.
             qvel: Velocity of the step, shape (nv,).
-            dt: Duration of the step, [s].
+            dt: Duration of the step [s].
         """
         check_state(self.model, data)
         velocity = check.array("qvel", qvel, self.model.nv)
@@ -184,10 +184,10 @@ class Distances:
         data: mujoco.MjData,
         steps: Callable[[float], Iterable[tuple[Array, float]] | None],
     ) -> float:
-        """The largest of :data:`FRACTIONS` for which all of these steps end at safe distances.
+        """Return the largest of :data:`FRACTIONS` for which all given steps end at safe distances.
 
-        `steps` gives for a fraction velocities and durations of steps from here, or None if that
-        fraction is out of the question.
+        `steps` returns, for a fraction, velocities and durations of steps from the present state,
+        or None if that fraction is not allowed. The result is 0 if no fraction is safe.
         """
         mujoco.mj_kinematics(self.model, data)
         allowed = np.full(len(self.geom_pairs), self.margin_m)
@@ -201,7 +201,7 @@ class Distances:
 
     @contextmanager
     def _moved(self, data: mujoco.MjData, qvel: Array, dt: float) -> Iterator[None]:
-        """A state after a step; frames in it are brought up to date, and put back afterwards."""
+        """Provide the state after a step with frames up to date, and restore it afterwards."""
         start = data.qpos.copy()
         try:
             mujoco.mj_integratePos(self.model, data.qpos, qvel, dt)
@@ -213,9 +213,9 @@ class Distances:
 
     @cached_property
     def _spheres(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, NDArray[np.intp]]:
-        """Geoms of each pair, a plane first; sums of their radii (q,); which pairs have a plane.
+        """Geoms of each pair, a plane first; sums of their radii (q,); pairs that have a plane.
 
-        Radii are those of bounding spheres, infinite where there is none; of a plane, zero.
+        Radii are those of bounding spheres, infinite where there is none, and zero for a plane.
         """
         pairs, is_plane = self.geom_pairs, self.model.geom_type == _PLANE
         first, second = np.where(is_plane[pairs[:, 1], None], pairs[:, ::-1], pairs).T.copy()
@@ -224,20 +224,20 @@ class Distances:
         return first, second, radius[first] + radius[second], np.flatnonzero(is_plane[first])
 
     def _within(self, data: mujoco.MjData, distance_m: float) -> NDArray[np.intp]:
-        """Numbers of the pairs that may be nearer than this, by their spheres or half spaces."""
-        first, second, reach_m, planes = self._spheres
-        apart = data.geom_xpos.take(second, axis=0) - data.geom_xpos.take(first, axis=0)
-        room = reach_m + distance_m
-        near = np.einsum("ij,ij->i", apart, apart) <= room * room
+        """Return the pairs that may be nearer than this, by bounding spheres and half spaces."""
+        first, second, radii_m, planes = self._spheres
+        offset = data.geom_xpos.take(second, axis=0) - data.geom_xpos.take(first, axis=0)
+        limit_m = radii_m + distance_m
+        near = np.einsum("ij,ij->i", offset, offset) <= limit_m * limit_m
         if planes.size:
             normals = data.geom_xmat[first[planes], 2::3]
-            near[planes] = np.einsum("ij,ij->i", normals, apart[planes]) <= room[planes]
+            near[planes] = np.einsum("ij,ij->i", normals, offset[planes]) <= limit_m[planes]
         return np.flatnonzero(near)
 
     def _measured(
         self, data: mujoco.MjData, below_m: float
     ) -> Iterator[tuple[np.intp, float, Array]]:
-        """Number, distance and witness points (6,) of the pairs nearer than a distance."""
+        """Iterate over number, distance and witness points (6,) of the pairs nearer than this."""
         for k in self._within(data, below_m):
             pair, fromto = self.geom_pairs[k], np.empty(6)
             distance = mujoco.mj_geomDistance(self.model, data, *pair, below_m, fromto)
@@ -245,7 +245,7 @@ class Distances:
                 yield k, distance, fromto
 
     def _keeps(self, data: mujoco.MjData, allowed: Array, qvel: Array, dt: float) -> bool:
-        """Whether no pair is nearer than allowed, (q,), after a step; it stops at one that is."""
+        """Return whether no pair is nearer than allowed, (q,), after a step."""
         with self._moved(data, qvel, dt):
             near = self._measured(data, self.margin_m)
             return all(distance >= allowed[k] - _ACCURACY_M for k, distance, _ in near)
@@ -253,15 +253,15 @@ class Distances:
     def _normal(
         self, data: mujoco.MjData, pair: NDArray[np.intp], distance: float, fromto: Array
     ) -> Array:
-        """Unit vector (3,) along which the second geom moves away from the first.
+        """Return the unit vector (3,) along which the second geom separates from the first.
 
-        Geoms that touch have one witness point and no direction: there the second is lifted off
-        along the line of centres, on which convex geoms part.
+        Touching geoms have one witness point and no direction: the second is then shifted along
+        the line of centres, which separates convex geoms.
         """
         if abs(distance) < _TOUCHING_M:
             place = data.geom_xpos[pair[1]]
-            here, apart = place.copy(), place - data.geom_xpos[pair[0]]
-            place += _LIFT_M * apart / np.linalg.norm(apart)
+            here, offset = place.copy(), place - data.geom_xpos[pair[0]]
+            place += _LIFT_M * offset / np.linalg.norm(offset)
             fromto = np.empty(6)
             distance = mujoco.mj_geomDistance(self.model, data, *pair, _FARTHEST_M, fromto)
             place[:] = here
@@ -270,21 +270,21 @@ class Distances:
 
 
 def _numbers(model: mujoco.MjModel, group: Any) -> NDArray[np.intp]:
-    """Numbers of the geoms of a group."""
+    """Return the numbers of the geoms of a group."""
     numbers: list[int] = []
-    for each in check.members("pairs", group, str, int, np.integer, Body):
-        if isinstance(each, Body):
-            moved = carried_bodies(model, located(model, "pairs", each).body)
-            numbers.extend(np.flatnonzero(np.isin(model.geom_bodyid, moved)).tolist())
-        elif isinstance(each, str):
-            numbers.append(element_id(model, "geom", each))
+    for item in check.members("pairs", group, str, int, np.integer, Body):
+        if isinstance(item, Body):
+            subtree = subtree_bodies(model, located(model, "pairs", item).body)
+            numbers.extend(np.flatnonzero(np.isin(model.geom_bodyid, subtree)).tolist())
+        elif isinstance(item, str):
+            numbers.append(element_id(model, "geom", item))
         else:
-            numbers.append(check.integer("pairs", each, model.ngeom))
+            numbers.append(check.integer("pairs", item, model.ngeom))
     return np.array(numbers, dtype=np.intp)
 
 
 def _can_collide(model: mujoco.MjModel, pairs: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether MuJoCo lets the geoms of each pair (p, 2) collide, shape (p,)."""
+    """Return whether MuJoCo lets the geoms of each pair (p, 2) collide, shape (p,)."""
     bodies = model.geom_bodyid[pairs]
     rigid = model.body_weldid[bodies]  # bodies that move as one have the number of the first
     above = model.body_weldid[model.body_parentid[rigid]]
@@ -299,6 +299,6 @@ def _can_collide(model: mujoco.MjModel, pairs: NDArray[np.intp]) -> NDArray[np.b
 
 
 def _keys(pairs: NDArray[Any], base: int) -> NDArray[np.intp]:
-    """One number for each pair (p, 2), whatever its order."""
+    """Return one number for each pair (p, 2), independent of its order."""
     first, second = np.sort(pairs.astype(np.intp), axis=1).T
     return first * base + second

@@ -1,4 +1,4 @@
-"""Task and constraint Jacobians of any MJCF model, once or at every tick; their accuracy."""
+"""Task and constraint Jacobians of any MJCF model, for one pose or each tick; their accuracy."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
@@ -14,9 +14,9 @@ from scipy.sparse.csgraph import connected_components
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures, active_closures, left_out
-from sim.closing.hold import Pin, pins_of
+from sim.closing.fixed import Pin, pins_of
 from sim.errors import ModelError
-from sim.kinematics.structure import Kept, Structure, active_velocities, rows_at, variables_of
+from sim.kinematics.structure import Cache, Structure, active_velocities, rows_at, variables_of
 from sim.kinematics.task import Task, located_axes, located_tasks
 from sim.mjcf.accuracy import moved, written_accuracy
 from sim.mjcf.drive import Drive, is_disabled
@@ -28,12 +28,13 @@ from sim.mjcf.model import bring_up_to_date, check_state, listed, name_of
 CLOSURE_TOLERANCE = 1e-3
 """Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
 _ZERO = 1e-13
-"""Part of the largest entry of a Jacobian, or of 1, that is zero but for round-off."""
+"""Entries below this fraction of the largest entry of a Jacobian, or of 1, are round-off."""
 _POINTS = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _UNLOADED_M = 1e-9
+"""Elongation [m] below which a tendon counts as unloaded."""
 _ROUND_OFF = 1e-14
-"""Part of the largest entry below which a difference is none."""
+"""Differences below this fraction of the largest entry are round-off."""
 _STATE = mujoco.mjtState
 _PLACE = int(
     _STATE.mjSTATE_QPOS
@@ -41,16 +42,16 @@ _PLACE = int(
     | _STATE.mjSTATE_MOCAP_POS
     | _STATE.mjSTATE_MOCAP_QUAT
 )
-"""What decides the Jacobians of a model in one state."""
+"""State components that determine the Jacobians of a model."""
 
 
 class Names(NamedTuple):
-    """Names of a mechanism.
+    """Names of the velocities and actuators of a mechanism.
 
     Attributes:
-        velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
-            free joint share one, and a joint without a name has "".
-        actuators: Those that drive each active velocity; none for a variable without one.
+        velocities: Joint, tendon or actuator of each of the N velocities; those of a ball or free
+            joint share a name, and a joint without a name has "".
+        actuators: Actuators that drive each active velocity; none for a variable without one.
     """
 
     velocities: tuple[str, ...]
@@ -59,23 +60,23 @@ class Names(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Jacobians:
-    """Velocities of a MuJoCo model as v = J_T u, 0 = J_C u, with u = [qvel; other actuators'].
+    """Jacobians of a MuJoCo model, v = J_T u and 0 = J_C u, with u = [qvel; other actuators'].
 
-    N velocities: the nv of MuJoCo, then one of each transmission that is no slide or hinge joint.
-    What the model says besides is computed when first asked for. Errors are in the unit of the
-    entry; natural units are 1 of an angle, the mechanism's own length of a length.
+    The N velocities are the nv of MuJoCo, then one for each transmission that is no slide or hinge
+    joint. Further properties are computed on first use. Errors are in the unit of the entry; the
+    natural unit is 1 rad for angles and the mechanism's length for lengths.
 
     Attributes:
-        J_T: Velocities of the tasks, shape (m, N): a frame has the twist [angular; linear] of its
-            origin, [rad]/[s] and [m]/[s].
-        J_C: Rows of the active equality constraints, shape (c, N), then of the transmissions, pins
-            and limits; redundant rows are normal.
+        J_T: Task Jacobian, shape (m, N); for a frame, the twist [angular; linear] of its origin,
+            [rad]/[s] and [m]/[s].
+        J_C: Constraint Jacobian, shape (c, N): rows of the active equalities, then of
+            transmissions, pins and limits; rows may be redundant.
         active: Velocity index of each active velocity, in actuator order, shape (n,).
-        gear: Gear ratio of its first actuator, never zero, shape (n,).
-        rows: Which rows of J_T belong to which task.
+        gear: Gear ratio of the first actuator of each, never zero, shape (n,).
+        rows: Rows of J_T of each task.
         closure_residual: Largest gap of the closures, [m] or [rad].
-        structure: What no pose changes.
-        place: The pose, as `mj_getState` gives it.
+        structure: Pose-independent structure of the Jacobians.
+        place: Pose, as returned by `mj_getState`.
     """
 
     J_T: Array
@@ -89,12 +90,12 @@ class Jacobians:
 
     @property
     def accuracy(self) -> "Jacobians":
-        """How far each entry may be off, and natural units: what these Jacobians themselves say."""
+        """Error bounds and natural units of the entries: these Jacobians themselves."""
         return self
 
     @property
     def drives(self) -> tuple[Drive, ...]:
-        """What each active velocity is and what drives it, in actuator order."""
+        """Drive of each active velocity, in actuator order."""
         return self.structure.drives
 
     @cached_property
@@ -109,11 +110,11 @@ class Jacobians:
 
     @cached_property
     def geometry_accuracy(self) -> float:
-        """Accuracy of the geometry in one number, in rad or relative length, as the model shows it.
+        """Accuracy of the model's geometry as one number, in rad or relative length.
 
-        The rounding of its numbers; or a tenth of what the gaps of the closures amount to in J_C,
-        where `ConstrainedSystem(geometry_accuracy=...)` takes ten times the accuracy for zero.
-        `accuracy` says it for each entry.
+        It is the rounding of the model's numbers, or a tenth of the effect of the closures' gaps on
+        J_C if that is larger: `ConstrainedSystem(geometry_accuracy=...)` treats ten times the
+        accuracy as zero. `accuracy` has bounds for each entry.
         """
         size = float(np.linalg.norm(self.J_C))
         of_gaps = 0.1 * self.closure_residual / size if size else 0.0
@@ -121,7 +122,7 @@ class Jacobians:
 
     @property
     def error_bound(self) -> float:
-        """Bound of the errors of all entries in natural units."""
+        """Bound of the errors of all entries, in natural units."""
         return self.structure.error_bound(self.closure_residual)
 
     @property
@@ -151,23 +152,23 @@ class Jacobians:
         """Largest error of each entry of J_C, shape (c, N)."""
         of, gaps = self.structure, np.zeros(self.J_C.shape)
         for _, kind, rows in of.closures.parts(of.model):
-            if kind in _POINTS:  # couplings hold however open
+            if kind in _POINTS:  # rows of couplings do not depend on their gaps
                 gaps[rows] = self.J_C[rows].any(axis=0)
         gaps *= self.closure_residual / of.length * self.constraint_units[:, None]
         return check.read_only(self._of_rounding[1] + gaps / self.velocity_units)
 
     @cached_property
     def _of_rounding(self) -> tuple[Array, Array]:
-        """The sum of what half a unit of the last digit of each number does."""
+        """Sums of the changes of J_T and J_C by half a unit of the last digit of each number."""
         errors = np.zeros(self.J_T.shape), np.zeros(self.J_C.shape)
         if self.structure.roundings:
-            of, kept = self.structure.copied(), Kept()
+            of, cache = self.structure.copied(), Cache()
             model = of.model
             mujoco.mj_setState(model, data := mujoco.MjData(model), self.place, _PLACE)
 
             def read() -> tuple[Array, Array]:
                 bring_up_to_date(model, data)
-                return rows_at(of, data, kept)
+                return rows_at(of, data, cache)
 
             here = read()
             for rounding in of.roundings:
@@ -182,9 +183,9 @@ class Jacobians:
 
     @cached_property
     def stiffness(self) -> Array | None:
-        """K of the springs, shape (N, N); None where one is not linear in the joints' motion.
+        """Stiffness matrix of the springs, (N, N); None if one is not linear in the joint motion.
 
-        That is so for a spatial tendon under load, too: its force turns with it.
+        This includes a loaded spatial tendon, since its force rotates with it.
         """
         model, extra = self._model, len(self.structure.extra)
         if model.tendon_stiffnesspoly.any():
@@ -205,23 +206,23 @@ class Jacobians:
 
     @cached_property
     def force_range(self) -> Array:
-        """Least and most force along each active velocity, shape (n, 2), [N] or [N m].
+        """Least and greatest force along each active velocity, shape (n, 2), [N] or [N m].
 
-        Zero where no actuator is.
+        It is zero for variables without an actuator.
         """
-        of_each = [drive.force_range for drive in self.drives]
-        of_each += [(0.0, 0.0)] * self.structure.variables
-        return check.read_only(np.array(of_each).reshape(-1, 2))
+        ranges = [drive.force_range for drive in self.drives]
+        ranges += [(0.0, 0.0)] * self.structure.variables
+        return check.read_only(np.array(ranges).reshape(-1, 2))
 
     @cached_property
     def one_sided(self) -> Array:
-        """Of each active velocity 1 or -1 if it is only pushed so, 0 if both ways, shape (n,)."""
-        of_each = [drive.one_sided for drive in self.drives] + [0] * self.structure.variables
-        return check.read_only(np.array(of_each, dtype=int))
+        """Direction 1 or -1 of each active velocity that is only pushed so, else 0, shape (n,)."""
+        signs = [drive.one_sided for drive in self.drives] + [0] * self.structure.variables
+        return check.read_only(np.array(signs, dtype=int))
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What the Jacobians leave out, a sentence each."""
+        """Sentences on effects that the Jacobians leave out."""
         return (
             *self.structure.left_out,
             *self._limit_warnings(),
@@ -244,8 +245,8 @@ class Jacobians:
         if stuck is True:
             return []
         return [
-            f'{limit.kind} "{limit.name}" rests on its limit and is taken to move freely: '
-            f'stuck_at_limits=["{limit.name}"] takes it as stuck'
+            f'{limit.kind} "{limit.name}" rests on its limit and is treated as free: '
+            f'stuck_at_limits=["{limit.name}"] treats it as stuck'
             for limit in at_limits(self._model, self._data)
             if not stuck or limit.name not in stuck
         ]
@@ -253,25 +254,25 @@ class Jacobians:
     def _contact_warnings(self) -> list[str]:
         model = self._model
         rigid = model.body_weldid  # bodies without a joint between them are one
-        held = {rigid[pin.frame.body] for pin in self.structure.pins}
+        pinned = {rigid[pin.frame.body] for pin in self.structure.pins}
         return [
-            f'"{name_of(model.body(b))}" touches "{name_of(model.body(a))}" and is taken '
-            "to move freely: pinned= takes it to stand"
+            f'"{name_of(model.body(b))}" touches "{name_of(model.body(a))}" and is treated '
+            "as free: pinned= fixes it"
             for a, b in sorted(touching(model, self._data))
-            if not {rigid[a], rigid[b]} & held
+            if not {rigid[a], rigid[b]} & pinned
         ]
 
     def _other_warnings(self) -> list[str]:
-        """Actuators without effect or of one direction; offsets that MuJoCo takes for none."""
+        """List warnings of disabled or one-sided actuators, and of dropped site offsets."""
         model = self._model
         at_body = model.site_sameframe == mujoco.mjtSameFrame.mjSAMEFRAME_BODY
         dropped = np.flatnonzero(at_body & model.site_pos.any(axis=1))
         actuators = range(model.nactuator)
-        said: dict[str, list[str]] = {
+        texts: dict[str, list[str]] = {
             "opt.disableactuator switches off, so not active: ": [
                 name_of(model.actuator(k)) for k in actuators if is_disabled(model, k)
             ],
-            "actuated in one direction only, which the mappings do not know: ": [
+            "actuated in one direction only, which the mappings do not consider: ": [
                 drive.name for drive in self.drives if drive.one_sided
             ],
             "MuJoCo drops offsets of sites below 1e-6 of the unit of length, state the model in a "
@@ -279,14 +280,14 @@ class Jacobians:
                 name_of(model.site(k)) for k in dropped
             ],
         }
-        return [words + listed(names) for words, names in said.items() if names]
+        return [text + listed(names) for text, names in texts.items() if names]
 
 
 class JacobianViews(NamedTuple):
-    """What one tick needs of :class:`Jacobians`: the next reading overwrites the matrices.
+    """Read-only views of :class:`Jacobians` for one tick; the next reading overwrites them.
 
-    They cannot be written to; `active` is the same array as long as the same equalities and
-    actuators count. `error_bound` is of all entries, in natural units.
+    `active` is the same array as long as the same equalities and actuators are active.
+    `error_bound` bounds the errors of all entries, in natural units.
     """
 
     J_T: Array
@@ -307,35 +308,34 @@ def jacobians(
     closure_tolerance: float = CLOSURE_TOLERANCE,
     active: bool | Iterable[str | int] = (),
 ) -> Jacobians:
-    """Jacobians at the present `data.qpos`; for one pose after another: :class:`JacobianReader`.
+    """Compute the Jacobians at the present `data.qpos`; see :class:`JacobianReader` for loops.
 
-    Joints, equalities and transmissions of every kind that has velocities: connect, weld, joint and
-    tendon equalities; actuators on joints, tendons, sites and slider-cranks. Dry friction is left
-    out; contacts and limits too, unless `pinned` or `stuck_at_limits` says otherwise.
+    All joints are supported; connect, weld, joint and tendon equalities; actuators on joints,
+    tendons, sites and slider-cranks. Dry friction is left out, and so are contacts and limits,
+    unless `pinned` or `stuck_at_limits` includes them.
 
     Args:
         model: Any model.
-        data: Its state; `eq_active` decides which equalities count. See :func:`assemble`. Frames,
-            tendons and rows of equalities in it are brought up to date; contacts and the mass
-            matrix stay as they were.
-        site: The task: name of a site or, if there is none, of a body; :class:`Body`,
+        data: State, for example from :func:`assemble`; equalities are those of `eq_active`.
+            Frames, tendons and rows of equalities in it are brought up to date; contacts and the
+            mass matrix are not.
+        site: Task: name of a site or, if there is none, of a body; :class:`Body`,
             :class:`CenterOfMass` or :class:`Relative`; or several, whose rows are stacked.
-        axes: Site whose axes velocities are expressed in; None is the world.
-        pinned: Frames that stay where they are, as feet that stand: names of sites,
-            :class:`Body`, or :class:`Pin`.
-        stuck_at_limits: Which of the joints and tendons that rest on their limits count as stuck,
-            in both directions: none, all (True), or those of these names.
-        closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
-            Jacobians by no more than its own size; infinity takes any.
-        active: Velocities that are variables though they have no actuator, as those of the base of
-            a robot that walks: names or numbers of joints, which mean all their velocities; True is
-            every one without an actuator. They follow the others in `active`.
+        axes: Site whose axes express velocities; None is the world.
+        pinned: Frames that do not move, such as standing feet: names of sites, :class:`Body`, or
+            :class:`Pin`.
+        stuck_at_limits: Joints and tendons on their limits that count as stuck, in both
+            directions: none (False), all (True), or those of these names.
+        closure_tolerance: Largest gap of a closure, [m] or [rad]. A gap up to 1 mm changes the
+            Jacobians by no more than its own size; infinity accepts any.
+        active: Joints without an actuator, by name or number, whose velocities are variables, such
+            as the base of a walking robot; True is all. They follow the others in `active`.
 
     Raises:
         ClosureError: A closure is open farther than the tolerance.
-        ModelError: A name that does not exist; a model in which nothing is active; a task that
-            nothing active moves; an actuator or an active equality that is no velocity; a variable
-            that has an actuator; closures that the model's flags switch off.
+        ModelError: A name does not exist; nothing is active; no active velocity moves a task; an
+            actuator or active equality has no velocity; a variable has an actuator; or the model's
+            flags switch closures off.
     """
     check_state(model, data)
     return JacobianReader(
@@ -350,11 +350,11 @@ def jacobians(
 
 
 class JacobianReader:
-    """The Jacobians of one model at one pose after another, as a control loop needs them.
+    """Reader of one model's Jacobians at successive poses, for control loops.
 
-    Names are looked up when it is made. Which equalities and actuators count is read anew whenever
-    `data.eq_active`, `opt.disableactuator` or `opt.disableflags` change, and only then whether some
-    actuator moves each task. After any other change of the model, make another reader.
+    Names are looked up on creation. Active equalities and actuators are updated whenever
+    `data.eq_active`, `opt.disableactuator` or `opt.disableflags` change; only then it is checked
+    that some actuator moves each task. After other changes of the model, create a new reader.
     """
 
     def __init__(
@@ -380,31 +380,31 @@ class JacobianReader:
         self._variables = variables_of(model, active)
         ends = np.cumsum([0, *(len(located.angular) for located in self._tasks.values())]).tolist()
         self._rows = dict(zip(self._tasks, map(slice, ends, ends[1:]), strict=True))
-        self._known = dict[tuple[object, ...], Structure]()
-        self._viewed, self._kept = Kept(), Kept()
+        self._structures = dict[tuple[object, ...], Structure]()
+        self._view_cache, self._cache = Cache(), Cache()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is found again: matrices and their views would be copied apart."""
-        return vars(self) | {"_known": {}, "_viewed": {}, "_kept": {}}
+        """Return the state without caches: views must refer to the copy's own matrices."""
+        return vars(self) | {"_structures": {}, "_view_cache": {}, "_cache": {}}
 
     def read(self, data: mujoco.MjData) -> JacobianViews:
-        """Views of the Jacobians, for the tick of a loop; the next reading overwrites them.
+        """Return views of the Jacobians for one tick; the next reading overwrites them.
 
-        One reader serves one thread so, and any number by :meth:`at`. Arguments and errors are
+        Only one thread may call this, while :meth:`at` is thread-safe. Arguments and errors are
         those of :meth:`at`.
         """
-        now, residual = self._known_at(data)
-        J_T, J_C = rows_at(now, data, self._viewed, copied=False)
+        now, residual = self._structure_at(data)
+        J_T, J_C = rows_at(now, data, self._view_cache, copied=False)
         return JacobianViews(J_T, J_C, now.active, residual, now.error_bound(residual))
 
     def at(self, data: mujoco.MjData) -> Jacobians:
-        """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them."""
+        """Return the Jacobians at the present `data.qpos`, as :func:`jacobians` does."""
         return check.made(Jacobians, **self.fields_at(data))
 
     def fields_at(self, data: mujoco.MjData) -> dict[str, Any]:
-        """Fields of :meth:`at`, for a record that has more."""
-        now, residual = self._known_at(data)
-        J_T, J_C = rows_at(now, data, self._kept)
+        """Return the fields of :class:`Jacobians` at the present `data.qpos`, for subclasses."""
+        now, residual = self._structure_at(data)
+        J_T, J_C = rows_at(now, data, self._cache)
         place = np.empty(mujoco.mj_stateSize(self._model, _PLACE))
         mujoco.mj_getState(self._model, data, place, _PLACE)
         return {
@@ -418,8 +418,8 @@ class JacobianReader:
             "place": check.read_only(place),
         }
 
-    def _known_at(self, data: mujoco.MjData) -> tuple[Structure, float]:
-        """Bring a state up to date: what is known of its equalities, and their largest gap."""
+    def _structure_at(self, data: mujoco.MjData) -> tuple[Structure, float]:
+        """Bring a state up to date; return its structure and the largest gap of its closures."""
         model = self._model
         check_state(model, data)
         bring_up_to_date(model, data)
@@ -427,38 +427,38 @@ class JacobianReader:
         if model.neq:
             closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
         key = closures, opt.disableactuator, opt.disableflags
-        known = self._known.get(key)
-        closed = active_closures(model, data) if known is None else known.closures
+        structure = self._structures.get(key)
+        closed = active_closures(model, data) if structure is None else structure.closures
         residual = closed.check_closed(model, data, self._tolerance)
-        if known is None:
-            known = self._known[key] = self._found(data, closed)
-        return known, residual
+        if structure is None:
+            structure = self._structures[key] = self._new_structure(data, closed)
+        return structure, residual
 
-    def _found(self, data: mujoco.MjData, closed: Closures) -> Structure:
-        """What no pose changes, where something active moves each task."""
+    def _new_structure(self, data: mujoco.MjData, closed: Closures) -> Structure:
+        """Create the structure for a state, and check that an active velocity moves each task."""
         model, tasks, pins = self._model, self._tasks, self._pins
         frames = [frame for located in tasks.values() for frame in located.frames]
-        beside = left_out(model, data, [*frames, *(pin.frame for pin in pins)])
+        omitted = left_out(model, data, [*frames, *(pin.frame for pin in pins)])
         velocities = active_velocities(model, self._variables)
-        now = Structure(model, tasks, pins, self._stuck, closed, beside, *velocities)
-        # Rows of what is stretched are zero here, and elsewhere are not.
-        if self._resting(now, data) and (resting := self._resting(now, _elsewhere(model, data))):
+        now = Structure(model, tasks, pins, self._stuck, closed, omitted, *velocities)
+        # In a singular pose, such as a stretched arm, rows may be zero that are not in general.
+        if self._unmoved(now, data) and (still := self._unmoved(now, _generic(model, data))):
             raise ModelError(
-                f"no actuator moves {check.shown(resting[0])}: name another task, what its "
+                f"no actuator moves {check.shown(still[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
         return now
 
-    def _resting(self, now: Structure, data: mujoco.MjData) -> list[Task]:
-        """Tasks of which no active velocity moves anything, through whatever closures."""
+    def _unmoved(self, now: Structure, data: mujoco.MjData) -> list[Task]:
+        """List the tasks that no active velocity moves, directly or through closures."""
         J_T, J_C = (np.abs(A) > _ZERO * np.abs(A).max(initial=1.0) for A in rows_at(now, data, {}))
         part = connected_components(J_C.T @ J_C, directed=False)[1]  # velocities tied by closures
         moves = J_T & np.isin(part, part[now.active])
-        return [task for task, own in self._rows.items() if not moves[own].any()]
+        return [task for task, rows in self._rows.items() if not moves[rows].any()]
 
 
-def _elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """A state near by where no entry of a Jacobian vanishes that does not at every pose."""
+def _generic(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """Return a nearby state in general position, where only structural zeros vanish."""
     there, size = copy(data), np.where(turning(model), 0.3, 0.1 * model.stat.extent)
     motion = size * np.random.default_rng(0).uniform(0.5, 1.5, size=model.nv)
     mujoco.mj_integratePos(model, there.qpos, motion, 1.0)

@@ -1,4 +1,4 @@
-"""A controller's own model of a mechanism: its kinematics at any joint positions."""
+"""Kinematic model of a mechanism for a controller, at any joint positions."""
 
 import copy
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ from sim.mjcf.model import check_state, start_of
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointPosture(Jacobians):
-    """Joint positions, and what follows from them.
+    """Joint positions with the Jacobians, pose, gaps and displacements computed from them.
 
     Attributes:
-        qpos: As in `data.qpos`, shape (nq,).
-        pose: Of the task frame, relative to the nominal one, as :meth:`Plant.pose`.
-        gaps: Of the closures, in the units of their rows, shape (c,).
-        displacements: Of the active velocities from the nominal posture, shape (n,).
+        qpos: Joint positions, as `data.qpos`, shape (nq,).
+        pose: Pose of the task frame relative to nominal, as :meth:`Plant.pose`.
+        gaps: Gaps of the closures, in the units of their rows, shape (c,).
+        displacements: Displacements of the active joints from nominal, shape (n,).
     """
 
     qpos: Array
@@ -38,12 +38,11 @@ class JointPosture(Jacobians):
 
 
 class Mechanism:
-    """A mechanism as :class:`.MechanismModel`: MuJoCo's kinematics, no dynamics.
+    """Mechanism as :class:`.MechanismModel`: MuJoCo's kinematics without dynamics.
 
-    Threads may share one.
-
-    Joints, closures and actuators of every kind that :func:`jacobians` takes; an actuator that is
-    no joint or tendon has no position to be measured, and its displacement is that commanded.
+    Threads may share an instance. All joints, closures and actuators that :func:`jacobians` takes
+    are supported; an actuator without joint or tendon has no measured position, and its
+    displacement is the commanded one.
     """
 
     def __init__(
@@ -55,15 +54,15 @@ class Mechanism:
         *,
         springs: bool = False,
     ) -> None:
-        """Take private copies.
+        """Copy the model and its state.
 
         Args:
             model: The mechanism without failures.
-            data: Its nominal posture, loops closed; None is the first keyframe, or `qpos0`.
-            site: The task frame: the name of a site or else of a body, or a :class:`Body`.
+            data: Nominal posture with closed loops; None is the first keyframe, or `qpos0`.
+            site: Task frame: the name of a site or else of a body, or a :class:`Body`.
             axes: Site that gives the axes of the task; None is the world.
-            springs: Whether what closures and actuators leave free moves as the springs have it,
-                with their least energy, as of a finger on one cable.
+            springs: Whether motion that closures and actuators leave free is determined by the
+                least energy of the springs, as for a finger on one cable.
         """
         check.instance("model", model, mujoco.MjModel)
         check.flag("springs", springs)
@@ -84,51 +83,52 @@ class Mechanism:
         self._drives = Struct("drives_model", N=N, n=len(active), active=active, springs=rows)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without observers, which point into states of their own."""
+        """Return the state without observers, which hold pointers."""
         return vars(self) | {"_observers": []}
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
-        """The Jacobians in a posture: itself."""
+        """Return the Jacobians in a posture, which is the posture itself."""
         return _checked(posture)
 
     def displacements(self, posture: JointPosture) -> Array:
-        """Displacements of the active velocities from the nominal posture, shape (n,)."""
+        """Return the displacements of the active joints from the nominal posture, shape (n,)."""
         return _checked(posture).displacements
 
     def task(self, posture: JointPosture) -> Array:
-        """Displacement [rotation vector; translation] of the task frame from nominal, (6,)."""
+        """Return the displacement [rotation vector; translation] of the task frame, (6,)."""
         return _checked(posture).pose.displacement()
 
     def moved(
         self, posture: JointPosture, displacements: Array, held: NDArray[np.intp]
     ) -> JointPosture:
-        """The posture near this one at which the `held` actuators have their displacements (n,).
+        """Return the posture near this one in which the `held` actuators have given displacements.
 
-        One Newton step on the joint positions, closures first: a control tick moves so little that
-        it lands within round-off. Displacements that contradict the closures are met with least
-        error. What nothing determines stays where it is, or moves as the springs have it.
+        `displacements` has shape (n,). One Newton step on the joint positions is made, closures
+        first, which for the motion of a control tick is exact to round-off. Displacements that
+        contradict the closures are satisfied with least error. Undetermined joints stay in place,
+        or move to the least energy of the springs.
         """
         J_C, gaps, here = _checked(posture).J_C, posture.gaps, posture.displacements
-        wanted = np.ascontiguousarray(check.array("displacements", displacements, len(here)))
+        target = np.ascontiguousarray(check.array("displacements", displacements, len(here)))
         is_plain = type(held) is np.ndarray and held.dtype == np.intp and held.ndim == 1
         if not is_plain or not held.flags.c_contiguous:
             held = check.indices("held", held, len(here))
         (c, N), h = J_C.shape, len(held)
         motion, work = np.empty(N), np.empty(lib.nearest_room(c, h, N, N))
-        found = lib.nearest_motion(
+        status = lib.nearest_motion(
             *(self._drives.pointer, c, pointer(J_C), len(gaps), pointer(gaps)),
-            *(h, pointer(held), pointer(wanted), pointer(here), pointer(work), pointer(motion)),
+            *(h, pointer(held), pointer(target), pointer(here), pointer(work), pointer(motion)),
         )
-        if found == lib.MOTION_REFUSED:
+        if status == lib.MOTION_INVALID:
             check.indices("held", held, len(here))
-        if found != lib.MOTION_FOUND:
+        if status != lib.MOTION_SOLVED:
             return posture
         qpos = posture.qpos.copy()
         mujoco.mj_integratePos(self._model, qpos, motion[: self._model.nv], 1.0)
         return self._posture(qpos)
 
     def _posture(self, qpos: Array) -> JointPosture:
-        """Everything at these joint positions."""
+        """Compute the posture at joint positions (nq,)."""
         observer = self._observer()
         data = observer.data
         data.qpos[:] = qpos
@@ -141,10 +141,10 @@ class Mechanism:
         return check.made(JointPosture, **fields, **own, pose=pose)
 
     def _observer(self) -> Observer:
-        """One with a state to compute in, which is to be given back."""
+        """Take an observer with a state from the pool, or create one; the caller returns it."""
         try:
             return self._observers.pop()
-        except IndexError:  # another thread has it
+        except IndexError:  # none left
             mujoco.mj_copyData(data := mujoco.MjData(self._model), self._model, self._data)
             return Observer(self._observed, data)
 

@@ -1,4 +1,4 @@
-"""What is observed of a machine: motion of its task frame and its drives from a nominal pose."""
+"""Observation of a machine: motion of its task frame and drives from a nominal pose."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,10 +16,10 @@ from sim.mjcf.model import with_sleepers
 
 
 class Observed:
-    """Where a task frame and drives are read, and what is read there in the nominal pose.
+    """Pose-independent data for observing a task frame and drives.
 
     Axes are those of the base, None is the world; the frame's nominal origin is in the world;
-    `known` is what no pose changes of the `observation` of kernels.h, by its names.
+    `constants` are the pose-independent fields of `observation` in kernels.h, by name.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class Observed:
         frame: Located,
         base: Located | None,
     ) -> None:
-        """Take the present pose for the nominal one, `data` up to date."""
+        """Take the present pose of `data`, which is up to date, as the nominal one."""
         joints = [n for n, drive in enumerate(drives) if drive.joint is not None]
         others = [n for n, drive in enumerate(drives) if drive.joint is None]
         numbers = {
@@ -41,7 +41,9 @@ class Observed:
         }
         self.frame, self.base = frame, base
         self.origin_m, nominal = frame.position_m(data).copy(), np.zeros(len(drives))
-        self.known = {name: np.array(each, dtype=np.intp) for name, each in numbers.items()} | {
+        self.constants = {
+            name: np.array(values, dtype=np.intp) for name, values in numbers.items()
+        } | {
             "drives": len(drives),
             "at_joints": len(joints),
             "gear": np.array([drives[n].gear[0] for n in others]),
@@ -52,20 +54,20 @@ class Observed:
         nominal[:] = Observer(self, data).read()[1]
 
     def axes(self, data: mujoco.MjData) -> Array:
-        """Present axes of the base in the world as columns, shape (3, 3)."""
+        """Return the present axes of the base in the world as columns, shape (3, 3)."""
         return NOMINAL.rotation if self.base is None else self.base.rotation(data)
 
     def refresh(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Bring lengths of transmissions up to date with bodies that are."""
-        if self.known["others"].size:
+        """Update lengths of transmissions from frames that are up to date."""
+        if self.constants["others"].size:
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
             mujoco.mj_transmission(model, data)
             with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_transmission)
 
     def fields(self, data: mujoco.MjData) -> dict[str, Any]:
-        """What compiled code reads, by names of kernels.h, as long as `data` is there."""
-        return self.known | {
+        """Return the fields that compiled code reads, by name; views of `data`."""
+        return self.constants | {
             "xmat": self.frame.rotation(data),
             "xpos": self.frame.position_m(data),
             "base_xmat": self.axes(data),
@@ -74,7 +76,7 @@ class Observed:
         }
 
     def force_at_centre_of_mass(self, data: mujoco.MjData, wrench: Array) -> Array:
-        """[force; moment] in world axes, as `xfrc_applied`, of [moment; force] (6,) at it."""
+        """Convert [moment; force] (6,) at the frame to [force; moment] for `xfrc_applied`."""
         axes = self.axes(data)
         moment, force = axes @ wrench[:3], axes @ wrench[3:]
         arm = self.frame.position_m(data) - data.xipos[self.frame.body]
@@ -82,12 +84,12 @@ class Observed:
 
 
 class Observer:
-    """Reads what is observed in one state, again and again as that changes."""
+    """Reader of the task frame and drives in one state, for repeated use."""
 
     def __init__(self, observed: Observed, data: mujoco.MjData) -> None:
-        """Take a state, which is up to date whenever it is read."""
-        self.data, self._seen = data, np.empty(18 + observed.known["drives"])
-        rotation, translation_m, self._task, displacement = np.split(self._seen, [9, 12, 18])
+        """Take a state, which must be up to date at each reading."""
+        self.data, self._values = data, np.empty(18 + observed.constants["drives"])
+        rotation, translation_m, self._task, displacement = np.split(self._values, [9, 12, 18])
         self._log = Struct(
             "observation",
             **observed.fields(data),
@@ -99,13 +101,13 @@ class Observer:
         )
 
     def read(self) -> tuple[Pose, Array]:
-        """The motion of the task frame in base axes, R_now R_nominal^T, and of the drives, (n,)."""
+        """Return the pose of the task frame, R_now R_nominal^T in base axes, and of drives (n,)."""
         principal(lib.observe(self._log.pointer, 0, ffi.NULL, ffi.NULL, 0), self._task)
-        seen = check.read_only(self._seen.copy())
+        values = check.read_only(self._values.copy())
         pose = check.made(
             Pose,
-            rotation=seen[:9].reshape(3, 3),
-            translation_m=seen[9:12],
-            _displacement=seen[12:18],
+            rotation=values[:9].reshape(3, 3),
+            translation_m=values[9:12],
+            _displacement=values[12:18],
         )
-        return pose, seen[18:]
+        return pose, values[18:]

@@ -1,4 +1,4 @@
-"""Poses of frames, in every form in which users have them."""
+"""Poses of frames: representation, conversion and differences."""
 
 import math
 from dataclasses import dataclass
@@ -14,33 +14,35 @@ from sim.array import Array
 from sim.mjcf.frame import one_half_turn
 
 _CLEARLY_LESS_RAD = 3.14
-"""Than half a turn."""
+"""Rotation angle [rad] clearly below half a turn."""
 _ROTATION_ERROR = 1e-6
+"""Tolerance of the entries of rotation and homogeneous matrices."""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A rotation (..., 3, 3) and a translation [m] (..., 3), or a batch of them.
+    """Rotation (..., 3, 3) and translation [m] (..., 3) of one frame or a batch of frames.
 
-    Of a plant's payload from its nominal pose, in base axes; of :func:`pose_of` in the axes given.
+    For a plant's payload they are relative to nominal, in base axes; for :func:`pose_of` in the
+    axes given.
     """
 
     rotation: Array
     translation_m: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and keep read-only copies."""
+        """Check the arguments and store read-only copies."""
         check.keep(self, "rotation", 3, 3)
         check.keep(self, "translation_m", 3)
         _ = self.lead  # raises where there is none
 
     @classmethod
     def from_matrix(cls, T: ArrayLike) -> "Pose":
-        """The pose of homogeneous matrices (..., 4, 4)."""
+        """Create a pose from homogeneous matrices (..., 4, 4)."""
         return _of_matrix("T", T)
 
     def moved(self, twist: Array) -> "Pose":
-        """The pose after a displacement [rotation vector; translation] (..., 6), base axes."""
+        """Return the pose after a displacement [rotation vector; translation] (..., 6)."""
         twist, lead = check.array("twist", twist, ..., 6), self.lead
         if twist.ndim > 1:
             lead = check.common_axes({"the pose": lead, "twist": twist.shape[:-1]})
@@ -51,23 +53,23 @@ class Pose:
         return check.made(Pose, rotation=rotation, translation_m=translation_m)
 
     def displacement(self) -> Array:
-        """[rotation vector; translation], shape (..., 6)."""
-        known = vars(self).get("_displacement")  # of a pose that compiled code has read
-        if known is not None:
-            return known.copy()
+        """Return the displacement [rotation vector; translation], shape (..., 6)."""
+        computed = vars(self).get("_displacement")  # of a pose that compiled code has read
+        if computed is not None:
+            return computed.copy()
         lead = self.lead
         given = *self._flat(lead), (displacement := np.empty((*lead, 6)))
         principal(lib.displacements(math.prod(lead), *map(pointer, given)), displacement)
         return displacement
 
     def matrix(self) -> Array:
-        """Homogeneous matrices, shape (..., 4, 4)."""
+        """Return the homogeneous matrices, shape (..., 4, 4)."""
         T = np.zeros((*self.lead, 4, 4))
         T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = self.rotation, self.translation_m, 1.0
         return T
 
     def transform(self) -> RigidTransform:
-        """The pose in scipy, which has products, inverses, quaternions and logarithms of poses.
+        """Return the pose as a scipy `RigidTransform`, for products, inverses and logarithms.
 
         Before scipy 1.17 a batch has one leading axis there.
         """
@@ -82,18 +84,18 @@ class Pose:
         return check.common_axes({"rotation": axes, "translation_m": others})
 
     def _flat(self, lead: tuple[int, ...]) -> tuple[Array, Array]:
-        """Rotations and translations, broadcast to batch axes and then as one batch."""
+        """Return rotations and translations, broadcast to batch axes and flattened to one."""
         return check.flat(self.rotation, 2, lead), check.flat(self.translation_m, 1, lead)
 
 
 NOMINAL = Pose(np.eye(3), np.zeros(3))
 
 Target: TypeAlias = Pose | RigidTransform | tuple[ArrayLike, ArrayLike] | ArrayLike
-"""A pose in any of its forms, or a position alone."""
+"""Types that describe a target pose, or a position alone."""
 
 
 def target_pose(name: str, target: Target) -> Pose | Array:
-    """The one pose that a target is, or the position (3,) where it is no more.
+    """Convert a target to a :class:`Pose`, or to a position (3,) if it has no rotation.
 
     A target is a pose; a homogeneous matrix (4, 4); a pair of a position (3,) and a quaternion
     (w, x, y, z); a `RigidTransform`; or a position (3,).
@@ -101,7 +103,7 @@ def target_pose(name: str, target: Target) -> Pose | Array:
     if isinstance(target, Pose):
         R = check.array(f"{name}.rotation", target.rotation, 3, 3)
         check.array(f"{name}.translation_m", target.translation_m, 3)
-        _refuse_no_rotation(f"{name}.rotation", R)
+        _check_rotations(f"{name}.rotation", R)
         return target
     if isinstance(target, list | tuple) and len(target) == 2:
         quat_wxyz = check.array(f"the quaternion of {name}", target[1], 4)
@@ -109,9 +111,9 @@ def target_pose(name: str, target: Target) -> Pose | Array:
         if not (largest := np.abs(quat_wxyz).max()):
             got = check.shown(quat_wxyz.tolist())
             raise ValueError(f"the quaternion of {name} must not be zero, got {got}")
-        unit = quat_wxyz / largest  # else the squares of small numbers vanish
+        unit = quat_wxyz / largest  # otherwise squares of small numbers underflow
         return Pose(Rotation.from_quat(unit, scalar_first=True).as_matrix(), position_m)
-    given: Any = target  # pyright knows no classes of scipy
+    given: Any = target  # scipy has no type stubs
     A = check.array(
         name, given.as_matrix() if isinstance(given, RigidTransform) else given, copy=True
     )
@@ -126,17 +128,17 @@ def target_pose(name: str, target: Target) -> Pose | Array:
     return _of_matrix(name, A)
 
 
-def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
-    """[rotation vector; translation] (6,) from one pose to another, in the axes of both."""
-    way = np.empty(6)
-    principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, way))), way)
-    return way
+def pose_difference(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
+    """Return [rotation vector; translation] (6,) from one pose to another, in common axes."""
+    twist = np.empty(6)
+    principal(lib.way(*map(pointer, (rotation, position_m, to_rotation, to_m, twist))), twist)
+    return twist
 
 
 def principal(largest_rad: float, twists: Array) -> None:
-    """Make rotation vectors, the first of twists (..., 6), one of two at half a turn.
+    """Make the rotation vectors of twists (..., 6) unique at half a turn, in place.
 
-    Compiled code has written them, and said the largest angle.
+    `largest_rad` is their largest angle, as returned by compiled code.
     """
     if largest_rad > _CLEARLY_LESS_RAD:
         twists[..., :3] = one_half_turn(twists[..., :3])
@@ -146,12 +148,12 @@ def _of_matrix(name: str, T: ArrayLike) -> Pose:
     A = check.array(name, check.array(name, T, copy=True), ..., 4, 4)
     if (np.abs(A[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > _ROTATION_ERROR).any():
         raise ValueError(f"{name} must have the last row 0 0 0 1, got {check.shown(A.tolist())}")
-    _refuse_no_rotation(name, A[..., :3, :3])
+    _check_rotations(name, A[..., :3, :3])
     return Pose(A[..., :3, :3], A[..., :3, 3])
 
 
-def _refuse_no_rotation(name: str, R: Array) -> None:
-    """Refuse matrices (..., 3, 3), one of which is not orthogonal, or a reflection."""
+def _check_rotations(name: str, R: Array) -> None:
+    """Check that all matrices (..., 3, 3) are rotations."""
     error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)
     if error > _ROTATION_ERROR or (np.linalg.det(R) < 0.0).any():
         raise ValueError(f"{name} must be a rotation matrix, got {check.shown(R.tolist())}")

@@ -1,4 +1,4 @@
-"""What no pose changes of a mechanism's Jacobians, and the matrices that their rows go to."""
+"""Pose-independent structure of a mechanism's Jacobians, and matrices for their rows."""
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures
-from sim.closing.hold import LocatedPin
+from sim.closing.fixed import LocatedPin
 from sim.errors import ModelError
 from sim.kinematics.task import LocatedFunction, Motion, Task
 from sim.mjcf.accuracy import Rounding, roundings
@@ -27,28 +27,28 @@ from sim.mjcf.model import element_id, name_of
 
 _OF_JOINT, _TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtEq.mjEQ_TENDON)
 _MARGIN = 4.0
-"""Of the bound: two chains meet in a closure, and errors of axes turn what hangs on them."""
+"""Safety factor of the bound: closures join two chains, and axis errors rotate their subtrees."""
 _NONE_STUCK = check.frozen(np.zeros((0, 0)))
 _Writer = Callable[[mujoco.MjModel, mujoco.MjData, Array], None]
-"""Overwrites an array (k, nv) by rows per qvel."""
+"""Function that writes rows per qvel to an array (k, nv)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What no pose changes of the Jacobians of a model with certain equalities and actuators.
+    """Pose-independent structure of the Jacobians of a model with given equalities and actuators.
 
-    Arrays are read-only, because ticks share them. Natural units are 1 of an angle, the mechanism's
-    own length of a length.
+    Arrays are read-only, because ticks share them. The natural unit is 1 rad for angles and the
+    mechanism's length for lengths.
 
     Attributes:
-        tasks: The rows of J_T, task by task.
-        stuck: Which joints and tendons on their limits count as stuck: none, all, or by names.
-        left_out: A sentence for each active equality that does not count.
-        active: Velocity index of each active velocity, shape (n,): of those with actuators, then of
-            those that are variables without one.
-        gear: Of the first actuator of each, 1 where there is none, shape (n,).
-        drives: What each active velocity with an actuator is and what drives it, in their order.
-        variables: How many active velocities have no actuator.
+        tasks: Functions that give the rows of J_T, task by task.
+        stuck: Joints and tendons on their limits that count as stuck: none, all, or by names.
+        left_out: Sentence for each active equality that is left out.
+        active: Velocity index of each active velocity, shape (n,): those with actuators, then
+            variables without one.
+        gear: Gear of the first actuator of each, 1 where there is none, shape (n,).
+        drives: Drive of each active velocity with an actuator, in their order.
+        variables: Number of active velocities without an actuator.
     """
 
     model: mujoco.MjModel
@@ -64,12 +64,12 @@ class Structure:
 
     @cached_property
     def extra(self) -> tuple[Drive, ...]:
-        """Those drives that are no joint."""
+        """Drives that move no single joint."""
         return extra_drives(self.drives)
 
     @cached_property
     def length(self) -> float:
-        """The mechanism's own length [m]; see :func:`own_length`."""
+        """Length of the mechanism [m]; see :func:`own_length`."""
         tasks, pins = self.tasks.values(), (pin.frame for pin in self.pins)
         frames = [frame for located in tasks for frame in located.frames]
         return own_length(self.model, [*pins, *frames, *self.closures.frames(self.model)])
@@ -84,12 +84,12 @@ class Structure:
     @cached_property
     def task_units(self) -> Array:
         """Natural unit of each row of J_T, shape (m,)."""
-        angular = [each for located in self.tasks.values() for each in located.angular]
+        angular = [is_angle for located in self.tasks.values() for is_angle in located.angular]
         return check.read_only(np.where(np.array(angular, dtype=bool), 1.0, self.length))
 
     @cached_property
     def constraint_units(self) -> Array:
-        """Natural units of the rows of closures, drives that are no joint, and pins."""
+        """Natural units of the rows of closures, of drives without a joint, and of pins."""
         model, velocities = self.model, self.velocity_units
         scale = self.closures.units  # of the turns of a weld, which are sines that are scaled
         lengths = np.where(self.closures.turns(model), 1.0, self.length)
@@ -102,14 +102,15 @@ class Structure:
 
     @cached_property
     def roundings(self) -> tuple[Rounding, ...]:
-        """Numbers of the file that were rounded."""
+        """Rounded numbers of the model file."""
         return roundings(self.model)
 
     @cached_property
     def bound(self) -> float:
-        """Bound of the errors of all entries that rounding makes, in natural units.
+        """Bound of the errors of all entries due to rounding, in natural units.
 
-        Infinite where the pose decides: of tendons in space, cranks and sites as transmissions.
+        It is infinite for transmissions by spatial tendons, cranks and sites, whose errors depend
+        on the pose.
         """
         if not self.roundings:
             return 0.0
@@ -131,16 +132,16 @@ class Structure:
         return _MARGIN * float(own.sum(axis=1).max() + sites.max(initial=0.0) + closures)
 
     def error_bound(self, residual: float) -> float:
-        """Bound of all errors in natural units, where closures are open so far, [m] or [rad]."""
+        """Return the bound of all errors, in natural units, at a closure gap [m] or [rad]."""
         return self.bound + residual / self.length
 
     @cached_property
     def copies(self) -> list["Structure"]:
-        """Copies whose models' numbers may be moved, each taken by one thread at a time."""
+        """Copies whose model may be changed, each used by one thread at a time."""
         return []
 
     def copied(self) -> "Structure":
-        """Take one of the copies, or make one: with meshes that takes longer than a tick."""
+        """Take a copy from the pool, or create one, which for meshes takes longer than a tick."""
         with suppress(IndexError):  # another thread may have the only one
             return self.copies.pop()
         model = copy(self.model)
@@ -168,11 +169,13 @@ class Structure:
 def active_velocities(
     model: mujoco.MjModel, variables: NDArray[np.intp] | None
 ) -> tuple[NDArray[np.intp], Array, tuple[Drive, ...], int]:
-    """The last four attributes of a :class:`Structure` with these variables; None is all others.
+    """Return indices, gears, drives and number of variables, as in :class:`Structure`.
+
+    `variables` are velocities without an actuator; None is all of them.
 
     Raises:
-        ModelError: A model without enabled actuators and without variables; an actuator that is no
-            velocity; a variable that has an actuator.
+        ModelError: There is neither an enabled actuator nor a variable; an actuator has no
+            velocity; or a variable has an actuator.
     """
     of_model = drives(model) if variables is None or len(variables) else required_drives(model)
     after = count(model.nv)
@@ -190,7 +193,7 @@ def active_velocities(
 def variables_of(
     model: mujoco.MjModel, active: bool | Iterable[str | int]
 ) -> NDArray[np.intp] | None:
-    """Velocities to be variables without an actuator, ascending; None is all without one."""
+    """Return the velocities that are variables, ascending; None for all without an actuator."""
     if isinstance(active, bool):
         return None if active else np.zeros(0, dtype=np.intp)
     joints = set[int]()
@@ -204,14 +207,14 @@ def variables_of(
 
 
 class Matrices(NamedTuple):
-    """J_T and J_C, into which MuJoCo writes the rows of each pose.
+    """Matrices J_T and J_C, to which MuJoCo writes the rows of each pose.
 
     Attributes:
         whole: J_T (m, N) and J_C (c, N): rows of closures, transmissions, pins and limits.
-        views: Both, read-only.
-        per_qvel: Their first nv columns: themselves where no other velocities are.
-        parts: What writes each block of rows, and where.
-        limits: Rows of limits, of which another pose may have more.
+        views: Read-only views of both.
+        per_qvel: Arrays of their first nv columns; the matrices themselves if nv = N.
+        parts: Function that writes each block of rows, and its place.
+        limits: Rows of limits, whose number depends on the pose.
     """
 
     whole: tuple[Array, Array]
@@ -222,7 +225,7 @@ class Matrices(NamedTuple):
 
 
 def _blank(of: Structure, limits: int) -> Matrices:
-    """Matrices to be written, for so many rows of limits."""
+    """Create the matrices of a structure with a given number of rows of limits."""
     nv, E, C = of.model.nv, len(of.extra), len(of.closures.units)
     m = sum(len(located.angular) for located in of.tasks.values())
     c = C + E + sum(pin.height for pin in of.pins)
@@ -245,25 +248,25 @@ def _blank(of: Structure, limits: int) -> Matrices:
     return Matrices(whole, views, per_qvel, tuple(parts), constraints[c:])
 
 
-Kept: TypeAlias = dict[tuple["Structure", int], Matrices]
-"""Matrices of a structure and a number of rows of limits."""
+Cache: TypeAlias = dict[tuple["Structure", int], Matrices]
+"""Matrices by structure and number of rows of limits."""
 
 
 def rows_at(
-    of: Structure, data: mujoco.MjData, kept: Kept, *, copied: bool = True
+    of: Structure, data: mujoco.MjData, cache: Cache, *, copied: bool = True
 ) -> tuple[Array, Array]:
-    """J_T (m, N) and J_C (c, N) at a pose that is up to date, read-only.
+    """Return J_T (m, N) and J_C (c, N), read-only, at a pose that is up to date.
 
-    Copies, or views that the next call with the same `kept` overwrites.
+    They are copies, or views that the next call with the same `cache` overwrites.
 
     Raises:
         ModelError: Rows of closures or transmissions are not finite.
-        ValueError: A task has other rows than it says.
+        ValueError: A task's Jacobian has another number of rows than its `angular`.
     """
     model = of.model
     limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK
     key = of, len(limits)
-    to = kept.pop(key, None) or _blank(*key)  # another thread must not have them meanwhile
+    to = cache.pop(key, None) or _blank(*key)  # another thread must not use them meanwhile
     for write, out in to.parts:
         write(model, data, out)
     if len(limits):
@@ -279,12 +282,12 @@ def rows_at(
     J_T, J_C = to.views
     if copied:
         J_T, J_C = check.read_only(J_T.copy()), check.read_only(J_C.copy())
-    kept[key] = to
+    cache[key] = to
     return J_T, J_C
 
 
 def _write_checked(
     name: str, located: LocatedFunction, model: mujoco.MjModel, data: mujoco.MjData, out: Array
 ) -> None:
-    """Overwrite rows by those of a task that may be a user's own, with others than it says."""
+    """Write the rows of a task, and check their shape, since the task may be user-defined."""
     out[:] = check.array(name, located.jacobian(model, data), *out.shape)

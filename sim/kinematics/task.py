@@ -1,4 +1,4 @@
-"""Tasks: what of a mechanism is to move, its rows of J_T, its pose and the way to a target."""
+"""Tasks: frames, centres of mass and task functions; rows of J_T, poses, errors to targets."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import NOMINAL, Pose, Target, target_pose, way_between
+from sim.kinematics.pose import NOMINAL, Pose, Target, pose_difference, target_pose
 from sim.mjcf.frame import Body, Located, located
 from sim.mjcf.model import check_state, element_id
 
 TWIST, LINEAR = tuple(range(6)), tuple(range(3, 6))
 _AS_WRITTEN = TWIST, LINEAR
-"""Rows that MuJoCo writes as they are."""
+"""Row selections that MuJoCo writes directly."""
 
 
 @dataclass(frozen=True)
 class CenterOfMass:
-    """The centre of mass of the whole model, or of a body with all that it carries: three rows.
+    """Task of three rows: the centre of mass of the model, or of a body with its subtree.
 
     Attributes:
-        body: Name of that body; None is everything.
+        body: Name of that body; None is the whole model.
     """
 
     body: str | None = None
@@ -39,11 +39,11 @@ class CenterOfMass:
 
 @dataclass(frozen=True)
 class Relative:
-    """A frame as seen from another one, which may move too: six rows.
+    """Task of six rows: a frame relative to another one, which may move.
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`Body`.
-        root: Likewise; motion that both share is none.
+        root: Name or :class:`Body` of the reference frame.
     """
 
     frame: str | Body
@@ -56,60 +56,60 @@ class Relative:
 
 
 class LocatedFunction(Protocol):
-    """A task, once its names are looked up in a model: rows of J_T, and the way to a target."""
+    """Protocol of a task whose names are looked up in a model: rows of J_T, error to a target."""
 
     @property
     def frames(self) -> tuple[Located, ...]:
-        """Frames whose motion the rows are made of."""
+        """Frames whose motion the rows depend on."""
         ...
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """Whether each row is an angular velocity, shape (k,); otherwise a linear one."""
+        """Flags (k,) that are True for angular rows and False for linear ones."""
         ...
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The rows per qvel, shape (k, nv).
+        """Return the rows per qvel, shape (k, nv).
 
-        `data` is up to date: positions of frames and centres of mass belong to its `qpos`.
+        Positions of frames and centres of mass in `data` are up to date.
         """
         ...
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The way to the target, (k,): J qvel times a second leads there to first order.
+        """Return the error (k,): J qvel times 1 s reaches the target to first order.
 
         Raises:
-            ValueError: There is no target, or none of this model.
+            ValueError: The target is not set, or does not fit the model.
         """
         ...
 
 
 @dataclass(eq=False, kw_only=True)
 class TaskFunction(ABC):
-    """One thing to do: rows of a Jacobian, and the way to a target that the loop may move.
+    """Base class of task functions: rows of a Jacobian and the error to a target, which may change.
 
-    A class of your own is a dataclass with a method :meth:`on`. Arguments are checked whenever they
-    are set. The target and the gain may be set at any time; what else is checked is fixed once the
-    task is given to `fjh.Ik`, which has looked it up by then: to set it raises.
+    A subclass is a dataclass with a method :meth:`on`. Attributes are checked when they are set.
+    Target and gain may be set at any time; the other checked attributes are fixed once the task is
+    passed to `fjh.Ik`, which looks up their names.
 
     Attributes:
-        target: What is to be reached; None is nothing yet.
-        gain: Part of the way to the target that is asked for in one tick, in 0..1.
-        weight: Of the rows, against others of the same level: one number or (k,); None is 1, in
-            natural units.
+        target: Target value; None if it is not set yet.
+        gain: Fraction of the error to correct in one tick, in 0..1.
+        weight: Weight of the rows within their level: one number or (k,); None is 1, in natural
+            units.
         damping: Tikhonov damping of this task's level, in units of the singular values of its rows;
-            see :class:`prioritized.Task`. None damps only a step that would not come nearer, as
-            before a target out of reach, by what is asked for (Levenberg and Marquardt).
+            see :class:`prioritized.Task`. None damps only steps that would not reduce the error,
+            for example towards an unreachable target, by the error (Levenberg and Marquardt).
 
     Raises:
-        ValueError: A gain outside of 0..1, a negative weight or damping, rows out of range, or a
+        ValueError: A gain outside 0..1, a negative weight or damping, rows out of range, or a
             target of the wrong shape.
-        AttributeError: What is fixed is set.
+        AttributeError: A fixed attribute is set.
     """
 
     _checks: ClassVar[Mapping[str, Callable[[str, Any], Any]]] = {}
-    """Of attributes of a class of its own, by their names."""
-    _is_given: ClassVar[bool] = False
+    """Checks of a subclass's attributes, by name."""
+    _is_fixed: ClassVar[bool] = False
 
     target: Any = field(default=None, repr=False)
     gain: float = field(default=1.0, repr=False)
@@ -117,12 +117,12 @@ class TaskFunction(ABC):
     damping: float | None = field(default=None, repr=False)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Check what is set."""
+        """Check a value and set it; raise AttributeError if the attribute is fixed."""
         checks = {**_CHECKS, **self._checks}
-        if self._is_given and name in checks and name != "gain":
+        if self._is_fixed and name in checks and name != "gain":
             raise AttributeError(
                 f"{name} of {type(self).__name__} is fixed once an Ik has the task, only target "
-                "and gain may be set: make another task, and another Ik"
+                "and gain may be set: create another task and another Ik"
             )
         if name == "target":
             value = None if value is None else self.checked(value)
@@ -130,12 +130,12 @@ class TaskFunction(ABC):
             value = checks[name](name, value)
         object.__setattr__(self, name, value)
 
-    def give(self) -> None:
-        """Fix what :meth:`on` looks up."""
-        object.__setattr__(self, "_is_given", True)
+    def fix(self) -> None:
+        """Fix the attributes that :meth:`on` looks up."""
+        object.__setattr__(self, "_is_fixed", True)
 
     def checked(self, target: Any) -> Any:
-        """The target in the form that the error is computed with."""
+        """Return the checked target in the form that the error is computed from."""
         return target
 
     @abstractmethod
@@ -143,14 +143,14 @@ class TaskFunction(ABC):
         """Look up the names in a model.
 
         Raises:
-            ModelError: A name that does not exist, with the nearest that does.
+            ModelError: A name does not exist; the message suggests the nearest one.
         """
 
     def needed(self) -> Any:
-        """The target, which there must be.
+        """Return the target, which must be set.
 
         Raises:
-            ValueError: There is none yet.
+            ValueError: The target is not set.
         """
         if self.target is None:
             raise ValueError(f"target of {type(self).__name__} must be set before the first tick")
@@ -174,48 +174,48 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
 
 
 Task: TypeAlias = str | Body | CenterOfMass | Relative | TaskFunction
-"""A site by name, the frame of a body, a centre of mass, one frame relative to another, or rows."""
+"""Task: a site's name, a body's frame, a centre of mass, a relative frame, a task function."""
 
 
 class MassCenter(NamedTuple):
-    """The centre of mass of a body and of all that it carries, as a frame with the world's axes.
+    """Centre of mass of a body and its subtree, as a frame with the world's axes.
 
-    It may be anywhere among the frames, which are those of all these bodies.
+    `frames` are the frames of all these bodies.
     """
 
     body: int
     frames: tuple[Located, ...]
 
     def rotation(self, _: mujoco.MjData) -> Array:
-        """Axes of the world, (3, 3)."""
+        """Return the axes of the world, (3, 3)."""
         return NOMINAL.rotation
 
     def position_m(self, data: mujoco.MjData) -> Array:
-        """Where it is in the world, (3,): a view."""
+        """Return the position in the world [m], (3,); a view of `data`."""
         return data.subtree_com[self.body]
 
     def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (3, nv) by its velocity in world axes per qvel."""
+        """Write the Jacobian of the velocity in world axes to an array (3, nv)."""
         mujoco.mj_jacSubtreeCom(model, data, out, self.body)
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Its twist in world axes per qvel, of which it turns never, shape (6, nv)."""
+        """Return the twist in world axes per qvel, (6, nv), whose angular rows are zero."""
         self.write_jacobian(model, data, (twist := np.zeros((6, model.nv)))[3:])
         return twist
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Rows of the twist [angular; linear] of a frame or centre of mass, and the way to a target.
+    """Rows of the twist [angular; linear] of a frame or centre of mass, and the error to a target.
 
-    A :class:`LocatedFunction` that writes its rows into J_T at every tick.
+    It is a :class:`LocatedFunction` that writes its rows directly to J_T at every tick.
 
     Attributes:
-        frame: What moves.
-        root: The frame that it is seen from; None is the world.
-        axes: Of the rows; None is the world.
-        rows: Which of the six.
-        target: Gives the target of a task function, and raises where there is none yet.
+        frame: Frame or centre of mass that moves.
+        root: Reference frame; None is the world.
+        axes: Axes of the rows; None is the world.
+        rows: Numbers of the rows, among 0..5.
+        target: Function that returns the target of a task function, or raises if it is not set.
     """
 
     frame: Located | MassCenter
@@ -226,13 +226,13 @@ class Motion:
 
     @property
     def frames(self) -> tuple[Located, ...]:
-        """See :class:`LocatedFunction`."""
+        """Frames whose motion the rows depend on."""
         frames = self.frame.frames if isinstance(self.frame, MassCenter) else (self.frame,)
         return frames if self.root is None else (*frames, self.root)
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """See :class:`LocatedFunction`."""
+        """Flags (k,) that are True for angular rows and False for linear ones."""
         return tuple(row < 3 for row in self.rows)
 
     @cached_property
@@ -240,12 +240,12 @@ class Motion:
         return np.array(self.rows)
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The rows per qvel, shape (k, nv); `data` is up to date."""
+        """Return the rows per qvel, shape (k, nv); `data` is up to date."""
         self.write_jacobian(model, data, rows := np.empty((len(self.rows), model.nv)))
         return rows
 
     def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
-        """Overwrite an array (k, nv) by the rows."""
+        """Write the rows per qvel to an array (k, nv)."""
         frame, root, axes = self.frame, self.root, self.axes
         if root is None and axes is None and self.rows in _AS_WRITTEN:
             frame.write_jacobian(model, data, out)
@@ -260,20 +260,20 @@ class Motion:
             twist[5] -= of_root[0] * y - of_root[1] * x
         if axes is not None:
             twist = np.matmul(axes.rotation(data).T, twist.reshape(2, 3, -1)).reshape(6, -1)
-        twist.take(self._index, axis=0, out=out, mode="clip")  # which needs no buffer
+        twist.take(self._index, axis=0, out=out, mode="clip")  # avoids a buffer
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """[rotation vector; translation] to the target, its rows, shape (k,)."""
+        """Return the rows of [rotation vector; translation] to the task's target, shape (k,)."""
         assert self.target is not None
-        return self.way(data, self.target())
+        return self.displacement_to(data, self.target())
 
-    def way(
+    def displacement_to(
         self, data: mujoco.MjData, target: Pose | Array, seen_from: Located | None = None
     ) -> Array:
-        """[rotation vector; translation] to a target, its rows, shape (k,).
+        """Return the rows of [rotation vector; translation] to a target, shape (k,).
 
-        A position (3,) leaves the rotation as it is. Targets are seen from the root, or else from
-        another frame; None is the world.
+        For a position (3,) the rotation vector is zero. Targets are relative to the root, or
+        else to `seen_from`; None is the world.
         """
         rotation, position_m = self.frame.rotation(data), self.frame.position_m(data)
         is_pose, seen_from = isinstance(target, Pose), self.root or seen_from
@@ -283,36 +283,36 @@ class Motion:
             outer = seen_from.rotation(data)
             goal = seen_from.position_m(data) + outer @ goal
             there = outer @ there if is_pose else there
-        way = way_between(rotation, position_m, there, goal)
+        displacement = pose_difference(rotation, position_m, there, goal)
         if not is_pose:
-            way[:3] = 0.0  # but for round-off
+            displacement[:3] = 0.0  # removes round-off
         if self.axes is not None:
-            way = (way.reshape(2, 3) @ self.axes.rotation(data)).ravel()
-        return way[self._index]
+            displacement = (displacement.reshape(2, 3) @ self.axes.rotation(data)).ravel()
+        return displacement[self._index]
 
 
 def mass_center(model: mujoco.MjModel, body: str | None) -> MassCenter:
-    """The centre of mass of a body by name with all that it carries; None is everything."""
+    """Look up the centre of mass of a named body with its subtree; None is the whole model."""
     check.instance("model", model, mujoco.MjModel)
-    within = carried_bodies(model, 0 if body is None else element_id(model, "body", body))
+    within = subtree_bodies(model, 0 if body is None else element_id(model, "body", body))
     return MassCenter(within[0], tuple(Located(k, k, is_site=False) for k in within if k))
 
 
-def carried_bodies(model: mujoco.MjModel, body: int) -> list[int]:
-    """Numbers of a body and of all bodies that hang from it, ascending."""
-    carried = [body]
+def subtree_bodies(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the numbers of a body and of all bodies in its subtree, ascending."""
+    subtree = [body]
     for k in range(body + 1, model.nbody):  # parents come before their children
-        if model.body_parentid[k] in carried:
-            carried.append(k)
-    return carried
+        if model.body_parentid[k] in subtree:
+            subtree.append(k)
+    return subtree
 
 
 def located_task(model: mujoco.MjModel, task: Task, axes: Located | None = None) -> LocatedFunction:
-    """The task, looked up by its names; rows are in these axes, but those of task functions."""
+    """Look up a task by its names; `axes` are those of its rows, except for task functions."""
     if isinstance(task, CenterOfMass):
         return Motion(mass_center(model, task.body), None, axes, LINEAR)
     if isinstance(task, Relative):
-        frame, root = (located(model, "site", each) for each in (task.frame, task.root))
+        frame, root = (located(model, "site", name) for name in (task.frame, task.root))
         return Motion(frame, root, axes)
     if isinstance(task, TaskFunction):
         return task.on(model)
@@ -322,31 +322,32 @@ def located_task(model: mujoco.MjModel, task: Task, axes: Located | None = None)
 def located_tasks(
     model: mujoco.MjModel, site: Task | Sequence[Task], axes: Located | None = None
 ) -> dict[Task, LocatedFunction]:
-    """The tasks of an argument `site`, one at least, each looked up; see :func:`located_task`."""
+    """Look up the tasks of an argument `site`, at least one; see :func:`located_task`."""
     tasks: Any = list(site) if isinstance(site, list | tuple) else [site]
     if not tasks:
-        raise ValueError("site must name a task at least, got none")
-    found = {task: located_task(model, task, axes) for task in tasks}
-    if len(found) < len(tasks):
+        raise ValueError("site must name at least one task, got none")
+    functions = {task: located_task(model, task, axes) for task in tasks}
+    if len(functions) < len(tasks):
         raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
-    return found
+    return functions
 
 
 def located_axes(model: mujoco.MjModel, axes: str | None) -> Located | None:
-    """The site that gives the axes, looked up by its name; None is the world."""
+    """Look up the site that gives the axes; None is the world."""
     return None if axes is None else located(model, "axes", check.instance("axes", axes, str))
 
 
 def pose_of(
     model: mujoco.MjModel, data: mujoco.MjData, site: Task, axes: str | None = None
 ) -> Pose:
-    """Where a task is, at the present `data.qpos`; frames in `data` are brought up to date.
+    """Return the pose of a task at the present `data.qpos`; frames in `data` are updated.
 
     Args:
         model: Any model.
-        data: Its state.
+        data: State of the model.
         site: One task, as for :func:`jacobians`. The rotation of a centre of mass is the identity.
-        axes: Site in whose frame; None is the world's. A :class:`Relative` is seen from its root.
+        axes: Site that is the reference frame; None is the world. A :class:`Relative` is relative
+            to its root.
     """
     seen_from, (task,) = _motions(model, data, [site], axes)
     rotation, position_m = task.frame.rotation(data), task.frame.position_m(data)
@@ -364,27 +365,27 @@ def pose_error(
     target: Target | Sequence[Target],
     axes: str | None = None,
 ) -> Array:
-    """The displacement from where tasks are to their targets, in the rows of `jacobians`.
+    """Return the displacement from tasks to their targets, in the rows of `jacobians`.
 
-    [rotation vector; translation], so that J_T qvel times a second leads there to first order.
+    It is [rotation vector; translation]: J_T qvel times 1 s reaches the target to first order.
 
     Args:
         model: Any model.
-        data: Its state; frames in it are brought up to date.
-        site: The tasks, as for :func:`jacobians`.
-        target: For each a pose, as :func:`pose_of` gives it; or as a homogeneous matrix (4, 4), a
+        data: State of the model; frames in it are brought up to date.
+        site: Tasks, as for :func:`jacobians`.
+        target: One target per task: a pose as of :func:`pose_of`, a homogeneous matrix (4, 4), a
             pair of a position (3,) and a quaternion (w, x, y, z), or a `RigidTransform` of scipy;
-            or a position (3,) alone, with the rotation as it is.
-        axes: As for :func:`jacobians`; a site that does not move.
+            or a position (3,) alone, which keeps the present rotation.
+        axes: Site whose axes express rows and targets, as for :func:`jacobians`; it must not move.
     """
     seen_from, tasks = _motions(model, data, site, axes)
     targets: Any = target if isinstance(site, list | tuple) else [target]
     if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
         raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
-    ways = []
+    displacements = []
     for task, given in zip(tasks, targets, strict=True):
-        ways.append(task.way(data, target_pose("target", given), seen_from))
-    return np.concatenate(ways)
+        displacements.append(task.displacement_to(data, target_pose("target", given), seen_from))
+    return np.concatenate(displacements)
 
 
 def _motions(
@@ -393,14 +394,14 @@ def _motions(
     site: Task | Sequence[Task],
     axes: str | None,
 ) -> tuple[Located | None, list[Motion]]:
-    """The axes, and the tasks on frames and centres of mass, in a state brought up to date."""
+    """Look up axes and tasks, which must be frames or centres of mass, and update a state."""
     check_state(model, data)
     in_axes = located_axes(model, axes)
-    found = list[Motion]()
+    motions = list[Motion]()
     for task, rows in located_tasks(model, site, in_axes).items():
         if not isinstance(rows, Motion):
             raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
-        found.append(rows)
+        motions.append(rows)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    return in_axes, found
+    return in_axes, motions

@@ -1,4 +1,4 @@
-"""Contents of an MJCF model: elements, frames, drives, ranges, inertia, printed accuracy."""
+"""Contents of an MJCF model: elements, frames, drives, ranges, inertia, accuracy."""
 
 from sim.mjcf.drive import Drive as Drive
 from sim.mjcf.drive import Law as Law

@@ -1,4 +1,4 @@
-"""Actuators of a model: the velocities they drive, their force laws, their locks."""
+"""Actuators of a model: the velocities that they drive, their force laws, their locks."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -27,26 +27,27 @@ _OTHER_GAINS = {
 }
 
 _DIGITS = 9
-"""Digits to which directions of one site or ball joint agree that share a velocity."""
+"""Digits to which directions at one site or ball joint must agree to share a velocity."""
 STEPS = 2
 """Time constant of a lock, in physics steps: the stiffest that MuJoCo integrates."""
 
 Lockable = tuple[str, int]
-"""What a lock can hold: "joint", a slide or hinge, or "tendon", and its number."""
+"""Element that a lock can hold: "joint" (slide or hinge) or "tendon", and its number."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """One active velocity, and the actuators that move it.
+    """Active velocity and the actuators that move it.
 
     Attributes:
         ids: Numbers of the actuators.
-        gear: Of each: its length grows by gear times the velocity, its force acts gear times.
-        outputs: Of each, in `data.actuator_force`. The row of the first in `data.actuator_moment`,
-            divided by its gear, gives the velocity from the joints'.
-        joint: Slide or hinge driven.
-        has_length: Whether `data.actuator_length` is a length whose slope is the velocity's row:
-            of joints, tendons and slider-cranks.
+        gear: Gear of each actuator: its length grows by gear times the velocity, its force acts
+            gear times.
+        outputs: Index of each in `data.actuator_force`. The row of the first in
+            `data.actuator_moment`, divided by its gear, maps qvel to the velocity.
+        joint: Number of the slide or hinge that is driven; None if there is none.
+        has_length: Whether `data.actuator_length` is a length whose gradient is the velocity's
+            row: true for joints, tendons and slider-cranks.
     """
 
     model: mujoco.MjModel
@@ -59,23 +60,23 @@ class Drive:
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators, "number k" where they have none."""
+        """Names of the actuators; "number k" for one without a name."""
         return tuple(name_of(self.model.actuator(k)) for k in self.ids)
 
     @cached_property
     def name(self) -> str:
-        """Name of the joint or tendon; for other transmissions, of the first actuator."""
+        """Name of the joint or tendon; the first actuator's name for other transmissions."""
         part = self.lockable
         return (part and getattr(self.model, part[0])(part[1]).name) or self.actuators[0]
 
     @property
     def lockable(self) -> Lockable | None:
-        """The joint or tendon that a lock can hold; None of any other transmission."""
+        """Joint or tendon that a lock can hold; None for any other transmission."""
         return lockable_by(self.model, self.ids[0])
 
     @cached_property
     def unit(self) -> str:
-        """Unit of the displacement: "rad" of turns and of tendons that add up angles, else "m"."""
+        """Unit of the displacement: "rad" for rotations and tendons that sum angles, else "m"."""
         if self.lockable:
             turns = is_turn(self.model, self.joint, self.tendon)
         else:
@@ -92,12 +93,12 @@ class Drive:
     def force_range(self) -> tuple[float, float]:
         """Range of the total force along the velocity, [N] or [N m]; infinite where unlimited.
 
-        The limit of a joint's or tendon's total counts; of a tendon's only if all its actuators
-        have one gear, since MuJoCo limits their sum before the gears.
+        Limits of the total at a joint or tendon are included; at a tendon only if all its
+        actuators have the same gear, since MuJoCo limits their sum before the gears.
         """
         model, joint, tendon = self.model, self.joint, self.tendon
-        each = zip(self.ids, self.gear, strict=True)
-        span = np.sum([np.sort(g * _force_range(model, k)) for k, g in each], axis=0)
+        pairs = zip(self.ids, self.gear, strict=True)
+        span = np.sum([np.sort(g * _force_range(model, k)) for k, g in pairs], axis=0)
         if joint is not None and model.jnt_actfrclimited[joint]:
             span = np.clip(span, *model.jnt_actfrcrange[joint])
         if tendon is not None and model.tendon_actfrclimited[tendon] and len(set(self.gear)) == 1:
@@ -107,13 +108,13 @@ class Drive:
 
     @property
     def one_sided(self) -> int:
-        """Sign of the velocity along which alone the actuators push; 0 is both ways."""
+        """Sign of the only direction in which the actuators can push; 0 if they push in both."""
         least, most = self.force_range
         return int(least >= 0.0) - int(most <= 0.0)
 
 
 def is_turn(model: mujoco.MjModel, joint: int | None, tendon: int | None) -> bool:
-    """Whether a joint turns, or a tendon only adds up angles; otherwise it is a length."""
+    """Return whether a joint rotates, or a tendon only sums angles; otherwise it is a length."""
     joints = [joint] if joint is not None else []
     if tendon is not None:
         first = int(model.tendon_adr[tendon])
@@ -124,21 +125,23 @@ def is_turn(model: mujoco.MjModel, joint: int | None, tendon: int | None) -> boo
 
 
 def force_limits(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
-    """Least and most of the force of each output of an actuator that the file allows."""
+    """Return the least and greatest force that the file allows each output of an actuator."""
     if not model.actuator_forcelimited[actuator]:
         return -np.inf, np.inf
     least, most = model.actuator_forcerange[actuator].tolist()
-    return (-most if model.actuator_outnum[actuator] > 1 else least), most  # several: of their norm
+    return (
+        -most if model.actuator_outnum[actuator] > 1 else least
+    ), most  # limits the norm of several
 
 
 def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
-    """Least and most of the force that each output of an actuator exerts, (2,)."""
+    """Return the least and greatest force that each output of an actuator can exert, (2,)."""
     least, most = force_limits(model, actuator)
     control = int(model.actuator_ctrladr[actuator])
     gain, bias = _GAIN(model.actuator_gaintype[actuator]), _BIAS(model.actuator_biastype[actuator])
     is_motor = gain == _GAIN.mjGAIN_FIXED and bias == _BIAS.mjBIAS_NONE
     if gain == _GAIN.mjGAIN_MUSCLE:
-        most = min(most, 0.0)  # it pulls
+        most = min(most, 0.0)  # a muscle only pulls
     elif is_motor and model.actuator_ctrllimited[control]:
         ends = np.sort(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[control])
         least, most = max(least, ends[0]), min(most, ends[1])
@@ -146,30 +149,31 @@ def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
 
 
 def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
-    """Number of the first actuator that has a name, its own before others', or a number in digits.
+    """Find the actuator with a name, or with a number in digits; its own name has priority.
 
     Args:
-        name: Of a joint, tendon or actuator.
-        names: Of each actuator, its own name first.
+        name: Name of a joint, tendon or actuator.
+        names: Names of each actuator, its own name first.
 
     Raises:
-        ValueError: None has this name; the message has the nearest.
+        ValueError: No actuator has this name; the message suggests the nearest one.
     """
-    backwards = [*enumerate(names)][::-1]  # of equal names the last entry counts
-    known = {str(k): k for k, _ in backwards}
-    known |= {each: k for k, own in backwards for each in own}
-    known |= {own[0]: k for k, own in backwards}
-    if name in known:
-        return known[name]
+    backwards = [*enumerate(names)][::-1]  # for equal names the first actuator is kept
+    numbers = {str(k): k for k, _ in backwards}
+    numbers |= {label: k for k, labels in backwards for label in labels}
+    numbers |= {labels[0]: k for k, labels in backwards}
+    if name in numbers:
+        return numbers[name]
     near = get_close_matches(name, chain(*names), 1)
-    hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(own[0] for own in names)}"
+    own = ", ".join(labels[0] for labels in names)
+    hint = f'did you mean "{near[0]}"?' if near else f"it has {own}"
     raise ValueError(f'the robot has no actuator or joint "{name:.80}"; {hint}')
 
 
 def names_of(some: Sequence[Drive]) -> tuple[tuple[str, ...], ...]:
-    """All names of each drive, first one for people, which no other drive has first.
+    """Return all names of each drive, the display name first; display names are unique.
 
-    That is the actuator's; of several actuators, or one without a name, their joint's or tendon's.
+    The display name is that of a single named actuator, else that of the joint or tendon.
     """
     given = [k for k, d in enumerate(some) if len(d.ids) == 1 and d.model.actuator(d.ids[0]).name]
     own = [
@@ -183,7 +187,7 @@ def names_of(some: Sequence[Drive]) -> tuple[tuple[str, ...], ...]:
 
 
 _Motion = tuple[mujoco.mjtTrn, int, int, tuple[float, ...]]
-"""Kind of transmission, its ends, and a direction: equal for all actuators of one velocity."""
+"""Kind, ends and direction of a transmission: equal for all actuators of one velocity."""
 
 
 def drives(
@@ -195,12 +199,12 @@ def drives(
     velocity; at a site, a ball or a free joint it is that along the gear of the first of them.
 
     Args:
-        model: Of any kind.
-        disabled: Whether those count that `opt.disableactuator` switches off.
-        among: Numbers of the actuators that count; None is all.
+        model: Any model.
+        disabled: Whether to include actuators that `opt.disableactuator` switches off.
+        among: Numbers of the actuators to include; None is all.
 
     Raises:
-        ModelError: An actuator that adheres to contacts, or one of gear 0.
+        ModelError: An actuator adheres to contacts, or has gear 0.
     """
     shared: dict[_Motion, list[tuple[float, int, int]]] = {}
     for k in range(model.nactuator) if among is None else among:
@@ -214,27 +218,27 @@ def drives(
 def required_drives(
     model: mujoco.MjModel, among: Collection[int] | None = None
 ) -> tuple[Drive, ...]:
-    """List the active velocities as :func:`drives`; without any, a ModelError."""
-    if found := drives(model, among=among):
-        return found
+    """List the active velocities as :func:`drives` does; raise ModelError if there are none."""
+    if enabled := drives(model, among=among):
+        return enabled
     raise ModelError("the model has no enabled actuator, so nothing can be commanded: add one")
 
 
 def extra_drives(of_model: tuple[Drive, ...]) -> tuple[Drive, ...]:
-    """Select drives that are no joint: each has a velocity of its own, after the joints'."""
+    """Select the drives that move no single joint; their velocities follow those of the joints."""
     return tuple(drive for drive in of_model if drive.joint is None)
 
 
 def is_disabled(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether `opt.disableactuator` switches the actuator off."""
+    """Return whether `opt.disableactuator` switches the actuator off."""
     group = int(model.actuator_group[actuator])
     return 0 <= group < 31 and bool(model.opt.disableactuator >> group & 1)  # all groups it has
 
 
 def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]) -> Array:
-    """Rows (len(some), nv) whose products with qvel are the velocities of some drives.
+    """Return the rows (len(some), nv) that map qvel to the velocities of some drives.
 
-    `data` has been through `mj_transmission`.
+    `mj_transmission` must have been called on `data`.
     """
     if not some:
         return np.zeros((0, model.nv))
@@ -244,7 +248,7 @@ def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]
 
 
 def moments_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Moments of all actuator outputs on the velocities, (nout, nv), as they are in `data`."""
+    """Return the moment arms of all actuator outputs, (nout, nv), as they are in `data`."""
     moments = np.zeros((model.nout, model.nv))
     mujoco.mju_sparse2dense(
         moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
@@ -253,13 +257,13 @@ def moments_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
-    """Motion, gear and number of each output of an actuator: three of an orientation servo."""
+    """List motion, gear and number of each output of an actuator (orientation servo: three)."""
     kind, first = _TRN(model.actuator_trntype[k]), int(model.actuator_outadr[k])
     end, other_end = model.actuator_trnid[k].tolist()
     if kind == _TRN.mjTRN_BODY:
         raise ModelError(
-            f"{_called(model, k)} adheres to whatever touches it, which is no velocity: take it "
-            "out of the model, or disable its group and pin what it holds"
+            f"{_called(model, k)} adheres to bodies in contact and drives no velocity: remove it "
+            "from the model, or disable its group and pin what it holds"
         )
     if kind == _TRN.mjTRN_SO3:
         return [((kind, end, other_end, (i,)), 1.0, first + i) for i in range(3)]
@@ -270,20 +274,20 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[tuple[_Motion, float, int]]:
     elif kind == _TRN.mjTRN_SLIDERCRANK:
         direction = (float(model.actuator_cranklength[k]),)
     else:
-        # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
-        # the same for opposite ones.
+        # A ball or free joint, or a site: the velocity along a direction of three or six numbers.
+        # Opposite directions share one velocity.
         used = gears[: 3 if _is_on_ball(model, k) else 6]
         size = math.hypot(*used)
-        # The first that is more than round-off of a sine or cosine.
+        # The first component larger than the round-off of a sine or cosine.
         gear = math.copysign(size, next((g for g in used if abs(g) > 10.0**-_DIGITS * size), 0.0))
         direction = tuple(round(g / gear, _DIGITS) for g in used) if gear else ()
     if not gear:
-        raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
+        raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: remove it")
     return [((kind, end, other_end, direction), gear, first)]
 
 
 def _is_on_ball(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator turns a ball joint: its gear has three numbers that count."""
+    """Return whether an actuator turns a ball joint: three numbers of its gear are used."""
     joint = int(model.actuator_trnid[actuator, 0])
     is_on_joint = _TRN(model.actuator_trntype[actuator]) in _ON_JOINT
     return is_on_joint and _JNT(model.jnt_type[joint]) == _JNT.mjJNT_BALL
@@ -294,7 +298,7 @@ def _drive(model: mujoco.MjModel, motion: _Motion, outputs: list[tuple[float, in
     of, number = lockable_by(model, ids[0]) or ("", 0)
     has_length = bool(of) or motion[0] == _TRN.mjTRN_SLIDERCRANK
     if not has_length and len(motion[3]) > 1:  # their sign came from the first component
-        gear = tuple(math.copysign(1.0, gear[0]) * each for each in gear)
+        gear = tuple(math.copysign(1.0, gear[0]) * size for size in gear)
     ends = number if of == "joint" else None, number if of == "tendon" else None
     return Drive(model, ids, gear, numbers, *ends, has_length)
 
@@ -304,7 +308,7 @@ def _called(model: mujoco.MjModel, actuator: int) -> str:
 
 
 class Law(NamedTuple):
-    """force = gain control + constant + per_length length + per_speed speed, before the gear.
+    """Force law before the gear: gain control + constant + per_length length + per_speed speed.
 
     A torque motor has a gain only, a position servo a negative `per_length`.
     """
@@ -319,7 +323,7 @@ def law_of(model: mujoco.MjModel, actuator: int) -> Law:
     """Read the force law of an actuator.
 
     Raises:
-        ModelError: It has another form, gain zero, or a state of its own.
+        ModelError: The law has another form or gain zero, or the actuator has an internal state.
     """
     called = _called(model, actuator)
     gain, bias = _GAIN(model.actuator_gaintype[actuator]), _BIAS(model.actuator_biastype[actuator])
@@ -330,28 +334,28 @@ def law_of(model: mujoco.MjModel, actuator: int) -> Law:
         )
     if model.actuator_actnum[actuator]:
         raise ModelError(
-            f"{called} has a state of its own, and a command could not be its displacement"
+            f"{called} has an internal state, so its command cannot be its displacement"
         )
     if not model.actuator_gainprm[actuator, 0]:
-        raise ModelError(f"{called} has gain 0, so nothing commands it: take it out")
+        raise ModelError(f"{called} has gain 0, so it cannot be commanded: remove it")
     feedback = model.actuator_biasprm[actuator, :3].tolist() if bias == _BIAS.mjBIAS_AFFINE else ()
     return Law(float(model.actuator_gainprm[actuator, 0]), *feedback)
 
 
 def lock_name(actuator: int) -> str:
-    """Name of the lock of actuator 0..nu-1, unless the user gives another."""
+    """Return the default name of the lock of actuator 0..nu-1."""
     return f"lock{actuator + 1}"
 
 
 def locked_by(model: mujoco.MjModel, equality: int) -> Lockable | None:
-    """The joint or tendon that the equality holds alone; None if it does anything else."""
+    """Return the joint or tendon that the equality fixes on its own; None for other equalities."""
     kind = _COUPLES.get(mujoco.mjtEq(model.eq_type[equality]))
     alone = model.eq_obj2id[equality] == -1
     return (kind, int(model.eq_obj1id[equality])) if kind and alone else None
 
 
 def lockable_by(model: mujoco.MjModel, actuator: int) -> Lockable | None:
-    """The slide, hinge or tendon that an actuator moves; None for any other transmission."""
+    """Return the slide, hinge or tendon that an actuator moves; None for other transmissions."""
     end, kind = int(model.actuator_trnid[actuator, 0]), _TRN(model.actuator_trntype[actuator])
     if kind in _ON_JOINT and _JNT(model.jnt_type[end]) in (_JNT.mjJNT_SLIDE, _JNT.mjJNT_HINGE):
         return "joint", end
@@ -361,10 +365,10 @@ def lockable_by(model: mujoco.MjModel, actuator: int) -> Lockable | None:
 def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     """Add an inactive lock for each actuated joint or tendon without one; return if one was added.
 
-    `spec` as it was compiled to `model` is changed, and compiled anew by the caller.
+    `spec`, from which `model` was compiled, is changed; the caller compiles it again.
 
     Raises:
-        ModelError: The name of a lock to be added is that of another equality.
+        ModelError: Another equality already has the name of a lock to be added.
     """
     taken = {model.equality(k).name for k in range(model.neq)}
     locked, before = {locked_by(model, k) for k in range(model.neq)}, len(spec.equalities)
@@ -375,8 +379,8 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
             continue
         kind, of = part[0], getattr(model, part[0])(part[1]).name
         if name in taken:
-            said = f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
-            raise ModelError(said)
+            text = f'the lock of {kind} "{of}" cannot be added: another equality is named "{name}"'
+            raise ModelError(text)
         locked.add(part)
         lock = spec.add_equality(name=name, type=types[kind], name1=of, active=False)
         stiffen(lock, model.opt.timestep)
@@ -384,7 +388,7 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
 
 
 def weakens_locks(model: mujoco.MjModel) -> bool:
-    """Whether damped joints drag a locked one along: the integrator takes dampers after locks."""
+    """Return whether the integrator applies dampers after locks and so moves locked joints."""
     integrator, flags = model.opt.integrator, model.opt.disableflags
     if integrator == mujoco.mjtIntegrator.mjINT_EULER:
         explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER
@@ -394,12 +398,12 @@ def weakens_locks(model: mujoco.MjModel) -> bool:
 
 
 def stiffness_of(model: mujoco.MjModel, equality: int) -> float:
-    """Acceleration per displacement with which an equality pulls back, about, [1/s^2]."""
+    """Return the approximate restoring acceleration of an equality per displacement, [1/s^2]."""
     (time_s, damping), most = model.eq_solref[equality], model.eq_solimp[equality, 1]
     return float(-time_s / most**2 if time_s < 0 else 1 / (most * time_s * damping) ** 2)
 
 
 def stiffen(equality: mujoco.MjsEquality, timestep_s: float) -> None:
-    """Make an equality as stiff as the time step allows."""
+    """Make an equality as stiff as the time step [s] allows."""
     equality.solref = [STEPS * timestep_s, 1.0]
     equality.solimp = [0.9999, 0.9999, 0.001, 0.5, 2]

@@ -18,13 +18,13 @@ _BALL, _FREE = int(_JOINT.mjJNT_BALL), int(_JOINT.mjJNT_FREE)
 
 @dataclass(frozen=True)
 class Ranges:
-    """Lower and upper limits of a model, infinite where there is none; (., 2) each.
+    """Lower and upper limits of a model, infinite where there are none; shape (., 2) each.
 
     Attributes:
         joint: Position of the slide or hinge of each velocity, (nv, 2), [m] or [rad].
-        tendon: Length of each, (ntendon, 2).
-        control: (nu, 2).
-        force: Of each actuator's output, (nout, 2).
+        tendon: Length of each tendon, (ntendon, 2).
+        control: Control of each actuator, (nu, 2).
+        force: Force of each actuator output, (nout, 2).
     """
 
     joint: Array
@@ -37,7 +37,7 @@ class Ranges:
 
 
 def ranges(model: mujoco.MjModel) -> Ranges:
-    """Ranges of joints, tendons, controls and forces that a model states."""
+    """Return the ranges of joints, tendons, controls and forces that a model states."""
     check.instance("model", model, mujoco.MjModel)
     return Ranges(
         joint=within(model.jnt_limited & one_axis(model), model.jnt_range)[model.dof_jntid],
@@ -48,23 +48,23 @@ def ranges(model: mujoco.MjModel) -> Ranges:
 
 
 def within(limited: Array, bounds: Array) -> Array:
-    """Bounds (k, 2) where these are limited (k,), else infinite ones."""
+    """Return the bounds (k, 2) with infinities where the mask `limited` (k,) is false."""
     return np.where(limited.astype(bool)[:, None], bounds, [-np.inf, np.inf])
 
 
 def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
-    """Position of the slide or hinge of each velocity, shape (nv,); zero for other joints."""
+    """Return the joint position of each velocity, (nv,); zero for ball and free joints."""
     positions = np.where(one_axis(model), qpos[model.jnt_qposadr], 0.0)
     return positions[model.dof_jntid]
 
 
 def one_axis(model: mujoco.MjModel) -> Array:
-    """Mask (njnt,) of the joints that are slides or hinges."""
+    """Return a mask (njnt,) of the joints that are slides or hinges."""
     return np.isin(model.jnt_type, (_SLIDE, _HINGE))
 
 
 def turning(model: mujoco.MjModel) -> Array:
-    """Mask (nv,) of the velocities that are angular."""
+    """Return a mask (nv,) of the angular velocities."""
     kind, first = model.jnt_type[model.dof_jntid], model.jnt_dofadr[model.dof_jntid]
     of_free = (kind == _FREE) & (np.arange(model.nv) - first >= 3)
     return of_free | np.isin(kind, (_BALL, _HINGE))
@@ -81,19 +81,19 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def mass_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Joint-space inertia (nv, nv) of a state that is up to date."""
+    """Return the joint-space inertia (nv, nv) of a state that is up to date."""
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     return mass
 
 
 def joint_stiffness(model: mujoco.MjModel) -> Array:
-    """Spring stiffness of each velocity, shape (nv,), [N]/[m] and [N m]/[rad].
+    """Return the joint spring stiffness of each velocity, (nv,), [N]/[m] and [N m]/[rad].
 
     A ball or free joint has one spring, repeated over its velocities. Tendons are left out.
 
     Raises:
-        ModelError: A spring that is not linear: a polynomial, or one that yields.
+        ModelError: A spring is not linear (polynomial or plastic).
     """
     check.instance("model", model, mujoco.MjModel)
     for k in np.flatnonzero(~has_linear_spring(model)):
@@ -102,14 +102,14 @@ def joint_stiffness(model: mujoco.MjModel) -> Array:
 
 
 def has_linear_spring(model: mujoco.MjModel) -> Array:
-    """Mask (njnt,) of the joints whose springs are linear, if of stiffness zero."""
+    """Return a mask (njnt,) of the joints whose springs are linear, including zero stiffness."""
     return ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)
 
 
 def is_slack(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> bool:
-    """Whether a tendon is within the lengths at which its spring begins to act, by more than ties.
+    """Return whether a tendon's length lies strictly inside its spring's dead band.
 
-    Round-off of the length does not switch a spring off.
+    The comparison tolerates round-off, which does not switch a spring off.
     """
     length, (low, high) = data.ten_length[tendon], model.tendon_lengthspring[tendon]
     return bool(exceeds(length, low) and exceeds(high, length))

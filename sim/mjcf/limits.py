@@ -1,4 +1,4 @@
-"""Limits of motion besides loops: joints and tendons at their limits, and contacts."""
+"""Limits of motion other than closed loops: joint and tendon limits, and contacts."""
 
 from collections.abc import Collection, Iterable
 from typing import NamedTuple, SupportsIndex
@@ -16,20 +16,20 @@ from sim.mjcf.model import joint_name, listed, name_of
 
 _OFF = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 _AT = 1e-6
-"""A joint nearer to its limit than this fraction of its range rests on it."""
+"""Fraction of its range within which a joint counts as resting on its limit."""
 
 
 class Coupled(NamedTuple):
-    """Lengths of tendons and angles of ball joints that are limited, which several velocities move.
+    """Limits of tendon lengths and ball-joint angles, which depend on several velocities.
 
-    Rows are, in this order, of the least lengths, the greatest lengths, and the largest angles.
+    The r rows are, in this order, the least lengths, the greatest lengths and the largest angles.
 
     Attributes:
-        model: Whose they are.
-        tendons: Numbers, (t,).
-        span: Least and greatest length of each, infinite where there is none, (2, t).
-        balls: Numbers of joints.
-        velocity: Largest rate of the quantity of each row, (r,).
+        model: The model that has these limits.
+        tendons: Numbers of the tendons, (t,).
+        span: Least and greatest length of each tendon, infinite where there is none, (2, t).
+        balls: Numbers of the ball joints.
+        velocity: Largest rate of the limited quantity of each row, (r,).
         names: Tendon or joint of each row.
     """
 
@@ -44,10 +44,10 @@ class Coupled(NamedTuple):
     def of(
         cls, model: mujoco.MjModel, but: Collection[int], velocity: Array, *, stated: bool
     ) -> "Coupled":
-        """Collect those of a model, but for some tendons.
+        """Collect the limits of a model, without the tendons `but`.
 
         `velocity` is the largest rate of each tendon's length, infinite where there is none;
-        `stated` says whether the ranges that the model states count.
+        with `stated` the ranges in the model are included.
         """
         limited = model.tendon_limited.astype(bool) & stated
         tendons = np.flatnonzero(limited | np.isfinite(velocity))
@@ -59,22 +59,22 @@ class Coupled(NamedTuple):
         of_balls = [f"joint {joint_name(model, int(k))}" for k in balls]
         return cls(model, tendons, span, balls, rates, (*names, *names, *of_balls))
 
-    def room(self, data: mujoco.MjData) -> Array:
-        """Distance from each limit at a state that is up to date, (r,)."""
+    def slack(self, data: mujoco.MjData) -> Array:
+        """Return the distance from each limit, (r,), in a state that is up to date."""
         (low, high), length = self.span, data.ten_length[self.tendons]
         angles = [_ball(self.model, data, k)[0] for k in self.balls]
         largest = self.model.jnt_range[self.balls, 1]
         return np.concatenate([length - low, high - length, largest - angles])
 
     def rows(self, data: mujoco.MjData) -> Array:
-        """Slopes of these distances, (r, nv)."""
+        """Return the gradients (r, nv) of :meth:`slack`."""
         grows = [tendon_row(self.model, data, k) for k in self.tendons]
         turns = [_ball(self.model, data, k)[1] for k in self.balls]
         return np.reshape([*grows, *(-row for row in (*grows, *turns))], (-1, self.model.nv))
 
 
 class Resting(NamedTuple):
-    """A joint or tendon that rests on a limit, and the row (nv,) of its velocity."""
+    """Joint or tendon that rests on a limit, with the row (nv,) of its velocity."""
 
     kind: str
     name: str
@@ -84,29 +84,29 @@ class Resting(NamedTuple):
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
     """List joints and tendons that rest on a limit, or are beyond it.
 
-    They rest where MuJoCo begins to push back, at the limit's margin; nothing does where flags
+    They rest where MuJoCo starts to push back, at the limit's margin. The list is empty if flags
     switch limits off.
     """
     if model.opt.disableflags & _OFF:
         return []
     resting = _at_ends(data.qpos[model.jnt_qposadr], model.jnt_range, model.jnt_margin).any(axis=0)
     limited = model.jnt_limited.astype(bool) & one_axis(model)
-    found = [
+    touched = [
         Resting("joint", name_of(model.joint(k)), np.eye(model.nv)[model.jnt_dofadr[k]])
         for k in np.flatnonzero(limited & resting)
     ]
     for k in _limited_balls(model):
         angle, row = _ball(model, data, k)
         if angle and _at_ends(angle, model.jnt_range[k], model.jnt_margin[k])[1]:
-            found.append(Resting("joint", name_of(model.joint(k)), row))
+            touched.append(Resting("joint", name_of(model.joint(k)), row))
     resting = _at_ends(data.ten_length, model.tendon_range, model.tendon_margin).any(axis=0)
     for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
-        found.append(Resting("tendon", name_of(model.tendon(k)), tendon_row(model, data, k)))
-    return found
+        touched.append(Resting("tendon", name_of(model.tendon(k)), tendon_row(model, data, k)))
+    return touched
 
 
 def _at_ends(value: ArrayLike, span: Array, margin: Array) -> Array:
-    """Whether values (...) rest on the least, and on the greatest of their limits, (2, ...)."""
+    """Return whether values (...) rest on their lower and on their upper limit, (2, ...)."""
     low, high = span.T
     slack = margin + _AT * (high - low)
     return np.array([np.less_equal(value, low + slack), np.greater_equal(value, high - slack)])
@@ -118,29 +118,29 @@ def _limited_balls(model: mujoco.MjModel) -> Indices:
 
 
 def stuck_names(argument: str, stuck: bool | Iterable[str]) -> bool | tuple[str, ...]:
-    """Check an argument that is true for all, false for none, or the names of some."""
+    """Check an argument that is True (all), False (none), or some names."""
     return stuck if isinstance(stuck, bool) else check.members(argument, stuck, str)
 
 
 def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[str, ...]) -> Array:
-    """Velocities (p, nv) forbidden by the limits on which joints and tendons rest.
+    """Return the rows (p, nv) of velocities that are zero because an element rests on its limit.
 
-    `stuck` is true for all that rest on one, or has the names of some; `data` is up to date.
+    `stuck` is True for all joints and tendons on a limit, or names some; `data` is up to date.
 
     Raises:
-        ModelError: One of these names rests on no limit.
+        ModelError: A named joint or tendon rests on no limit.
     """
     resting = at_limits(model, data)
     if not isinstance(stuck, bool):
         names = [limit.name for limit in resting]
-        for name in (each for each in stuck if each not in names):
+        for name in (chosen for chosen in stuck if chosen not in names):
             raise ModelError(f'"{name}" rests on no limit; those that do: {listed(names)}')
         resting = [limit for limit in resting if limit.name in stuck]
     return np.vstack([np.zeros((0, model.nv)), *(limit.row for limit in resting)])
 
 
 def _ball(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> tuple[float, Array]:
-    """Angle of a ball joint, and its slope (nv,); zero where it is not turned."""
+    """Return the angle [rad] of a ball joint and its gradient (nv,); zeros if it is not turned."""
     row, vector = np.zeros(model.nv), np.empty(3)
     place, start = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
     mujoco.mju_quat2Vel(vector, data.qpos[place : place + 4], 1.0)
@@ -150,7 +150,7 @@ def _ball(model: mujoco.MjModel, data: mujoco.MjData, joint: SupportsIndex) -> t
 
 
 def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: SupportsIndex) -> Array:
-    """Slope (nv,) of the length of a tendon."""
+    """Return the gradient (nv,) of the length of a tendon."""
     row, start = np.zeros(model.nv), model.ten_J_rowadr[tendon]
     entries = slice(start, start + model.ten_J_rownnz[tendon])
     row[model.ten_J_colind[entries]] = data.ten_J[entries]
@@ -158,7 +158,7 @@ def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: SupportsIndex
 
 
 def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-    """Pairs of bodies that push each other; what touches a flex, which is no body, is left out."""
+    """Return the pairs of bodies in contact; contacts with a flex are left out."""
     if not data.ncon:
         return frozenset()
     contacts = data.contact

@@ -1,4 +1,4 @@
-"""Loading MJCF and URDF files, and refusing absurd numbers in them."""
+"""Loading of MJCF and URDF files, with checks of their numbers."""
 
 import hashlib
 import re
@@ -23,18 +23,18 @@ MODELS = Path(__file__).parents[2] / "models"
 HEXAPOD_MJCF = MODELS / "fjh.xml"
 
 LARGEST = 1e10
-"""Largest number of a model; MuJoCo takes a state of this size for a simulation that diverged."""
+"""Largest number of a model; MuJoCo treats a state of this size as diverged."""
 SHORTEST_S, LONGEST_S = 1e-7, 1.0
-"""Shortest and longest time step: at the shortest a second of simulation takes minutes."""
+"""Shortest and longest time step [s]; at the shortest, one simulated second takes minutes."""
 
 _KINDS = {"jnt": "joint", "dof": "joint", "eq": "equality", "cam": "camera"}
-"""Kind of element of an array of an `MjModel`, where its name does not begin with the kind."""
+"""Element kinds of `MjModel` fields whose names do not begin with the kind."""
 _OPEN = re.compile(r".*range|.*_sol\w+|.*_user")
-"""Ranges may be infinite, softness is a ratio or a stiffness, a user's own numbers may be any."""
+"""Fields whose numbers may be infinite or arbitrary: ranges, solver parameters, user data."""
 _DERIVED = re.compile(r".*(weight0|M0|acc0|length0|mass0|rbound|aabb|_length)|(bvh|oct|efm0)_.*")
-"""Numbers that MuJoCo computes of the others: an inverse may be large."""
+"""Fields that MuJoCo computes from others: an inverse may be large."""
 _NOT_NEGATIVE = re.compile(r".*_(damping|armature|frictionloss)")
-"""Negative ones would drive the machine."""
+"""Fields that must not be negative, since negative ones would drive the machine."""
 
 
 def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mujoco.MjModel:
@@ -43,15 +43,15 @@ def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mu
     A URDF file states no actuators: `docs/load.md` shows how to add them.
 
     Args:
-        path: Of the file, which is not changed.
-        add_locks: Whether each slide, hinge or tendon with an actuator gets a lock for position
-            failures of a :class:`Plant`, unless it has one: an inactive equality that holds it
-            alone, as stiff as the time step allows, named `lock{k + 1}` after its first actuator k.
+        path: Path of the file, which is not changed.
+        add_locks: Whether to add a lock, for position failures of a :class:`Plant`, to each
+            actuated slide, hinge or tendon without one: an inactive equality that fixes only it,
+            as stiff as the time step allows, named `lock{k + 1}` after its first actuator k.
 
     Raises:
-        ModelError: The file is missing or not valid; one of its numbers is NaN, infinite, beyond
-            1e10, or negative where none may be, or the time step is not within 1e-7 and 1 s; or
-            the name of a lock to be added is that of another equality.
+        ModelError: The file is missing or not valid; a number is NaN, infinite, beyond 1e10, or
+            negative where that makes no sense; the time step is not within 1e-7..1 s; or another
+            equality has the name of a lock to be added.
     """
     check.instance("add_locks", add_locks, bool)
     spec, model = load_spec(path)
@@ -59,11 +59,11 @@ def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mu
 
 
 def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Read a file as a specification to be changed, and compile it, both as :func:`load_model`."""
+    """Read a file as a specification and compile it, with the checks of :func:`load_model`."""
     file = _file(path)
     _check_text(file)
     try:
-        with warnings.catch_warnings(record=True, action="always") as said:
+        with warnings.catch_warnings(record=True, action="always") as caught:
             spec = mujoco.MjSpec.from_file(str(file))
             model = spec.compile()
     except ValueError as error:
@@ -72,38 +72,38 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
             reason += "; for meshes of package:// see docs/load.md: meshdir and strippath"
         raise ModelError(f"{file} is not a valid MJCF or URDF model: {reason}") from None
     _check_numbers(file, model)
-    for each in said:  # what is refused is refused in one sentence
-        warnings.warn(each.message, each.category, stacklevel=3)
+    for warning in caught:  # not before the checks: a rejected file gives one error only
+        warnings.warn(warning.message, warning.category, stacklevel=3)
     return spec, model
 
 
 def model_sha256(path: str | Path | None = None) -> str:
-    """Hash an MJCF file, which identifies the machine of a result; a ModelError without one."""
+    """Return the SHA-256 of an MJCF file, by which results identify their machine."""
     return hashlib.sha256(_file(path).read_bytes()).hexdigest()
 
 
 def _file(path: str | Path | None) -> Path:
     file = HEXAPOD_MJCF if path is None else Path(check.instance("path", path, str, Path))
     try:
-        found = file.is_file()
+        exists = file.is_file()
     except (OSError, ValueError):  # a name too long, or with a null character
-        found = False
-    if found:
+        exists = False
+    if exists:
         return file
     raise ModelError(f"there is no MJCF or URDF file {check.shown(str(file))}")
 
 
 def _check_text(file: Path) -> None:
-    """Refuse NaN in a file: MuJoCo takes one for a number that is not stated, such as a mass.
+    """Reject NaN in a file, which MuJoCo treats as a number that is not stated, such as a mass.
 
-    Files that it includes are not read.
+    Included files are not checked.
     """
     if b"nan" not in (text := file.read_bytes()).lower():
         return
     try:
         elements = ElementTree.fromstring(text).iter()
     except (ElementTree.ParseError, ValueError, LookupError):
-        return  # the reader says what is wrong
+        return  # MuJoCo reports the error when it reads the file
     for element in elements:
         for attribute, value in element.items():
             if attribute not in ("name", "class") and "nan" in value.lower().split():
@@ -112,13 +112,13 @@ def _check_text(file: Path) -> None:
 
 
 def _check_numbers(file: Path, model: mujoco.MjModel) -> None:
-    """Refuse numbers that no machine has: MuJoCo compiles any, and simulates NaN."""
+    """Reject non-finite and absurdly large numbers, which MuJoCo compiles."""
     step_s = model.opt.timestep
     if not SHORTEST_S <= step_s <= LONGEST_S:
         within = f"from {SHORTEST_S:g} to {LONGEST_S:g} s"
         raise ModelError(f"{file}: timestep must be {within}, got {step_s:g}")
-    # Derived numbers last: the message names what the file states.
-    for field, A in sorted(_arrays(model), key=lambda each: bool(_DERIVED.fullmatch(each[0]))):
+    # Derived numbers last: the message names the number in the file.
+    for field, A in sorted(_arrays(model), key=lambda pair: bool(_DERIVED.fullmatch(pair[0]))):
         expected = f"a number of at most {LARGEST:g}"
         if _OPEN.fullmatch(field):
             wrong, expected = np.isnan(A), "a number"
@@ -130,12 +130,12 @@ def _check_numbers(file: Path, model: mujoco.MjModel) -> None:
             wrong, expected = wrong | (A < 0), f"{expected}, not negative"
         if wrong.any():
             row = int(np.argwhere(wrong)[0, 0])
-            said = f"{_named(model, field, row)} must be {expected}, got {A[wrong][0]:g}"
-            raise ModelError(f"{file}: {said}")
+            message = f"{_describe(model, field, row)} must be {expected}, got {A[wrong][0]:g}"
+            raise ModelError(f"{file}: {message}")
 
 
 def _arrays(model: mujoco.MjModel) -> Iterator[tuple[str, Array]]:
-    """All floating-point numbers of a model, by field."""
+    """Iterate over all floating-point fields of a model: name and array."""
     for part, prefix in ((model, ""), (model.opt, "option_"), (model.stat, "statistic_")):
         for field in dir(part):
             value: Any = None if field.startswith("_") else getattr(part, field)
@@ -143,8 +143,8 @@ def _arrays(model: mujoco.MjModel) -> Iterator[tuple[str, Array]]:
                 yield prefix + field, np.atleast_1d(value)
 
 
-def _named(model: mujoco.MjModel, field: str, row: int) -> str:
-    """A row of a field in words, as in the file: its attribute, and its element's kind and name."""
+def _describe(model: mujoco.MjModel, field: str, row: int) -> str:
+    """Describe a row of a field as in the file: attribute, element kind and name."""
     prefix, _, attribute = field.partition("_")
     if field.startswith("qpos"):
         row = int(np.searchsorted(model.jnt_qposadr, row, side="right")) - 1

@@ -1,4 +1,4 @@
-"""Elements and states of a model: found by name, checked, brought up to date."""
+"""Elements and states of a model: look-up by name, checks, updates of derived quantities."""
 
 import copy
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ _COUNTS["actuator"] = "nactuator"  # not nu: an orientation servo has three cont
 
 
 def start_of(model: mujoco.MjModel) -> mujoco.MjData:
-    """State in which a model starts by default: its first keyframe, or else `qpos0`."""
+    """Return the default start state of a model: its first keyframe, or else `qpos0`."""
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -25,7 +25,7 @@ def start_of(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Copy a model without gravity, and without the preload of springs that carried the weight."""
+    """Copy a model without gravity and without spring preload."""
     check.instance("model", model, mujoco.MjModel)
     orbiting = copy.copy(model)
     orbiting.opt.gravity[:] = 0.0
@@ -37,8 +37,8 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     """Find the number of a "site", "joint", "body", "geom", "equality" or "actuator" by its name.
 
     Raises:
-        ModelError: There is none of that name; the message lists some, and the most similar one.
-        ValueError: No such kind.
+        ModelError: No element has this name; the message lists names, the most similar one last.
+        ValueError: There is no such kind.
     """
     check.instance("model", model, mujoco.MjModel)
     check.choice("kind", kind, _COUNTS)
@@ -46,43 +46,45 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
         return getattr(model, kind)(check.instance("name", name, str)).id
     except KeyError:
         names = names_of_kind(model, kind)
-        near = "".join(f'; did you mean "{each}"?' for each in get_close_matches(name, names, n=1))
-        said = f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
-        raise ModelError(said) from None
+        near = "".join(
+            f'; did you mean "{match}"?' for match in get_close_matches(name, names, n=1)
+        )
+        message = f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
+        raise ModelError(message) from None
 
 
 def names_of_kind(model: mujoco.MjModel, kind: str) -> list[str]:
-    """All names of elements of a kind, as of :func:`element_id`."""
+    """List the names of all elements of a kind (see :func:`element_id`)."""
     every = (getattr(model, kind)(k).name for k in range(getattr(model, _COUNTS[kind])))
     return [name for name in every if name]
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names for a sentence: a dozen, and how many more there are."""
-    named = [name for name in names if name]
-    more = f" and {len(named) - _MOST_LISTED} more" if len(named) > _MOST_LISTED else ""
-    return (", ".join(named[:_MOST_LISTED]) or "none") + more
+    """Join names for a sentence: at most a dozen, then the number of others."""
+    given = [name for name in names if name]
+    more = f" and {len(given) - _MOST_LISTED} more" if len(given) > _MOST_LISTED else ""
+    return (", ".join(given[:_MOST_LISTED]) or "none") + more
 
 
 def name_of(element: Any) -> str:
-    """Name of an element as `model.joint(k)` gives it, or its number where it has none."""
+    """Return the name of an element such as `model.joint(k)`, or "number k" without a name."""
     return element.name or f"number {element.id}"
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
-    """Name of a joint, or of its body where it has none."""
+    """Return the name of a joint, or of its body if the joint has none."""
     return model.joint(joint).name or name_of(model.body(model.jnt_bodyid[joint]))
 
 
 def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse a state that is not finite, or of another model: MuJoCo would write past arrays."""
+    """Check that a state is finite and of this model: MuJoCo would write past arrays."""
     check_size("data", model, data)
     if not (check.is_moderate(data.qpos) or np.isfinite(data.qpos).all()):  # the first is faster
         raise ValueError(f"data.qpos must be finite, got {check.shown(data.qpos.tolist())}")
 
 
 def check_size(argument: str, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse a state, finite or not, of a model of other size."""
+    """Check that a state, finite or not, belongs to a model of the same size."""
     check.instance("model", model, mujoco.MjModel)
     check.instance(argument, data, mujoco.MjData)
     if data.model is not model and _sizes(data.model) != _sizes(model):
@@ -95,7 +97,7 @@ def _sizes(model: mujoco.MjModel) -> list[int]:
 
 
 def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Compute what Jacobians need of `mj_fwdPosition`: no contacts, no mass matrix."""
+    """Compute the parts of `mj_fwdPosition` that Jacobians need: no contacts, no mass matrix."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     if model.nflex:
@@ -110,10 +112,10 @@ def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 def with_sleepers(
     model: mujoco.MjModel, data: mujoco.MjData, *functions: Callable[..., None]
 ) -> None:
-    """Call functions of MuJoCo once more if something sleeps, and as if nothing did.
+    """Call functions of MuJoCo again, with all trees awake, if some kinematic tree sleeps.
 
-    They leave out tendons, transmissions and constraints of trees that sleep, which follow from
-    frames of their bodies that are up to date.
+    MuJoCo skips tendons, transmissions and constraints of sleeping trees, although the frames of
+    their bodies are up to date.
     """
     trees, velocities = data.ntree_awake, data.nv_awake
     if trees == model.ntree:

@@ -1,4 +1,4 @@
-"""The plant: physics, actuators that fail, sensors in a loop, linear models; hooks of events."""
+"""Plants: physics, actuator failures, sensors in a control loop, linear models, event hooks."""
 
 from sim.plant.actuators import lock_of as lock_of
 from sim.plant.actuators import switch_off as switch_off
@@ -10,7 +10,7 @@ from sim.plant.bench import TaskSensor as TaskSensor
 from sim.plant.bench import hooks_of as hooks_of
 from sim.plant.bench import measured_by as measured_by
 from sim.plant.bench import sent_by as sent_by
-from sim.plant.linear import Met as Met
+from sim.plant.linear import NonlinearityMonitor as NonlinearityMonitor
 from sim.plant.linear import beyond_linear as beyond_linear
 from sim.plant.linear import dry_friction as dry_friction
 from sim.plant.plant import FailureKind as FailureKind

@@ -1,4 +1,4 @@
-"""Actuators of a plant: they hold it still or displaced, lock, lose force, and work again."""
+"""Actuators of a plant: static balance, controls for displacements, locks, force loss, repair."""
 
 import copy
 import math
@@ -34,14 +34,14 @@ from sim.mjcf.model import name_of
 from sim.plant.linear import allowed
 
 _STEP, _SAME_SLOPE = 1e-6, 1e-4
-"""Step of a central difference of lengths [rad] or [m], and how far its slope may be off."""
+"""Step of a central difference of lengths [rad] or [m]; relative tolerance of its slope."""
 _HEAVY = 1e6
-"""Inertia of a locked joint, in its own, where the integrator weakens its lock: others cannot drag
-it along, and feel it as they feel one that is locked."""
-_MOTION_HZ, _GIVES_WAY = 1.0, 0.03
-"""Of a motion, and the part of it by which a lock that holds may still give way."""
+"""Factor on the inertia of a locked joint if the integrator weakens its lock: other joints then
+cannot move it, and it acts on them like a locked joint."""
+_MOTION_HZ, _LARGEST_YIELD = 1.0, 0.03
+"""Frequency [Hz] of a test motion; fraction of it by which an acceptable lock may yield."""
 _OFF = 30
-"""Group of actuators that are switched off, the last that `opt.disableactuator` has."""
+"""Group of switched-off actuators, the last one of `opt.disableactuator`."""
 _SERVO = (
     "sim.servoed(model, natural_frequency_hz=...), --servo HZ or servo_hz= makes it a position "
 )
@@ -49,28 +49,28 @@ _SERVO += "servo"
 _OF_ACTUATORS = "actuator_group", "actuator_gainprm", "actuator_biasprm"
 _OF_VELOCITIES = "dof_armature", "dof_invweight0"
 STRENGTHS = (*_OF_ACTUATORS, *_OF_VELOCITIES, "jnt_stiffness", "tendon_stiffness", "eq_data")
-"""All that a failure changes of a model."""
+"""Fields of a model that failures change."""
 _BALANCED = 1e-7
-"""Part of the weights and springs that may stay without balance: joint axes are rounded."""
+"""Fraction of the loads that may stay unbalanced, since joint axes are rounded."""
 _WITHIN = 1e-6
-"""Part of a range by which a value may miss it, and of a power by which equal ones may differ."""
+"""Relative tolerance of ranges, and of powers that count as equal."""
 _PREFERENCE = 1e-6
-"""Weight of small forces against a load that is borne."""
+"""Weight of small forces relative to the error of the supported load."""
 _KINDS = {mujoco.mjtJoint.mjJNT_FREE: "free joint", mujoco.mjtJoint.mjJNT_BALL: "ball joint"}
 
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """Controls and forces as functions of the displacements x (n,) at which drives rest.
+    """Controls and forces as functions of the commanded static displacements x (n,) of drives.
 
     Attributes:
         at_rest: Controls at x = 0, shape (nu,).
         per_displacement: Slope of the controls, shape (nu, n).
-        force: Of each output at x = 0, shape (nout,).
-        force_slope: Shape (nout, n): what springs take.
-        stiffness: Force of each drive per displacement commanded while it is held, shape (n,).
-        feedback: What that force falls by per displacement and per speed, as parts of `stiffness`,
-            shape (n, 2): [1, kv/kp] of a servo alone, zeros of a motor against a spring.
+        force: Force of each output at x = 0, shape (nout,).
+        force_slope: Slope of these forces, which balance springs, shape (nout, n).
+        stiffness: Force of each drive per commanded displacement, the drive blocked, shape (n,).
+        feedback: Decrease of that force per displacement and per speed, relative to `stiffness`,
+            shape (n, 2): [1, kv/kp] for a servo alone, zeros for a motor against a spring.
     """
 
     at_rest: Array
@@ -82,12 +82,12 @@ class Commands:
 
     @cached_property
     def are_displacements(self) -> bool:
-        """Whether each control is its drive's displacement, as of position servos."""
+        """True if each control equals its drive's displacement, as for position servos."""
         slope = np.eye(len(self.at_rest))
         return not self.at_rest.any() and np.array_equal(self.per_displacement, slope)
 
-    def beside(self, controls: Array) -> "Commands":
-        """Let all other controls keep these values (nu,)."""
+    def with_other_controls(self, controls: Array) -> "Commands":
+        """Return a copy in which controls that belong to no drive have these values (nu,)."""
         commanded = self.per_displacement.any(axis=1)
         return replace(self, at_rest=np.where(commanded, self.at_rest, controls))
 
@@ -98,11 +98,11 @@ def commands_of(
     drives: tuple[Drive, ...],
     forces: Array | None = None,
 ) -> Commands:
-    """Find the controls that displace drives from the pose of `data`, which is up to date.
+    """Return the controls that displace drives from the pose of `data`, which is up to date.
 
-    Each actuator balances its own feedback; those of one drive share the force of its spring, each
-    in proportion to its gear, which makes the sum of squares least. In that pose outputs exert the
-    `forces` (nout,); None is without control.
+    Each actuator balances its own feedback; the actuators of one drive share the force of its
+    spring in proportion to their gears, with the least sum of squares. In that pose the outputs
+    exert the `forces` (nout,); None means zero controls.
 
     Raises:
         ModelError: No control displaces a drive.
@@ -126,13 +126,13 @@ def commands_of(
         if stiffness[n] <= 0.0:
             raise ModelError(f'actuator "{drive.actuators[0]}" {_why_without(drive, laws)}')
         if not drive.has_length:
-            _refuse_other_length(model, data, drive)
+            _check_length(model, data, drive)
     feedback /= stiffness[:, None]
     return Commands(at_rest, gains, force, slope, stiffness, feedback)
 
 
 def spring_of(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple[float, float]:
-    """Stiffness of the spring of the joint or tendon itself, and how far it is stretched."""
+    """Return stiffness and elongation of the spring of a drive's joint or tendon."""
     if drive.lockable is None:
         return 0.0, 0.0
     kind, k = drive.lockable
@@ -149,25 +149,25 @@ def spring_of(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> tuple
 
 
 def _why_without(drive: Drive, laws: list[Law]) -> str:
-    """Say why no displacement follows from a control: no feedback of position, no spring."""
+    """Return why a control gives no displacement: neither position feedback nor spring."""
     if any(law.per_length > 0.0 for law in laws):
         return "pushes away from its target: its feedback must be negative"
     if any(law.per_speed for law in laws):
-        said = "is a velocity servo, whose control is a speed: a plant is commanded by"
-        return f"{said} displacements: {_SERVO}"
+        start = "is a velocity servo, whose control is a speed: a plant is commanded by"
+        return f"{start} displacements: {_SERVO}"
     if drive.has_length:
         return f"is a torque motor, and no displacement follows from a torque: {_SERVO}"
     return (
         "is a torque motor at a site, or on a ball or free joint, where no displacement follows "
-        "from its force: a flight needs a controller of the base. Its force mapping, attainable "
-        "forces and limits are those of any actuator"
+        "from its force: a simulation needs a controller of the base. Its force mapping, "
+        "attainable forces and limits are those of any actuator"
     )
 
 
-def _refuse_other_length(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> None:
-    """Refuse a servo that does not feel its own displacement.
+def _check_length(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> None:
+    """Check that a servo measures its own displacement.
 
-    It feels none without a reference site, another one where this or a ball joint has turned.
+    Without a reference site it measures none; a rotated reference site or ball joint gives another.
     """
     row, probe = drive_rows(model, data, [drive])[0], copy.copy(data)
     slope = np.zeros(model.nv)
@@ -179,19 +179,20 @@ def _refuse_other_length(model: mujoco.MjModel, data: mujoco.MjData, drive: Driv
             slope[k] += probe.actuator_length[drive.outputs[0]] / (2 * step)
     if np.abs(slope / drive.gear[0] - row).max() > _SAME_SLOPE * np.abs(row).max():
         raise ModelError(
-            f'actuator "{drive.actuators[0]}" feels a length that does not grow with what it '
-            "moves: give its site a refsite that does not turn, its ball joint a pose near zero"
+            f'actuator "{drive.actuators[0]}" measures a length that does not grow with its '
+            "displacement: give its site a refsite that does not turn, its ball joint a pose near "
+            "zero"
         )
 
 
 def rest_limits(
     model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...], commands: Commands
 ) -> tuple[Array, Array]:
-    """Displacements at which drives can rest, within the ranges of MJCF: (n,) each, [m] or [rad].
+    """Return lower and upper static displacements of drives, (n,) each, [m] or [rad].
 
-    They count from the pose of `data`, within ranges of the joint or tendon, control and force.
+    They are relative to the pose of `data`, within ranges of joint or tendon, control and force.
     """
-    limits, found = ranges(model), np.empty((2, len(drives)))
+    limits, bounds = ranges(model), np.empty((2, len(drives)))
     for n, drive in enumerate(drives):
         spans = [np.array([-np.inf, np.inf])]
         if drive.joint is not None:
@@ -207,14 +208,14 @@ def rest_limits(
             if force_slope:
                 spans.append(np.sort((limits.force[out] - commands.force[out]) / force_slope))
         lower, upper = np.transpose(spans)
-        found[:, n] = lower.max(), upper.min()
-    return found[0], found[1]
+        bounds[:, n] = lower.max(), upper.min()
+    return bounds[0], bounds[1]
 
 
 class Balance(NamedTuple):
-    """Forces (nout,) of outputs that hold a machine still, and the joint that moves most if any.
+    """Forces (nout,) of outputs in static balance, and the joint that moves most if there is none.
 
-    `moves` says in words what moves it.
+    `moves` is a sentence on what moves that joint.
     """
 
     forces: Array
@@ -228,37 +229,38 @@ def balance(
     drives: tuple[Drive, ...],
     still: NDArray[np.intp] | None = None,
 ) -> Balance:
-    """Find forces of the actuators of drives that hold the machine still in the pose of `data`.
+    """Compute actuator forces of drives that keep the machine at rest in the pose of `data`.
 
     They balance gravity and springs through the closures, with the least norm, within the ranges of
-    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing;
-    something else holds the velocities `still` (k,). `data` has been through `mj_forward` at rest.
+    the forces if possible. Contacts, limits and dry friction, which creeps, support nothing; the
+    velocities `still` (k,) are fixed by other means. `mj_forward` must have been called on `data`
+    at zero velocity.
     """
     moments = moments_of(model, data)
     used = [out for drive in drives for out in drive.outputs]
-    held = np.eye(model.nv)[[] if still is None else still]
-    Z = allowed(np.vstack([closure_rows(model, data), held]))
+    fixed = np.eye(model.nv)[[] if still is None else still]
+    Z = allowed(np.vstack([closure_rows(model, data), fixed]))
     springs = data.qfrc_passive + data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
-    loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
+    loads = np.stack([-data.qfrc_bias, springs], axis=1)  # separate, to report which one moves
     arms = Z.T @ moments[used].T
-    each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
+    shares = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
     low, high = ranges(model).force[used].T
-    least, negligible = each.sum(axis=1), _BALANCED * np.linalg.norm(loads)
+    least, negligible = shares.sum(axis=1), _BALANCED * np.linalg.norm(loads)
     if ((least < low) | (least > high)).any():
-        # Along what bears no load others may take over.
+        # Internal forces, which bear no load, may be redistributed.
         within = _within_ranges(arms, arms @ least, low, high)
         if np.linalg.norm(arms @ (within - least)) <= negligible:
-            each[:, 0] += within - least
-    unbalanced = Z @ (Z.T @ loads + arms @ each)
+            shares[:, 0] += within - least
+    unbalanced = Z @ (Z.T @ loads + arms @ shares)
     forces = np.zeros(model.nout)
-    forces[used] = each.sum(axis=1)
+    forces[used] = shares.sum(axis=1)
     if np.linalg.norm(unbalanced.sum(axis=1)) <= negligible:
         return Balance(forces)
     return Balance(forces, *_what_moves(model, Z, mass_of(model, data), unbalanced))
 
 
 def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
-    """Forces (k,) within ranges that bear a load, nearly the least; as far as there are any."""
+    """Return forces (k,) within ranges that support a load with nearly the least norm and error."""
     scale = np.linalg.norm(arms, 2) or 1.0
     rows = np.vstack([arms / scale, _PREFERENCE * np.eye(len(low))])
     wanted = np.concatenate([load / scale, np.zeros(len(low))])
@@ -266,9 +268,12 @@ def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
 
 
 def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> tuple[int, str]:
-    """The joint that takes most of the power, and whether from gravity or springs, (nv, 2)."""
+    """Return the joint with the largest power of unbalanced forces (nv, 2), and a sentence on it.
+
+    The columns of `unbalanced` are due to gravity and to springs.
+    """
     falls = Z @ np.linalg.solve(Z.T @ mass @ Z, Z.T @ unbalanced.sum(axis=1))
-    # Force times acceleration has one unit for joints that turn and that slide.
+    # Force times acceleration has the same unit for hinges and slides.
     power = unbalanced * falls[:, None]
     joint = greatest(np.bincount(model.dof_jntid, power.sum(axis=1)), _WITHIN)
     of_gravity, of_springs = power[model.dof_jntid == joint].sum(axis=0)
@@ -280,9 +285,9 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
 
 
 def beyond_ranges(model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Commands) -> str:
-    """Sentence on an actuator that could hold the pose only beyond its range; empty if none."""
+    """Return a sentence on an actuator that would exceed its range at rest; empty if none."""
     limits = ranges(model)
-    for k, out in (each for d in drives for each in zip(d.ids, d.outputs, strict=True)):
+    for k, out in (pair for d in drives for pair in zip(d.ids, d.outputs, strict=True)):
         control = model.actuator_ctrladr[k]
         for what, value, (low, high) in (
             ("a force", commands.force[out], limits.force[out]),
@@ -298,10 +303,10 @@ def beyond_ranges(model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Co
 
 
 def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
-    """Id of the equality that locks a drive, -1 where one that is no joint has none.
+    """Return the number of the equality that locks a drive; -1 if it is no joint and has none.
 
-    It is `lock1`, `lock2`, ..., after the first actuator of the joint or tendon, or any that holds
-    it alone.
+    It is `lock1`, `lock2`, ..., after the first actuator of the joint or tendon, or any equality
+    that fixes only this element.
 
     Raises:
         ModelError: A joint has no lock, or the equality of this name does anything else.
@@ -309,29 +314,29 @@ def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
     if drive.lockable is None:
         return -1
     name, called = _lock_name(model, drive), _called(drive)
-    named = [k for k in range(model.neq) if model.equality(k).name == name]
+    matches = [k for k in range(model.neq) if model.equality(k).name == name]
     own = [k for k in range(model.neq) if locked_by(model, k) == drive.lockable]
-    if not set(named) <= set(own):
+    if not set(matches) <= set(own):
         raise ModelError(f'equality "{name}" must lock the {called} alone')
     if not own and drive.joint is not None:
         raise no_lock(model, drive)
-    return next(iter(named + own), -1)
+    return next(iter(matches + own), -1)
 
 
 def _lock_name(model: mujoco.MjModel, drive: Drive) -> str:
-    """Name of a lock, after the first actuator, if disabled, of its joint or tendon."""
-    each = range(model.nactuator)
-    return lock_name(next(k for k in each if lockable_by(model, k) == drive.lockable))
+    """Return the name of a drive's lock, after its element's first, even disabled, actuator."""
+    numbers = range(model.nactuator)
+    return lock_name(next(k for k in numbers if lockable_by(model, k) == drive.lockable))
 
 
 def _called(drive: Drive) -> str:
-    """A joint or tendon in words, by the name that an equality gives."""
+    """Return kind and name of a drive's joint or tendon, as an equality names it."""
     kind, number = drive.lockable or ("", 0)
     return f'{kind} "{getattr(drive.model, kind)(number).name}"'
 
 
 def no_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
-    """The error of a drive that is to lock and has no lock."""
+    """Return the error for a drive that has no lock."""
     if drive.lockable is None:
         return ModelError(
             f'actuator "{drive.name}" cannot be locked: it moves neither a slide or hinge joint '
@@ -344,17 +349,17 @@ def no_lock(model: mujoco.MjModel, drive: Drive) -> ModelError:
 
 
 def enable_locks(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Let locks act in a model whose flags disable equalities, none of which is active."""
+    """Clear the flags that would disable locks, unless an equality is active."""
     flags, bit = model.opt.disableflags, mujoco.mjtDisableBit
     if data.eq_active.any() or not flags & (bit.mjDSBL_EQUALITY | bit.mjDSBL_CONSTRAINT):
         return
-    if flags & bit.mjDSBL_CONSTRAINT:  # what else it disables stays so
+    if flags & bit.mjDSBL_CONSTRAINT:  # its other effects are kept
         flags |= bit.mjDSBL_FRICTIONLOSS | bit.mjDSBL_LIMIT | bit.mjDSBL_CONTACT
     model.opt.disableflags = flags & ~(bit.mjDSBL_EQUALITY | bit.mjDSBL_CONSTRAINT)
 
 
 def activate_lock(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equality: int) -> None:
-    """Hold the joint or tendon of a drive where it is, by its lock."""
+    """Lock the joint or tendon of a drive at its present position."""
     if drive.joint is not None:
         qpos, dof = model.jnt_qposadr[drive.joint], model.jnt_dofadr[drive.joint]
         model.eq_data[equality, 0] = data.qpos[qpos] - model.qpos0[qpos]
@@ -367,13 +372,13 @@ def activate_lock(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equa
     data.eq_active[equality] = True
 
 
-def yields(
+def lock_warning(
     model: mujoco.MjModel, data: mujoco.MjData, drive: Drive, equality: int, stiffness: float
 ) -> str | None:
-    """Say by how much the lock of a drive gives way, and why; None if it holds, or is none.
+    """Return a sentence on how much a drive's lock yields, and why; None if little or no lock.
 
-    An estimate at the pose of `data`, which is up to date: what stops the drive, how far its own
-    actuator of this stiffness then pulls it, and how far others drag it.
+    The yield is estimated at the pose of `data`, which is up to date, from the time constant of
+    the lock, the pull of the drive's own actuator of this stiffness, and the drag by dampers.
     """
     if equality < 0:
         return None
@@ -387,24 +392,24 @@ def yields(
         pulled = (1 / impedance - 1) * stiffness * inverse[number] * time_s**2
         soft += pulled / (1 + pulled)
     if of_tendon and weakens_locks(model):
-        dragged = (omega * time_s) ** 2 * (1 / _kept_of_force(model, data, drive) - 1)
-    if soft + dragged < _GIVES_WAY:
+        dragged = (omega * time_s) ** 2 * (1 / _effective_force(model, data, drive) - 1)
+    if soft + dragged < _LARGEST_YIELD:
         return None
     if dragged > soft:
         called = mujoco.mjtIntegrator(model.opt.integrator).name[6:].lower()
-        cause = f"{called} drags it along at time steps of {1e3 * step_s:g} ms: "
+        cause = f"{called} moves it at time steps of {1e3 * step_s:g} ms: "
         cause += 'integrator="discrete" or shorter steps hold it'
     else:
         cause = f"it has a time constant of {1e3 * time_s:.3g} ms and an impedance of "
         cause += f"{impedance:g}: an impedance of 0.9999 and {STEPS} shorter time steps hold it"
     return (
-        f"the lock of {_called(drive)} gives way, by about "
+        f"the lock of {_called(drive)} yields, by about "
         f"{100 * min(soft + dragged, 1):.0f} % of a motion of {_MOTION_HZ:g} Hz, as {cause}"
     )
 
 
-def _kept_of_force(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> float:
-    """Part of a force along a drive that a step of the integrator leaves of it."""
+def _effective_force(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> float:
+    """Return the fraction of a force along a drive that one integrator step turns into speed."""
     row, moved = drive_rows(model, data, [drive])[0], []
     for force in (0.0, 1.0):
         probe = copy.copy(data)
@@ -416,19 +421,19 @@ def _kept_of_force(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> 
 
 
 def reserve_off_group(model: mujoco.MjModel) -> None:
-    """Move working actuators of the group that :func:`switch_off` takes to one never switched."""
+    """Move actuators out of the group of :func:`switch_off`, to one that is never disabled."""
     if not model.opt.disableactuator >> _OFF & 1:
         model.actuator_group[model.actuator_group == _OFF] = _OFF + 1
 
 
 def switch_off(model: mujoco.MjModel, drive: Drive) -> None:
-    """Make the force of this drive exactly zero; the model has its group reserved."""
+    """Set the force of a drive to exactly zero, after :func:`reserve_off_group`."""
     model.actuator_group[list(drive.ids)] = _OFF
     model.opt.disableactuator |= 1 << _OFF
 
 
 def restore(model: mujoco.MjModel, drive: Drive, strengths: Mapping[str, Array]) -> None:
-    """Give a drive its force and its spring as they were; its lock is not of the model."""
+    """Restore force and spring of a drive; its lock is part of the state and stays."""
     places: dict[str, list[int]] = {name: list(drive.ids) for name in _OF_ACTUATORS}
     if drive.joint is not None:
         dof = int(model.jnt_dofadr[drive.joint])

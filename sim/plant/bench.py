@@ -1,4 +1,4 @@
-"""A simulated machine in a loop: plant, sensors, drives, failures, hooks of events, and a log."""
+"""Simulated machine in a control loop: plant, sensors, drives, failures, event hooks, log."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from sim.plant.plant import Failure, Plant, physics_steps
 
 
 class Reading(NamedTuple):
-    """Reading at one tick, as :class:`ftc.Measurement`: major task (m1,) and actuators (n,)."""
+    """Sensor reading at one tick, as :class:`ftc.Measurement`: major task (m1,), actuators (n,)."""
 
     output: Array
     displacement: Array
@@ -28,12 +28,12 @@ class Sensors(Protocol):
     """Protocol of the sensors of a machine."""
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """Read at a pose of the task frame and displacements (n,) of the actuators."""
+        """Return the reading at a pose of the task frame and actuator displacements (n,)."""
         ...
 
 
 class TaskSensor:
-    """A sensor of the task frame itself, such as a camera or a tracker, beside encoders."""
+    """Encoders, and a sensor of the task frame itself such as a camera or a tracker."""
 
     def __init__(
         self, rows: Sequence[int], noise: float, encoder_noise: float, seed: int | Sequence[int]
@@ -49,7 +49,7 @@ class TaskSensor:
         self._rng = _generator(seed)
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """The rows and the displacements, with noise."""
+        """Return task rows and actuator displacements, both with noise."""
         displacements, m1 = _seen(pose, displacements), len(self._rows)
         noise = self._rng.standard_normal(m1 + len(displacements))
         output = pose.displacement().take(self._rows) + self._noise * noise[:m1]
@@ -57,7 +57,7 @@ class TaskSensor:
 
 
 class JointSensors:
-    """Encoders alone: the task follows from the forward kinematics of a model, loops closed."""
+    """Encoders alone: the task is computed by forward kinematics of a model with closed loops."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class JointSensors:
         self._all = np.arange(len(mechanism.nominal.displacements))
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """The task as the encoders have it, and what they read; the true pose stays unknown."""
+        """Return the task computed from the encoders, and their readings; `pose` is not used."""
         displacements = _seen(pose, displacements)
         seen = displacements + self._noise * self._rng.standard_normal(len(displacements))
         self._posture = self._mechanism.moved(self._posture, seen, self._all)
@@ -88,25 +88,25 @@ def _seen(pose: Pose, displacements: Array) -> Array:
 
 
 def _generator(seed: int | Sequence[int]) -> np.random.Generator:
-    """Of one integer that is not negative, or of a list of some; numpy crashes at other things."""
+    """Create a generator from one non-negative integer or a list of them."""
     listed = seed if isinstance(seed, list | tuple) and seed else [seed]
-    return np.random.default_rng([check.integer("seed", each) for each in listed])
+    return np.random.default_rng([check.integer("seed", item) for item in listed])
 
 
 @dataclass(frozen=True)
 class MaxwellSlip:
-    """Elastic elements with dry friction in series, m of them side by side on each of n springs.
+    """Hysteresis model: m parallel elastic elements with dry friction in series on n springs.
 
-    An element of stiffness k is stretched with the displacement x until its force is that of its
+    An element of stiffness k is stretched with the displacement x until its force reaches its
     friction, k s; then it slips. Its stretch z follows dx within -s..s, and its force is -k z. In a
-    cycle of amplitude a each element dissipates 4 k s (a - s) where a > s, and nothing elsewhere.
+    cycle of amplitude a each element dissipates 4 k s (a - s) if a > s, else zero.
 
     Source: Iwan, J. Appl. Mech. 33 (1966) 893, his parallel-series model; for joints, Segalman,
     SAND2001-0811 (2001).
 
     Attributes:
-        stiffness: Of each element, shape (n, m), [N]/[m] or [N m]/[rad].
-        slip: Its stretch when it slips, shape (n, m), [m] or [rad].
+        stiffness: Stiffness of each element, shape (n, m), [N]/[m] or [N m]/[rad].
+        slip: Stretch of each element when it slips, shape (n, m), [m] or [rad].
     """
 
     stiffness: Array
@@ -120,33 +120,34 @@ class MaxwellSlip:
             shape = value.shape
 
     def moved(self, stretch: Array, by: Array) -> Array:
-        """Stretches (n, m) of the elements after displacements (n,) of their springs.
+        """Return the stretches (n, m) of the elements after displacements (n,) of their springs.
 
-        Exact for displacements in one direction, whatever the steps.
+        The result is exact for displacements in one direction, for any step size.
         """
         stretch = check.array("stretch", stretch, *self.slip.shape)
         by = check.array("by", by, len(self.slip))
         return (stretch + by[:, None]).clip(-self.slip, self.slip)
 
     def force(self, stretch: Array) -> Array:
-        """Force on each spring's end, shape (n,), [N] or [N m]: against the stretch."""
+        """Return the force on each spring's end, (n,), [N] or [N m], opposite to the stretch."""
         stretch = check.array("stretch", stretch, *self.slip.shape)
         return -(self.stiffness * stretch).sum(axis=1)
 
 
 class Bench:
-    """A plant with sensors and drives, as :class:`ftc.loop.Machine`, and what is true at each tick.
+    """Plant with sensors and drives, as :class:`ftc.loop.Machine`, and a log of its true state.
 
     Attributes:
-        rotation: Of the task frame, shape (N, 3, 3).
-        translation_m: Of the same, shape (N, 3).
-        task: [rotation vector; translation] of both, shape (N, 6).
-        displacement: Of the actuators, shape (N, n).
+        rotation: Rotation of the task frame at each tick, shape (N, 3, 3).
+        translation_m: Translation of the task frame, shape (N, 3).
+        task: [rotation vector; translation] of the task frame, shape (N, 6).
+        displacement: Displacements of the actuators, shape (N, n).
         closure_residual_m: Largest gap of a closed loop, shape (N,).
-        qpos: Joint positions, shape (N, nq); None where they are not kept.
-        actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
-            with them.
-        gap: The error of a pilot that needs what an event has taken from the last reading, or None.
+        qpos: Joint positions, shape (N, nq); None if they are not logged.
+        actuator_force: MuJoCo's forces at the end of the previous period, shape (N, outputs);
+            None if `qpos` is.
+        reading_error: Error to raise if the controller cannot use the last reading, which an event
+            has changed; None if the reading is complete.
     """
 
     def __init__(
@@ -161,32 +162,33 @@ class Bench:
         floor_m_per_s2: Array | None = None,
         delay_ticks: int = 0,
         hysteresis: MaxwellSlip | None = None,
-        keep_qpos: bool = False,
+        log_qpos: bool = False,
         events: object = None,
     ) -> None:
         """Take a plant at rest.
 
         Args:
-            plant: The machine.
-            sensors: What is read of it.
-            time_s: Of each tick, shape (N,): failures strike at their times.
-            period_s: Between ticks, with at most as many physics steps as :meth:`Plant.step`.
-            failures: What happens to the plant.
-            drives: From the inputs of the drives to displacements (n,); None: they are the same.
-            floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
-            delay_ticks: Ticks by which commands reach the plant late; it holds its last one until
-                the first comes.
-            hysteresis: Of a spring along each actuator, beside the plant's own, not stretched at
-                the first tick. Its forces are updated once a tick and held.
-            keep_qpos: Whether the log has the joint positions, and forces of the actuators.
-            events: What else happens: an object with some of `plant(tick, model, data)`, before the
+            plant: The plant.
+            sensors: Its sensors.
+            time_s: Time of each tick [s], shape (N,); failures occur by these times.
+            period_s: Time between ticks [s]; its physics steps are limited as in
+                :meth:`Plant.step`.
+            failures: Failures of the plant's actuators.
+            drives: Function from inputs of the drives to displacements (n,); None is the identity.
+            floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is zero.
+            delay_ticks: Delay of the commands, in ticks; the plant keeps its present command until
+                the first one arrives.
+            hysteresis: Additional springs along the actuators, unstretched at the first tick. Their
+                forces are updated once a tick.
+            log_qpos: Whether to log joint positions and actuator forces.
+            events: Object with some of these hooks: `plant(tick, model, data)`, called before the
                 physics of a tick (forces in `data.xfrc_applied`, gains, dampers); `measured(tick,
-                reading)`, what the controller reads instead; `sent(tick, inputs)`, what the drives
-                get instead.
+                reading)`, whose result replaces the reading; `sent(tick, inputs)`, whose result
+                replaces the inputs of the drives.
 
         Raises:
-            ModelError: The period is not a whole number of physics steps; or an actuator is to lock
-                that has no lock.
+            ModelError: The period is not a whole number of physics steps; or an actuator without a
+                lock is to be locked.
         """
         check.instance("plant", plant, Plant)
         check.attributes("sensors", sensors, "read")
@@ -212,26 +214,28 @@ class Bench:
         self.plant, self.sensors, self._drives = plant, sensors, drives
         hooks = (None, None, None) if events is None else hooks_of(events)
         self._on_plant, self._on_measured, self._on_sent = hooks
-        delay = min(check.integer("delay_ticks", delay_ticks), ticks)  # then it never comes
-        self._under_way = deque([plant.command] * delay)
-        self._hysteresis, self.gap = hysteresis, None
+        delay = min(
+            check.integer("delay_ticks", delay_ticks), ticks
+        )  # a longer one has the same effect
+        self._pending = deque([plant.command] * delay)
+        self._hysteresis, self.reading_error = hysteresis, None
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
         self._time_s, self._floor = time_s, floor
-        self._to_come = sorted(failures, key=lambda failure: failure.time_s)
+        self._pending_failures = sorted(failures, key=lambda failure: failure.time_s)
         self._tick = 0
         self.rotation = np.empty((ticks, 3, 3))
         self.translation_m = np.empty((ticks, 3))
         self.task = np.empty((ticks, 6))
         self.displacement = np.empty((ticks, n))
         self.closure_residual_m = np.empty(ticks)
-        is_kept = check.flag("keep_qpos", keep_qpos)
-        widths = (plant.model.nq, len(plant.data.actuator_force)) if is_kept else (0, 0)
-        self._kept = [np.empty((ticks, width)) for width in widths]
-        self.qpos, self.actuator_force = self._kept if is_kept else (None, None)
+        logs_qpos = check.flag("log_qpos", log_qpos)
+        widths = (plant.model.nq, len(plant.data.actuator_force)) if logs_qpos else (0, 0)
+        self._state_log = [np.empty((ticks, width)) for width in widths]
+        self.qpos, self.actuator_force = self._state_log if logs_qpos else (None, None)
         self._log = self._logged()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the pointers into the plant's data, which a copy has of its own."""
+        """Return the state without pointers into the plant's data, which a copy must renew."""
         return {name: value for name, value in vars(self).items() if name != "_log"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -240,7 +244,7 @@ class Bench:
 
     def _logged(self) -> Struct:
         names = ("rotation", "translation_m", "task", "displacement", "closure_residual_m")
-        all_qpos, all_forces = self._kept
+        all_qpos, all_forces = self._state_log
         return Struct(
             "observation",
             **self.plant.observed(),
@@ -252,11 +256,11 @@ class Bench:
         )
 
     def measure(self) -> Reading:
-        """Read the sensors, after the failures that strike now."""
+        """Inject the failures that are due, log the true state and read the sensors."""
         tick, data = self._tick, self.plant.data
-        now_s = self._time_s[tick]  # compiled code would write beyond the log
-        while self._to_come and self._to_come[0].time_s <= now_s:
-            self._to_come.pop(0).strike(self.plant)
+        now_s = self._time_s[tick]  # raises after the last tick, where compiled code would not
+        while self._pending_failures and self._pending_failures[0].time_s <= now_s:
+            self._pending_failures.pop(0).inject(self.plant)
         if self._floor is not None:
             self.plant.shake(self._floor[tick])
         rows = pointer(data.efc_pos), pointer(data.efc_id), data.ne
@@ -270,52 +274,52 @@ class Bench:
         reading = self.sensors.read(pose, self.displacement[tick])
         if self._on_measured is None:
             return reading
-        changed, self.gap = measured_by(self._on_measured, tick, reading)
+        changed, self.reading_error = measured_by(self._on_measured, tick, reading)
         return changed
 
     def apply(self, inputs: Array) -> None:
-        """Drive the actuators for a period by inputs, which the drives make displacements (n,)."""
+        """Simulate one period with inputs that the drives convert to displacements (n,)."""
         command, name = check.array("inputs", inputs), "inputs"
         if self._on_sent is not None:
             command = sent_by(self._on_sent, self._tick, command)
         if self._drives is not None:
             command, name = self._drives(command), "drives(inputs)"
         command = check.array(name, command, self.displacement.shape[1])
-        if self._under_way:
-            self._under_way.append(np.array(command))
-            command = self._under_way.popleft()
+        if self._pending:
+            self._pending.append(np.array(command))
+            command = self._pending.popleft()
         if self._hysteresis is not None:  # its forces at the displacements measured
             here, before = self.displacement[[self._tick, max(self._tick - 1, 0)]]
             self._stretch = self._hysteresis.moved(self._stretch, here - before)
             self.plant.load(self._hysteresis.force(self._stretch))
         if self._on_plant is not None:
             self._on_plant(self._tick, self.plant.model, self.plant.data)
-        self.plant.hold(command, self._steps)
+        self.plant.step_physics(command, self._steps)
         self._tick += 1
 
 
 def hooks_of(events: object) -> list[Any]:
-    """List the hooks `plant`, `measured` and `sent` of an object, None where it has none."""
+    """List the hooks `plant`, `measured` and `sent` of an object; None for a missing one."""
     takes = {"plant": "tick, model, data", "measured": "tick, reading", "sent": "tick, inputs"}
     hooks = {name: getattr(events, name, None) for name in takes}
-    given = {name: hook for name, hook in hooks.items() if hook is not None}
-    if not given:
+    present = {name: hook for name, hook in hooks.items() if hook is not None}
+    if not present:
         raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
-    for name, hook in given.items():
-        with suppress(ValueError):  # of compiled functions nothing is known
+    for name, hook in present.items():
+        with suppress(ValueError):  # compiled functions may have no signature
             of = signature(check.function(f"events.{name}", hook))
             try:
                 of.bind(*takes[name].split(", "))
             except TypeError:
-                said = f"events.{name} must be a function of ({takes[name]}), got {of}"
-                raise TypeError(said) from None
+                message = f"events.{name} must be a function of ({takes[name]}), got {of}"
+                raise TypeError(message) from None
     return [*hooks.values()]
 
 
 def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> tuple[Any, Any]:
-    """Let a hook change a reading; return it, and the error of a pilot that needs what is missing.
+    """Return the reading changed by a hook, and the error to raise if it is incomplete.
 
-    The error is None if nothing is missing, as NaN, and all numbers are there, in arrays.
+    The error is None if all numbers are present and finite.
     """
     changed = hook(tick, reading)
     if not isinstance(reading, Reading):
@@ -328,11 +332,11 @@ def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> tup
             arrays.append(check.array(f"{part} of {name}", value, *before.shape, finite=False))
     except (ValueError, TypeError) as error:
         return changed, error
-    missing = ValueError(f"pilot must go on without numbers that are missing in {name}")
+    missing = ValueError(f"the controller must run without the numbers missing in {name}")
     return Reading(*arrays), None if np.isfinite(arrays[0]).all() else missing
 
 
 def sent_by(hook: Callable[[int, Array], Array], tick: int, inputs: Array) -> Array:
-    """Let a hook change inputs, and refuse anything but as many finite numbers."""
+    """Return the inputs changed by a hook, checked to be as many finite numbers."""
     name = f"what events.sent returns at tick {tick}"
     return check.array(name, hook(tick, inputs.copy()), *inputs.shape)

@@ -1,4 +1,4 @@
-"""Linear model of a mechanism at rest, dry friction beside it, and what both leave out."""
+"""Linear model of a mechanism at rest, its dry friction, and the effects that both omit."""
 
 import copy
 from dataclasses import dataclass
@@ -20,38 +20,38 @@ from sim.mjcf.model import check_state, joint_name, name_of
 from sim.mjcf.part import Part
 
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-_IDLE, _NOTHING, _MOSTLY = 1e-6, 1e-12, 0.3
-"""Part of the stiffness and of the outputs below which a motion has none, a size that is none, and
-part of the largest speed of a joint from which on it is named."""
+_UNOBSERVABLE, _NEGLIGIBLE, _MOSTLY = 1e-6, 1e-12, 0.3
+"""Relative stiffness and output below which a motion has none; size that counts as zero; fraction
+of a motion's largest joint speed at which a joint is listed as moving."""
 _REDUNDANT = 1e-9
-"""Part of the constraints below which they repeat one another: loops are closed to 1e-10."""
+"""Relative singular value below which constraints are redundant: loops close to 1e-10."""
 
 _FRICTION = (
     int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF),
     int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON),
 )
 _STIFFNESS = 1 / (0.95 * 0.02) ** 2
-"""Of MuJoCo's default `solref`, 20 ms critically damped, [1/s^2]."""
+"""Stiffness of MuJoCo's default `solref`, 20 ms critically damped, [1/s^2]."""
 _SOFT = 0.1
-"""Part of it below which an equality counts as soft."""
+"""Fraction of the default stiffness below which an equality counts as soft."""
 _AT = 1e-6
-"""Part of a force range within which a force stands at its end."""
+"""Fraction of a force range within which a force counts as being at its limit."""
 
 
 class Friction(NamedTuple):
-    """Dry friction at r places, each a force f with |f| <= limit along a velocity s = rows y_dot.
+    """Dry friction forces f at r places, |f| <= limit, along the velocities s = rows y_dot.
 
     The forces minimize f'(K + diag(softness)) f / 2 + f'(a + rate s) within their limits, K =
-    rows push and a the accelerations of the places without friction: MuJoCo's convex model of
+    rows push and a the accelerations along them without friction: MuJoCo's convex model of
     Coulomb's law (Todorov, ICRA 2014, "Convex and analytically-invertible dynamics with contacts
-    and constraints"). Where a place sticks it creeps, with a damping of rate / softness.
+    and constraints"). A sticking place creeps, with a damping of rate / softness.
 
     Attributes:
         push: Accelerations of the k free coordinates per force, shape (k, r).
-        rows: Shape (r, k).
-        limit: `frictionloss`, shape (r,), [N] or [N m].
-        softness: Acceleration per force, shape (r,).
-        rate: Shape (r,), [1/s].
+        rows: Velocities of the places per y_dot, shape (r, k).
+        limit: Largest forces (`frictionloss`), shape (r,), [N] or [N m].
+        softness: Regularization, acceleration per force, shape (r,).
+        rate: Decay rate of the velocity while sticking, shape (r,), [1/s].
     """
 
     push: Array
@@ -63,28 +63,29 @@ class Friction(NamedTuple):
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """x_dot = A x + B u + B_floor a; twist = C_twist x, displacement of actuators = C_active x.
+    """Linear state-space model x_dot = A x + B u + B_floor a, with x = [y; y_dot].
 
-    x = [y; y_dot] with y the k free coordinates on the closed loops, measured from the floor, whose
-    acceleration is a; u as `data.ctrl`. Of a :meth:`Plant.linear` u are its commands, and in their
-    units the force of each drive is u + holding - feedback x, that of its own spring preload -
-    spring x. Without drive k, A + B[:, k] feedback[k] takes the place of A, and the machine
-    accelerates by -B[:, k] holding[k] besides; so with a spring. How the direction of that force
-    turns with the pose is left out: of the order of this acceleration per radian.
+    y are the k free coordinates on the closed loops, relative to the floor, whose acceleration is
+    a; u is `data.ctrl`. Outputs are twist = C_twist x and displacement of actuators = C_active x.
+    For :meth:`Plant.linear`, u are the plant's commands; in their units the force of each drive is
+    u + holding - feedback x, and that of its spring preload - spring x. Without drive k, A is
+    replaced by A + B[:, k] feedback[k], and the machine has the additional acceleration
+    -B[:, k] holding[k]; the same holds for a spring. The rotation of that force with the pose is
+    neglected: it is of the order of this acceleration per radian.
 
     Attributes:
-        A: Shape (2k, 2k).
-        B: Shape (2k, nu), or (2k, n) for commands.
-        B_floor: Shape (2k, 3), for a in the axes of the twist.
+        A: State matrix, shape (2k, 2k).
+        B: Input matrix, shape (2k, nu), or (2k, n) for commands.
+        B_floor: Input matrix of the floor, shape (2k, 3), for a in the axes of the twist.
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
-        C_active: Shape (n, 2k).
-        feedback: Shape (n, 2k); zero of a motor against a spring.
-        holding: Shape (n,).
-        spring: Shape (n, 2k).
-        preload: Shape (n,).
-        friction: Dry friction, which A leaves out; None where there is none.
+        C_active: Displacements of the actuators, shape (n, 2k).
+        feedback: Force per state of each drive, shape (n, 2k); zero for a motor with a spring.
+        holding: Force of each drive at x = 0, shape (n,).
+        spring: Spring force per state of each drive, shape (n, 2k).
+        preload: Spring force of each drive at x = 0, shape (n,).
+        friction: Dry friction, which A omits; None if there is none.
         motion: Velocities of the joints per y_dot, shape (nv, k).
-        joints: Of each of these velocities the joint, by name, or by its body where it has none.
+        joints: Joint of each of these velocities, by its name or that of its body.
     """
 
     A: Array
@@ -104,19 +105,19 @@ class LinearPlant:
         check.lock(self)
 
     @property
-    def idle(self) -> tuple[str, ...]:
-        """Joints that nothing holds and that move neither the task nor an actuator.
+    def unobservable_joints(self) -> tuple[str, ...]:
+        """Joints of motions without stiffness that move neither the task nor an actuator.
 
-        So spins a rod between two ball joints.
+        An example is the spin of a rod between two ball joints.
         """
         k = len(self.A) // 2
-        held = self.A[k:, :k] / max(np.abs(self.A[k:, :k]).max(initial=0.0), 1.0)
+        stiffness = self.A[k:, :k] / max(np.abs(self.A[k:, :k]).max(initial=0.0), 1.0)
         outputs = np.vstack([self.C_twist[:, :k], self.C_active[:, :k]])
-        rows = np.vstack([held, outputs / max(np.abs(outputs).max(initial=0.0), _NOTHING)])
-        return self.named(scipy.linalg.null_space(rows, rcond=_IDLE))
+        rows = np.vstack([stiffness, outputs / max(np.abs(outputs).max(initial=0.0), _NEGLIGIBLE)])
+        return self.moving_joints(scipy.linalg.null_space(rows, rcond=_UNOBSERVABLE))
 
-    def named(self, y: Array) -> tuple[str, ...]:
-        """Joints that mostly move in motions y (k, ...), real or complex modes, in their order."""
+    def moving_joints(self, y: Array) -> tuple[str, ...]:
+        """List the joints that move most in motions y (k, ...), real or complex modes."""
         if self.motion is None:
             return ()
         k, is_mode = len(self.A) // 2, isinstance(y, np.ndarray) and np.iscomplexobj(y)
@@ -136,24 +137,24 @@ def linearize(
     site: Task = "payload",
     axes: str | None = "base",
 ) -> LinearPlant:
-    """Linearize at `data`, which must be at rest; locks, switched-off coils and pushes count.
+    """Linearize at `data`, which must be at rest; locks, disabled actuators and loads count.
 
-    Equalities are all that constrains: contacts and limits, a strut on its stop, are left out; so
-    are ranges of controls. Dry friction is not linear, and stands beside A.
+    Equalities are the only constraints: contacts, joint limits and ranges of controls are left
+    out. Dry friction is not linear, and is returned separately from A.
 
     MuJoCo's unconstrained accelerations, projected on what the loops allow, are differentiated
-    along a null-space basis of the active equalities. (Its constrained ones let 1e-4 of the
-    stiffest spring through.) Central differences: stepping off a curved constraint by h leaves a
+    along a null-space basis of the active equalities. (Its constrained ones contain 1e-4 of
+    the stiffest spring.) Central differences: stepping off a curved constraint by h leaves a
     gap of order h^2, which is the same on both sides and cancels.
 
     Args:
         model: Any model; the drives of C_active include those that are switched off.
-        data: Its state, closed; derived quantities are brought up to date.
-        site: A task of six rows, as for :func:`jacobians`.
+        data: State with closed loops; derived quantities are brought up to date.
+        site: Task of six rows, as for :func:`jacobians`.
         axes: Site whose axes express twists; None is the world.
 
     Raises:
-        ModelError: As :func:`jacobians`; or an actuator with a state of its own, or a delay.
+        ModelError: As for :func:`jacobians`; or an actuator has an internal state or a delay.
     """
     check_state(model, data)
     (task,), of_axes = located_tasks(model, [site]), located_axes(model, axes)
@@ -166,10 +167,10 @@ def linear_plant(
 ) -> LinearPlant:
     """Linearize for given drives and a rotation (3, 3) from world axes to those of the twist."""
     for k in np.flatnonzero(model.actuator_actnum):
-        called = f'an actuator has a state of its own, "{name_of(model.actuator(k))}"'
-        raise ModelError(f"{called}: only those without one are linear")
+        name = name_of(model.actuator(k))
+        raise ModelError(f'actuator "{name}" has an internal state: the linear model has none')
     for k in np.flatnonzero(model.actuator_delay):
-        raise ModelError(f"actuator number {k} delays its control, which a linear model does not")
+        raise ModelError(f"actuator number {k} delays its control: the linear model has no delay")
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
     Z = allowed(closure_rows(model, data))
@@ -187,16 +188,16 @@ def linear_plant(
 
     def acceleration(at: Array) -> Array:
         y, y_dot, u, floor = np.split(at, [k, 2 * k, -3])
-        # Seen from a floor that accelerates, every mass weighs by so much less.
+        # Relative to an accelerating floor, gravity is reduced by the acceleration.
         model.opt.gravity[:] = gravity - to_axes.T @ floor
         probe.qpos[:] = data.qpos
         mujoco.mj_integratePos(model, probe.qpos, Z @ y, 1.0)
         probe.qvel[:] = Z @ y_dot
         probe.ctrl[:] = u
         mujoco.mj_forward(model, probe)
-        ways, mass = allowed(closure_rows(model, probe)), mass_of(model, probe)
-        force = ways.T @ (mass @ probe.qacc_smooth)
-        return Z.T @ ways @ np.linalg.solve(ways.T @ mass @ ways, force)
+        basis, mass = allowed(closure_rows(model, probe)), mass_of(model, probe)
+        force = basis.T @ (mass @ probe.qacc_smooth)
+        return Z.T @ basis @ np.linalg.solve(basis.T @ mass @ basis, force)
 
     slopes = [
         (acceleration(start + step) - acceleration(start - step)) / (2 * step.sum())
@@ -219,47 +220,47 @@ def linear_plant(
 
 
 def allowed(J_C: Array) -> Array:
-    """Orthonormal basis of the velocities that the constraints allow."""
+    """Return an orthonormal basis of the velocities that the constraints J_C allow."""
     return scipy.linalg.null_space(J_C, rcond=_REDUNDANT) if len(J_C) else np.eye(J_C.shape[1])
 
 
 def friction_of(
-    model: mujoco.MjModel, data: mujoco.MjData, ways: Array, mass: Array
+    model: mujoco.MjModel, data: mujoco.MjData, basis: Array, mass: Array
 ) -> Friction | None:
-    """Dry friction of a state that is up to date; None where nothing rubs.
+    """Return the dry friction in a state that is up to date; None if there is none.
 
-    `ways` (nv, k) are velocities per free coordinate, `mass` (nv, nv) is the mass matrix.
+    `basis` (nv, k) has the velocities per free coordinate, `mass` (nv, nv) is the mass matrix.
     """
-    rubs = np.flatnonzero(np.isin(data.efc_type, _FRICTION) & (data.efc_frictionloss > 0.0))
-    rows = constraint_rows(model, data)[rubs] @ ways
-    moves = rows.any(axis=1)  # what the closed loops hold does not rub
-    rubs, rows = rubs[moves], rows[moves]
-    if not len(rubs):
+    indices = np.flatnonzero(np.isin(data.efc_type, _FRICTION) & (data.efc_frictionloss > 0.0))
+    rows = constraint_rows(model, data)[indices] @ basis
+    moves = rows.any(axis=1)  # places that the closed loops fix have no friction
+    indices, rows = indices[moves], rows[moves]
+    if not len(indices):
         return None
     return Friction(
-        push=np.linalg.solve(ways.T @ mass @ ways, rows.T),
+        push=np.linalg.solve(basis.T @ mass @ basis, rows.T),
         rows=rows,
-        limit=data.efc_frictionloss[rubs].copy(),
-        softness=data.efc_R[rubs].copy(),
-        rate=data.efc_KBIP[rubs, 1].copy(),
+        limit=data.efc_frictionloss[indices].copy(),
+        softness=data.efc_R[indices].copy(),
+        rate=data.efc_KBIP[indices, 1].copy(),
     )
 
 
 def dry_friction(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of the joints, then of the tendons, that have some."""
+    """List the names of joints, then of tendons, that have dry friction."""
     return _names(model, model.dof_frictionloss != 0.0, model.tendon_frictionloss)
 
 
 def beyond_linear(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, ...]:
-    """Say in a sentence each what a file states that is not linear, besides contacts and limits.
+    """List the nonlinear effects in a model, except contacts and limits, one sentence each.
 
-    `data` says which of its equalities are active.
+    Only equalities that are active in `data` are included.
     """
-    found = []
+    sentences = []
     if names := dry_friction(model):
-        found.append(
-            f"dry friction of {', '.join(names)}: the prediction includes it, the diagnosis takes "
-            "its size as uncertain; the design of the loops leaves it out"
+        sentences.append(
+            f"dry friction of {', '.join(names)}: the prediction includes it, the diagnosis treats "
+            "its size as uncertain; the loop design omits it"
         )
     polynomials = model.dof_dampingpoly, model.tendon_dampingpoly, model.actuator_dampingpoly
     damped = _names(model, *(A.any(axis=1) for A in polynomials))
@@ -267,26 +268,27 @@ def beyond_linear(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[str, ...]
     sprung = _names(model, of_joints, model.tendon_stiffnesspoly.any(axis=1))
     for what, names in (("damping", damped), ("stiffness", sprung)):
         if names:
-            found.append(
-                f"{what} of {', '.join(names)} is not linear: the model has its slope at the start"
+            sentences.append(
+                f"{what} of {', '.join(names)} is not linear: the model uses its slope at the start"
             )
     for k in np.flatnonzero(data.eq_active).tolist():
         if stiffness_of(model, k) * model.eq_solimp[k, 0] < _SOFT * _STIFFNESS:  # at its centre
-            found.append(
-                f"{equality_name(model, k)} is soft and gives like backlash: the model has it rigid"
+            sentences.append(
+                f"{equality_name(model, k)} is soft and yields like backlash: the model treats it "
+                "as rigid"
             )
     if model.opt.density > 0:
-        found.append(
+        sentences.append(
             f"drag of a medium of density {model.opt.density:g} grows with the square of the speed:"
-            " the model leaves it out"
+            " the model omits it"
         )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def _names(
     model: mujoco.MjModel, velocities: Array, tendons: Array, actuators: Array | tuple[()] = ()
 ) -> tuple[str, ...]:
-    """Names of the joints of some velocities, of some tendons and actuators, all given as masks."""
+    """Return the names of the joints of velocities, tendons and actuators given by masks."""
     joints = dict.fromkeys(model.dof_jntid[velocities].tolist())
     return (
         *(name_of(model.joint(k)) for k in joints),
@@ -295,39 +297,39 @@ def _names(
     )
 
 
-class Met:
-    """Events of a :class:`sim.Bench` that note what a run meets and a linear model leaves out.
+class NonlinearityMonitor:
+    """Event hook of a :class:`sim.Bench` that records effects which the linear model omits.
 
     Attributes:
-        sentences: So far, each once.
+        sentences: Sentences on contacts, joint limits and force limits so far, without repeats.
     """
 
     def __init__(self, model: mujoco.MjModel, part: Part | None = None) -> None:
-        """Take a model of the plant, and what of it counts; None is everything."""
+        """Take the plant's model and the part of it to monitor; None is the whole model."""
         self.sentences, self._part = dict[str, None](), part
-        own = drives(model, among=None if part is None else part.actuators)
+        drives_of_part = drives(model, among=None if part is None else part.actuators)
         self._forces = [
-            (k, out, each.name)
-            for each in own
-            for k, out in zip(each.ids, each.outputs, strict=True)
+            (k, out, drive.name)
+            for drive in drives_of_part
+            for k, out in zip(drive.ids, drive.outputs, strict=True)
         ]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Look at the end of the tick before."""
+        """Record contacts and limits at the end of the previous tick."""
         for a, b in touching(model, data):
             if self._part is None or set(model.body_weldid[[a, b]]) & self._part.bodies:
                 one, other = (name_of(model.body(k)) for k in (b, a))
-                self._meet(f'"{one}" touched "{other}"')
+                self._record(f'"{one}" touched "{other}"')
         if data.nl:
             for limit in at_limits(model, data):
                 if self._part is None or limit.name not in self._part.left_out:
-                    self._meet(f'{limit.kind} "{limit.name}" reached its limit')
+                    self._record(f'{limit.kind} "{limit.name}" reached its limit')
         for actuator, output, name in self._forces:
             if model.actuator_forcelimited[actuator]:
                 low, high = force_limits(model, actuator)
                 slack = _AT * (high - low)
                 if not low + slack < data.actuator_force[output] < high - slack:
-                    self._meet(f'the force of "{name}" reached its limit')
+                    self._record(f'the force of "{name}" reached its limit')
 
-    def _meet(self, sentence: str) -> None:
+    def _record(self, sentence: str) -> None:
         self.sentences.setdefault(sentence)

@@ -1,4 +1,4 @@
-"""The plant: MuJoCo physics, the true payload motion, and failures of its actuators."""
+"""Plant: MuJoCo physics, true payload motion, and actuator failures."""
 
 import copy
 from collections.abc import Iterable
@@ -26,28 +26,28 @@ from sim.plant import actuators
 from sim.plant.linear import LinearPlant, linear_plant
 
 MOST_STEPS = 10_000_000
-"""Physics steps of one period: some minutes of computing, hours for a large robot."""
+"""Largest number of physics steps in a period: minutes of computing, hours for large robots."""
 
 _UNINTERRUPTED = 250
-"""Physics steps between which Ctrl-C acts: much more than those of a control tick."""
+"""Number of physics steps after which Ctrl-C acts: many more than in a control tick."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 FailureKind = Literal["locked", "free", "loose", "weak"]
-"""Stuck where it is; without force; without force and spring; with a part of its force."""
+"""Kinds of failure: stuck in place; no force; neither force nor spring; reduced force."""
 
 
 class Plant:
-    """Simulated plant with private copies of model and data, failures included.
+    """Simulated plant with private copies of model and data, and with actuator failures.
 
-    Its n actuators are the active velocities of :func:`jacobians`, in that order, and displacements
-    (n,) are in [m] or [rad] from the nominal pose. Twists, wrenches and displacements of the
-    payload are [angular; linear] in the present axes of the base.
+    Its n actuators are the active velocities of :func:`jacobians`, in that order; displacements
+    (n,) are relative to the nominal pose, in [m] or [rad]. Twists, wrenches and displacements of
+    the payload are [angular; linear] in the present axes of the base.
 
     Attributes:
-        drives: What each actuator 0..n-1 moves, and its actuators in the model.
-        model: Its own copy.
-        data: Its state.
+        drives: Velocity and MuJoCo actuators of each actuator 0..n-1.
+        model: The plant's copy of the model.
+        data: State of the plant.
     """
 
     def __init__(
@@ -63,34 +63,34 @@ class Plant:
 
         Args:
             model: Each drive needs a position feedback or a spring: position servos of any gear, or
-                motors with a suspension; see :func:`servoed` for others. To lock, a joint or tendon
-                needs an equality that holds it alone: `lock1`, `lock2`, ..., which
-                :func:`load_model` adds on request, or any.
+                motors with a suspension; see :func:`servoed` for others. To be locked, a joint or
+                tendon needs an equality that fixes only it: `lock1`, `lock2`, ..., which
+                :func:`load_model` adds on request, or one with another name.
             base: Site or body whose axes express twists and displacements; None is the world.
             payload: Site or body that is the task frame, in any orientation.
-            start: A state, such as of :func:`assemble`, whose `qpos` is the nominal pose, with the
-                equalities that are active and the mocap bodies. Controls then hold the machine
-                still against gravity and springs, with actuator forces of least norm; contacts and
-                limits do not count. None is `qpos0`, with controls of zero.
-            part: What of the model is commanded; `start` is then a state in which the physics has
-                come to rest, loops and contacts loaded, with the controls that keep it there, and
-                all else goes on with these. None is everything.
+            start: State, for example from :func:`assemble`, that gives the nominal pose `qpos`, the
+                active equalities and the mocap bodies. Controls then keep the machine at rest
+                against gravity and springs, with actuator forces of least norm; contacts and limits
+                are not included. None is `qpos0`, with controls of zero.
+            part: Part of the model that is commanded; `start` is then a state in which the physics
+                is at rest, loops and contacts loaded, with the controls that keep it there; other
+                actuators keep these controls. None is the whole model.
 
         Raises:
-            ModelError: There is no frame of these names, or a joint has no lock; there is no
-                actuator, or one that no displacement follows from; or nothing holds the machine
-                still at `start`, which the message names.
-            ClosureError: `start` is not closed.
+            ModelError: A frame does not exist, or a joint has no lock; there is no actuator, or
+                one whose control gives no displacement; or the machine is not in balance at
+                `start`: the message names the joint that moves.
+            ClosureError: A loop is open at `start`.
         """
         check.instance("model", model, mujoco.MjModel)
         if part is not None:
             check.instance("part", part, Part)
         # Locks and switched-off coils live in the model, so a shared one would share its failures.
         self.model = copy.copy(model)
-        # A diverging run must keep its state to be looked at, whatever the file says.
+        # The state of a diverging run must be kept for inspection, so MuJoCo must not reset it.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         actuators.reserve_off_group(self.model)
-        self._sound = {name: getattr(self.model, name).copy() for name in actuators.STRENGTHS}
+        self._healthy = {name: getattr(self.model, name).copy() for name in actuators.STRENGTHS}
         self.data = mujoco.MjData(self.model)
         self.drives = required_drives(self.model, None if part is None else part.actuators)
         self._locks = [actuators.lock_of(self.model, drive) for drive in self.drives]
@@ -102,41 +102,44 @@ class Plant:
         loops = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
         self._is_loop = np.isin(self.model.eq_type, loops).astype(float)
         if part is not None:
-            self._is_loop[list(part.apart)] = 0.0
+            self._is_loop[list(part.other_equalities)] = 0.0
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
         actuators.enable_locks(self.model, self.data)
         self._last = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
-        held = None if part is None else self.data.actuator_force.copy()
+        forces = None if part is None else self.data.actuator_force.copy()
         if start is not None and part is None:
-            held, falls, why = actuators.balance(self.model, self.data, self.drives)
-            if falls is not None:
-                raise ModelError(why)
-        self._commands = actuators.commands_of(self.model, self.data, self.drives, held)
+            forces, moving, reason = actuators.balance(self.model, self.data, self.drives)
+            if moving is not None:
+                raise ModelError(reason)
+        self._commands = actuators.commands_of(self.model, self.data, self.drives, forces)
         if start is not None:
             if beyond := actuators.beyond_ranges(self.model, self.drives, self._commands):
                 raise ModelError(beyond)
-            self._commands = self._commands.beside(start.ctrl)
+            self._commands = self._commands.with_other_controls(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
             mujoco.mj_forward(self.model, self.data)
         self._observed = Observed(self.model, self.data, self.drives, frame, axes)
         self._observer = Observer(self._observed, self.data)
         self._limits = actuators.rest_limits(self.model, self.data, self.drives, self._commands)
-        self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
+        self._gravity, self._initially_active = (
+            self.model.opt.gravity.copy(),
+            self.data.eq_active.copy(),
+        )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the views of :attr:`data`, which a copy has of its own."""
+        """Return the state without views of :attr:`data`, which a copy must renew."""
         return {name: value for name, value in vars(self).items() if name != "_observer"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, _observer=Observer(state["_observed"], state["data"]))
 
     def step(self, command_m: Array, period_s: float) -> None:
-        """Hold the commanded displacements (n,) for one period of physics steps.
+        """Simulate one period with constant commanded displacements (n,).
 
-        Each control is that of the nominal pose plus what would hold the drive alone at its
+        Each control is that of the nominal pose plus the control that keeps the drive alone at its
         displacement, against its servo's feedback and the spring of its joint or tendon.
 
         Raises:
@@ -145,10 +148,10 @@ class Plant:
             SimulationDiverged: The state is no longer finite.
         """
         steps = physics_steps("period_s", period_s, self.model.opt.timestep)
-        self.hold(check.array("command_m", command_m, len(self.drives)), steps)
+        self.step_physics(check.array("command_m", command_m, len(self.drives)), steps)
 
-    def hold(self, command_m: Array, steps: int) -> None:
-        """Hold checked displacements for a number of physics steps; Ctrl-C ends it soon."""
+    def step_physics(self, command_m: Array, steps: int) -> None:
+        """Simulate some physics steps with constant commands (n,), which are not checked."""
         model, data = self.model, self.data
         mujoco.mj_getState(model, data, self._last, _STATE)
         self._command[:] = controls = command_m
@@ -158,52 +161,52 @@ class Plant:
         for done in range(0, steps, _UNINTERRUPTED):
             mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
             if has_diverged(data):
-                huge = "was given controls beyond 1e+10, which MuJoCo takes for zeros"
+                huge = "was given controls beyond 1e+10, which MuJoCo replaces by zeros"
                 why = (huge,) if data.warning[BAD_CONTROL].number else ()
                 raise SimulationDiverged(data.time, self._last.copy(), *why)
         mujoco.mj_kinematics(model, data)
         self._observed.refresh(model, data)
 
     def settle(self, seconds: float, command_m: Array | None = None) -> None:
-        """Let the machine come to rest at displacements (n,), None is zero; time starts anew."""
+        """Simulate some seconds with constant displacements (n,), None is zero; reset the time."""
         steps = physics_steps("seconds", seconds, self.model.opt.timestep)
         n = len(self.drives)
         at_m = np.zeros(n) if command_m is None else check.array("command_m", command_m, n)
-        self.hold(at_m, steps)
+        self.step_physics(at_m, steps)
         self.data.time = 0.0
 
     def lock(self, actuator: int) -> None:
-        """Lock actuator 0..n-1 where it is: a position failure; a ModelError if it has no lock."""
+        """Lock actuator 0..n-1 in place (position failure); raise ModelError if it has no lock."""
         k = self.check_lock(actuator)
         actuators.activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def check_lock(self, actuator: int) -> int:
-        """The actuator 0..n-1 itself; a ModelError if it cannot lock."""
+        """Return the index of an actuator 0..n-1; raise ModelError if it has no lock."""
         if self._locks[k := self._index(actuator)] < 0:
             raise actuators.no_lock(self.model, self.drives[k])
         return k
 
     @property
     def soft_locks(self) -> dict[int, str]:
-        """How far, and why, locks would give way at the present pose, by number of the drive."""
-        each = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
-        found = {k: actuators.yields(self.model, self.data, *one) for k, one in each}
-        return {k: said for k, said in found.items() if said is not None}
+        """Sentences on locks that would yield at the present pose, by number of the drive."""
+        locks = enumerate(zip(self.drives, self._locks, self._commands.stiffness, strict=True))
+        warnings = {k: actuators.lock_warning(self.model, self.data, *one) for k, one in locks}
+        return {k: warning for k, warning in warnings.items() if warning is not None}
 
     def release(self, actuator: int) -> None:
-        """Switch actuator 0..n-1 off: a torque failure."""
+        """Switch actuator 0..n-1 off (torque failure)."""
         actuators.switch_off(self.model, self.drives[self._index(actuator)])
 
     def weaken(self, actuator: int, effectiveness: float) -> None:
-        """Leave actuator 0..n-1 this part, in 0..1, of its force."""
+        """Reduce the force of actuator 0..n-1 to a fraction in 0..1."""
         ids = list(self.drives[self._index(actuator)].ids)
         part = check.number("effectiveness", effectiveness, 0.0, 1.0)
-        # A position servo takes the force of its error from both.
+        # The force of a position servo depends on both.
         self.model.actuator_gainprm[ids, :3] *= part
         self.model.actuator_biasprm[ids, :3] *= part
 
     def break_loose(self, actuator: int) -> None:
-        """Release actuator 0..n-1 and take its suspension spring, and with it its preload, away."""
+        """Release actuator 0..n-1 and remove its suspension spring, preload included."""
         self.release(actuator)
         drive = self.drives[self._index(actuator)]
         if drive.joint is not None:
@@ -212,17 +215,17 @@ class Plant:
             self.model.tendon_stiffness[drive.tendon] = 0.0
 
     def repair(self, actuator: int) -> None:
-        """Let actuator 0..n-1 work from now on as it did when the plant was made."""
+        """Restore actuator 0..n-1 to its initial, healthy condition."""
         k = self._index(actuator)
         if (lock := self._locks[k]) >= 0:
-            self.data.eq_active[lock] = self._held[lock]
-            self.model.eq_data[lock] = self._sound["eq_data"][lock]
-        actuators.restore(self.model, self.drives[k], self._sound)
+            self.data.eq_active[lock] = self._initially_active[lock]
+            self.model.eq_data[lock] = self._healthy["eq_data"][lock]
+        actuators.restore(self.model, self.drives[k], self._healthy)
 
     def push(self, wrench: Array) -> None:
-        """Push the payload, from now on, with a wrench (6,), [N m] and [N], at its site.
+        """Apply a wrench (6,), [N m] and [N], to the payload at its site, from now on.
 
-        Moment, force and lever arm stay as they are now, in the world.
+        Moment, force and lever arm stay constant in the world.
         """
         wrench = check.array("wrench", wrench, 6)
         self.data.xfrc_applied[:] = 0.0
@@ -230,7 +233,7 @@ class Plant:
         self.data.xfrc_applied[self._observed.frame.body] = applied
 
     def load(self, force: Array) -> None:
-        """Push along each actuator's velocity, from now on, by (n,), [N] or [N m], as friction."""
+        """Apply forces (n,), [N] or [N m], along the actuators' velocities from now on."""
         force = check.array("force", force, len(self.drives))
         if self._velocities is None:
             rows = drive_rows(self.model, self.data, self.drives)
@@ -240,19 +243,19 @@ class Plant:
             self.data.qfrc_applied[self._velocities] = force
 
     def shake(self, acceleration: Array) -> None:
-        """Accelerate the floor, from now on, by (3,) in base axes, [m]/[s^2], without turning it.
+        """Accelerate the floor from now on by a (3,) in base axes, [m]/[s^2], without rotation.
 
-        What is seen from the floor: every mass m feels the inertial force -m a beside its weight.
+        The model is relative to the floor: each mass m has the inertial force -m a.
         """
         acceleration = check.array("acceleration", acceleration, 3)
         self.model.opt.gravity[:] = self._gravity - self._observed.axes(self.data) @ acceleration
 
     def displacement(self) -> Array:
-        """Payload displacement [rotation vector; translation] from the nominal pose, shape (6,)."""
+        """Return the payload displacement [rotation vector; translation] from nominal, (6,)."""
         return self.pose().displacement()
 
     def pose(self) -> Pose:
-        """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""
+        """Return the payload's pose relative to nominal, in base axes: R = R_now R_nominal^T."""
         return self._observer.read()[0]
 
     @property
@@ -266,38 +269,38 @@ class Plant:
         return self._observed.origin_m.copy()
 
     def displacements(self) -> Array:
-        """Displacement (n,) of each joint, length of tendon or crank, or what a servo feels."""
+        """Return the displacements (n,) of joints, tendon or crank lengths, or servo lengths."""
         return self._observer.read()[1].copy()
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper displacements, (n,) each, at which healthy actuators can rest.
+        """Return the lower and upper static displacements, (n,) each, of healthy actuators.
 
-        Within the ranges of joint or tendon, control, and the force that the spring takes; infinite
-        where there are none. The change of the weight's pull is neglected.
+        They respect the ranges of joint or tendon, control and force against the spring, and are
+        infinite where there are none. The change of gravity forces is neglected.
         """
         lower, upper = self._limits
         return lower.copy(), upper.copy()
 
     @property
     def stiffness(self) -> Array:
-        """Force of each actuator per displacement commanded while it is held, shape (n,)."""
+        """Force of each actuator per commanded displacement, the actuator blocked, shape (n,)."""
         return self._commands.stiffness.copy()
 
     @property
     def spring_share(self) -> Array:
-        """Part of :attr:`stiffness` that the own spring of each drive gives, shape (n,)."""
+        """Fraction of :attr:`stiffness` due to the spring of each drive, shape (n,)."""
         return 1.0 - self._commands.feedback[:, 0]
 
     @property
     def command(self) -> Array:
-        """Displacements (n,) last commanded; zero before the first."""
+        """Last commanded displacements, shape (n,); zero before the first command."""
         return self._command.copy()
 
     def linear(self) -> LinearPlant:
-        """Linearize about the present pose, taken as a rest, for the commands of :meth:`step`.
+        """Linearize about the present pose, treated as at rest, for the commands of :meth:`step`.
 
         Raises:
-            ModelError: As :func:`linearize`.
+            ModelError: As for :func:`linearize`.
         """
         data = copy.copy(self.data)
         to_axes = self._observed.axes(data).T
@@ -317,9 +320,9 @@ class Plant:
 
     @property
     def implicit_damping(self) -> bool:
-        """Whether the integrator takes the forces of all dampers with the speeds at a step's end.
+        """True if the integrator computes all damper forces from the speeds at the end of a step.
 
-        Euler's method does so with the damping of joints alone.
+        Euler's method does so for the damping of joints only.
         """
         if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
             damped = not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
@@ -327,25 +330,25 @@ class Plant:
         return self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
 
     def coil_force_n(self) -> Array:
-        """Force of each actuator along its velocity, shape (n,), [N] or [N m]."""
+        """Return the force of each actuator along its velocity, shape (n,), [N] or [N m]."""
         force = self.data.actuator_force
         return np.array([force.take(d.outputs).dot(d.gear) for d in self.drives])
 
     def closure_residual_m(self) -> float:
-        """Largest closure residual at the last physics step; a weld's angles count as m/rad."""
+        """Return the largest closure residual [m] of the last physics step; 1 rad counts as 1 m."""
         rows = self.data.efc_pos, self.data.efc_id, self._is_loop
         return lib.largest_gap(*map(pointer, rows), self.data.ne)  # equalities come first
 
     def observed(self) -> dict[str, Any]:
-        """Arrays of :attr:`data` that the compiled code reads to log a tick, by its names."""
+        """Return arrays of :attr:`data` that compiled code reads to log a tick, by field name."""
         own = {"counts": self._is_loop, "forces": self.data.actuator_force}
         return self._observed.fields(self.data) | own
 
     def number(self, actuator: int | str) -> int:
-        """The number 0..n-1 of a drive, given by it or by a name.
+        """Return the number 0..n-1 of an actuator given by number or name.
 
         Raises:
-            ValueError: There is none; the message has the nearest name.
+            ValueError: There is none; the message suggests the nearest name.
         """
         if not isinstance(actuator, str):
             return self._index(actuator)
@@ -359,11 +362,11 @@ class Plant:
 
 
 def physics_steps(name: str, period_s: float, timestep_s: float) -> int:
-    """Count the physics steps in a period, an argument of this name.
+    """Count the physics steps in a period; `name` is the argument's name in messages.
 
     Raises:
-        ValueError: It has too many.
-        ModelError: It is not a whole number of them.
+        ValueError: There are more than 1e7 steps.
+        ModelError: The period is not a whole number of steps.
     """
     steps = round(check.number(name, period_s, check.SMALLEST) / timestep_s)
     if steps > MOST_STEPS:
@@ -381,7 +384,7 @@ def physics_steps(name: str, period_s: float, timestep_s: float) -> int:
 def _place(
     model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData, *, at_rest: bool
 ) -> None:
-    """Put a new state into the pose of another one, which must be closed, or at rest."""
+    """Copy the pose of `start`, which must be closed; with `at_rest` its controls as well."""
     check_state(model, check.instance("start", start, mujoco.MjData))
     data.qpos[:], data.eq_active[:] = start.qpos, start.eq_active
     data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
@@ -395,16 +398,16 @@ def _place(
 
 @dataclass(frozen=True)
 class Failure:
-    """One actuator fails at one time.
+    """Failure of one actuator at one time.
 
-    As text it is NAME:KIND@SECONDS, such as "strut1:locked@1.3", which :meth:`parse` reads.
+    Its text form is NAME:KIND@SECONDS, for example "strut1:locked@1.3"; see :meth:`parse`.
 
     Attributes:
-        actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`; or the
-            name of its joint, tendon or actuator.
-        kind: See :data:`FailureKind`.
-        time_s: When, not before 0.
-        effectiveness: Part of the force that a weak one has left, in 0..1.
+        actuator: Number 0..n-1, in the order of `plant.drives`, which is that of
+            :func:`jacobians`; or the name of the joint, tendon or actuator.
+        kind: Kind of failure; see :data:`FailureKind`.
+        time_s: Time of the fault onset [s], not negative.
+        effectiveness: Remaining fraction of the force of a weak actuator, in 0..1.
     """
 
     actuator: int | str
@@ -424,15 +427,15 @@ class Failure:
 
     @classmethod
     def parse(cls, text: str) -> "Failure":
-        """Parse NAME:KIND@SECONDS, as `str` writes a failure; a weak one has the default part.
+        """Parse NAME:KIND@SECONDS, the text form of a failure; `effectiveness` is the default.
 
-        NAME is that of a joint, tendon or actuator, or the number of the actuator in digits.
+        NAME is the name of a joint, tendon or actuator, or the actuator's number in digits.
         """
-        name, _, rest = check.instance("text", text, str).rpartition(":")
-        kind, _, time_s = rest.partition("@")
+        name, _, event = check.instance("text", text, str).rpartition(":")
+        kind, _, time_s = event.partition("@")
         is_number = name.isascii() and name.isdecimal() and len(name) < 10  # of 32 bits
         actuator = int(name) if is_number else name
-        with suppress(ValueError):  # what is said below is of the whole text
+        with suppress(ValueError):  # the message below quotes the whole text
             if name:
                 return cls(actuator, cast(FailureKind, kind), float(time_s))
         kinds = get_args(FailureKind)
@@ -445,13 +448,13 @@ class Failure:
 
     @property
     def number(self) -> int:
-        """The actuator, 0..n-1."""
+        """Number of the actuator, 0..n-1; raises TypeError if only its name is given."""
         if isinstance(self.actuator, str):
             raise TypeError(f"actuator must be a number here, got {check.shown(self.actuator)}")
         return int(self.actuator)
 
-    def strike(self, plant: Plant) -> None:
-        """Apply the failure now; a ModelError if the actuator is to lock and has no lock."""
+    def inject(self, plant: Plant) -> None:
+        """Apply the failure to a plant now; raise ModelError if a lock is missing."""
         actuator = check.instance("plant", plant, Plant).number(self.actuator)
         if self.kind == "weak":
             plant.weaken(actuator, self.effectiveness)
@@ -461,11 +464,11 @@ class Failure:
 
 
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
-    """Make a plant at rest at the nominal pose, with failures already applied.
+    """Create a plant at rest at the nominal pose, with failures already applied.
 
-    Sites have the names that :class:`Plant` expects by default.
+    The model's sites have the default names of :class:`Plant`.
     """
     plant = Plant(model)
     for failure in check.members("failures", failures, Failure):
-        failure.strike(plant)
+        failure.inject(plant)
     return plant

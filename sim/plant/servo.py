@@ -1,4 +1,4 @@
-"""Torque motors and velocity servos as position servos."""
+"""Conversion of torque motors and velocity servos to position servos."""
 
 import copy
 import math
@@ -16,7 +16,7 @@ from sim.mjcf.model import check_state, start_of
 from sim.plant.linear import allowed
 
 _FASTEST = 0.5
-"""Largest natural frequency and damping rate times the time step: beyond, a step overshoots."""
+"""Largest natural frequency or damping rate times the time step: above it, steps overshoot."""
 
 
 def servoed(
@@ -27,25 +27,25 @@ def servoed(
     data: mujoco.MjData | None = None,
     among: Collection[int] | None = None,
 ) -> mujoco.MjModel:
-    """Copy a model with torque motors and velocity servos made position servos.
+    """Copy a model and convert its torque motors and velocity servos to position servos.
 
-    Those of joints, tendons and slider-cranks. Stiffness and damping of a servo give the drive
-    alone, the other drives held, the natural frequency and damping ratio; springs and dampers of
-    the mechanism come on top. The control becomes the target of the actuator's length, gear times
-    displacement, without a range; the range that a motor had limits the force. Other actuators
-    stay as they are. In place of Euler's method the model gets `implicitfast`, since joints that
-    share inertia lose speed many times faster than each drive alone, and would overshoot.
+    This applies to motors on joints, tendons and slider-cranks. Stiffness and damping of a servo
+    give the drive, with the other drives fixed, the natural frequency and damping ratio; springs
+    and dampers of the mechanism add to them. The control becomes the target of the actuator's
+    length, gear times displacement, without a range; the control range of a motor becomes a force
+    range. Other actuators stay unchanged. Euler's method is replaced by `implicitfast`: coupled
+    joints lose speed many times faster than each drive alone, and would overshoot.
 
     Args:
         model: The model to copy.
-        natural_frequency_hz: Undamped, of each drive.
-        damping_ratio: 1 is critical.
-        data: The pose, closed, at which inertias are taken; None is :func:`start_of` the model.
-        among: Numbers of the actuators that count, all others without force; None is all.
+        natural_frequency_hz: Undamped natural frequency of each drive.
+        damping_ratio: Damping ratio of each drive; 1 is critical.
+        data: Closed pose at which inertias are taken; None is :func:`start_of` the model.
+        among: Numbers of the actuators to convert; the others exert no force. None is all.
 
     Raises:
         ValueError: The frequency is too high for the time step.
-        ModelError: As :func:`jacobians`; or no drive feels a length.
+        ModelError: As for :func:`jacobians`; or no actuator measures a length.
     """
     check.instance("model", model, mujoco.MjModel)
     natural_frequency_hz = check.number(
@@ -67,13 +67,14 @@ def servoed(
     check_state(model, state)
     check_closures(model, state, among=among)
     mujoco.mj_fwdPosition(model, state)
-    driven = [_lacks_position(model, drive) for drive in of_model]
+    driven = [_needs_feedback(model, drive) for drive in of_model]
     if of_model and not any(driven) and not any(drive.has_length for drive in of_model):
         raise ModelError(
-            f'actuator "{of_model[0].actuators[0]}" feels no length that a position servo could '
-            "hold, at a site or on a ball or free joint, nor does any other: use force mappings"
+            f'actuator "{of_model[0].actuators[0]}", at a site or on a ball or free joint, '
+            "measures no length that a position servo could control, nor does any other: use force "
+            "mappings"
         )
-    # Each drive's with the others held; what no drive moves stays as slow as the loops allow.
+    # Motion of each drive with the others fixed and the least motion of undriven joints.
     Z = allowed(closure_rows(model, state))
     motion = Z @ np.linalg.pinv(drive_rows(model, state, of_model) @ Z)
     inertias = np.einsum("ij,ik,kj->j", motion, mass_of(model, state), motion)
@@ -89,18 +90,18 @@ def servoed(
     return servo
 
 
-def _lacks_position(model: mujoco.MjModel, drive: Drive) -> bool:
-    """Whether all its actuators are motors or velocity servos, which could feel a length."""
+def _needs_feedback(model: mujoco.MjModel, drive: Drive) -> bool:
+    """Return whether all actuators of a drive are motors or velocity servos with a length."""
     if not drive.has_length:
         return False
     try:
         return not any(law_of(model, k).per_length for k in drive.ids)
-    except ModelError:  # muscles and others, which a plant refuses in its own words
+    except ModelError:  # muscles and others, which Plant rejects
         return False
 
 
 def _close_loop(model: mujoco.MjModel, actuator: int, stiffness: float, damping: float) -> None:
-    """Make a motor a position servo; the range of a torque motor's control becomes its force's."""
+    """Convert a motor to a position servo; a torque motor's control range limits the force."""
     control, law = model.actuator_ctrladr[actuator], law_of(model, actuator)
     if model.actuator_ctrllimited[control] and law == Law(law.gain):
         span = np.sort(law.gain * model.actuator_ctrlrange[control])

@@ -1,4 +1,4 @@
-"""Scenes: the robot at work of a file, where all of it stands still, and what is pinned."""
+"""Scenes: the robot of a file at equilibrium, split into task part and surroundings."""
 
 from sim.scene.scene import Scene as Scene
 from sim.scene.scene import robot_scene as robot_scene

@@ -1,4 +1,4 @@
-"""Task functions: frames and centres of mass, where an axis is to point, joints."""
+"""Task functions for frames, centres of mass, pointing directions and joints."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from sim.mjcf.model import element_id
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _NEAREST_M = 1e-9
-"""Of a point to the frame that looks at it: nearer, no direction leads there."""
+"""Distance [m] of a target below which the direction to it is undefined."""
 
 
 def _frame(name: str, value: Any) -> str | Body:
@@ -36,10 +36,10 @@ def _direction(name: str, value: ArrayLike) -> Array:
 
 
 def _rows_among(rows: Sequence[int], count: int) -> tuple[int, ...]:
-    """Rows by number, each once, one at least."""
+    """Check row numbers below `count`: distinct, at least one."""
     chosen = tuple(check.indices("rows", rows, count).tolist())
     if not chosen:
-        raise ValueError("rows must have one at least, got none")
+        raise ValueError("rows must have at least one, got none")
     return chosen
 
 
@@ -55,24 +55,24 @@ class _OnTwist(TaskFunction):
     rows: Sequence[int] = range(6)
 
     def checked(self, target: Any) -> Any:
-        """A pose, or a position (3,)."""
+        """Return the target as a pose, or as a position (3,) [m]."""
         return target_pose("target", target)
 
 
 @dataclass(eq=False)
 class FrameTask(_OnTwist):
-    """A frame is to be at a pose: rows of its twist [angular; linear].
+    """Task that moves a frame to a pose: rows of its twist [angular; linear].
 
-    The error is [rotation vector; translation] from the frame to the target. So the frame turns
-    about one axis, and its origin takes the straight line.
+    The error is [rotation vector; translation] from the frame to the target: the frame rotates
+    about one axis while its origin moves along a straight line.
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`sim.Body`.
         axes: Site or body in whose axes the rows are, which may be the frame itself; None is the
             world.
-        rows: Which rows of the twist, among 0..5.
+        rows: Rows of the twist, among 0..5.
         target: A pose in the world in any form that :func:`sim.pose_error` takes; a position (3,)
-            has the rotation as it is.
+            keeps the present rotation.
 
     Further attributes, and errors, are those of :class:`TaskFunction`.
     """
@@ -81,7 +81,7 @@ class FrameTask(_OnTwist):
     axes: str | Body | None = field(default=None, kw_only=True)
 
     def on(self, model: mujoco.MjModel) -> Motion:
-        """As :meth:`TaskFunction.on`."""
+        """Look up the names in a model; see :meth:`TaskFunction.on`."""
         axes = None if self.axes is None else located(model, "axes", self.axes)
         frame = located(model, "frame", self.frame)
         return Motion(frame, None, axes, tuple(self.rows), self.needed)
@@ -89,13 +89,13 @@ class FrameTask(_OnTwist):
 
 @dataclass(eq=False)
 class RelativeFrameTask(_OnTwist):
-    """A frame is to be at a pose as seen from another one, which may move too.
+    """Task that moves a frame to a pose relative to another frame, which may move.
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`sim.Body`.
-        root: Likewise; rows and target are in its axes.
-        rows: Which rows of the relative twist [angular; linear], among 0..5.
-        target: A pose as seen from `root`, as of :class:`FrameTask`.
+        root: Name or :class:`sim.Body` of the other frame; rows and target are in its axes.
+        rows: Rows of the relative twist [angular; linear], among 0..5.
+        target: Pose relative to `root`, in the forms of :class:`FrameTask`.
 
     Further attributes, and errors, are those of :class:`TaskFunction`.
     """
@@ -104,19 +104,19 @@ class RelativeFrameTask(_OnTwist):
     root: str | Body
 
     def on(self, model: mujoco.MjModel) -> Motion:
-        """As :meth:`TaskFunction.on`."""
+        """Look up the names in a model; see :meth:`TaskFunction.on`."""
         root, frame = located(model, "root", self.root), located(model, "frame", self.frame)
         return Motion(frame, root, root, tuple(self.rows), self.needed)
 
 
 @dataclass(eq=False)
 class CenterOfMassTask(TaskFunction):
-    """The centre of mass of the model, or of a body with all that it carries, is to be somewhere.
+    """Task that moves the centre of mass of the model, or of a body with its subtree.
 
     Attributes:
-        body: Name of the body; None is everything.
-        rows: Which of the world's x, y and z, among 0..2.
-        target: Position in the world, shape (3,), whichever rows count.
+        body: Name of the body; None is the whole model.
+        rows: Rows among 0..2: the world's x, y and z.
+        target: Position in the world [m], shape (3,), for any rows.
 
     Further attributes, and errors, are those of :class:`TaskFunction`.
     """
@@ -130,28 +130,28 @@ class CenterOfMassTask(TaskFunction):
     rows: Sequence[int] = field(default=range(3), kw_only=True)
 
     def checked(self, target: Any) -> Array:
-        """A position (3,)."""
+        """Return the target as a checked position (3,) [m]."""
         return check.frozen(check.array("target", target, 3))
 
     def on(self, model: mujoco.MjModel) -> Motion:
-        """As :meth:`TaskFunction.on`."""
+        """Look up the names in a model; see :meth:`TaskFunction.on`."""
         rows = tuple(3 + row for row in self.rows)
         return Motion(mass_center(model, self.body), None, None, rows, self.needed)
 
 
 @dataclass(eq=False)
 class LookAtTask(TaskFunction):
-    """An axis of a frame is to point at a position: two rows, however the frame turns about it.
+    """Task of two rows that points an axis of a frame at a position.
 
     It is the paper's pointing for a target at any distance: the rows are the angular velocity of
-    the axis less that of the direction to the target, about two axes of the frame that are
-    perpendicular to it.
+    the axis minus that of the direction to the target, about two axes of the frame that are
+    perpendicular to it. Rotation about the axis is free.
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`sim.Body`.
-        axis: The axis that looks, a vector in the frame of any length but zero, shape (3,); a
-            camera of MuJoCo looks along (0, 0, -1).
-        target: Position in the world, shape (3,).
+        axis: Pointing axis in the frame, shape (3,), of any length but zero; a camera of MuJoCo
+            looks along (0, 0, -1).
+        target: Position in the world [m], shape (3,).
 
     Further attributes, and errors, are those of :class:`TaskFunction`.
     """
@@ -162,27 +162,27 @@ class LookAtTask(TaskFunction):
     axis: ArrayLike
 
     def checked(self, target: Any) -> Array:
-        """A position (3,)."""
+        """Return the target as a checked position (3,) [m]."""
         return check.frozen(check.array("target", target, 3))
 
-    def on(self, model: mujoco.MjModel) -> "LocatedSight":
-        """As :meth:`TaskFunction.on`."""
+    def on(self, model: mujoco.MjModel) -> "LocatedLookAt":
+        """Look up the names in a model; see :meth:`TaskFunction.on`."""
         axis, frame = np.asarray(self.axis), located(model, "frame", self.frame)
         first = np.cross(axis, np.eye(3)[least(np.abs(axis))])
         first /= np.linalg.norm(first)
         across = np.column_stack([first, np.cross(axis, first)])
-        return LocatedSight(self, (frame,), axis, across)
+        return LocatedLookAt(self, (frame,), axis, across)
 
 
 @dataclass(frozen=True, eq=False)
-class LocatedSight:
-    """A frame of one model, an axis of which is to point at a position.
+class LocatedLookAt:
+    """Pointing task :class:`LookAtTask` of one model.
 
     Attributes:
-        task: With its target.
-        frames: The one that looks.
-        axis: That looks, in the frame, shape (3,).
-        across: Two axes of the frame, perpendicular to that which looks, shape (3, 2).
+        task: The task, which has the target.
+        frames: The frame that points.
+        axis: Pointing axis in the frame, shape (3,).
+        across: Two axes of the frame perpendicular to it, shape (3, 2).
     """
 
     task: LookAtTask
@@ -192,36 +192,36 @@ class LocatedSight:
     angular = True, True
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The rows per qvel, (2, nv): the axis turns, less the direction."""
+        """Return the rows per qvel, (2, nv): rotation of the axis minus that of the direction."""
         twist = self.frames[0].jacobian(model, data)
         across = self.frames[0].rotation(data) @ self.across
         rows = across.T @ twist[:3]
-        if self.task.target is None:  # as far away as can be
+        if self.task.target is None:  # treated as infinitely far away
             return rows
-        direction, distance = self._sight(data)
+        direction, distance = self._line_of_sight(data)
         if distance >= _NEAREST_M:
             # The direction turns with -(direction x velocity) / distance.
             rows += np.cross(across.T, direction) / distance @ twist[3:]
         return rows
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The rotation vector from the axis to the direction, about the two axes, shape (2,)."""
-        direction, distance = self._sight(data)
+        """Return the rotation vector from the axis to the direction, about two axes, (2,)."""
+        direction, distance = self._line_of_sight(data)
         if distance < _NEAREST_M:
             return np.zeros(2)
         rotation = self.frames[0].rotation(data)
         axis = rotation @ self.axis
         turn = (rotation @ self.across).T @ np.cross(axis, direction)
         sine, cosine = float(np.linalg.norm(turn)), float(axis @ direction)
-        if sine < check.SMALLEST:  # straight there, or straight away from it
+        if sine < check.SMALLEST:  # the axis points at the target, or exactly away from it
             return np.zeros(2) if cosine > 0.0 else np.array([np.pi, 0.0])
         return turn * (np.arctan2(sine, cosine) / sine)
 
-    def _sight(self, data: mujoco.MjData) -> tuple[Array, float]:
-        """Unit vector to the target in the world, (3,), and how far that is [m]."""
-        way = self.task.needed() - self.frames[0].position_m(data)
-        distance = float(np.linalg.norm(way))
-        return way / max(distance, _NEAREST_M), distance
+    def _line_of_sight(self, data: mujoco.MjData) -> tuple[Array, float]:
+        """Return the unit vector to the target in the world, (3,), and its distance [m]."""
+        offset = self.task.needed() - self.frames[0].position_m(data)
+        distance = float(np.linalg.norm(offset))
+        return offset / max(distance, _NEAREST_M), distance
 
 
 def _names(name: str, value: Iterable[str] | None) -> tuple[str, ...] | None:
@@ -230,9 +230,9 @@ def _names(name: str, value: Iterable[str] | None) -> tuple[str, ...] | None:
 
 def _factors(name: str, value: Mapping[str, float]) -> Mapping[str, float]:
     given = check.instance(name, value, Mapping)
-    factors = {each: check.number(name, given[each]) for each in check.members(name, given, str)}
+    factors = {joint: check.number(name, given[joint]) for joint in check.members(name, given, str)}
     if not any(factors.values()):
-        raise ValueError(f"{name} must name a joint at least, with a factor, got none")
+        raise ValueError(f"{name} must name at least one joint with a factor, got none")
     return factors
 
 
@@ -240,12 +240,12 @@ def _factors(name: str, value: Mapping[str, float]) -> Mapping[str, float]:
 class _OnRates(TaskFunction):
     _checks: ClassVar = {"joints": _names}
     _with_free: ClassVar = True
-    """Whether all joints are free ones, too."""
+    """True if free joints are included when `joints` is None."""
 
     joints: Iterable[str] | None = None
 
     def on(self, model: mujoco.MjModel) -> "LocatedRates":
-        """As :meth:`TaskFunction.on`."""
+        """Look up the names in a model; see :meth:`TaskFunction.on`."""
         check.instance("model", model, mujoco.MjModel)
         if self.joints is None:
             among = self._with_free | (model.jnt_type != _FREE)
@@ -258,14 +258,14 @@ class _OnRates(TaskFunction):
 
 @dataclass(eq=False)
 class PostureTask(_OnRates):
-    """Joints are to be where they are in a posture: rows on the rates themselves.
+    """Task that moves joints to a posture; its rows are joint velocities.
 
-    Of joints that have an actuator, or are variables; others follow from these. Where the tasks
-    before it do not allow the posture, take a gain of 0.1 to 0.5: at 1 each step goes the whole way
-    to first order, and a robot that must bend far may swing between two postures.
+    Only joints that have an actuator or are variables have rows, since others depend on these. If
+    tasks of higher priority do not allow the posture, use a gain of 0.1 to 0.5: at 1 each step
+    corrects the whole error to first order, and large motions may oscillate between two postures.
 
     Attributes:
-        joints: Names of the joints; None is all but free ones.
+        joints: Names of the joints; None is all except free joints.
         target: Positions of all joints, as `data.qpos`, shape (nq,).
         weight: One number, or one for each velocity of these joints, (k,).
 
@@ -275,39 +275,39 @@ class PostureTask(_OnRates):
     _with_free: ClassVar = False
 
     def checked(self, target: Any) -> Array:
-        """Positions (nq,)."""
+        """Return the target as checked joint positions (nq,)."""
         return check.frozen(check.array("target", target, None))
 
 
 @dataclass(eq=False)
 class DampingTask(_OnRates):
-    """Joints are to rest: what no level before it asks for is as little motion as can be.
+    """Task that minimizes joint velocities in the null space of the levels before it.
 
-    A level of its own. Whatever comes after it has nothing left to move these joints with.
+    It must be a level of its own. Later levels cannot move these joints.
 
     Attributes:
-        joints: Names of the joints; None is all, free ones too.
-        weight: As of :class:`PostureTask`.
+        joints: Names of the joints; None is all, including free joints.
+        weight: Weight as for :class:`PostureTask`.
 
-    A gain and damping have no effect, and a target is refused. Other errors are those of
+    Gain and damping have no effect; a target raises ValueError. Other errors are those of
     :class:`TaskFunction`.
     """
 
     def checked(self, target: Any) -> Any:
-        """None: the target is to rest."""
+        """Check that the target is None: the target is zero velocity."""
         if target is not None:
-            raise ValueError(f"target must be None, which is to rest, got {check.shown(target)}")
+            raise ValueError(f"target must be None (zero velocity), got {check.shown(target)}")
         return None
 
 
 @dataclass(frozen=True, eq=False)
 class LocatedRates:
-    """A task on rates in one model: rows of the identity, at any pose.
+    """Task on joint velocities of one model: rows of the identity matrix, at any pose.
 
     Attributes:
-        task: With its target.
-        velocities: Which, shape (k,).
-        angular: Whether each is one of an angle.
+        task: The task, which has the target.
+        velocities: Indices of the velocities, shape (k,).
+        angular: Whether each of them is angular.
     """
 
     task: _OnRates
@@ -316,28 +316,30 @@ class LocatedRates:
     frames: tuple[Located, ...] = ()
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The rows per qvel, shape (k, nv)."""
+        """Return the rows per qvel, shape (k, nv)."""
         return np.eye(model.nv)[self.velocities]
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Displacement of each of these velocities to the target, shape (k,)."""
+        """Return the displacement of each of these velocities to the target, shape (k,)."""
         if isinstance(self.task, DampingTask):
             return np.zeros(len(self.velocities))
         target = self.task.needed()
         if len(target) != model.nq:
             raise ValueError(f"target of PostureTask must be ({model.nq},), got ({len(target)},)")
-        way = np.empty(model.nv)
-        mujoco.mj_differentiatePos(model, way, 1.0, data.qpos, target)
-        return way[self.velocities]
+        displacement = np.empty(model.nv)
+        mujoco.mj_differentiatePos(model, displacement, 1.0, data.qpos, target)
+        return displacement[self.velocities]
 
 
 @dataclass(eq=False)
 class JointCouplingTask(TaskFunction):
-    """A sum of joint positions is to have a value, as of a finger that follows another: one row.
+    """Task of one row that moves a weighted sum of joint positions to a value.
+
+    An example is a finger joint that follows another one.
 
     Attributes:
         coefficients: Factor of the position of each slide or hinge joint, by its name.
-        target: What coefficient times position adds up to, one number.
+        target: Value of the sum of coefficients times positions.
 
     Further attributes, and errors, are those of :class:`TaskFunction`.
     """
@@ -348,11 +350,11 @@ class JointCouplingTask(TaskFunction):
     target: float = field(default=0.0, kw_only=True, repr=False)
 
     def checked(self, target: Any) -> float:
-        """A number."""
+        """Return the target as a checked number."""
         return check.number("target", target)
 
     def on(self, model: mujoco.MjModel) -> "LocatedCoupling":
-        """As :meth:`TaskFunction.on`."""
+        """Look up the names in a model; see :meth:`TaskFunction.on`."""
         row = np.zeros(check.instance("model", model, mujoco.MjModel).nv)
         for name, factor in self.coefficients.items():
             joint = element_id(model, "joint", name)
@@ -368,13 +370,13 @@ class JointCouplingTask(TaskFunction):
 
 @dataclass(frozen=True, eq=False)
 class LocatedCoupling:
-    """A sum of positions of joints of one model, with a target.
+    """Joint-coupling task of one model.
 
     Attributes:
-        task: With its target.
+        task: The task, which has the target.
         row: Factor of each velocity, shape (nv,).
-        frames: Of the bodies that these joints move.
-        angular: Whether the first is an angle.
+        frames: Frames of the bodies that these joints move.
+        angular: Whether the first joint is a hinge.
     """
 
     task: JointCouplingTask
@@ -383,9 +385,9 @@ class LocatedCoupling:
     angular: tuple[bool, ...]
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """The row per qvel, (1, nv)."""
+        """Return the row per qvel, (1, nv)."""
         return self.row[None]
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """What the sum lacks to its target, shape (1,)."""
+        """Return the difference between the target and the sum, shape (1,)."""
         return np.array([self.task.needed() - self.row @ joint_positions(model, data.qpos)])

@@ -49,7 +49,7 @@ def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
     """Z (Z^T K Z)^-1 Z^T B u: soft constraints once made a loose strut 13 % too stiff."""
     orbit = weightless(model)
     plant = Plant(orbit)
-    Failure(0, kind).strike(plant)
+    Failure(0, kind).inject(plant)
     linear = linearize(plant.model, plant.data)
     command = 1e-5 * np.arange(1.0, 7.0)
     jac = jacobians(orbit, mujoco.MjData(orbit), "payload", "base")

@@ -37,15 +37,15 @@ def test_a_mechanism_moves_as_its_closures_and_drives_ask():
             *(pointer(wanted), pointer(here), pointer(room), pointer(motion)),
         )
 
-    assert nearest(held, gaps, wanted) == lib.MOTION_FOUND
+    assert nearest(held, gaps, wanted) == lib.MOTION_SOLVED
     np.testing.assert_allclose(J_C @ motion, [*-gaps, 0.0], atol=1e-12)
     np.testing.assert_allclose(motion[active[held]], wanted[held], atol=1e-12)
     rows = np.vstack([J_C, np.eye(7)[active[held]]])
     np.testing.assert_allclose(np.linalg.svd(rows)[2][5:] @ motion, 0.0, atol=1e-12)
     assert nearest(held, np.zeros(2), here) == lib.MOTION_NONE
-    assert nearest(np.array([3]), gaps, wanted) == lib.MOTION_REFUSED
-    assert nearest(np.array([-1]), gaps, wanted) == lib.MOTION_REFUSED
-    assert nearest(np.array([1, 1]), gaps, wanted) == lib.MOTION_REFUSED
+    assert nearest(np.array([3]), gaps, wanted) == lib.MOTION_INVALID
+    assert nearest(np.array([-1]), gaps, wanted) == lib.MOTION_INVALID
+    assert nearest(np.array([1, 1]), gaps, wanted) == lib.MOTION_INVALID
 
 
 @pytest.mark.parametrize("name", ["arm", "hand", "arms", "platform"])

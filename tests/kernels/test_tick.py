@@ -84,7 +84,7 @@ def test_a_log_has_what_the_plant_says_of_itself_at_each_tick(mixed):
     """Also with drives of both kinds, seen from the world."""
     plant = started("drives") if mixed else Plant(load_model())
     sensors, period_s = TaskSensor([0], 0.0, 0.0, seed=0), plant.model.opt.timestep * 4
-    bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, keep_qpos=True)
+    bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, log_qpos=True)
     for tick in range(3):
         bench.measure()
         assert bench.qpos is not None and bench.actuator_force is not None

@@ -1,1 +1,1 @@
-"""The bridge and the plant."""
+"""Tests of `sim`."""

@@ -1,4 +1,4 @@
-"""Machines that tests of several modules share, in the states in which they begin."""
+"""Machines shared by several test modules, in their start states."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -13,13 +13,13 @@ from tests.models import model
 from tests.motions import shifted
 
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
-"""Models of this repository that a plant moves."""
+"""Models of this repository that a plant can simulate."""
 SPARSE = 'jacobian="dense"', 'jacobian="sparse"'
 stored = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
 
 
 def at(of: mujoco.MjModel, **joints: object) -> mujoco.MjData:
-    """A state in which some joints have other positions than at first."""
+    """Create a state with given positions of some joints."""
     data = mujoco.MjData(of)
     for name, value in joints.items():
         data.joint(name).qpos = value
@@ -28,18 +28,18 @@ def at(of: mujoco.MjModel, **joints: object) -> mujoco.MjData:
 
 
 def opened(of: mujoco.MjModel, size: float, seed: int = 0) -> mujoco.MjData:
-    """A state a random step away from the first one."""
+    """Create a state a random step away from the default."""
     step = size * np.random.default_rng(seed).normal(size=of.nv)
     return shifted(of, mujoco.MjData(of), step)
 
 
 def closed(of: mujoco.MjModel, seed: int = 0) -> mujoco.MjData:
-    """A random state that is closed."""
+    """Create a random state with closed loops."""
     return assemble(of, opened(of, 0.1, seed))
 
 
 def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Two links of 0.3 and 0.25 units, nearly in line."""
+    """Create two links of 0.3 and 0.25 units, nearly in line."""
     arm = mujoco.MjModel.from_xml_string(f"""
     <mujoco><worldbody><body><joint name="a" axis="0 0 1"/><geom size="0.03" mass="1"/>
       <body pos="{0.3 * unit} 0 0"><joint name="b" axis="0 0 1"/><geom size="0.03" mass="1"/>
@@ -53,7 +53,7 @@ TURN = np.array([2.0, -1.0, 2.0]) / 3.0
 
 
 def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoco.MjData:
-    """A state of three joints that have limits."""
+    """Create a state of three joints that have limits."""
     data = mujoco.MjData(model("limited"))
     data.qpos[:2] = hinge, slide
     mujoco.mju_axisAngle2Quat(data.qpos[2:], TURN, ball)
@@ -72,24 +72,24 @@ POSES = {
     "drives": {"shoulder": 0.4, "elbow": 0.5, "tube": 0.02, "lift": 0.05, "pin": 0.3},
     "squeezed_loop": {"left": 0.1, "elbow": 0.05},
 }
-"""Where machines of `tests/models` are to begin."""
+"""Start positions of machines in `tests/models`."""
 WORLD: dict[str, Any] = {"base": None, "payload": "tool"}
 
 
 def posed(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A model with locks, and a closed start."""
+    """Load a model with locks, and a closed start."""
     of = model(name, *changes, add_locks=True)
     return of, assemble(of, at(of, **POSES[name]))
 
 
 def started(name: str, *changes: tuple[str, str]) -> Plant:
-    """Its plant."""
+    """Create the plant of a model at its closed start."""
     of, start = posed(name, *changes)
     return Plant(of, **WORLD, start=start)
 
 
 def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel:
-    """Of one joint, with what else joint and cable are to have."""
+    """Create a pendulum with actuators, and attributes of its joint and cable."""
     kind, name = ("tendon", "c") if "tendon" in actuators else ("joint", "a")
     return mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
       <worldbody><body name="arm"><joint name="a" axis="0 1 0" {joint}/>
@@ -105,7 +105,7 @@ FREEDOMS = 7
 
 
 class Case(NamedTuple):
-    """Actuators; of each velocity the name, the actuators that share it, and their gears."""
+    """Actuators, and the name, actuators and gears of each active velocity."""
 
     mjcf: str
     drives: list[tuple[str, tuple[str, ...], tuple[float, ...]]]
@@ -171,12 +171,12 @@ TWO = '<motor name="m1" joint="crank" gear="-3"/><motor name="m2" jointinparent=
 
 
 def linkage(*changes: tuple[str, str], actuators: str = TWO) -> mujoco.MjModel:
-    """The linkage with these actuators."""
+    """Load the linkage with some actuators."""
     return model("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"), *changes)
 
 
 def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """And a random closed state."""
+    """Load the linkage with some actuators, and a random closed state."""
     of = linkage(actuators=actuators)
     return of, closed(of, seed)
 
@@ -186,7 +186,7 @@ def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjD
 
 @cache
 def mode_shapes() -> np.ndarray:
-    """Generalized velocities of the six undamped modes, orthonormal on the loops, shape (6, nv)."""
+    """Return the six undamped modes (6, nv), orthonormal on the closed loops."""
     plant = Plant(load_model())
     stiffness = -linearize(plant.model, plant.data).A[6:, :6]
     values, vectors = map(np.real, np.linalg.eig(stiffness))
@@ -196,14 +196,14 @@ def mode_shapes() -> np.ndarray:
 
 @cache
 def settled(seconds: float) -> Plant:
-    """The hexapod: to be copied."""
+    """Return the settled hexapod, to be copied."""
     plant = Plant(load_model())
     plant.settle(seconds)
     return plant
 
 
 def ring_down(of: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
-    """Free motion after a velocity along one mode, seen along that mode; shape (N,)."""
+    """Simulate free motion after a velocity along one mode; return its amplitude, (N,)."""
     data = mujoco.MjData(of)
     mujoco.mj_forward(of, data)
     data.qvel[:] = shape * 1e-3
@@ -216,7 +216,7 @@ def ring_down(of: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarr
 
 
 def pole_of(samples: np.ndarray, dt: float) -> complex:
-    """Continuous pole of a decaying oscillation: y[k+1] = a y[k] + b y[k-1] fitted."""
+    """Fit y[k+1] = a y[k] + b y[k-1] to a decaying oscillation; return its continuous pole."""
     history = np.column_stack([samples[1:-1], samples[:-2]])
     a, b = np.linalg.lstsq(history, samples[2:], rcond=None)[0]
     return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / dt

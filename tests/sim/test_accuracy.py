@@ -1,4 +1,4 @@
-"""Accuracy of the geometry: what the numbers of a model show of it, and the verdicts it decides."""
+"""Accuracy of the geometry estimated from a model, and classifications that depend on it."""
 
 import copy
 import dataclasses
@@ -30,10 +30,10 @@ def three_rrr(
     def place(v: np.ndarray) -> str:
         return " ".join(f"{x:.{digits}g}" for x in (*v, 0.0))
 
-    def link(name: str, at: np.ndarray, k: int, carried: str = "") -> str:
+    def link(name: str, at: np.ndarray, k: int, children: str = "") -> str:
         axis = " ".join(f"{x:.17g}" for x in axes[k])
         joint = f'<joint name="j{k}" axis="{axis}"/><geom size="0.05"/>'
-        return f'<body name="{name}" pos="{place(at)}">{joint}{carried}</body>'
+        return f'<body name="{name}" pos="{place(at)}">{joint}{children}</body>'
 
     legs = [link("platform", tips[0] - knees[0], 6, '<site name="tool"/>'), "", ""]
     for k in range(3):
@@ -55,8 +55,8 @@ def taken(model: mujoco.MjModel) -> Jacobians:
     return jacobians(model, mujoco.MjData(model), "tool")
 
 
-def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, int]:
-    """Numbers of self-motions and of constraints on the actuators, and the rank of J."""
+def classification(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, int]:
+    """Return the numbers of self-motions and constrained active rates, and the rank of J."""
     kin = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, geometry_accuracy=accuracy).kinematics()
     rank = np.linalg.matrix_rank(kin.J, tol=1e-5 * float(np.linalg.norm(jac.J_T)))
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
@@ -66,17 +66,17 @@ def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, in
 
 
 def test_exact_numbers_show_no_rounding():
-    """Zeros, ones, numbers of few digits and numbers in full."""
+    """Check zeros, ones, numbers of few digits and numbers in full."""
     for name in ("arm", "hand", "platform", "arms", "fjh"):
         assert not roundings(load_model(MODELS / f"{name}.xml"))
     jac = taken(three_rrr())
     assert jac.geometry_accuracy < 1e-15
     assert not jac.accuracy.J_T_error.any()
-    assert verdict(jac) == (0, 0, 3)
+    assert classification(jac) == (0, 0, 3)
 
 
 def test_rounded_numbers_show_their_rounding():
-    """Half a unit in the last of six digits, by the largest length; one component not quite 0."""
+    """Check half a unit of the last of six digits, and a rounded zero of a direction."""
     assert 4e-7 < taken(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
     for component in range(7):
         axes = np.tile([0.0, 0.0, 1.0], (7, 1))
@@ -85,17 +85,17 @@ def test_rounded_numbers_show_their_rounding():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_with_the_accuracy_that_a_model_shows_skew_axes_change_no_verdict(seed):
-    """Off by 1e-8, without it, the loops seem to hold the machine."""
+def test_skew_axes_do_not_change_the_classification_at_the_models_accuracy(seed):
+    """Without the accuracy, axes off by 1e-8 seem to block the machine."""
     skewed = np.tile([0.0, 0.0, 1.0], (7, 1))
     skewed[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
     for rounded in (three_rrr(digits=6), three_rrr(axes=skewed)):
         jac = taken(rounded)
         assert jac.geometry_accuracy > 1e-9
-        assert verdict(jac, jac.geometry_accuracy) == (0, 0, 3)
+        assert classification(jac, jac.geometry_accuracy) == (0, 0, 3)
         kin = ConstrainedSystem.of(jac).kinematics()
         assert (kin.self_motion.shape[1], len(kin.active_constraint)) == (0, 0)
-    assert verdict(jac)[1] > 0
+    assert classification(jac)[1] > 0
     exact = ConstrainedSystem.of(jac, geometry_accuracy=1e-14).kinematics()
     assert len(exact.active_constraint) > 0
 
@@ -110,18 +110,20 @@ def parallelogram(base: str, driven: str) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("gap", [1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
 @pytest.mark.parametrize("driven", ["", '<motor joint="base"/>'], ids=["base free", "base driven"])
-@pytest.mark.parametrize(("make", "reach", "rate"), [(parallelogram, 1, 10), (three_rrr, 3, 150)])
-def test_no_gap_of_a_loop_changes_a_verdict(make, reach, rate, driven, gap):
-    """Rows taken at two points would; and rates depend on a gap by no more than its size."""
+@pytest.mark.parametrize(
+    ("make", "freedoms", "rate"), [(parallelogram, 1, 10), (three_rrr, 3, 150)]
+)
+def test_loop_gaps_do_not_change_the_classification(make, freedoms, rate, driven, gap):
+    """Rates depend on a gap by no more than its size, as rows are taken at one point."""
     mechanism = make(base=BASE, driven=driven)
-    expected = (0, 0, reach + 1) if driven else (1, 0, reach)
+    expected = (0, 0, freedoms + 1) if driven else (1, 0, freedoms)
     exact = kinematics(taken(mechanism)).J
     for axis in range(3):
         of = copy.copy(mechanism)
         of.eq_data[-1, axis] += gap
         jac = jacobians(of, mujoco.MjData(of), "tool", closure_tolerance=2e-3)
         assert jac.closure_residual == pytest.approx(gap, rel=1e-3)
-        assert verdict(jac) == expected
+        assert classification(jac) == expected
         assert np.abs(kinematics(jac).J - exact).max() < rate * gap + 1e-12
 
 
@@ -129,19 +131,23 @@ def test_no_gap_of_a_loop_changes_a_verdict(make, reach, rate, driven, gap):
 
 
 def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:
-    """Five links in space, lengths of six decimals in 10^-unit m, directions of four."""
+    """Create five links in space, lengths of six decimals in 10^-unit m, directions of four."""
 
     def place() -> str:
         return " ".join(f"{x}e{unit}" for x in rng.uniform(-0.2, 0.2, size=3).round(6))
 
-    def way(size: int) -> str:
+    def direction(size: int) -> str:
         v = rng.normal(size=size)
         return " ".join(map(str, (v / np.linalg.norm(v)).round(4)))
 
     links = ""
     for k in range(5):
-        links += f'<body name="b{k}" pos="{place()}" quat="{way(4)}"><geom size="0.01" mass="1"/>'
-        links += f'<joint name="j{k}" type="{"slide" if k == 3 else "hinge"}" axis="{way(3)}"/>'
+        links += (
+            f'<body name="b{k}" pos="{place()}" quat="{direction(4)}"><geom size="0.01" mass="1"/>'
+        )
+        links += (
+            f'<joint name="j{k}" type="{"slide" if k == 3 else "hinge"}" axis="{direction(3)}"/>'
+        )
     tip = f'<site name="tip" pos="{place()}"/>'
     motors = "".join(f'<motor joint="j{k}"/>' for k in range(5))
     return mujoco.MjModel.from_xml_string(
@@ -151,7 +157,7 @@ def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.Mj
 
 
 def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
-    """Another model, each rounded number anywhere within half a unit of its last digit."""
+    """Change each rounded number at random within half a unit of its last digit."""
     other = copy.copy(model)
     for field, row, column, half, _ in roundings(model):
         getattr(other, field)[row, column] += rng.uniform(-half, half)
@@ -173,8 +179,8 @@ def read(model: mujoco.MjModel, qpos: np.ndarray):
     ["", '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'],
 )
 @pytest.mark.parametrize("seed", range(5))
-def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws):
-    """And the worst of the draws comes within a factor of ten of the largest error."""
+def test_error_bounds_hold_for_all_numbers_within_their_rounding(seed, loops, draws):
+    """The worst of the samples is within a factor of ten of the largest error."""
     rng = np.random.default_rng(seed)
     model = chain(rng, loops=loops)
     qpos = rng.uniform(-1.0, 1.0, size=model.nq)
@@ -204,8 +210,8 @@ def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops, draws
     ],
     ids=["six digits", "no zeros", "six decimals"],
 )
-def test_no_text_within_its_rounding_moves_an_entry_farther(numbers):
-    """Behind each number the decimals it had before its zeros were dropped; none if exact."""
+def test_error_bounds_hold_for_all_decimals_within_the_rounding_of_a_file(numbers):
+    """Append random decimals to each rounded number; exact numbers get none."""
     written = [text.partition(":")[::2] for text in numbers.split()]
     exact = np.array([float(x) for x, _ in written])
     halves = np.array(
@@ -249,18 +255,21 @@ def test_in_another_unit_of_length_the_natural_errors_are_the_same(unit):
 
 @pytest.mark.parametrize(("written", "rounded"), [("0.3 0.25 0", 1), ("0.70711 0.21038 0", 5)])
 def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, rounded):
-    """Of a hand-written file one number was rounded; a program rounded all of its own."""
+    """A hand-written file has one rounded number; a program rounds all of its numbers."""
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><worldbody><body pos="{written}"><joint/><geom size="0.1"/>'
         '<site pos="0.12345 0.12 -1.5"/></body></worldbody></mujoco>'
     )
-    found = roundings(model)
-    assert len(found) == rounded
-    assert {each.half_unit for each in found} == {0.5e-5, *([0.5e-4] if rounded > 1 else [])}
+    rounded_numbers = roundings(model)
+    assert len(rounded_numbers) == rounded
+    assert {number.half_unit for number in rounded_numbers} == {
+        0.5e-5,
+        *([0.5e-4] if rounded > 1 else []),
+    }
 
 
 def test_no_tick_copies_the_model(monkeypatch):
-    """Of a robot with meshes a copy takes longer than a tick."""
+    """Copying the model of a robot with meshes takes longer than a tick."""
     model, copies = three_rrr(digits=6), []
     data, task = at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
     task.target = data.site("tool").xpos + 0.02
@@ -272,28 +281,28 @@ def test_no_tick_copies_the_model(monkeypatch):
     assert len(copies) <= 1
 
 
-def test_a_weak_direction_says_how_well_its_gain_is_known():
-    """Next to a stretched pose rounding leaves the gain open, and farther it is lost."""
+def test_a_weak_direction_reports_the_uncertainty_of_its_gain():
+    """Near a stretched pose rounding makes the gain uncertain; nearer, the direction is lost."""
     arm, _ = stretched(1.0, 0.0)
     arm.body_pos[2, 0], arm.site_pos[0] = 0.312345, [0.254321, 0.000013, 0.0]
     arm.site_sameframe[0] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-    said = []
+    results = []
     for bend in (1e-2, 2e-5, 1e-6):
         data = at(arm, b=bend - 0.000013 / 0.254321)
         kin = ConstrainedSystem.of(jacobians(arm, data, "tip")).kinematics()
         report = kin.manipulability([3, 4])
-        said.append((report.unmanipulable, "+-" in str(report)))
-        assert ("+-" in str(kin.velocity_mapping([3, 4]))) == said[-1][1]
-    assert said == [(False, False), (False, True), (True, False)]
+        results.append((report.unmanipulable, "+-" in str(report)))
+        assert ("+-" in str(kin.velocity_mapping([3, 4]))) == results[-1][1]
+    assert results == [(False, False), (False, True), (True, False)]
 
 
 @pytest.mark.parametrize(("offset", "is_dropped"), [(2e-6, False), (9e-7, True), (0.0, False)])
-def test_an_offset_that_mujoco_drops_is_warned_of(offset, is_dropped):
+def test_an_offset_that_mujoco_drops_gives_a_warning(offset, is_dropped):
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody><body>
       <joint axis="0 0 1"/><geom size="0.03" mass="1"/><site name="tip" pos="0 0 0.1"/>
       <site name="near" pos="{offset} 0 0"/></body></worldbody>
       <actuator><motor site="tip" gear="0 0 0 0 0 1"/></actuator></mujoco>""")
     data = at(model)
     assert (data.site("near").xpos[0] != offset) == is_dropped
-    said = jacobians(model, data, "tip").warnings
-    assert ["near" in sentence for sentence in said] == [True] * is_dropped
+    sentences = jacobians(model, data, "tip").warnings
+    assert ["near" in sentence for sentence in sentences] == [True] * is_dropped

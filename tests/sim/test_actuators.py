@@ -1,4 +1,4 @@
-"""Actuators of any kind in a plant: held, commanded, limited, locked, weak, free, repaired."""
+"""Actuators of all kinds in a plant: balance, commands, limits, locks, failures, repair."""
 
 import copy
 import re
@@ -18,7 +18,7 @@ PERIOD_S = 5e-3
 
 
 def applied(plant: Plant) -> np.ndarray:
-    """Generalized force of all actuators now."""
+    """Return the present generalized force of all actuators."""
     mujoco.mj_forward(plant.model, plant.data)
     return plant.data.qfrc_actuator.copy()
 
@@ -28,15 +28,15 @@ def applied(plant: Plant) -> np.ndarray:
 
 def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
     plant = started("drives")
-    held, data = applied(plant), plant.data
+    forces, data = applied(plant), plant.data
     data.qacc[:] = 0.0
     mujoco.mj_inverse(plant.model, data)
-    np.testing.assert_allclose(held, data.qfrc_inverse, atol=1e-9)
-    assert np.abs(held).max() > 1.0
+    np.testing.assert_allclose(forces, data.qfrc_inverse, atol=1e-9)
+    assert np.abs(forces).max() > 1.0
 
 
 def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
-    """Virtual work; forces that cancel each other along every motion have no part in them."""
+    """Check virtual work, and that internal forces are zero."""
     plant = started("squeezed_loop")
     balance = applied(plant) + plant.data.qfrc_passive - plant.data.qfrc_bias
     motions = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
@@ -49,7 +49,7 @@ def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
 
 
 def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
-    """Two of 5 and 50 N bear 19.6 N, of which the least norm gives each a half."""
+    """Two actuators of 5 and 50 N support 19.6 N; with the least norm each takes half."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body name="plate">
       <joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="2"/><site name="tool"/>
       </body></worldbody>
@@ -70,7 +70,7 @@ TRUNK = """<mujoco><worldbody><body name="trunk"><joint type="{}" axis="0 1 0" n
 
 
 @pytest.mark.parametrize("joint", ["free", "hinge"])
-def test_what_no_actuator_holds_is_named_and_floats_without_gravity(joint):
+def test_an_unsupported_joint_is_reported_and_floats_without_gravity(joint):
     model = mujoco.MjModel.from_xml_string(TRUNK.format(joint, ""))
     with pytest.raises(ModelError, match=r'^gravity moves .*joint "root": no actuator holds it$'):
         Plant(model, **WORLD, start=mujoco.MjData(model))
@@ -80,7 +80,7 @@ def test_what_no_actuator_holds_is_named_and_floats_without_gravity(joint):
     assert not plant.displacement().any()
 
 
-def test_a_start_that_springs_actuators_or_loops_do_not_hold_is_refused():
+def test_a_start_out_of_balance_is_rejected():
     sprung = mujoco.MjModel.from_xml_string(TRUNK.format("hinge", 'stiffness="9" springref="1"'))
     sprung.opt.gravity[:] = 0.0
     with pytest.raises(ModelError, match=r'^a spring moves the joint "root": no actuator holds it'):
@@ -98,8 +98,8 @@ def test_a_start_that_springs_actuators_or_loops_do_not_hold_is_refused():
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_a_command_is_answered_as_the_linear_model_says_and_reached(name):
-    """Transient within 1 % of the peak; at rest the payload has moved by the Jacobian."""
+def test_the_response_to_a_command_is_that_of_the_linear_model(name):
+    """The transient agrees within 1 % of the peak; at rest the payload has moved by J command."""
     of, start = posed(name)
     robot, kin = Plant(of, **WORLD, start=start), kinematics(jacobians(of, start, "tool"))
     lin, Z = robot.linear(), scipy.linalg.null_space(kin.active_constraint)
@@ -121,8 +121,8 @@ def test_a_command_is_answered_as_the_linear_model_says_and_reached(name):
         assert off <= 0.01 * np.linalg.norm(kin.J @ command) + 1e-9
 
 
-def test_a_motor_on_a_sprung_tendon_draws_it():
-    """The spring takes what the control gives."""
+def test_a_motor_pulls_a_tendon_with_a_spring():
+    """The force of the control balances that of the spring."""
     cable = 'stiffness="100" springlength="0.0"'
     plant = Plant(pendulum('<motor tendon="c" gear="4"/>', 'damping="9"', cable), **WORLD)
     plant.step(np.array([0.01]), 8.0)
@@ -131,7 +131,7 @@ def test_a_motor_on_a_sprung_tendon_draws_it():
 
 
 def test_displacements_are_those_of_the_present_pose_in_motion():
-    """A tendon's is 0.05 times that of its joint, at every tick."""
+    """The displacement of the tendon is 0.05 times that of its joint at every tick."""
     plant = started("drives")
     plant.step(0.01 * np.eye(len(plant.drives))[1], PERIOD_S)
     assert plant.data.qvel.any()
@@ -140,7 +140,7 @@ def test_displacements_are_those_of_the_present_pose_in_motion():
 
 
 def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
-    """Where a central difference would see half of it."""
+    """A central difference across the end of the range would give half of it."""
     plant = started("drives")
     free = plant.linear().B
     control = plant.model.actuator("crank").id
@@ -148,15 +148,19 @@ def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
     np.testing.assert_allclose(plant.linear().B, free, rtol=1e-6)
 
 
-REFUSED = [
+REJECTED = [
     ('<motor name="m" joint="a"/>', {}, '"m" is a torque motor, .*sim.servoed'),
     ('<velocity name="m" joint="a" kv="2"/>', {}, '"m" is a velocity servo, whose control is a'),
     ('<muscle name="m" joint="a" lengthrange="-1 1"/>', {}, '"m" is a muscle: only servos and'),
-    ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has a state of its own'),
+    ('<position name="m" joint="a" kp="2" timeconst="1"/>', {}, '"m" has an internal state'),
     ('<damper name="m" joint="a" kv="2" ctrlrange="0 1"/>', {}, '"m" is an actuator of variable'),
-    ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so nothing commands it'),
+    ('<general name="m" joint="a" gainprm="0"/>', {}, '"m" has gain 0, so it cannot be commanded'),
     ('<general name="m" joint="a" biastype="affine" biasprm="0 2"/>', {}, '"m" pushes away from'),
-    ('<position name="m" site="tool" gear="1 0 0 0 0 0"/>', {}, '"m" feels a length that does not'),
+    (
+        '<position name="m" site="tool" gear="1 0 0 0 0 0"/>',
+        {},
+        '"m" measures a length that does not',
+    ),
     ('<adhesion name="m" body="arm" gain="1" ctrlrange="0 1"/>', {}, '"m" adheres'),
     (
         '<motor name="m" joint="a"/>',
@@ -167,18 +171,20 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("actuator", "springs", "words"), REFUSED)
-def test_what_no_displacement_commands_is_refused_with_the_reason(actuator, springs, words):
-    with pytest.raises(ModelError, match=words) as refused:
+@pytest.mark.parametrize(("actuator", "springs", "pattern"), REJECTED)
+def test_actuators_without_static_displacement_are_rejected_with_the_reason(
+    actuator, springs, pattern
+):
+    with pytest.raises(ModelError, match=pattern) as raised:
         Plant(pendulum(actuator, **springs), **WORLD)
-    assert "\n" not in str(refused.value)
+    assert "\n" not in str(raised.value)
 
 
 # Limits.
 
 
 def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
-    """Joint, tendon, control and force; each at the end that comes first."""
+    """Ranges of joint, tendon, control and force apply, each at the nearest end."""
     plant = started("drives")
     lower, upper = plant.limits()
     start = plant.data.ctrl[-1]
@@ -192,11 +198,11 @@ def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
 
 
 def test_a_force_range_limits_what_a_spring_takes():
-    """The two coils share the spring as their gears, 1 to 3; the first has 12 N."""
+    """The two coils share the spring force as their gears, 1 to 3; the first has 12 N."""
     plant = started("drives", (' range="-0.05 0.08"', ""), ("-400 400", "-12 12"))
-    held = plant.data.actuator_force[2]
+    preload = plant.data.actuator_force[2]
     lower, upper = plant.limits()
-    ends = (np.array([-12, 12]) - held) / (30000 * 1 / 10)
+    ends = (np.array([-12, 12]) - preload) / (30000 * 1 / 10)
     np.testing.assert_allclose([lower[2], upper[2]], ends, rtol=1e-9)
     plant.step(upper[2] * np.eye(len(upper))[2], 2.0)
     assert plant.data.actuator_force[2] == pytest.approx(12.0, rel=1e-6)
@@ -211,11 +217,11 @@ COMMAND = np.array([0.5, -0.4, 0.3])
 @pytest.mark.parametrize(
     ("name", "drive"), [("drives", 0), ("drives", 1), ("drives", 2), ("gantry", 1)]
 )
-def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
+def test_a_joint_or_tendon_locks_in_motion_at_its_present_position(name, drive):
     plant = started(name) if name in POSES else Plant(model_of(name), **WORLD)
     command = 0.01 * np.eye(len(plant.drives))[drive]
     plant.step(command, 0.05)
-    Failure(drive, "locked").strike(plant)
+    Failure(drive, "locked").inject(plant)
     where = plant.displacements()[drive]
     assert abs(where) > 1e-4
     for _ in range(50):
@@ -226,7 +232,7 @@ def test_a_joint_or_a_tendon_locks_in_motion_where_it_is(name, drive):
 @pytest.mark.parametrize("flag", ["", "EQUALITY", "CONSTRAINT"])
 @pytest.mark.parametrize("actuator", range(3))
 def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
-    """While the others move; in a file whose flags disable equalities, of which none comes back."""
+    """The other joints move; flags that disable equalities are cleared without effect on others."""
     model = model_of("three_joints", add_locks=True)
     bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
     model.opt.disableflags |= bit
@@ -243,7 +249,7 @@ def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
 
 
 def damped(integrator: str, step_s: float, *changes: tuple[str, str]) -> mujoco.MjModel:
-    """Whose dampers are those of joints, which every integrator takes implicitly."""
+    """Create a chain with joint dampers only, which every integrator treats implicitly."""
     model = model_of("three_joints", *changes, add_locks=True)
     model.dof_damping[:], model.actuator_biasprm[:, 2] = 20.0, 0.0
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
@@ -252,8 +258,8 @@ def damped(integrator: str, step_s: float, *changes: tuple[str, str]) -> mujoco.
 
 
 @cache
-def flown(integrator: str, step_s: float, *locked: int) -> np.ndarray:
-    """Displacements every 10 ms on a smooth path, on which some actuators lock at 0.3 s."""
+def simulated(integrator: str, step_s: float, *locked: int) -> np.ndarray:
+    """Simulate a smooth path on which actuators lock at 0.3 s; displacements every 10 ms."""
     plant, seen = Plant(damped(integrator, step_s), **NAMES), []
     for tick in range(100):
         for actuator in locked if tick == 30 else ():
@@ -268,25 +274,25 @@ def flown(integrator: str, step_s: float, *locked: int) -> np.ndarray:
 @pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
 @pytest.mark.parametrize("step_s", [2e-3, 5e-3, 1e-2])
 def test_a_lock_holds_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
-    """The oracle is MuJoCo at 0.1 ms, where the equality alone holds."""
-    oracle, found = flown("DISCRETE", 1e-4, *locked), flown(integrator, step_s, *locked)
-    healthy = np.ptp(flown(integrator, step_s)[31:], axis=0)
-    assert (np.ptp(found[31:], axis=0)[list(locked)] < 0.05 * healthy[list(locked)]).all()
-    assert (np.abs(found - oracle).max(axis=0) < 0.15 * healthy).all()
+    """The reference is MuJoCo at 0.1 ms, where the equality alone holds."""
+    oracle, path = simulated("DISCRETE", 1e-4, *locked), simulated(integrator, step_s, *locked)
+    healthy = np.ptp(simulated(integrator, step_s)[31:], axis=0)
+    assert (np.ptp(path[31:], axis=0)[list(locked)] < 0.05 * healthy[list(locked)]).all()
+    assert (np.abs(path - oracle).max(axis=0) < 0.15 * healthy).all()
 
 
-def test_a_lock_that_gives_way_says_so_before_anything_flies():
-    """On a tendon, which cannot be made heavy; as soft as a file has it; not where it holds."""
+def test_a_yielding_lock_is_reported_before_the_simulation():
+    """A lock yields on a tendon, whose inertia cannot be raised, or if the file has a soft one."""
     cable = '<tendon><fixed name="cable"><joint joint="knee" coef="1"/></fixed></tendon>'
     on_cable = ("<equality/>", cable), ('"knee_servo" joint="knee"', '"knee_servo" tendon="cable"')
-    said = {
+    warnings = {
         (integrator, step_s): Plant(damped(integrator, step_s, *on_cable), **NAMES).soft_locks
         for integrator in ("IMPLICITFAST", "DISCRETE")
         for step_s in (2.5e-4, 1e-2)
     }
-    assert {k: list(v) for k, v in said.items() if v} == {("IMPLICITFAST", 1e-2): [1]}
-    words = r'lock of tendon "cable" gives way, by about \d+ % .* implicitfast .* of 10 ms'
-    assert re.search(words, said["IMPLICITFAST", 1e-2][1])
+    assert {k: list(v) for k, v in warnings.items() if v} == {("IMPLICITFAST", 1e-2): [1]}
+    pattern = r'lock of tendon "cable" yields, by about \d+ % .* implicitfast .* of 10 ms'
+    assert re.search(pattern, warnings["IMPLICITFAST", 1e-2][1])
     soft = model_of("three_joints", *on_cable, add_locks=True)
     soft.eq_solref[:], soft.eq_solimp[:, 0] = [0.1, 1.0], 0.9
     assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
@@ -295,8 +301,8 @@ def test_a_lock_that_gives_way_says_so_before_anything_flies():
 def test_locks_may_have_other_names_and_must_hold_one_joint():
     def brakes(*names: str) -> mujoco.MjModel:
         pairs = zip(names, ("hip", "knee", "ankle"), strict=False)
-        each = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
-        return model_of("three_joints", ("<equality/>", f"<equality>{each}</equality>"))
+        locks = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
+        return model_of("three_joints", ("<equality/>", f"<equality>{locks}</equality>"))
 
     plant = Plant(brakes("a", "b", "c"), **NAMES)
     plant.lock(2)
@@ -307,10 +313,10 @@ def test_locks_may_have_other_names_and_must_hold_one_joint():
         Plant(brakes("hip_brake", "lock1", "c"), **NAMES)
 
 
-def test_what_has_no_lock_is_refused_when_it_is_to_lock():
+def test_locking_an_actuator_without_a_lock_is_rejected():
     plant = started("drives")
-    for drive, words in ((3, '"x" cannot be locked: it moves neither'), (7, '"crank" cannot be')):
-        with pytest.raises(ModelError, match=words):
+    for drive, pattern in ((3, '"x" cannot be locked: it moves neither'), (7, '"crank" cannot be')):
+        with pytest.raises(ModelError, match=pattern):
             plant.lock(drive)
 
 
@@ -318,7 +324,7 @@ def test_what_has_no_lock_is_refused_when_it_is_to_lock():
 
 
 def test_all_actuators_of_a_drive_weaken_and_are_released_together():
-    """By the product, in any state; the others keep their forces, and their springs."""
+    """Factors multiply in any state; other actuators keep their forces and springs."""
     shift, number = 1e-3 * np.random.default_rng(0).normal(size=(3, 20)), range(8)
     for k in number:
         plant = started("drives")
@@ -345,8 +351,8 @@ def test_all_actuators_of_a_drive_weaken_and_are_released_together():
 
 @pytest.mark.parametrize("groups", [(0, 0, 0), (30, 30, 30), (30, 31, 5), (-1, 40, 30)])
 @pytest.mark.parametrize("off", [None, 0, 7, 30])
-def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
-    """What the model has switched off stays off."""
+def test_actuators_of_any_groups_are_released_one_by_one(groups, off):
+    """Actuators that the model disables stay disabled."""
     model, number = model_of("three_joints", add_locks=True), range(3)
     model.actuator_group[:] = groups
     model.opt.disableactuator = 0 if off is None else 1 << off
@@ -368,14 +374,14 @@ def test_actuators_are_released_one_by_one_whatever_their_groups(groups, off):
 
 @pytest.fixture(params=["fjh", "arm", "drives"])
 def plant(request) -> Plant:
-    """The last has a spring on a tendon, two motors on a joint, and drives without a lock."""
+    """Create plants; the last has a tendon spring, two motors on a joint, drives without locks."""
     if request.param == "drives":
         return started("drives", ('<fixed name="cable"', '<fixed name="cable" stiffness="300"'))
     return Plant(load_model(MODELS / f"{request.param}.xml"))
 
 
 def of_failures(plant: Plant) -> bytes:
-    """All that they may alter: the whole model, and what is locked."""
+    """Serialize all that failures may change: the model and active equalities."""
     model = copy.copy(plant.model)
     model.opt.disableactuator = 0  # of groups that nothing is in
     content = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
@@ -383,26 +389,26 @@ def of_failures(plant: Plant) -> bytes:
     return content.tobytes() + plant.data.eq_active.tobytes()
 
 
-def strike(plant: Plant, actuator: int, kinds: str) -> None:
-    """Failures that it can have, one after the other."""
+def inject(plant: Plant, actuator: int, kinds: str) -> None:
+    """Inject the possible failures among some kinds, one after the other."""
     drive = plant.drives[actuator]
     for kind in kinds.split():
         if kind != "locked" or drive.joint is not None or drive.tendon is not None:
-            Failure(actuator, kind).strike(plant)  # type: ignore[arg-type]
+            Failure(actuator, kind).inject(plant)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     "kinds", ["weak", "locked", "free", "loose", "weak locked weak free loose"]
 )
-def test_repair_gives_the_model_back_all_that_failures_take(plant, kinds):
-    """Of the one that is repaired: what another has lost it goes without."""
+def test_repair_restores_all_that_failures_change(plant, kinds):
+    """Failures of other actuators are not repaired."""
     before = of_failures(plant)
     plant.step(np.full(len(plant.drives), 1e-5), PERIOD_S)
     for actuator in range(len(plant.drives)):
-        strike(plant, 0, kinds)
+        inject(plant, 0, kinds)
         alone = of_failures(plant)
         if actuator:
-            strike(plant, actuator, kinds)
+            inject(plant, actuator, kinds)
             plant.repair(actuator)
         assert of_failures(plant) == alone != before
         plant.repair(0)

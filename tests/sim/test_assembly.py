@@ -1,4 +1,4 @@
-"""Assembled from afar, with the least change; motion that stays closed, in steps not too long."""
+"""Assembly with the least change, and steps that keep loops closed."""
 
 import copy
 import warnings
@@ -35,7 +35,7 @@ from tests.sim.machines import at, humanoid, linkage, opened, stored, stretched
 @stored
 @pytest.mark.parametrize("seed", range(6))
 def test_every_kind_of_closure_closes_from_afar(storage, seed):
-    """Connects, a weld, a polynomial gear and a cable, 0.1 m and rad away in every joint."""
+    """Connects, a weld, a polynomial gear and a cable close from 0.1 m and rad in every joint."""
     of = linkage(*storage)
     data = opened(of, 0.1, seed)
     before = data.qpos.copy()
@@ -46,7 +46,7 @@ def test_every_kind_of_closure_closes_from_afar(storage, seed):
 
 
 def test_small_gaps_close_with_the_least_change_in_the_mass_metric():
-    """The change is M-orthogonal to every motion that leaves the loops closed."""
+    """The change is M-orthogonal to every motion that keeps the loops closed."""
     of = model("five_bar")
     data = opened(of, 1e-5)
     closed = assemble(of, data)
@@ -57,19 +57,19 @@ def test_small_gaps_close_with_the_least_change_in_the_mass_metric():
     assert np.linalg.norm(step) > 1e-6
 
 
-def test_held_joints_stay():
+def test_fixed_joints_do_not_move():
     of = model("five_bar")
     data = opened(of, 0.02)
     for held in (["left"], [0], ["left", "right"]):
         closed = assemble(of, data, held=held)
-        for each in held:
-            assert closed.joint(each).qpos[0] == data.joint(each).qpos[0]
+        for label in held:
+            assert closed.joint(label).qpos[0] == data.joint(label).qpos[0]
     closed = assemble(humanoid(), held=["root"], pinned=["left_foot"])
     np.testing.assert_array_equal(closed.qpos[:7], humanoid().qpos0[:7])
 
 
-def test_what_cannot_close_is_named_with_its_gap():
-    """With every joint held the pin stays open as it was; a loop of rods too short never closes."""
+def test_an_open_closure_is_reported_with_its_gap():
+    """With every joint fixed the pin stays open; a loop of rods too short never closes."""
     of = model("five_bar")
     data = opened(of, 1e-3)
     with pytest.raises(ClosureError, match='equality "pin" is open by') as raised:
@@ -77,14 +77,14 @@ def test_what_cannot_close_is_named_with_its_gap():
     assert raised.value.gap == pytest.approx(np.abs(data.efc_pos[:3]).max())
     of.eq_data[0, :3] *= 0.1
     of.eq_data[0, 3:6] = [-0.01, -0.2, 0]
-    with pytest.raises(ClosureError, match="hold or pin less, or begin nearer"):
+    with pytest.raises(ClosureError, match="hold or pin less, or start nearer"):
         assemble(of, held=["left", "right"])
 
 
 @pytest.mark.parametrize("seeds", [50, pytest.param(300, marks=pytest.mark.long)])
 @pytest.mark.parametrize("size", [1e-10, 3e-10])
 def test_gaps_about_as_large_as_the_tolerance_close(size, seeds):
-    """Of 7 out of 300 such openings it was said that no pose nearby closes them."""
+    """An earlier version reported 7 of these 300 openings as impossible to close."""
     of = model("parallelogram")
     for seed in range(seeds):
         closed = assemble(of, opened(of, size, seed))
@@ -92,7 +92,7 @@ def test_gaps_about_as_large_as_the_tolerance_close(size, seeds):
 
 
 def crane(L: float) -> mujoco.MjModel:
-    """A box that hangs on a rod by a weld, on a slide that a gear couples; in 1/L of a metre."""
+    """Create a box welded to a rod on a slide with a gear; the unit of length is 1/L metre."""
     return mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
       <body pos="{0.3 * L} 0 0"><joint name="lift" type="slide" axis="0 0 1"/>
         <geom size="{0.05 * L}" mass="1"/>
@@ -112,7 +112,7 @@ def crane(L: float) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("L", [1e-3, 1.0, 1e3, 1e4])
 def test_in_any_unit_of_length_the_same_pose_closes(L):
-    """From half a length off; a weld, a slide, a coupling of slides and a pinned frame."""
+    """From half a length off, with a weld, a slide, a coupling of slides and a pinned frame."""
     model = crane(L)
     data = mujoco.MjData(model)
     data.joint("lift").qpos = 0.3 * L
@@ -131,7 +131,7 @@ def test_in_any_unit_of_length_the_same_pose_closes(L):
 
 
 def test_without_a_state_a_model_starts_at_its_first_keyframe():
-    """As a rig does: at qpos0 this arm is stretched and cannot move along itself."""
+    """A rig starts there as well: at qpos0 this arm is stretched, hence singular."""
     keys = '<keyframe><key qpos="0.3 0.8"/><key qpos="0.1 2.0"/></keyframe></mujoco>'
     of = model("rubbing_arm", ("</mujoco>", keys))
     np.testing.assert_array_equal(assemble(of).qpos, [0.3, 0.8])
@@ -145,7 +145,7 @@ def test_without_a_state_a_model_starts_at_its_first_keyframe():
 
 
 def five_bar(*rates: float, of: mujoco.MjModel | None = None) -> tuple[Any, Any, np.ndarray]:
-    """Its model, a closed state, and the velocity of all joints at these rates of its motors."""
+    """Return the five-bar, a closed state, and all velocities for some rates of its motors."""
     of = of or model("five_bar")
     data = assemble(of)
     kin = ConstrainedSystem.of(jacobians(of, data, "tool")).kinematics()
@@ -161,7 +161,7 @@ def five_bar(*rates: float, of: mujoco.MjModel | None = None) -> tuple[Any, Any,
     ],
 )
 def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accuracy):
-    """Gaps that no motion closes stay, of the size of the inaccuracy; the path is followed."""
+    """Gaps of the size of the inaccuracy remain, and the path is followed."""
     rng, of = np.random.default_rng(3), model("five_bar")
     for name in ("left", "left_elbow", "right", "right_elbow"):
         axis = np.array([*rng.normal(size=2) * accuracy, 1.0])
@@ -183,8 +183,8 @@ def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accur
     assert np.linalg.norm((there - start)[:2]) < 1e-5 + 20 * accuracy
 
 
-def test_what_the_numbers_of_a_model_show_needs_no_statement():
-    """The mechanism assembles and moves by itself."""
+def test_the_accuracy_shown_by_a_model_is_used_by_default():
+    """The mechanism is assembled and moves without a stated accuracy."""
     of = model("five_bar")
     of.joint("left").axis, of.joint("right_elbow").axis = [1e-7, 0, 1], [0, 2e-7, 1]
     data = assemble(of, opened(of, 0.02))
@@ -206,8 +206,8 @@ def test_the_error_of_an_advance_falls_with_the_square_of_the_step():
     assert 3.0 < coarse / fine < 5.0
 
 
-def test_a_held_tendon_grows_as_commanded_and_not_at_all_when_stuck():
-    """A cable over both elbows of the five-bar, whose length is no joint's position."""
+def test_a_fixed_tendon_moves_as_commanded_and_stays_when_stuck():
+    """The length of a cable over both elbows of the five-bar is no joint position."""
     cable = """<tendon><fixed name="cable"><joint joint="left_elbow" coef="0.03"/>
       <joint joint="right_elbow" coef="-0.02"/></fixed></tendon><actuator>"""
     of = model("five_bar", ("<actuator>", cable), ('"m2" joint="right"', '"m2" tendon="cable"'))
@@ -218,7 +218,7 @@ def test_a_held_tendon_grows_as_commanded_and_not_at_all_when_stuck():
 
 
 def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
-    """Far from its nominal turn, where the length of its actuator is no coordinate of that rate."""
+    """Far from nominal the length of its actuator is no coordinate of that rate."""
     of = model(
         "five_bar",
         (
@@ -246,8 +246,8 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
 @pytest.mark.parametrize(
     ("bend", "step", "misses"), [(0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)]
 )
-def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, step, misses):
-    """Along a nearly stretched arm joints turn far for a little way: the rest is curvature."""
+def test_a_deviating_step_advises_a_shorter_one(unit, bend, step, misses):
+    """Near the stretched pose joints rotate far for a small displacement: the rest is curvature."""
     of, data = stretched(unit, bend)
     kin = ConstrainedSystem.of(jacobians(of, data, "tip")).kinematics()
     motion = kin.velocities(kin.velocity_mapping([3, 4])([step * unit, 0.0]))
@@ -256,7 +256,7 @@ def test_a_step_that_misses_its_way_says_by_how_much_to_shorten_it(unit, bend, s
         advance(of, data, motion)
     assert len(given) == misses
     if misses:
-        assert "was to move by" in str(given[0].message)
+        assert "was commanded to move by" in str(given[0].message)
         part = float(str(given[0].message).split("at most ")[1].split()[0])
         there = advance(of, data, part * motion)
         off = there.site("tip").xpos - data.site("tip").xpos - [part * step * unit, 0.0, 0.0]
@@ -270,7 +270,7 @@ FEET = Pin("foot_l", weld=True), Pin("foot_r", weld=True)
 
 
 def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The model, standing with bent knees."""
+    """Load the walker, standing with bent knees."""
     of = model("walker", (' armature="0.02"', ""))
     data = mujoco.MjData(of)
     data.qpos[2:3], data.qpos[7:] = 0.8 - 0.035731, [*2 * (-0.3, 0.6, -0.3), -0.9, 0.8]
@@ -279,7 +279,7 @@ def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, float, np.ndarray]:
-    """The walker at gain 1: its last state, how far its feet ever strayed, and its ticks [s]."""
+    """Control the walker at gain 1; return last state, largest foot motion, and ticks [s]."""
     model, start = walker()
     data, strayed, times = start, 0.0, [0.0]
     reader = JacobianReader(model, ["hand", CenterOfMass()], pinned=FEET)
@@ -287,10 +287,10 @@ def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, f
     for tick in range(ticks):
         jac = reader.at(data)
         over = (start.subtree_com[0] - data.subtree_com[0])[:1]
-        reach = (hand(tick) - data.site("hand").xpos)[[0, 2]]
+        error = (hand(tick) - data.site("hand").xpos)[[0, 2]]
         back = change(model, data.qpos, start.qpos)[jac.active]
         kin = ConstrainedSystem.of(jac).kinematics()
-        v = kin.velocities(kin.hierarchy(levels)([over, reach, back])) / TICK_S
+        v = kin.velocities(kin.hierarchy(levels)([over, error, back])) / TICK_S
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             data = advance(model, data, v, TICK_S, pinned=FEET)
@@ -302,11 +302,11 @@ def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, f
     return data, strayed, np.diff(times)
 
 
-@pytest.mark.parametrize("way", [(-0.2, 0.1), (-0.1, -0.3), (0.2, -0.2), (-0.3, -0.4)])
-def test_a_walker_reaches_from_far_away_at_gain_one_and_its_feet_stay(way):
-    """Newton's method on hand, centre of mass and posture, whose first steps are too long."""
+@pytest.mark.parametrize("offset", [(-0.2, 0.1), (-0.1, -0.3), (0.2, -0.2), (-0.3, -0.4)])
+def test_a_walker_reaches_from_far_away_at_gain_one_and_its_feet_stay(offset):
+    """First steps of Newton's method on hand, centre of mass and posture are too long."""
     _, start = walker()
-    target = start.site("hand").xpos + np.array([way[0], 0.0, way[1]])
+    target = start.site("hand").xpos + np.array([offset[0], 0.0, offset[1]])
     end, strayed, taken = led(lambda tick: target, 30)
     assert np.linalg.norm(end.site("hand").xpos - target) < 1e-9
     assert abs(end.subtree_com[0][0] - start.subtree_com[0][0]) < 1e-9
@@ -314,8 +314,8 @@ def test_a_walker_reaches_from_far_away_at_gain_one_and_its_feet_stay(way):
     assert taken.min() < 0.9 * TICK_S and taken[-1] == pytest.approx(TICK_S)
 
 
-def test_a_path_that_leaves_the_reach_is_gone_on_with_to_its_end():
-    """The hand is to rise by more than straight knees let it, and returns."""
+def test_an_unreachable_path_is_followed_to_its_end():
+    """The hand is to rise by more than straight knees permit, and returns."""
     _, start = walker()
     place = start.site("hand").xpos.copy()
     end, strayed, taken = led(
@@ -337,7 +337,7 @@ def test_a_step_of_several_turns_ends_at_one_radian():
 
 
 def test_a_shortened_step_is_nearly_the_longest_and_lies_on_the_loops():
-    """The time taken is a step by itself; a tenth more is shortened again."""
+    """A step of the time taken is not shortened; one that is 10 % longer is."""
     of, data, v = five_bar(1.0, -1.0, 0.0)
     before, tool = data.qpos.copy(), pose_of(of, data, "tool").translation_m
     with pytest.warns(
@@ -357,7 +357,7 @@ def test_a_shortened_step_is_nearly_the_longest_and_lies_on_the_loops():
 
 
 def test_a_step_after_which_nothing_closes_is_shortened_too():
-    """Both motors must turn as commanded, until the rods between their cranks are too short."""
+    """Both motors turn as commanded, until the rods between their cranks are too short."""
     of, data, v = five_bar(0.9, -0.9, 0.0)
     with pytest.warns(RuntimeWarning, match=r'equality "pin" stays open by'):
         there = advance(of, data, v, held=["left", "right"])
@@ -366,8 +366,8 @@ def test_a_step_after_which_nothing_closes_is_shortened_too():
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-3, 1e-6, 1e-8])
-def test_a_velocity_that_opens_the_loops_is_refused_however_short_the_step(length):
-    """And the state stays, also where it was to become the next one."""
+def test_a_velocity_that_opens_the_loops_is_rejected_for_any_step(length):
+    """The state is unchanged, including one that was to be overwritten."""
     of, data, v = five_bar(1.0, -1.0, 0.0)
     v[of.joint("left_elbow").dofadr[0]] *= -1.0
     for held, gap in (((), 1e-7), (range(of.nv), 0.0)):
@@ -383,8 +383,8 @@ def test_a_velocity_that_opens_the_loops_is_refused_however_short_the_step(lengt
 
 @pytest.mark.parametrize("name", ["arm", "mobile", "quadruped", "humanoid"])
 @pytest.mark.parametrize("held", [(), (1, 2)])
-def test_where_nothing_is_to_be_closed_a_step_is_that_of_mujoco_to_the_bit(name, held):
-    """Whatever is held: it moves as commanded."""
+def test_without_loops_a_step_equals_that_of_mujoco_exactly(name, held):
+    """Fixed joints move as commanded."""
     of = load_model(MODELS / f"{name}.xml")
     rng, data = np.random.default_rng(1), mujoco.MjData(of)
     for _ in range(5):
@@ -397,8 +397,8 @@ def test_where_nothing_is_to_be_closed_a_step_is_that_of_mujoco_to_the_bit(name,
     assert data.time == pytest.approx(0.5)
 
 
-def test_a_state_that_becomes_the_next_one_is_as_a_new_one():
-    """Another one, or that before; with loops and without."""
+def test_an_overwritten_state_equals_a_new_one():
+    """Both another state and the start state are overwritten, with and without loops."""
     arm = load_model(MODELS / "arm.xml")
     moving = arm, mujoco.MjData(arm), 0.5 * np.ones(arm.nv)
     for of, data, v in (five_bar(0.3, -0.3, 0.0), moving):

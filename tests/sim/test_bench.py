@@ -1,4 +1,4 @@
-"""A bench: hysteresis of springs, late commands, forces of friction; its log is its own."""
+"""Bench: hysteresis of springs, delayed commands, friction forces, log."""
 
 import copy
 
@@ -21,7 +21,7 @@ def chain(seed: int, n: int = 3, m: int = 5) -> MaxwellSlip:
 
 
 def driven(slip: MaxwellSlip, path: np.ndarray) -> np.ndarray:
-    """Forces (N, n) along displacements (N, n) from zero."""
+    """Return the forces (N, n) along displacements (N, n) from zero."""
     stretch, forces = np.zeros(slip.slip.shape), []
     for by in np.diff(path, axis=0, prepend=0.0):
         stretch = slip.moved(stretch, by)
@@ -30,14 +30,14 @@ def driven(slip: MaxwellSlip, path: np.ndarray) -> np.ndarray:
 
 
 def cycle(amplitude: float, steps: int, n: int) -> np.ndarray:
-    """To the amplitude, then once to the other side and back."""
+    """Return a displacement to the amplitude, then once to the other side and back."""
     ends = np.array([0.0, amplitude, -amplitude, amplitude])
     return np.tile(np.interp(np.arange(3 * steps + 1) / steps, range(4), ends)[:, None], n)
 
 
 @given(st.integers(0, 10**6), st.floats(0.01, 10.0), st.integers(1, 60))
 def test_a_closed_cycle_dissipates_what_its_friction_does(seed, amplitude, steps):
-    """Work lost in a cycle is friction times slip; steps in one direction may have any length."""
+    """The work lost is friction times slip; steps in one direction may have any length."""
     slip = chain(seed)
     path = cycle(amplitude, steps, 3)
     closed = slice(steps, None)
@@ -64,7 +64,7 @@ def test_motion_smaller_than_all_slip_is_that_of_a_spring(seed):
 
 @given(st.integers(0, 10**6))
 def test_after_a_turn_the_loop_is_the_first_curve_twice_as_large(seed):
-    """Masing's rule (1926), which holds for elements in parallel."""
+    """Check Masing's rule (1926), which holds for elements in parallel."""
     slip, rise = chain(seed, n=1), np.linspace(0, 4, 41)[:, None]
     first = driven(slip, rise)
     path = np.vstack([rise, rise[-1] - 2 * rise[1:]])
@@ -74,15 +74,15 @@ def test_after_a_turn_the_loop_is_the_first_curve_twice_as_large(seed):
 
 
 class Blind:
-    """Sensors that see no task."""
+    """Sensors that read no task."""
 
     def read(self, pose, displacements):
-        """What gauges without noise read."""
+        """Read displacements without noise."""
         return Reading(np.zeros(2), displacements.copy())
 
 
-def flown(commands: np.ndarray, **options) -> np.ndarray:
-    """Displacements (N, 6) under commands (N, 6)."""
+def simulated(commands: np.ndarray, **options) -> np.ndarray:
+    """Simulate commands (N, 6); return displacements (N, 6)."""
     plant = copy.deepcopy(settled(0.25))
     ticks = np.arange(len(commands)) * PERIOD_S
     bench = Bench(plant, Blind(), time_s=ticks, period_s=PERIOD_S, **options)
@@ -95,17 +95,17 @@ def flown(commands: np.ndarray, **options) -> np.ndarray:
 @pytest.mark.parametrize("late", [1, 3])
 def test_a_delay_shifts_the_response_by_as_many_ticks(late):
     commands = 1e-5 * np.random.default_rng(late).normal(size=(20, 6))
-    at_once = flown(commands)
-    delayed = flown(commands, delay_ticks=late)
-    still = flown(np.zeros((late + 1, 6)))
+    at_once = simulated(commands)
+    delayed = simulated(commands, delay_ticks=late)
+    still = simulated(np.zeros((late + 1, 6)))
     # While nothing has come the plant rests, but for the last picometres of settling.
     np.testing.assert_array_equal(delayed[: late + 1], still)
     np.testing.assert_allclose(delayed[late:], at_once[:-late], atol=1e-11)
     assert np.abs(delayed[1:] - at_once[1:]).max() > 1e-6
 
 
-def test_until_the_first_command_comes_the_plant_holds_its_last_one(model):
-    """And what waits does not change with the buffer it came in."""
+def test_the_plant_keeps_its_last_command_until_the_first_one_arrives(model):
+    """Pending commands do not change with the caller's buffer."""
     plant, held, buffer = Plant(model), np.full(6, 2e-5), np.full(6, 1e-5)
     plant.settle(0.3, held)
     bench = Bench(plant, Blind(), time_s=np.zeros(2), period_s=PERIOD_S, delay_ticks=1)
@@ -121,7 +121,7 @@ def test_until_the_first_command_comes_the_plant_holds_its_last_one(model):
 
 @pytest.mark.parametrize("machine", ["hexapod", "pulley"])
 def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine):
-    """Force over stiffness is displacement, whoever exerts it; of all joints of a tendon."""
+    """Force over stiffness is displacement for any source of force, also along a tendon."""
     stiffness, command, seconds = 126000.0, 1e-5 * np.arange(6.0), 0.05
     if machine == "pulley":
         model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0" timestep="1e-3"/>
@@ -140,12 +140,12 @@ def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine)
 
 
 @pytest.mark.long
-def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
-    """At 4 Hz on 1 % of the stiffness: they differ by 3 % of what hysteresis changes."""
+def test_forces_updated_once_a_tick_equal_those_of_every_physics_step(model):
+    """At 4 Hz on 1 % of the stiffness they differ by 3 % of the effect of hysteresis."""
     time_s = np.arange(250) * PERIOD_S
     commands = 2e-5 * np.sin(2 * np.pi * 4 * time_s)[:, None] * np.ones(6)
     slip = MaxwellSlip(np.full((6, 4), 315.0), np.tile([0.3e-6, 1e-6, 5e-6, 2e-5], (6, 1)))
-    by_tick = flown(commands, hysteresis=slip)
+    by_tick = simulated(commands, hysteresis=slip)
     plant = copy.deepcopy(settled(0.25))
     step_s, stretch, fine = model.opt.timestep, np.zeros((6, 4)), []
     before = plant.displacements()
@@ -156,12 +156,12 @@ def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
             stretch, before = slip.moved(stretch, here - before), here
             plant.load(slip.force(stretch))
             plant.step(command, step_s)
-    effect = np.abs(by_tick - flown(commands)).max()
+    effect = np.abs(by_tick - simulated(commands)).max()
     assert effect > 5e-8
     assert np.abs(by_tick - fine).max() < 0.05 * effect
 
 
-def test_hysteresis_of_another_number_of_actuators_is_refused(model):
+def test_hysteresis_of_another_number_of_actuators_is_rejected(model):
     with pytest.raises(ValueError, match="hysteresis must have one row for each of 6"):
         Bench(Plant(model), Blind(), time_s=np.zeros(1), period_s=1e-3, hysteresis=chain(0))
 
@@ -171,8 +171,8 @@ def test_hysteresis_of_another_number_of_actuators_is_refused(model):
 TICKS = 3
 
 
-def test_a_bench_does_not_change_with_what_it_was_made_of(model):
-    """Times that were moved made a failure strike at once."""
+def test_a_bench_does_not_change_with_its_arguments(model):
+    """Changing the array of times after creation must not inject a failure early."""
     time_s, floor = 2e-3 * np.arange(float(TICKS)), np.zeros((TICKS, 3))
     bench = Bench(
         Plant(model),

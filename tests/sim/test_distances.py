@@ -1,4 +1,4 @@
-"""Distances between geoms, their rates, safe steps: against MuJoCo's own distances and contacts."""
+"""Distances between geoms, their rates and safe steps, compared with MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -8,14 +8,14 @@ from sim import Body, Distances, ModelError
 from tests.scenes import PAIRS, arm_among, distances_of, moved, two
 
 SMOOTH = {"ellipsoid", "cylinder"}
-"""Shapes whose depth of penetration MuJoCo finds roughly."""
+"""Shapes whose depth of penetration MuJoCo computes approximately."""
 RADIUS_M = 0.05
-"""Of a capsule: deeper in a box, where its axis is inside, rows may be wrong."""
+"""Radius of a capsule: deeper in a box, where its axis is inside, rows may be wrong."""
 
 
 @pytest.mark.parametrize("poses", [6, pytest.param(20, marks=pytest.mark.long)])
 def test_the_rows_are_the_slopes_of_the_distance_on_the_manifold(poses):
-    """For all pairs of shapes, on slides, hinges, balls and free bodies, apart and overlapping."""
+    """All pairs of shapes on slides, hinges, balls and free bodies, separated and overlapping."""
     rng, h = np.random.default_rng(0), 1e-5
     seen = {"apart": 0, "overlapping": 0}
     for first, second in PAIRS:
@@ -39,8 +39,8 @@ def test_the_rows_are_the_slopes_of_the_distance_on_the_manifold(poses):
 
 @pytest.mark.parametrize("second", ["sphere", "capsule", "box", "plane", "cylinder"])
 def test_the_row_of_a_sphere_in_another_geom_is_that_of_their_contact(second):
-    """MuJoCo's constraint solver has the rate of a contact without friction as its row."""
-    model, rng, found = two("sphere", second), np.random.default_rng(0), 0
+    """The row of a frictionless contact in MuJoCo's solver is the rate of the distance."""
+    model, rng, samples = two("sphere", second), np.random.default_rng(0), 0
     model.geom_condim[:], model.opt.cone = 1, mujoco.mjtCone.mjCONE_ELLIPTIC
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data, distances = mujoco.MjData(model), Distances(model)
@@ -52,12 +52,12 @@ def test_the_row_of_a_sphere_in_another_geom_is_that_of_their_contact(second):
             assert near.distance_m == pytest.approx(data.contact.dist, abs=1e-12)
             of_contact = data.efc_J.reshape(-1, model.nv)
             np.testing.assert_allclose(near.rows, of_contact, atol=1e-9)
-            found += 1
-    assert found > 10
+            samples += 1
+    assert samples > 10
 
 
 @pytest.mark.parametrize("other", ["sphere", "capsule", "box", "mesh", "plane"])
-def test_geoms_that_touch_part_along_the_way_they_came(other):
+def test_touching_geoms_separate_along_the_line_of_approach(other):
     """Their witness points coincide, and have no direction."""
     model, rng = two("box", other), np.random.default_rng(0)
     data, distances = mujoco.MjData(model), Distances(model, detection_m=1.0)
@@ -92,7 +92,7 @@ def test_what_bounding_spheres_leave_out_is_not_near():
 
 
 def crowd(rng: np.random.Generator) -> str:
-    """Nine bodies in random trees, some of them welded, all at one place."""
+    """Create nine bodies in random trees at one place, some of them welded."""
     open_tags, xml = 0, '<geom contype="1" conaffinity="3"/><body name="b0"><geom/></body>'
     for k in range(1, 9):
         joint = '<joint axis="1 0 0"/>' if rng.random() < 0.7 else ""
@@ -114,7 +114,7 @@ def crowd(rng: np.random.Generator) -> str:
 
 @pytest.mark.parametrize("filtered", [True, False])
 def test_the_pairs_of_a_model_are_those_that_mujoco_lets_collide(filtered):
-    """All geoms are in one place, so that whatever can collide does."""
+    """All geoms are in one place, so that all that can collide do."""
     rng = np.random.default_rng(0)
     for _ in range(30):
         model = mujoco.MjModel.from_xml_string(crowd(rng))
@@ -149,25 +149,25 @@ def test_groups_are_geoms_and_bodies_with_all_that_they_carry():
 
 
 @pytest.mark.parametrize(
-    ("pairs", "said"),
+    ("pairs", "pattern"),
     [
         ([(["lift1"], ["r1"])], 'no geom named "lift1".*did you mean "left1"'),
         ([([Body("rigt")], ["r1"])], 'no body named "rigt".*did you mean "right"'),
         ([(["left1"], ["air"])], "pairs must name two geoms that .* collide"),
     ],
 )
-def test_pairs_that_are_none_are_refused(pairs, said):
-    with pytest.raises(ModelError, match=said):
+def test_invalid_pairs_are_rejected(pairs, pattern):
+    with pytest.raises(ModelError, match=pattern):
         pairs_of(*pairs)
 
 
-def test_a_margin_beyond_the_distance_of_detection_is_refused():
+def test_a_margin_beyond_the_distance_of_detection_is_rejected():
     with pytest.raises(ValueError, match="margin_m must be below detection_m"):
         Distances(two("box", "plane"), margin_m=0.05)
 
 
 @pytest.mark.long
-def test_a_signed_distance_field_is_refused():
+def test_a_signed_distance_field_is_rejected():
     torus = mujoco.MjModel.from_xml_string("""<mujoco>
       <extension><plugin plugin="mujoco.sdf.torus"><instance name="torus"/></plugin></extension>
       <asset><mesh name="torus"><plugin instance="torus"/></mesh></asset>
@@ -185,7 +185,7 @@ MARGIN_M, DT = 0.01, 0.05
 
 
 def check_scene(seed: int) -> float:
-    """The fraction of a fast step in a random scene; it is safe, and twice as much is not."""
+    """Check that the safe fraction of a fast step is safe, and twice as much is not."""
     rng = np.random.default_rng([seed, 2003])
     model = arm_among(int(rng.integers(1, 12)), rng)
     data, distances = mujoco.MjData(model), Distances(model, margin_m=MARGIN_M)
@@ -193,15 +193,15 @@ def check_scene(seed: int) -> float:
     qvel = rng.normal(scale=10.0, size=model.nv)
     before = distances_of(model, start, distances.geom_pairs, 1.0)
 
-    def kept(fraction: float) -> np.ndarray:
+    def safe(fraction: float) -> np.ndarray:
         there = moved(model, start, fraction * DT * qvel)
         after = distances_of(model, there, distances.geom_pairs, 1.0)
         return after >= np.minimum(before, MARGIN_M) - 2e-9
 
     fraction = distances.safe_fraction(data, qvel, DT)
-    assert kept(fraction).all()
+    assert safe(fraction).all()
     if fraction < 1.0:
-        assert not kept(2 * fraction if fraction else 2.0**-10).all()
+        assert not safe(2 * fraction if fraction else 2.0**-10).all()
     fresh = mujoco.MjData(model)
     fresh.qpos[:] = start
     mujoco.mj_kinematics(model, fresh)
@@ -212,7 +212,7 @@ def check_scene(seed: int) -> float:
 
 @pytest.mark.parametrize("scenes", [50, pytest.param(1000, marks=pytest.mark.long)])
 def test_after_the_safe_fraction_of_a_step_no_pair_is_nearer_than_allowed(scenes):
-    """In scenes at random."""
+    """Check random scenes."""
     fractions = {check_scene(seed) for seed in range(scenes)}
     assert len(fractions) > (4 if scenes < 1000 else 6)
 
@@ -223,7 +223,7 @@ BEAM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.1
 
 
 def test_a_turn_about_the_nearest_corner_brings_the_other_one_down():
-    """The row sees the nearest corner alone, and lets a step pass that goes through the floor."""
+    """The row is that of the nearest corner, and allows a step through the floor."""
     model = mujoco.MjModel.from_xml_string(BEAM)
     data, distances = mujoco.MjData(model), Distances(model, margin_m=MARGIN_M, detection_m=0.1)
     data.qpos[1] = 0.01  # one end is 1 cm lower
@@ -234,7 +234,7 @@ def test_a_turn_about_the_nearest_corner_brings_the_other_one_down():
     assert 0.0 < distances.safe_fraction(data, qvel, DT) < 1.0
 
 
-def test_a_step_of_nothing_and_a_step_away_are_safe_wherever_they_begin():
+def test_a_zero_step_and_a_step_away_are_safe_from_any_start():
     model = mujoco.MjModel.from_xml_string(BEAM)
     data, distances = mujoco.MjData(model), Distances(model, margin_m=MARGIN_M)
     for depth in (0.0, 0.045, 0.05, 0.12):

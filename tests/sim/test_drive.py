@@ -1,4 +1,4 @@
-"""Drives of any actuator: velocity, dual force, ranges and names, and a simulation of them."""
+"""Drives of all actuators: velocity, dual force, ranges, names, simulation."""
 
 import itertools
 
@@ -18,7 +18,7 @@ every_kind = pytest.mark.parametrize("kind", CASES)
 
 
 def of_drives(of: mujoco.MjModel, jac: Jacobians, qvel: np.ndarray) -> np.ndarray:
-    """Velocity of each drive under any qvel, whether it opens loops or not, by the rows of J_C."""
+    """Return the velocity of each drive under any qvel, from the rows of J_C."""
     extra = jac.J_C.shape[1] - of.nv
     own = jac.J_C[len(jac.J_C) - extra :]
     np.testing.assert_array_equal(own[:, of.nv :], -np.eye(extra))
@@ -50,13 +50,13 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
 def test_what_only_turns_moves_by_an_angle(unit, kinds):
     for together in kinds:
         first, *others = (CASES[kind].mjcf for kind in together)
-        mjcf = first + "".join(each.replace('name="m"', 'name="n"') for each in others)
+        mjcf = first + "".join(other.replace('name="m"', 'name="n"') for other in others)
         assert {drive.unit for drive in drives(mechanism(mjcf)[0])} == {unit}, together
 
 
 @every_kind
 def test_the_velocity_is_mujocos_by_the_gear_and_its_force_is_dual(kind):
-    """Sum of gear force times velocity = qfrc_actuator . qvel, also along what opens loops."""
+    """The sum of gear force times velocity is qfrc_actuator . qvel, also for open loops."""
     of, data = mechanism(CASES[kind].mjcf)
     jac, rng = jacobians(of, data, "tool"), np.random.default_rng(2)
     for qvel in rng.normal(size=(3, of.nv)):
@@ -75,7 +75,7 @@ def test_the_velocity_is_mujocos_by_the_gear_and_its_force_is_dual(kind):
 @pytest.mark.parametrize("at", ['site="tool"', 'site="tool" refsite="post"', 'joint="float"'])
 @pytest.mark.parametrize("gear", ["-.6 .8 0 0 0 0", "0 0 -2 0 0 0", "0 0 0 0 -1 0", "0 -1 0 2 0 0"])
 def test_along_a_direction_the_velocity_is_that_along_the_first_gear(at, gear):
-    """Whatever the sign of its first component; a second one that pushes back has gear -3."""
+    """The first component may have any sign; an opposite actuator has gear -3."""
     first, back = np.array(gear.split(), dtype=float), -3.0 * np.array(gear.split(), dtype=float)
     pair = f'<motor {at} gear="{gear}"/><motor {at} gear="{" ".join(map(str, back))}"/>'
     of, data = mechanism(pair)
@@ -90,7 +90,7 @@ def test_along_a_direction_the_velocity_is_that_along_the_first_gear(at, gear):
 
 
 @pytest.mark.parametrize("one, other", [(6e-17, 6e-17), (-6e-17, 6e-17), (0.0, -6e-17)])
-def test_parallel_gears_are_one_velocity_whatever_rounding_made_of_a_zero(one, other):
+def test_parallel_gears_are_one_velocity_despite_rounded_zeros(one, other):
     of, data = mechanism(
         f'<motor site="buoy" gear="{one} 1 0 0 0 0"/><motor site="buoy" gear="{other} -1 0 0 0 0"/>'
     )
@@ -99,7 +99,7 @@ def test_parallel_gears_are_one_velocity_whatever_rounding_made_of_a_zero(one, o
 
 @pytest.mark.parametrize("tendon", ["cable", "hoist", "wrap"])
 def test_a_locked_tendon_keeps_its_length(tendon):
-    """Locked it takes one freedom."""
+    """The lock removes one freedom."""
     of, data = mechanism(f'<motor tendon="{tendon}" gear="2"/><motor joint="crank"/>')
     locked = motions(ConstrainedSystem.of(jacobians(of, data, "tool")).with_failures(locked=[0]))
     assert locked.shape[1] == FREEDOMS - 1
@@ -113,7 +113,7 @@ def test_a_locked_tendon_keeps_its_length(tendon):
 
 @pytest.mark.parametrize("locked", [None, "cable", "rope", "rail"])
 def test_servos_on_tendons_move_a_simulated_tool_as_the_mapping_commands(locked):
-    """0.2 mm and mrad within 1 %, also with one of them stuck, by a tendon or joint equality."""
+    """Motion of 0.2 mm and mrad is within 1 %, also with one servo stuck."""
     of = model("gantry", ("1e-4", "5e-4"))
     data = assemble(of)
     jac = jacobians(of, data, "tool")
@@ -155,7 +155,7 @@ def arm(actuators: str, disabled: int = 0, joint: str = "", tendon: str = "") ->
 PAIR = '<motor name="m1" joint="a" group="1"/><motor name="m2" tendon="cable" group="2"/>'
 
 
-def test_actuators_that_are_switched_off_are_not_active_and_warned_of():
+def test_disabled_actuators_are_not_active_and_give_a_warning():
     both = arm(PAIR)
     assert both.active.tolist() == [0, 3] and both.warnings == ()
     first, second = arm(PAIR, disabled=1 << 2), arm(PAIR, disabled=1 << 1)
@@ -186,15 +186,15 @@ MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
         ('<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>', 1),
     ],
 )
-def test_what_pushes_to_one_side_only_is_marked_and_warned_about(actuators, side):
-    """A negative gear turns the side of a joint round; an antagonistic pair pushes both ways."""
+def test_one_sided_actuators_are_marked_and_give_a_warning(actuators, side):
+    """A negative gear reverses the side of a joint; an antagonistic pair pushes both ways."""
     jac = arm(actuators)
     assert jac.one_sided.tolist() == [side]
     name = jac.names.velocities[jac.active[0]]
     if 'muscle name="m" joint="a" gear="-1"' in actuators:
         np.testing.assert_array_equal(jac.force_range, [[0.0, np.inf]])
-    words = f"actuated in one direction only, which the mappings do not know: {name}"
-    assert jac.warnings == ((words,) if side else ())
+    warning = f"actuated in one direction only, which the mappings do not consider: {name}"
+    assert jac.warnings == ((warning,) if side else ())
 
 
 LIMITED = [
@@ -213,15 +213,15 @@ LIMITED = [
 
 @pytest.mark.parametrize(("actuators", "joint", "tendon"), LIMITED)
 def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, joint, tendon):
-    """The ranges of several add up, and the limit of the joint's or tendon's total counts."""
-    found, of = arm(actuators, joint=joint, tendon=tendon), arm_model(actuators, joint, tendon)
+    """Ranges of several actuators add up; limits of the joint's or tendon's total apply."""
+    jac, of = arm(actuators, joint=joint, tendon=tendon), arm_model(actuators, joint, tendon)
     data, forces = mujoco.MjData(of), []
     for data.ctrl[:] in itertools.product([-1e3, 0.0, 1e3], repeat=of.nu):
         mujoco.mj_forward(of, data)
-        total = [drive.gear @ data.actuator_force[list(drive.outputs)] for drive in found.drives]
-        forces.append(total if found.drives[0].joint is None else [data.qfrc_actuator[0]])
+        total = [drive.gear @ data.actuator_force[list(drive.outputs)] for drive in jac.drives]
+        forces.append(total if jac.drives[0].joint is None else [data.qfrc_actuator[0]])
     expected = np.transpose([np.min(forces, axis=0), np.max(forces, axis=0)])
-    np.testing.assert_allclose(found.force_range, expected, rtol=1e-12)
+    np.testing.assert_allclose(jac.force_range, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -229,15 +229,15 @@ def test_the_force_range_is_what_mujoco_lets_the_actuators_exert(actuators, join
     [
         (
             '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1"/>',
-            'actuator "pad" adheres to .*: take it out .* or disable its group and pin',
+            'actuator "pad" adheres to .*: remove it .* or disable its group and pin',
         ),
-        ('<motor name="m" joint="a" gear="0"/>', 'actuator "m" has gear 0 .*: take it out'),
+        ('<motor name="m" joint="a" gear="0"/>', 'actuator "m" has gear 0 .*: remove it'),
         ('<motor site="tool" gear="0 0 0 0 0 0"/>', 'actuator "number 0" has gear 0'),
         ("", "the model has no enabled actuator, .*: add one"),
         ('<motor name="m" joint="c"/>', "no actuator moves 'tool'"),
     ],
 )
-def test_what_moves_nothing_is_refused_with_the_remedy(actuators, message):
+def test_actuators_that_move_nothing_are_rejected_with_the_remedy(actuators, message):
     with pytest.raises(ModelError, match=message) as caught:
         arm(actuators)
     assert "\n" not in str(caught.value)
@@ -256,7 +256,7 @@ def test_what_moves_nothing_is_refused_with_the_remedy(actuators, message):
     ],
 )
 def test_a_linear_model_reads_the_velocity_of_what_is_on_no_joint(drive):
-    """As J_C ties it to the joints."""
+    """C_active is the relation to the joints in J_C."""
     of = arm_model(drive)
     jac = jacobians(of, mujoco.MjData(of), "tool")
     assert jac.active.tolist() == [of.nv] and jac.J_C.shape == (1, of.nv + 1)
@@ -272,7 +272,7 @@ def test_two_actuators_of_a_joint_are_one_velocity_and_two_inputs():
 
 
 def test_an_actuator_has_one_name_and_answers_to_its_joints():
-    """The name in the file wins, also where it is that of another joint: "c" of a joint of two."""
+    """The name in the file has priority over an equal name of another joint."""
     joints = '<body><joint name="a"/>{0}<body><joint name="b"/>{0}<body><joint name="c"/>{0}'
     tendon = '<fixed name="{}"><joint joint="{}" coef="1"/><joint joint="b" coef="1"/></fixed>'
     of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
@@ -289,7 +289,7 @@ def test_an_actuator_has_one_name_and_answers_to_its_joints():
 
 
 def test_digits_are_a_name_first_and_then_a_number():
-    """Some hands call their joints 0, 1, ... in another order than their actuators are in."""
+    """Some hands number their joints in another order than their actuators."""
     assert number_of("0", [("a", "2"), ("b", "0"), ("c", "1")]) == 1
     assert number_of("2", [("a",), ("b",), ("c",)]) == 2
     with pytest.raises(ValueError, match='no actuator or joint "3"'):

@@ -1,4 +1,4 @@
-"""Closures: their rows are the slopes of their gaps, whatever else is in the model."""
+"""Closures: rows are the slopes of their gaps, for all other elements of a model."""
 
 import mujoco
 import numpy as np
@@ -10,12 +10,12 @@ from tests.motions import check_slope, shifted
 from tests.sim.machines import at, closed, linkage, opened, stored
 
 ROWS = 2 * 3 + 1 + 6 + 1
-"""Of the linkage."""
+"""Number of rows of the equalities of the linkage."""
 
 
 @stored
 def test_rows_are_slopes_of_gaps(storage):
-    """At a closed pose, along every velocity, admissible or not."""
+    """Check a closed pose along every velocity, admissible or not."""
     of = linkage(*storage)
     units = np.eye(of.nv)
     for seed in range(4):
@@ -32,7 +32,7 @@ def test_rows_are_slopes_of_gaps(storage):
 
 @stored
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
-    """They are at work in the physics."""
+    """They are active in the physics."""
     of = linkage(*storage)
     of.opt.disableflags = 0
     data = mujoco.MjData(of)
@@ -63,8 +63,8 @@ def test_an_equality_counts_while_it_is_active():
 
 
 @pytest.mark.parametrize("flag", ["EQUALITY", "CONSTRAINT"])
-def test_active_equalities_that_flags_disable_are_refused(flag):
-    """A closed mechanism must not pass for an open one."""
+def test_active_equalities_that_flags_disable_are_rejected(flag):
+    """Otherwise a closed mechanism would be analyzed as an open one."""
     of = model("five_bar")
     of.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     with pytest.raises(ModelError, match="equalities are active, and the model's flags disable"):
@@ -76,7 +76,7 @@ def test_active_equalities_that_flags_disable_are_refused(flag):
 # Gaps.
 
 
-def test_open_loops_are_refused_beyond_the_tolerance():
+def test_open_loops_are_rejected_beyond_the_tolerance():
     of = model("five_bar")
     data = opened(of, 0.01)
     with pytest.raises(ClosureError, match=r"call sim\.assemble\(model, data\)"):
@@ -91,8 +91,8 @@ def test_open_loops_are_refused_beyond_the_tolerance():
         jacobians(of, data, "tool")
 
 
-def test_a_weld_is_closed_in_radians_whatever_its_torquescale():
-    """At a torquescale of 1e-3 MuJoCo's own residual is a two-thousandth of the angle."""
+def test_a_weld_of_any_torquescale_is_closed_in_radians():
+    """At a torquescale of 1e-3 MuJoCo's residual is a two-thousandth of the angle."""
     of = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
       <body name="a"><joint name="a" axis="0 0 1"/><geom size="0.1"/><site name="tool"/>
         <body name="b" pos="0 0 1"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
@@ -122,8 +122,8 @@ FAR = """<body name="far" pos="0.4 0 0.3"><joint type="ball"/><joint type="slide
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 0.7])
-def test_a_crank_too_many_takes_no_freedom_from_a_linear_model(turn):
-    """Three parallel cranks have one freedom; closed to 1e-11, the third is no constraint more."""
+def test_a_redundant_crank_removes_no_freedom_from_a_linear_model(turn):
+    """Three parallel cranks closed to 1e-11 have one freedom."""
     third = """<body name="third" pos="0.2 0 0"><joint name="third" axis="0 1 0"/>
       <geom fromto="0 0 0 0 0 0.3"/></body><body name="right" pos="0.4 0 0">"""
     of = model(
@@ -144,21 +144,23 @@ CLOTH = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1
   radius="0.01" mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>"""
 
 
-def cloth(held: str = "", beside: str = "", ties: str = "") -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A robot, and a cloth somewhere."""
+def cloth(
+    on_hand: str = "", on_ground: str = "", ties: str = ""
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Create a robot and a cloth with some attributes."""
     of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
       <body pos="0 0 2"><joint name="a"/><geom size="0.1"/><body name="hand" pos="0.3 0 0">
-        <joint name="b"/><geom size="0.1"/><site name="tool"/>{held}</body></body>{beside}
+        <joint name="b"/><geom size="0.1"/><site name="tool"/>{on_hand}</body></body>{on_ground}
       </worldbody><equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>{ties}</equality>
       <actuator><motor joint="a"/></actuator></mujoco>""")
     return of, mujoco.MjData(of)
 
 
 @pytest.mark.parametrize(
-    "where", [{"beside": CLOTH.format("")}, {"held": CLOTH.format('<pin id="0 2"/>')}]
+    "where", [{"on_ground": CLOTH.format("")}, {"on_hand": CLOTH.format('<pin id="0 2"/>')}]
 )
-def test_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where):
-    """Also by `assemble`; the robot's own loop, whose row comes after the cloth's, stays closed."""
+def test_a_cloth_outside_the_task_is_left_out_with_a_warning(where):
+    """`assemble` warns as well; the robot's loop, whose row follows the cloth's, stays closed."""
     model, data = cloth(**where)
     data.joint("a").qpos, data.joint("b").qpos = 0.3, 0.5
     with pytest.warns(RuntimeWarning, match="flex.* is left out"):
@@ -176,11 +178,11 @@ def test_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where)
     assert not any("flex" in sentence for sentence in jacobians(model, closed, "tool").warnings)
 
 
-def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
+def test_a_cloth_tied_to_the_robot_is_rejected_with_advice_that_helps():
     model, data = cloth(
-        beside=CLOTH.format('<pin id="8"/>'), ties='<weld body1="hand" body2="cloth_0"/>'
+        on_ground=CLOTH.format('<pin id="8"/>'), ties='<weld body1="hand" body2="cloth_0"/>'
     )
-    with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
+    with pytest.raises(ModelError, match=r"couples a flex to the mechanism.*eq_active0 and data"):
         jacobians(model, data, "tool", closure_tolerance=np.inf)
     of_flex = model.eq_type == mujoco.mjtEq.mjEQ_FLEX
     model.eq_active0[of_flex], data.eq_active[of_flex] = 0, 0
@@ -189,7 +191,7 @@ def test_a_cloth_tied_to_the_robot_is_refused_with_advice_that_helps():
 
 
 def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Two bodies that a gear couples, which is switched off if it is to be open, and a third."""
+    """Create two bodies with a gear between them, possibly inactive, and a third body."""
     of = mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option gravity="0 0 0"><flag sleep="enable"/></option><worldbody>
       <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
@@ -208,8 +210,8 @@ def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjD
 
 
 @pytest.mark.parametrize("drive", ['joint="a"', 'tendon="cable"', 'site="tool" gear="0 0 1 0 0 0"'])
-def test_what_sleeps_has_the_jacobians_that_it_has_awake(drive):
-    """MuJoCo leaves rows of equalities and transmissions that sleep out; the frames are there."""
+def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
+    """MuJoCo skips equality and transmission rows of sleeping trees; frames are up to date."""
     model, data = asleep(drive)
     sleeping = jacobians(model, data, ["tool", CenterOfMass()])
     closed = assemble(model, data)

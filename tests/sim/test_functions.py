@@ -1,4 +1,4 @@
-"""Tasks: rows are slopes of errors on the manifold of positions; their order and their names."""
+"""Task functions: rows are slopes of errors on the manifold; their order and names."""
 
 from functools import partial
 
@@ -26,7 +26,7 @@ from sim import (
     pose_error,
     pose_of,
 )
-from sim.kinematics.pose import way_between
+from sim.kinematics.pose import pose_difference
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
 from tests.models import model as model_of
@@ -35,13 +35,13 @@ from tests.sim.machines import closed, humanoid, opened
 
 H = 1e-6
 arms = partial(model_of, "two_arms")
-"""With a ball joint and a free one."""
+"""Load two arms with a ball joint and a free joint."""
 POINT = np.array([0.7, -0.4, 1.1])
 TURNED = Pose(Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), POINT)
 
 
 def slopes(model, data, function):
-    """How fast a function of the state grows with each velocity, (k, nv): central differences."""
+    """Return the central differences (k, nv) of a function of the state."""
     columns = [
         (function(shifted(model, data, H * e)) - function(shifted(model, data, -H * e))) / (2 * H)
         for e in np.eye(model.nv)
@@ -50,13 +50,13 @@ def slopes(model, data, function):
 
 
 def check_slopes(model, data, located, atol=1e-8):
-    """The Jacobian says how fast the error falls."""
+    """Check that the error decreases with the Jacobian."""
     falling = -slopes(model, data, lambda there: located.error(model, there))
     np.testing.assert_allclose(located.jacobian(model, data), falling, atol=atol)
 
 
 def here(model, data, frame, root=None):
-    """Where a frame is, as the target of a task."""
+    """Return the present pose of a frame as a target."""
     at = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
     R, p = at.xmat.reshape(3, 3).copy(), at.xpos.copy()
     if root is None:
@@ -92,8 +92,8 @@ def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
 
 
 @every_frame
-def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
-    """Seen from a root that turns, the way turns as well: there, of the position."""
+def test_linear_rows_are_slopes_of_the_displacement_at_any_distance(make, frame, root):
+    """Relative to a rotating root the displacement rotates as well, so positions are checked."""
     model = make()
     data = opened(model, 0.4)
     for target in (TURNED, POINT):
@@ -107,49 +107,54 @@ def test_linear_rows_are_slopes_of_the_way_from_anywhere(make, frame, root):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_frame_turns_to_its_target_about_one_axis(seed):
-    """And its error is that of `pose_error`; so it is from a root, in axes of the root."""
+    """Its error is that of `pose_error`, also relative to a root in the axes of the root."""
     model, data = humanoid(), opened(humanoid(), 0.4, seed)
     hand = data.site("right_hand")
-    way = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
-    np.testing.assert_allclose(way, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
-    turned = Rotation.from_rotvec(way[:3]).as_matrix() @ hand.xmat.reshape(3, 3)
+    error = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
+    np.testing.assert_allclose(error, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
+    turned = Rotation.from_rotvec(error[:3]).as_matrix() @ hand.xmat.reshape(3, 3)
     np.testing.assert_allclose(turned, TURNED.rotation)
-    np.testing.assert_allclose(hand.xpos + way[3:], POINT)
+    np.testing.assert_allclose(hand.xpos + error[3:], POINT)
     # A position leaves the rotation as it is.
     assert not FrameTask("right_hand", target=POINT).on(model).error(model, data)[:3].any()
     task = RelativeFrameTask("right_hand", "left_foot", target=TURNED)
     R = data.site("left_foot").xmat.reshape(3, 3)
-    found = (task.on(model).error(model, data).reshape(2, 3) @ R.T).ravel()
+    error = (task.on(model).error(model, data).reshape(2, 3) @ R.T).ravel()
     expected = pose_error(model, data, Relative("right_hand", "left_foot"), TURNED)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(error, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, 3.0, np.pi - 1e-6, np.pi])
-def test_a_way_turns_as_mujoco_says(angle):
-    """To round-off of the matrices, and of a half turn about the same of its two axes."""
+def test_a_pose_difference_poses_rotates_as_in_mujoco(angle):
+    """Agreement is to round-off; half a turn is about the same of its two axes."""
     for seed in range(60):
         rng = np.random.default_rng(seed)
         axis = np.eye(3)[seed % 3] if seed % 2 else rng.normal(size=3)
         axis *= rng.choice([-1.0, 1.0]) / np.linalg.norm(axis)
         turn, here = Rotation.from_rotvec(angle * axis), Rotation.random(random_state=seed)
         R, R_to = here.as_matrix(), (turn * here).as_matrix()
-        way = way_between(R, POINT, R_to, POINT + axis)
-        np.testing.assert_allclose(way[:3], rotation_vector(R_to @ R.T), rtol=0, atol=1e-14)
-        np.testing.assert_array_equal(way[3:], (POINT + axis) - POINT)
-        np.testing.assert_allclose(way[:3], one_half_turn(angle * axis), rtol=0, atol=3e-15)
+        displacement = pose_difference(R, POINT, R_to, POINT + axis)
+        np.testing.assert_allclose(
+            displacement[:3], rotation_vector(R_to @ R.T), rtol=0, atol=1e-14
+        )
+        np.testing.assert_array_equal(displacement[3:], (POINT + axis) - POINT)
+        np.testing.assert_allclose(
+            displacement[:3], one_half_turn(angle * axis), rtol=0, atol=3e-15
+        )
 
 
 @pytest.mark.parametrize("rows", [[5], [1, 2], [2, 0, 4], [3, 4, 5, 0, 1, 2]])
 @pytest.mark.parametrize("kind, more", [(FrameTask, ()), (RelativeFrameTask, ("left_foot",))])
-def test_rows_come_in_the_order_in_which_they_are_named(rows, kind, more):
+def test_rows_are_in_the_requested_order(rows, kind, more):
     model, data = humanoid(), opened(humanoid(), 0.4)
-    there, found = (
-        kind("right_hand", *more, target=TURNED, rows=named).on(model) for named in (range(6), rows)
+    every, some = (
+        kind("right_hand", *more, target=TURNED, rows=chosen).on(model)
+        for chosen in (range(6), rows)
     )
     for method in ("error", "jacobian"):
-        A = getattr(there, method)(model, data)
-        np.testing.assert_array_equal(getattr(found, method)(model, data), A[rows])
-    assert found.angular == tuple(np.array(there.angular)[rows])
+        A = getattr(every, method)(model, data)
+        np.testing.assert_array_equal(getattr(some, method)(model, data), A[rows])
+    assert some.angular == tuple(np.array(every.angular)[rows])
 
 
 @pytest.mark.parametrize("body", [None, "waist_pitch"])
@@ -175,33 +180,35 @@ def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
-    """From anywhere: the slope of the angle is that of the error's length."""
+    """The slope of the angle is that of the norm of the error, from any direction."""
     model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
     data = opened(model, 0.4, seed)
     located = LookAtTask("right_hand", axis, target=POINT).on(model)
 
     def angle(there: mujoco.MjData) -> float:
         hand = there.site("right_hand")
-        sight, gaze = POINT - hand.xpos, hand.xmat.reshape(3, 3) @ axis
-        return np.arccos(gaze @ sight / np.linalg.norm(sight) / np.linalg.norm(axis))
+        line_of_sight, pointing = POINT - hand.xpos, hand.xmat.reshape(3, 3) @ axis
+        return np.arccos(
+            pointing @ line_of_sight / np.linalg.norm(line_of_sight) / np.linalg.norm(axis)
+        )
 
-    way = located.error(model, data)
-    along = way / np.linalg.norm(way) @ located.jacobian(model, data)
+    error = located.error(model, data)
+    along = error / np.linalg.norm(error) @ located.jacobian(model, data)
     np.testing.assert_allclose(along, -slopes(model, data, angle)[0], atol=1e-7)
 
 
-@pytest.mark.parametrize("way, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
-def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(way, missing):
+@pytest.mark.parametrize("distance, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
+def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(distance, missing):
     model = arms()
     data = shifted(model, mujoco.MjData(model), np.zeros(model.nv))  # exactly
     at = data.site("left")
-    located = LookAtTask("left", [1, 0, 0], target=at.xpos + way * at.xmat[::3]).on(model)
+    located = LookAtTask("left", [1, 0, 0], target=at.xpos + distance * at.xmat[::3]).on(model)
     error = np.linalg.norm(located.error(model, data))
     np.testing.assert_allclose(error, missing, atol=1e-7)
     assert np.isfinite(located.jacobian(model, data)).all()
 
 
-def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
+def test_a_posture_error_is_that_of_mujoco_without_free_joints():
     model, data = humanoid(), opened(humanoid(), 0.4)
     home = model.qpos0
     located = PostureTask(target=home).on(model)
@@ -212,7 +219,7 @@ def test_a_posture_is_as_far_as_mujoco_says_and_free_joints_do_not_count():
     expected = [model.joint(f"{side}_knee").dofadr[0] for side in ("left", "right")]
     np.testing.assert_array_equal(knees.velocities, sorted(expected))
     np.testing.assert_allclose(knees.error(model, data), -away[sorted(expected)])
-    damped = DampingTask().on(model)  # asks all joints for rest
+    damped = DampingTask().on(model)  # commands zero velocity of all joints
     assert len(damped.velocities) == model.nv and not damped.error(model, data).any()
 
 
@@ -235,11 +242,11 @@ def test_a_coupling_is_the_sum_of_positions():
     check_slopes(model, data, located)
 
 
-def test_what_a_task_cannot_be_of_is_refused_with_the_remedy():
+def test_invalid_task_elements_are_rejected_with_the_remedy():
     model = arms()
     with pytest.raises(ModelError, match='"a3" is no slide and no hinge'):
         JointCouplingTask({"a3": 1.0}).on(model)
-    with pytest.raises(ValueError, match="must name a joint at least"):
+    with pytest.raises(ValueError, match="must name at least one joint"):
         JointCouplingTask({})
     with pytest.raises(ValueError, match="must be set before"):
         FrameTask("left").on(model).error(model, mujoco.MjData(model))
@@ -266,22 +273,22 @@ TASKS = [
 
 @pytest.mark.parametrize("axes", [None, "room"])
 @pytest.mark.parametrize("task", TASKS, ids=str)
-def test_the_rows_of_a_task_are_the_slope_of_the_way_from_where_it_was(task, axes):
-    """Along every velocity, and so of the error with which rates lead to a target."""
+def test_the_rows_of_a_task_are_the_slope_of_its_displacement(task, axes):
+    """Check every velocity, hence the error that rates reduce."""
     of = arms()
     data = closed(of)
     target = pose_of(of, data, task, axes)
     if isinstance(task, CenterOfMass):
         target = target.translation_m
 
-    def way(h: float) -> np.ndarray:
+    def displacement(h: float) -> np.ndarray:
         ends = [shifted(of, data, h * e) for e in np.eye(of.nv)]
         return -np.transpose([pose_error(of, end, task, target, axes) for end in ends])
 
-    check_slope(jacobians(of, data, task, axes).J_T[:, : of.nv], way, h=4e-3, most=1e-4)
+    check_slope(jacobians(of, data, task, axes).J_T[:, : of.nv], displacement, h=4e-3, most=1e-4)
 
 
-def test_rows_of_several_tasks_are_stacked_and_known_by_task():
+def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
     of = arms()
     data = closed(of, 1)
     looking = LookAtTask("left", [0, 0, 1], target=np.ones(3))
@@ -299,7 +306,7 @@ def test_rows_of_several_tasks_are_stacked_and_known_by_task():
 
 
 def test_a_name_is_that_of_a_site_or_else_of_a_body():
-    """In tasks, pins, poses and axes."""
+    """Check tasks, pins, poses and axes."""
     of = arms()
     data = mujoco.MjData(of)
     by_name = jacobians(of, data, ["fore1", Relative("right", "fore1")], axes="fore1")
@@ -309,8 +316,8 @@ def test_a_name_is_that_of_a_site_or_else_of_a_body():
     pose = pose_of(of, data, "fore1")
     np.testing.assert_array_equal(pose.translation_m, data.body("fore1").xpos)
     for pin in ("fore1", Pin("fore1")):
-        held = jacobians(of, data, "left", pinned=[pin], active=True).J_C
-        np.testing.assert_array_equal(held[-3:], by_body.J_T[3:6])
+        with_pin = jacobians(of, data, "left", pinned=[pin], active=True).J_C
+        np.testing.assert_array_equal(with_pin[-3:], by_body.J_T[3:6])
     both = arms(('<site name="left"', '<site name="fore2"'))
     there = mujoco.MjData(both)
     place = pose_of(both, there, "fore2").translation_m

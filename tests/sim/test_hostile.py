@@ -1,4 +1,4 @@
-"""No hostile argument of `sim` ends in anything but one sentence or finite numbers."""
+"""Hostile arguments of `sim` give an error of one sentence or finite numbers."""
 
 import copy
 from functools import cache
@@ -20,7 +20,7 @@ DOUBLED = SimpleNamespace(sent=lambda tick, inputs: 2.0 * inputs)
 
 
 def pose_error_of_a_quaternion(quaternion: Any) -> Any:
-    """The error from a pose that is given by a quaternion."""
+    """Return the error of a pose given by a quaternion."""
     good = room().good
     return sim.pose_error(good["model"], good["data"], "payload", (np.ones(3), quaternion))
 
@@ -31,7 +31,7 @@ TRUSTED = {
     # Attacked as each of its kinds.
     *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
     # Of numbers that are checked, at every tick.
-    *("Plant.hold", "Plant.check_lock"),
+    *("Plant.step_physics", "Plant.check_lock"),
     *("Distances.farthest", "Distances.largest_fraction", "Distances.fits"),
 }
 FOUND = public(
@@ -42,19 +42,19 @@ FOUND = public(
 
 
 def state(plant: Plant) -> Any:
-    """All that a plant tells of itself."""
+    """Return all measured quantities of a plant."""
     loads = (plant.data.qfrc_constraint, plant.coil_force_n(), plant.closure_residual_m())
     return plant.pose(), plant.displacement(), plant.displacements(), loads
 
 
 def stepped(plant: Plant) -> Any:
-    """The same, after two physics steps more."""
+    """Return all measured quantities of a plant after two more physics steps."""
     plant.step(np.zeros(plant.model.nu), 2e-3)
     return state(plant)
 
 
 def run(bench: Bench) -> Any:
-    """All that a bench has logged after its ticks; what it is made of stays as it is."""
+    """Return the log of a copied bench after its ticks."""
     bench = copy.deepcopy(bench)
     for _ in bench.rotation:
         bench.measure()
@@ -78,7 +78,7 @@ SWING = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
 
 @cache
 def room() -> Room:
-    """The arm for kinematics, the hexapod for its plant, the platform for closed loops."""
+    """Create arguments: arm for kinematics, hexapod for its plant, platform for closed loops."""
     arm, hexapod, platform = (
         load_model(path) for path in (MODELS / "arm.xml", HEXAPOD_MJCF, MODELS / "platform.xml")
     )
@@ -92,7 +92,11 @@ def room() -> Room:
     slip = MaxwellSlip(np.full((2, 3), 1e3), np.full((2, 3), 1e-6))
     sensed = {"pose": NOMINAL, "displacements": np.zeros(7)}
     at = Pose(np.eye(3), np.array([0.1, 0.2, 0.3]))
-    apart = {"model": swing, "pairs": [(["floor"], [1, sim.Body("swing")])], "detection_m": 1.0}
+    separation = {
+        "model": swing,
+        "pairs": [(["floor"], [1, sim.Body("swing")])],
+        "detection_m": 1.0,
+    }
 
     def measured() -> Bench:
         times = {"time_s": PERIOD_S * np.arange(2), "period_s": PERIOD_S}
@@ -122,7 +126,7 @@ def room() -> Room:
         **{"sensors": TaskSensor(**task), "time_s": PERIOD_S * np.arange(2), "period_s": PERIOD_S},
         **{"failures": [Failure(2, "weak")], "drives": np.negative},
         **{"floor_m_per_s2": np.full((2, 3), 1e-3), "delay_ticks": 1, "events": DOUBLED},
-        **{"hysteresis": MaxwellSlip(np.ones((7, 2)), np.ones((7, 2))), "keep_qpos": True},
+        **{"hysteresis": MaxwellSlip(np.ones((7, 2)), np.ones((7, 2))), "log_qpos": True},
         **{"inputs": np.full(7, 1e-5), "actuator": 0, "effectiveness": 0.5},
         **{"part": None, "command_m": np.full(6, 1e-5), "seconds": 2e-3},
         **{"wrench": np.full(6, 1e-3), "force": np.full(6, 1e-3), "acceleration": np.full(3, 1e-3)},
@@ -136,7 +140,7 @@ def room() -> Room:
         **dict.fromkeys(("advance", "assemble"), closed),
         **dict.fromkeys(("linearize", "mass_matrix", "joint_stiffness", "weightless"), here),
         "Pin": {"frame": "base"},
-        "Distances": apart,
+        "Distances": separation,
         "Distances.at": {"data": swung},
         "Distances.safe_fraction": {"data": swung},
         "Mechanism.moved": {"held": np.arange(7)},
@@ -159,7 +163,7 @@ def room() -> Room:
         "JointCouplingTask": {"target": 0.5},
         "JointCouplingTask.checked": {"target": 0.5},
         "Failure": {"time_s": 0.0},
-        "Failure.strike": {"plant": Plant(hexapod)},
+        "Failure.inject": {"plant": Plant(hexapod)},
         "failed_plant": here | {"failures": [Failure(0, "locked")]},
         "Plant": here | {"start": ..., "part": ...},
         "Plant at a start": {"start": at_rest, "part": None},
@@ -177,10 +181,10 @@ def room() -> Room:
         names = kind.__dataclass_fields__.keys() & {"frame", "root", "axis", "coefficients"}
         return kind(**{name: good[name] for name in names})
 
-    tasks = [each for name, each in vars(sim).items() if name.endswith("Task")]
+    tasks = [task for name, task in vars(sim).items() if name.endswith("Task")]
     of: dict[str, Any] = {
         **{kind.__name__: task_of(kind) for kind in tasks},
-        **{"Distances": sim.Distances(**apart)},
+        **{"Distances": sim.Distances(**separation)},
         **{"JacobianReader": sim.JacobianReader(arm, "payload"), "Mechanism": mechanism},
         **{"Pose": NOMINAL, "Failure": Failure(0, "weak")},
         **{"LinearPlant": sim.linearize(**here, site="payload"), "Bench": measured},
@@ -215,12 +219,12 @@ def room() -> Room:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _elsewhere(tmp_path_factory):
-    """MuJoCo writes a log of states that diverge."""
+def _in_temporary_folder(tmp_path_factory):
+    """Change the folder, since MuJoCo writes a log of diverging states."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("log"))
         yield
 
 
-test_a_hostile_argument_is_named_or_harmless = one_by_one(room, FOUND)
-test_so_are_two_of_them = two_at_once(room)
+test_a_hostile_argument_is_reported_or_harmless = one_by_one(room, FOUND)
+test_two_hostile_arguments_are_reported_or_harmless = two_at_once(room)

@@ -1,4 +1,4 @@
-"""Jacobians of any MJCF: finite differences on the manifold, and what a reader gives each time."""
+"""Jacobians of any MJCF against finite differences, and results of a reader."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -38,7 +38,7 @@ from tests.sim.machines import CASES, SPARSE, at, closed, humanoid, limited, lin
 @stored
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
-    """Move along the null space of J_C, close the loops again, and see where the tool went."""
+    """Move along the null space of J_C, close the loops again, and compare the tool's motion."""
     of = linkage(*storage)
     data = closed(of, seed)
     jac = jacobians(of, data, "payload", "post")
@@ -58,7 +58,7 @@ def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, 
 
 
 def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
-    """Of the hexapod, whose lengths there the closed form knows."""
+    """The hexapod has a closed form at given strut lengths."""
     machine = hexapod(model)
     target = NOMINAL.moved(np.array([2e-3, -1e-3, 3e-3, 5e-4, 2e-4, -4e-4]))
     struts = [f"strut{k}" for k in range(1, 7)]
@@ -102,7 +102,7 @@ def of_humanoid(axes: str | None = None, pinned: tuple = ()) -> tuple[Callable, 
 
 
 def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
-    """Closed, open, and with other equalities."""
+    """Create states with closed and open loops, and with other equalities."""
     of, poses = linkage(*storage), []
     for seed in range(4):
         poses.append(data := closed(of, seed))
@@ -114,7 +114,7 @@ def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
 
 
 def of_limits() -> tuple[Callable, Poses]:
-    """Another number of joints and tendons at a limit in each, and drives that are no joint."""
+    """Create states with different numbers of elements on limits, and drives without joints."""
     poses = [limited(), limited(slide=0.2), limited(1.0, 0.05, 0.9), limited(), limited(slide=0.2)]
     of = poses[0].model
     return (lambda: JacobianReader(of, "tool", stuck_at_limits=True)), poses
@@ -137,18 +137,18 @@ MADE: dict[str, Callable[[], tuple[Callable, Poses]]] = {
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_views_are_to_the_bit_what_a_new_reader_finds(name):
+def test_views_equal_the_result_of_a_new_reader_exactly(name):
     make, poses = MADE[name]()
     reader = make()
     for data in (*poses, *poses[::-1]):
-        new, found = make().at(data), reader.read(data)
-        for ours, theirs in ((found.J_T, new.J_T), (found.J_C, new.J_C)):
-            assert ours.shape == theirs.shape
-            assert ours.tobytes() == theirs.tobytes()
-            assert ours.flags.c_contiguous and not ours.flags.writeable
-        np.testing.assert_array_equal(found.active, new.active)
-        assert found.closure_residual == new.closure_residual
-        assert found.error_bound == new.error_bound
+        new, views = make().at(data), reader.read(data)
+        for view, copied in ((views.J_T, new.J_T), (views.J_C, new.J_C)):
+            assert view.shape == copied.shape
+            assert view.tobytes() == copied.tobytes()
+            assert view.flags.c_contiguous and not view.flags.writeable
+        np.testing.assert_array_equal(views.active, new.active)
+        assert views.closure_residual == new.closure_residual
+        assert views.error_bound == new.error_bound
         own = reader.at(data)
         assert own.J_C.tobytes() == new.J_C.tobytes()
         assert own.rows == new.rows
@@ -175,19 +175,19 @@ def test_the_next_reading_overwrites_views_and_nothing_else(name):
     reader.at(poses[0])
     np.testing.assert_array_equal(views[-1].J_T, last)
     own = [reader.at(data) for data in poses]
-    kept = [(jac.J_T.copy(), jac.J_C.copy()) for jac in own]
+    copies = [(jac.J_T.copy(), jac.J_C.copy()) for jac in own]
     again = [reader.read(data) for data in poses]
     for before, after in zip(views, again, strict=True):  # no new memory
         assert np.shares_memory(before.J_T, after.J_T)
         np.testing.assert_array_equal(before.J_T, after.J_T)
-    for jac, (J_T, J_C) in zip(own, kept, strict=True):
+    for jac, (J_T, J_C) in zip(own, copies, strict=True):
         np.testing.assert_array_equal(jac.J_T, J_T)
         np.testing.assert_array_equal(jac.J_C, J_C)
-        assert not any(np.shares_memory(jac.J_T, each.J_T) for each in again)
+        assert not any(np.shares_memory(jac.J_T, other.J_T) for other in again)
 
 
 @pytest.mark.usefixtures("switching")
-def test_four_threads_get_arrays_of_their_own_from_one_reader():
+def test_four_threads_get_separate_arrays_from_one_reader():
     make, poses = MADE["pins, in axes"]()
     reader, alone = make(), [make().at(data) for data in poses]
 
@@ -195,11 +195,11 @@ def test_four_threads_get_arrays_of_their_own_from_one_reader():
         return [reader.at(poses[k]).J_T.tobytes() for _ in range(60)]
 
     with ThreadPoolExecutor(4) as pool:
-        for k, found in enumerate(pool.map(read, range(4))):
-            assert set(found) == {alone[k].J_T.tobytes()}
+        for k, matrices in enumerate(pool.map(read, range(4))):
+            assert set(matrices) == {alone[k].J_T.tobytes()}
 
 
-def test_data_of_another_model_are_refused(model):
+def test_data_of_another_model_are_rejected(model):
     """MuJoCo would read past their end."""
     data = mujoco.MjData(load_model(MODELS / "arm.xml"))
     for ask in (mass_matrix, linearize, jacobians):
@@ -208,7 +208,7 @@ def test_data_of_another_model_are_refused(model):
             ask(model, data, **site)
 
 
-def test_states_and_tasks_that_are_none_are_refused(model):
+def test_invalid_states_and_tasks_are_rejected(model):
     data = mujoco.MjData(model)
     with pytest.raises(ValueError, match="site must not repeat a task"):
         jacobians(model, data, site=["payload", "payload"])

@@ -1,4 +1,4 @@
-"""Records of `sim`: no array in them can be written to, by whoever made or got one."""
+"""Records of `sim` have read-only arrays."""
 
 import copy
 import dataclasses
@@ -25,12 +25,12 @@ MADE: dict[type, dict[str, Any]] = {
     | {"thermal_resistance_k_per_w": np.full(2, 1.5)},
     MaxwellSlip: {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))},
 }
-"""Records that anybody can make, and of what."""
+"""Public record classes, with their arguments."""
 
 
 @cache
 def given() -> list[Any]:
-    """Records that the package makes."""
+    """Create the records that the package returns."""
     model = sim.load_model()
     machine = closed_form.hexapod(model)
     return [
@@ -46,22 +46,22 @@ def given() -> list[Any]:
 
 
 def test_every_record_with_arrays_is_listed_and_cannot_be_written_to():
-    """A new one is added above."""
+    """New records must be added above."""
     for record in given():
         assert list(writable(sim, type(record).__name__, record)) == []
     frozen = {
-        each
-        for each in vars(sim).values()
-        if isinstance(each, type)
-        and dataclasses.is_dataclass(each)
-        and not issubclass(each, sim.TaskFunction)  # its target may be set
-        and any("Array" in str(field.type) for field in dataclasses.fields(each))
+        record
+        for record in vars(sim).values()
+        if isinstance(record, type)
+        and dataclasses.is_dataclass(record)
+        and not issubclass(record, sim.TaskFunction)  # its target may be set
+        and any("Array" in str(field.type) for field in dataclasses.fields(record))
     }
     assert frozen - {*MADE, *map(type, given())} == set()
 
 
 @pytest.mark.parametrize("kind", MADE)
-def test_a_record_does_not_change_with_what_it_was_made_of(kind):
+def test_a_record_does_not_change_with_its_arguments(kind):
     mine = copy.deepcopy(MADE[kind])
     record = kind(**mine)
     assert list(writable(sim, kind.__name__, record)) == []

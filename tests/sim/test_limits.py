@@ -1,4 +1,4 @@
-"""What limits motion besides loops: limits of joints and tendons, ranges, contacts and pins."""
+"""Limits of joints and tendons, ranges, contacts and pins."""
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from tests.sim.machines import limited
 
 
 def position(data: mujoco.MjData, name: str) -> float:
-    """What a limit is about."""
+    """Return the quantity that a limit bounds."""
     if name == "cable":
         return data.ten_length[0]
     if name == "ball":
@@ -34,39 +34,39 @@ AT_A_LIMIT = [
 
 
 @pytest.mark.parametrize(("name", "pose"), AT_A_LIMIT)
-def test_what_rests_on_a_limit_is_warned_about_or_taken_as_stuck(name, pose):
+def test_an_element_on_its_limit_gives_a_warning_or_is_stuck(name, pose):
     data = limited(**pose)
     of, joint = data.model, name.split('"')[1]
-    free, held, named = (
+    free, stuck, listed = (
         jacobians(of, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
     )
-    words = f'{name} rests on its limit and is taken to move freely: stuck_at_limits=["{joint}"]'
-    assert len(free.warnings) == 1 and free.warnings[0].startswith(words)
-    assert held.warnings == named.warnings == ()
-    np.testing.assert_array_equal(named.J_C, held.J_C)
-    assert len(held.J_C) == len(free.J_C) + 1
+    warning = f'{name} rests on its limit and is treated as free: stuck_at_limits=["{joint}"]'
+    assert len(free.warnings) == 1 and free.warnings[0].startswith(warning)
+    assert stuck.warnings == listed.warnings == ()
+    np.testing.assert_array_equal(listed.J_C, stuck.J_C)
+    assert len(stuck.J_C) == len(free.J_C) + 1
 
     def slope(velocity: np.ndarray) -> float:
         there, back = (shifted(of, data, h * velocity[: of.nv]) for h in (1e-4, -1e-4))
         return abs(position(there, joint) - position(back, joint)) / 2e-4
 
-    allowed, every = scipy.linalg.null_space(held.J_C), scipy.linalg.null_space(free.J_C)
+    allowed, every = scipy.linalg.null_space(stuck.J_C), scipy.linalg.null_space(free.J_C)
     assert allowed.shape[1] == every.shape[1] - 1
     assert max(map(slope, allowed.T)) < 1e-7
     assert max(map(slope, every.T)) > 0.1
 
 
-def test_away_from_limits_nothing_is_warned_about_or_stuck():
+def test_away_from_limits_there_is_no_warning_and_nothing_is_stuck():
     for pose in ({}, {"slide": 0.2 - 1e-4}, {"ball": np.deg2rad(50.0) - 1e-3}, {"ball": 0.0}):
         data = limited(**pose)
-        free, held = (
+        free, stuck = (
             jacobians(data.model, data, "tool", stuck_at_limits=choice) for choice in (False, True)
         )
-        assert free.warnings == held.warnings == ()
-        np.testing.assert_array_equal(held.J_C, free.J_C)
+        assert free.warnings == stuck.warnings == ()
+        np.testing.assert_array_equal(stuck.J_C, free.J_C)
 
 
-def test_of_several_at_their_limits_only_those_named_are_stuck():
+def test_only_the_listed_elements_on_limits_are_stuck():
     data = limited(hinge=np.deg2rad(60.0), slide=0.2)
     both = jacobians(data.model, data, "tool", stuck_at_limits=True)
     hinge, slide = (
@@ -81,7 +81,7 @@ def test_of_several_at_their_limits_only_those_named_are_stuck():
 
 
 @pytest.mark.parametrize("flag", ["mjDSBL_LIMIT", "mjDSBL_CONSTRAINT"])
-def test_limits_that_the_models_flags_switch_off_hold_nothing(flag):
+def test_limits_disabled_by_flags_have_no_effect(flag):
     data = limited(slide=0.2)
     data.model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, flag))
     jac = jacobians(data.model, data, "tool", stuck_at_limits=True)
@@ -104,13 +104,13 @@ SPRUNG = (
     ('<joint name="wrist"/>', ""),
     ('<motor name="m3" joint="wrist"/>', ""),
 )
-"""The five-bar as the finger of a 2F85: one servo, a coupler that a spring presses on its limit."""
+"""Five-bar as the finger of a 2F85: one servo, a coupler that a spring presses on its limit."""
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
-    """Predicted without, the tool moves as if the coupler were free, which it is not."""
+    """Without the limit, the prediction is that of a free coupler."""
     finger = model("five_bar", *SPRUNG)
     finger.jnt_margin[finger.joint("left_elbow").id] = margin  # where the limit begins to push back
     data = assemble(finger)
@@ -118,14 +118,14 @@ def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, 
     start = pose_of(finger, data, "tool").translation_m
     still = mujoco.MjData(finger)
     still.qpos[:] = data.qpos
-    free, held = (
+    free, stuck = (
         jacobians(finger, still, "tool", stuck_at_limits=choice) for choice in (False, True)
     )
     assert len(free.warnings) == 1 and 'joint "left_elbow"' in free.warnings[0]
     data.ctrl[0] += turn_rad
     mujoco.mj_step(finger, data, 4000)
     moved = (pose_of(finger, data, "tool").translation_m - start) / turn_rad
-    as_stuck, as_free = (kinematics(jac).J[3:, 0] for jac in (held, free))
+    as_stuck, as_free = (kinematics(jac).J[3:, 0] for jac in (stuck, free))
     assert np.linalg.norm(moved - as_stuck) < 0.01 * np.linalg.norm(moved)
     assert np.linalg.norm(moved - as_free) > 0.1 * np.linalg.norm(moved)
 
@@ -153,15 +153,15 @@ def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
     data.mocap_pos[0] = 1.0, 0.0, 1.0
     assert not jacobians(crane, data, "tool").warnings
     data.mocap_pos[0] = 0.3, 0.0, 2.2
-    (said,) = jacobians(crane, data, "tool").warnings
-    assert said.startswith('tendon "rope" rests on its limit and is taken to move freely')
+    (sentence,) = jacobians(crane, data, "tool").warnings
+    assert sentence.startswith('tendon "rope" rests on its limit and is treated as free')
 
 
 # Contacts and pins.
 
 
 def leg(height: float = 0.0) -> mujoco.MjData:
-    """The foot on the floor, or so far above it."""
+    """Create a leg with its foot on the floor, or at a height above it."""
     data = mujoco.MjData(model("leg"))
     mujoco.mj_kinematics(data.model, data)
     data.qpos[2] += 0.02 * (1 - 1e-6) + height - data.geom_xpos[-1, 2]
@@ -169,12 +169,12 @@ def leg(height: float = 0.0) -> mujoco.MjData:
     return data
 
 
-def test_contacts_are_warned_about_by_the_names_of_the_bodies():
-    words = '"foot" touches "world" and is taken to move freely: pinned= takes it to stand'
+def test_contacts_give_warnings_with_the_names_of_the_bodies():
+    warning = '"foot" touches "world" and is treated as free: pinned= fixes it'
     for height, margin, gap, warnings in (
-        (0.0, 0.0, 0.0, (words,)),
+        (0.0, 0.0, 0.0, (warning,)),
         (1e-3, 0.0, 0.0, ()),
-        (1e-3, 2e-3, 0.0, (words,)),  # the floor pushes within the margin,
+        (1e-3, 2e-3, 0.0, (warning,)),  # the floor pushes within the margin,
         (1e-3, 0.0, 2e-3, ()),  # and is only noticed within the gap
     ):
         data = leg(height)
@@ -186,10 +186,10 @@ def test_contacts_are_warned_about_by_the_names_of_the_bodies():
 
 @pytest.mark.parametrize("frame", ["sole", Body("foot"), "toe", Body("toe")])
 @pytest.mark.parametrize("weld", [False, True])
-def test_what_is_pinned_does_not_move_and_is_warned_about_no_more(frame, weld):
-    """Pinned like a connect its origin stays, like a weld it does not turn either."""
-    data, standing = leg(), [Pin(frame, weld=True) if weld else frame]
-    jac = jacobians(data.model, data, "trunk", pinned=standing)
+def test_a_pinned_frame_does_not_move_and_gives_no_warning(frame, weld):
+    """A pin fixes the origin like a connect, or the rotation as well like a weld."""
+    data, pins = leg(), [Pin(frame, weld=True) if weld else frame]
+    jac = jacobians(data.model, data, "trunk", pinned=pins)
     assert jac.warnings == () and len(jac.J_C) == (6 if weld else 3)
     allowed = scipy.linalg.null_space(jac.J_C)
     assert allowed.shape[1] == data.model.nv - (6 if weld else 3)

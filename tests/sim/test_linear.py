@@ -1,4 +1,4 @@
-"""Linear models on loops: textbook motions, failed servos, friction, springs, what is not so."""
+"""Linear models: textbook motions, failed servos, friction, springs, nonlinear effects."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ import scipy.linalg
 from sim import MODELS, ModelError, Plant, assemble, jacobians, linearize, load_model
 from sim.mjcf import joint_stiffness, located, mass_matrix
 from sim.mjcf.part import task_part
-from sim.plant import Met, beyond_linear, dry_friction
+from sim.plant import NonlinearityMonitor, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
 from tests.models import model as model_of
 from tests.motions import shifted
@@ -16,7 +16,7 @@ from tests.sim.machines import WORLD, at, closed, linkage, pendulum
 
 
 def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
-    """omega^2 = g / l: all stiffness is geometric, from the light rod that turns under load."""
+    """omega^2 = g / l: all stiffness is geometric, from the loaded light rod that rotates."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base"/>
       <body name="rod"><joint axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.005" mass="1e-9" contype="0"/></body>
@@ -30,8 +30,8 @@ def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
     assert -linear.A[1, 0] == pytest.approx(9.81 / 0.5, rel=1e-5)
 
 
-def test_a_standing_push_along_an_arm_softens_it():
-    """A load that follows no turn is a spring of its own: k - F l against k."""
+def test_a_constant_push_along_an_arm_softens_it():
+    """A load of constant direction changes the stiffness from k to k - F l."""
     model = pendulum('<motor joint="a"/>', 'stiffness="10"')
     data = mujoco.MjData(model)
     alone = linearize(model, data, "tool", None)
@@ -40,14 +40,14 @@ def test_a_standing_push_along_an_arm_softens_it():
     assert pushed.A[1, 0] / alone.A[1, 0] == pytest.approx(1 - 5.0 * 0.7 / 10.0, rel=1e-6)
 
 
-def test_an_actuator_with_a_state_of_its_own_is_refused():
+def test_an_actuator_with_an_internal_state_is_rejected():
     model = pendulum('<general joint="a" dyntype="filter" dynprm="0.1"/>')
-    with pytest.raises(ModelError, match="an actuator has a state of its own"):
+    with pytest.raises(ModelError, match="has an internal state"):
         linearize(model, mujoco.MjData(model), "tool", None)
 
 
-def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
-    """It may stand at any angle about itself, and nothing else may."""
+def test_a_rod_between_two_ball_joints_is_unobservable_about_its_axis_only():
+    """Any other motion has stiffness or moves the task."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0"/><worldbody>
       <body><joint name="crank" axis="0 1 0" damping="0.1" armature="0.01"/>
         <geom size="0.02" mass="0.1"/>
@@ -60,12 +60,12 @@ def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
         <joint name="lock1" joint1="crank" active="false"/></equality>
       <actuator><position joint="crank" kp="10" kv="1"/></actuator></mujoco>""")
     linear = Plant(model, **WORLD, start=mujoco.MjData(model)).linear()
-    assert linear.idle == ("ball",)
+    assert linear.unobservable_joints == ("ball",)
 
 
 @pytest.mark.parametrize("length", [0.3, np.nextafter(0.3, 0), np.nextafter(0.3, 1), 0.3 + 1e-12])
 def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
-    """Its spring begins at 0.3 m, which is where it is; it pulls half of the joint."""
+    """Its spring starts to act at its present length, 0.3 m, and acts on half of the joint."""
     model = pendulum('<motor joint="a"/>', cable='springlength="0 0.3" stiffness="50"')
     stiffness = jacobians(model, at(model, a=2 * length), site="tool").stiffness
     np.testing.assert_allclose(stiffness, [[50.0 / 4]])  # type: ignore[arg-type]
@@ -75,7 +75,7 @@ def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
 
 
 def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B and the constant acceleration (2k,) that the healthy model foretells without drive k."""
+    """Return A, B and constant acceleration (2k,), predicted without drive k."""
     assert linear.feedback is not None and linear.holding is not None
     B, column = linear.B.copy(), linear.B[:, k]
     B[:, k] = 0.0
@@ -84,7 +84,7 @@ def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.nda
 
 @pytest.mark.parametrize("name", ["arm", "platform", "hand", "arms"])
 def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
-    """The same as the model of the machine in which it is really switched off."""
+    """The prediction equals the linear model of the machine with this servo switched off."""
     of = load_model(MODELS / f"{name}.xml")
     linear = Plant(of).linear()
     for k in range(of.nu) if name != "arms" else (0, 7):
@@ -98,8 +98,8 @@ def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
 
 
 @pytest.mark.parametrize("k", [0, 1])
-def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
-    """From rest under gravity, within 1 % of the way for 30 ms."""
+def test_without_a_servo_a_machine_falls_as_in_its_linear_model(k):
+    """From rest under gravity the error is within 1 % of the motion for 30 ms."""
     of = model_of("lifted")
     plant = Plant(of, base=None, start=assemble(of))
     linear = plant.linear()
@@ -114,8 +114,8 @@ def test_without_a_servo_a_machine_falls_as_its_linear_model_says(k):
     np.testing.assert_allclose(moved, expected, atol=0.01 * np.abs(moved).max())
 
 
-def test_places_that_rub_are_those_of_the_file():
-    """A force at a joint or tendon pushes by M^-1 times its row."""
+def test_dry_friction_is_that_of_the_file():
+    """A force at a joint or tendon accelerates by M^-1 times its row."""
     of = model_of("rubbing_arm", add_locks=True)
     plant = Plant(of, start=mujoco.MjData(of))
     friction = plant.linear().friction
@@ -135,7 +135,7 @@ def test_places_that_rub_are_those_of_the_file():
 def pair(
     option: str = "", joint: str = "", tendon: str = "", equality: str = ""
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Two arms that a gear couples."""
+    """Create two arms that a gear couples."""
     arm = '<geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><option {option}/><worldbody>
       <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 0.44"/>
@@ -148,7 +148,7 @@ def pair(
 
 
 @pytest.mark.parametrize(
-    ("parts", "words"),
+    ("parts", "start"),
     [
         ({"joint": 'frictionloss="0.1"'}, "dry friction of a:"),
         ({"tendon": 'frictionloss="0.1"'}, "dry friction of cord:"),
@@ -161,10 +161,10 @@ def pair(
         ({"option": 'density="1.2"'}, "drag of a medium of density 1.2"),
     ],
 )
-def test_each_effect_is_named_once(parts, words):
-    """By the name of what has it."""
+def test_each_nonlinear_effect_is_listed_once(parts, start):
+    """Sentences have the name of the element."""
     (sentence,) = beyond_linear(*pair(**parts))
-    assert words in sentence.replace("equality ", "")
+    assert start in sentence.replace("equality ", "")
 
 
 @pytest.mark.parametrize(
@@ -177,41 +177,41 @@ def test_each_effect_is_named_once(parts, words):
         {"equality": 'solref="-5000 -100"'},
     ],
 )
-def test_what_is_linear_is_not_named(parts):
-    """Viscous drag and stiff equalities are in the linear model, or nearly."""
+def test_linear_effects_are_not_listed(parts):
+    """Viscous damping and stiff equalities are part of the linear model, or nearly."""
     assert beyond_linear(*pair(**parts)) == ()
 
 
-def test_a_run_names_what_it_met():
-    """The arm stands on the floor, beyond its limit, its motor at full force; nothing at first."""
+def test_contacts_and_limits_of_a_run_are_recorded():
+    """The arm touches the floor beyond its limit with its motor at full force; not at the start."""
     model, data = pair(joint='range="-1 1" limited="true"')
     data.eq_active[:] = 0
-    met = Met(model)
+    monitor = NonlinearityMonitor(model)
     mujoco.mj_step(model, data)
-    met.plant(0, model, data)
-    assert not met.sentences
+    monitor.plant(0, model, data)
+    assert not monitor.sentences
     data.ctrl[:], data.qpos[0] = 2.0, 1.1
     mujoco.mj_step(model, data)
-    met.plant(1, model, data)
-    met.plant(2, model, data)
-    assert set(met.sentences) == {
+    monitor.plant(1, model, data)
+    monitor.plant(2, model, data)
+    assert set(monitor.sentences) == {
         '"left" touched "world"',
         'joint "a" reached its limit',
         'the force of "a" reached its limit',
     }
 
 
-def test_what_lies_beside_a_task_is_not_met():
-    """A cup on the floor touches it in every flight, and that is no news of the arm."""
+def test_contacts_outside_the_part_are_not_recorded():
+    """A cup is always in contact with the floor, independent of the arm."""
     model = model_of("arm_and_cup")
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 200)
     everything, of_task = (
-        Met(model),
-        Met(model, task_part(model, [located(model, "site", "tool")], ())),
+        NonlinearityMonitor(model),
+        NonlinearityMonitor(model, task_part(model, [located(model, "site", "tool")], ())),
     )
-    for met in (everything, of_task):
-        met.plant(0, model, data)
+    for monitor in (everything, of_task):
+        monitor.plant(0, model, data)
     assert list(everything.sentences) == ['"cup" touched "world"']
     assert not of_task.sentences
 

@@ -1,4 +1,4 @@
-"""Files: every broken number is one sentence, locks are added, and MuJoCo's warnings are logged."""
+"""Model files: invalid numbers, added locks, logged warnings of MuJoCo, URDF."""
 
 import logging
 import re
@@ -53,25 +53,25 @@ NUMBERS += [
 
 
 def broken(folder: Path, old: str, new: str) -> Path:
-    """A machine with one attribute replaced."""
+    """Create a machine with one attribute replaced."""
     return saved(folder, "checked", (old, f'{old.partition("=")[0]}="{new}"'))
 
 
-@pytest.mark.parametrize(("old", "new", "named"), NUMBERS)
-def test_an_absurd_number_is_refused_with_the_name_of_its_element(tmp_path, old, new, named):
-    """NaN even where MuJoCo takes it for a number that is not stated: of a mass, the density."""
+@pytest.mark.parametrize(("old", "new", "element"), NUMBERS)
+def test_an_absurd_number_is_rejected_with_the_name_of_its_element(tmp_path, old, new, element):
+    """NaN is rejected where MuJoCo treats it as not stated: for a mass it uses the density."""
     file = broken(tmp_path, old, new)
     with pytest.raises(ModelError) as error:
         load_model(file)
-    said = str(error.value)
-    assert said.startswith(f"{file}: ") and "\n" not in said
-    assert named in said and (" must be " in said or new == "NaN")
+    message = str(error.value)
+    assert message.startswith(f"{file}: ") and "\n" not in message
+    assert element in message and (" must be " in message or new == "NaN")
 
 
 @pytest.mark.parametrize(
     ("old", "new"), [(' range="-1 1"', "-inf inf"), ('name="tip"', "nan"), ('mass="1"', "1e-6")]
 )
-def test_what_may_be_infinite_small_or_a_name_is_accepted(tmp_path, old, new):
+def test_numbers_that_may_be_infinite_or_small_are_accepted(tmp_path, old, new):
     assert load_model(broken(tmp_path, old, new)).nsite == 1
 
 
@@ -84,22 +84,22 @@ def test_what_may_be_infinite_small_or_a_name_is_accepted(tmp_path, old, new):
     ],
 )
 def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, content):
-    file, said = written(tmp_path, content), []
+    file, messages = written(tmp_path, content), []
     for add_locks in (False, True):
-        with pytest.raises(ModelError) as refused:
+        with pytest.raises(ModelError) as raised:
             load_model(file, add_locks=add_locks)
-        said.append(str(refused.value))
-    assert said[0] == said[1] and "\n" not in said[0]
+        messages.append(str(raised.value))
+    assert messages[0] == messages[1] and "\n" not in messages[0]
 
 
 @pytest.mark.parametrize("path", ["nowhere.xml", "x" * 5000, "a\0b", ""])
 @pytest.mark.parametrize("read", [load_model, model_sha256])
-def test_a_file_that_cannot_be_is_one_sentence_for_model_and_hash(read, path):
+def test_an_invalid_file_is_one_sentence_for_model_and_hash(read, path):
     with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
         read(path)
 
 
-def test_assets_in_folders_beside_the_file_are_found(tmp_path):
+def test_assets_in_folders_next_to_the_file_are_loaded(tmp_path):
     (tmp_path / "meshes").mkdir()
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     (tmp_path / "meshes" / "link.obj").write_text(corners)
@@ -120,16 +120,16 @@ def test_assets_in_folders_beside_the_file_are_found(tmp_path):
 
 
 def equalities(model: mujoco.MjModel) -> dict[str, np.ndarray]:
-    """All that MuJoCo knows of them; of their numbers, those that are used."""
+    """Return all data of the equalities; of their numbers, those that are used."""
     names = ("type", "obj1id", "obj2id", "objtype", "active0", "solref", "solimp")
-    kept = {name: getattr(model, f"eq_{name}") for name in names}
+    fields = {name: getattr(model, f"eq_{name}") for name in names}
     constant = np.array([model.equality(k).data[0] for k in range(model.neq)])
-    return kept | {"name": [model.equality(k).name for k in range(model.neq)], "data": constant}
+    return fields | {"name": [model.equality(k).name for k in range(model.neq)], "data": constant}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, name):
-    """Taken out of the file and added again, all equalities are as before."""
+    """Removed from the file and added again, all equalities are as before."""
     file = MODELS / f"{name}.xml"
     content, count = re.subn(r'<joint name="lock\d+".*/>', "", file.read_text())
     complete, bare = load_model(file), written(tmp_path, content)
@@ -143,25 +143,28 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
 
 @pytest.mark.parametrize("braked", ["false", "true"])
 def test_each_joint_and_tendon_with_an_actuator_gets_one_lock(braked):
-    """Named after its first actuator; a joint that has one, of whatever name, keeps it."""
+    """It is named after its first actuator; an existing lock of any name is kept."""
     brake = f'<equality><joint name="brake" joint1="shoulder" active="{braked}"/></equality>'
-    model, held = model_of("drives", ("<actuator>", f"{brake}<actuator>"), add_locks=True), {}
+    model, locked_parts = (
+        model_of("drives", ("<actuator>", f"{brake}<actuator>"), add_locks=True),
+        {},
+    )
     for k in range(model.neq):
         on_tendon = model.eq_type[k] == mujoco.mjtEq.mjEQ_TENDON
         part = (model.tendon if on_tendon else model.joint)(model.eq_obj1id[k])
-        held[model.equality(k).name] = part.name
-    assert held == {"brake": "shoulder", "lock2": "cable", "lock3": "tube"}
+        locked_parts[model.equality(k).name] = part.name
+    assert locked_parts == {"brake": "shoulder", "lock2": "cable", "lock3": "tube"}
     np.testing.assert_array_equal(model.eq_active0, [braked == "true", False, False])
 
 
-def test_a_name_that_another_equality_has_is_refused(tmp_path):
+def test_the_name_of_another_equality_is_rejected_for_a_lock(tmp_path):
     taken = '<equality><connect name="lock2" body1="shin" anchor="0 0 0"/></equality>'
     file = saved(tmp_path, "three_joints", ("<equality/>", taken))
     with pytest.raises(ModelError, match=r'^the lock of joint "knee" cannot be added: another'):
         load_model(file, add_locks=True)
 
 
-def test_an_actuator_is_found_however_many_controls_others_have():
+def test_an_actuator_is_located_for_any_number_of_controls_of_others():
     """An orientation servo is one actuator with three controls."""
     model = linkage(actuators=CASES["orientation servo"].mjcf)
     assert element_id(model, "actuator", "b") == 1
@@ -182,7 +185,7 @@ ODD = {
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """The current folder, with a machine file of which MuJoCo warns, and nothing else."""
+    """Change to an empty folder with a machine file that causes a warning of MuJoCo."""
     monkeypatch.chdir(tmp_path)
     for name, content in ODD.items():
         (tmp_path / name).write_text(content)
@@ -190,7 +193,7 @@ def here(tmp_path, monkeypatch):
     assert {file.name for file in tmp_path.iterdir()} == set(ODD)
 
 
-def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
+def test_a_warning_is_logged_and_not_written_to_a_file(here, caplog):
     with caplog.at_level(logging.WARNING, "sim"):
         load_model("odd.xml")
     assert "NaN" in caplog.text
@@ -198,14 +201,14 @@ def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("first", "shown"),
+    ("first", "target"),
     [
         ("import sim", "stderr"),
         ("import mujoco; mujoco.set_mju_user_warning(print); import sim", "stdout"),
         ("import experiments.app.cli, sim", None),
     ],
 )
-def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, first, shown):
+def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, first, target):
     """No program leaves MUJOCO_LOG.TXT in its folder."""
     done = subprocess.run(
         [sys.executable, "-c", f"{first}; sim.load_model('odd.xml')"],
@@ -215,7 +218,7 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
         check=True,
     )
     for stream in ("stdout", "stderr"):
-        assert ("NaN" in getattr(done, stream)) == (stream == shown)
+        assert ("NaN" in getattr(done, stream)) == (stream == target)
 
 
 # URDF: MuJoCo compiles it.
@@ -223,8 +226,8 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
 ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
 
 
-def test_a_urdf_file_moves_as_the_specification_of_urdf_says():
-    """A fixed joint's link stays a body; roll, pitch, yaw are about fixed axes, x first."""
+def test_a_urdf_file_moves_as_specified_by_urdf():
+    """The link of a fixed joint stays a body; roll, pitch, yaw are about fixed axes, x first."""
     model, q = load_model(ARM), np.array([0.3, -0.4])
     data = mujoco.MjData(model)
     for name, angle in zip(("shoulder", "elbow"), q, strict=True):
@@ -238,7 +241,7 @@ def test_a_urdf_file_moves_as_the_specification_of_urdf_says():
 
 
 def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_path):
-    """As MJCF, with a servo at shoulder and elbow."""
+    """Check the file as MJCF, with a servo at shoulder and elbow."""
     spec = mujoco.MjSpec.from_file(str(ARM))
     for name in ("shoulder", "elbow"):
         kind = mujoco.mjtTrn.mjTRN_JOINT

@@ -1,4 +1,4 @@
-"""Physics of the plant, one sentence each; its task frame; and a failure as text."""
+"""Physics of the plant, its task frame, and failures as text."""
 
 import _thread
 import copy
@@ -41,8 +41,8 @@ PERIOD_S = 1e-3
 HEXAPOD = str(MODELS / "fjh")
 
 
-def swing(plant: Plant, seconds: float) -> list[float]:
-    """Drive all struts by 20 um at 0.5 Hz, each at its own phase; closure residuals by tick."""
+def sway(plant: Plant, seconds: float) -> list[float]:
+    """Drive all struts by 20 um at 0.5 Hz with different phases; return residuals by tick."""
     residuals = []
     for _ in range(round(seconds / PERIOD_S)):
         time_s = plant.data.time
@@ -53,8 +53,8 @@ def swing(plant: Plant, seconds: float) -> list[float]:
 
 
 def some(first: tuple, others: tuple) -> list:
-    """All of them, the others in long runs."""
-    return [*first, *(pytest.param(each, marks=pytest.mark.long) for each in others)]
+    """Parametrize some values in short runs and all in long ones."""
+    return [*first, *(pytest.param(value, marks=pytest.mark.long) for value in others)]
 
 
 MODES = STRUTS = some((0, 3), (1, 2, 4, 5))
@@ -62,9 +62,9 @@ MODES = STRUTS = some((0, 3), (1, 2, 4, 5))
 
 @cache
 def swung() -> tuple[Plant, list[float]]:
-    """The hexapod after 0.8 s of swinging, and the closure residuals on the way."""
+    """Return the hexapod after 0.8 s of oscillation, and its closure residuals."""
     plant = Plant(load_model())
-    return plant, swing(plant, 0.8)
+    return plant, sway(plant, 0.8)
 
 
 # Statics and modes of the hexapod.
@@ -87,7 +87,7 @@ def test_the_centre_of_mass_of_payload_and_tips_is_the_payload_origin(model):
 
 
 def payload_displacement(model: mujoco.MjModel, wrench: np.ndarray) -> np.ndarray:
-    """Where the payload comes to rest under a wrench [torque; force] at its origin, world axes."""
+    """Return the static displacement of the payload under a wrench [torque; force], world axes."""
     plant = Plant(model, base=None)
     plant.push(wrench)
     plant.settle(1.5)
@@ -96,7 +96,7 @@ def payload_displacement(model: mujoco.MjModel, wrench: np.ndarray) -> np.ndarra
 
 @pytest.mark.long
 def test_payload_stiffness_is_that_of_the_springs_through_the_jacobian(model):
-    """A small wrench moves the payload by (A^T k A)^-1 w; flexures add half a per cent."""
+    """A small wrench moves the payload by (A^T k A)^-1 w; flexures add 0.5 %."""
     oracle = closed_form(model)
     springs = oracle.A.T @ oracle.A * model.joint("strut1").stiffness[0]
     unloaded = payload_displacement(model, np.zeros(6))
@@ -121,7 +121,7 @@ def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model, mode):
-    """Damping is the model's: what the integrator adds stays within a per cent."""
+    """The integrator changes the damping by less than 1 %."""
     frequency, damping = closed_form(model).modes()
     pole = pole_of(ring_down(model, mode_shapes()[mode], 0.3), model.opt.timestep)
     assert abs(pole) / (2 * np.pi) == pytest.approx(frequency[mode], rel=0.01)
@@ -130,15 +130,15 @@ def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model, mode)
 
 @pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
 @pytest.mark.parametrize("mode", MODES)
-def test_with_damping_off_energy_is_kept_at_every_step(model, mode, seconds):
-    """Of each mode, within one per cent of the energy put in."""
+def test_without_damping_energy_is_conserved_at_every_step(model, mode, seconds):
+    """Energy of each mode stays within 1 % of its initial value."""
     plant = copy.deepcopy(settled(seconds))
     undamped, data = plant.model, plant.data
     undamped.dof_damping[:] = 0.0
     undamped.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     data.qvel[:] = 0.0
     mujoco.mj_forward(undamped, data)
-    rest = data.energy[0]
+    energy_at_rest = data.energy[0]
     shape, momentum = mode_shapes()[mode], np.empty(model.nv)
     mujoco.mj_mulM(undamped, data, momentum, shape)
     # Equal modes have no shape of their own: the energy put in does not depend on the one taken.
@@ -151,7 +151,7 @@ def test_with_damping_off_energy_is_kept_at_every_step(model, mode, seconds):
         centred = (before + data.qvel) / 2
         # Positions and velocities of semi-implicit Euler stand half a step apart.
         mujoco.mj_mulM(undamped, data, momentum, centred)
-        energy.append(data.energy[0] - rest + centred @ momentum / 2)
+        energy.append(data.energy[0] - energy_at_rest + centred @ momentum / 2)
     np.testing.assert_allclose(energy, energy[0], rtol=0.01)
     assert energy[0] == pytest.approx(5e-6, rel=0.01)
 
@@ -171,8 +171,8 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
     runs = in_parallel(rig.fly, calls, lambda done, total: None)
     for column, run in zip(columns, runs, strict=True):
         assert run.closure_max_m < CLOSURE_LIMIT_M
-        told = table1["by_name"][column.name]
-        whole = [told[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
+        published = table1["by_name"][column.name]
+        whole = [published[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
         np.testing.assert_allclose(1e6 * run.rms(), whole, rtol=1e-4)
         # Another step is another run: the comparison is not one of a run with itself.
         assert np.abs(1e6 * run.rms() - whole).min() > 0
@@ -182,19 +182,19 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
 
 
 @pytest.mark.parametrize("strut", STRUTS)
-def test_a_strut_locked_in_flight_stays_and_the_loops_stay_closed(strut):
+def test_a_strut_locked_in_motion_stays_and_the_loops_stay_closed(strut):
     plant, residuals = copy.deepcopy(swung())
     plant.lock(strut)
     where = plant.displacements()[strut]
     assert abs(where) > 1e-6, "the lock must be off centre to be a test"
     for _ in range(300):
-        residuals += swing(plant, PERIOD_S)
+        residuals += sway(plant, PERIOD_S)
         assert abs(plant.displacements()[strut] - where) < 1e-7
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
 def test_stops_hold_the_struts_within_their_stroke(model):
-    """Twice the force that the suspension takes at full stroke moves no strut past it."""
+    """Twice the force of the suspension at full stroke moves no strut past it."""
     plant = Plant(model)
     payload = model.body("payload").id
     plant.data.xfrc_applied[payload, 2] = -600.0
@@ -203,9 +203,9 @@ def test_stops_hold_the_struts_within_their_stroke(model):
     assert plant.closure_residual_m() < CLOSURE_LIMIT_M
 
 
-def test_soft_loops_are_seen_and_a_machine_without_loops_has_none(model):
+def test_soft_loops_have_residuals_and_a_machine_without_loops_has_none(model):
     plant = Plant(model_of(HEXAPOD, ('solref="2.5e-4 1"', 'solref="0.02 1"')))
-    assert max(swing(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
+    assert max(sway(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
     cut = copy.copy(model)
     cut.eq_active0[:] = False
     plant = Plant(cut)
@@ -217,7 +217,7 @@ def test_soft_loops_are_seen_and_a_machine_without_loops_has_none(model):
 
 
 def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
-    """One alone, and at once: the state may look finite for a while yet."""
+    """One warning is enough, since the state may stay finite for some time."""
     for kind in ("BADQPOS", "BADQVEL", "BADQACC"):
         plant = Plant(model)
         plant.data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{kind}")].number = 1
@@ -227,12 +227,12 @@ def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
 
 @pytest.mark.parametrize("flag", ['autoreset="disable"', ""])
 def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
-    """Also when the file leaves MuJoCo's automatic reset on, which would forget the state."""
+    """MuJoCo's automatic reset in a file, which would lose the state, is disabled."""
     # Dampers that an explicit step of a millisecond cannot follow.
     too_fast = (('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
     plant = Plant(model_of(HEXAPOD, ('autoreset="disable"', flag), *too_fast))
     with pytest.raises(SimulationDiverged) as caught:
-        swing(plant, 1.0)
+        sway(plant, 1.0)
     assert 0.001 < caught.value.time_s < 1.0
     assert caught.value.state[0] == pytest.approx(caught.value.time_s - PERIOD_S, abs=1e-9)
     assert np.isfinite(caught.value.state).all()
@@ -250,7 +250,7 @@ def turning() -> Plant:
 
 
 @pytest.mark.parametrize("ask", [Plant.settle, lambda plant, s: plant.step(np.zeros(2), s)])
-def test_a_period_without_end_is_refused(ask):
+def test_an_endless_period_is_rejected(ask):
     with pytest.raises(
         ValueError, match=r"^(period_s|seconds) must be at most 1e\+07 physics steps, here 10000 s"
     ):
@@ -269,7 +269,7 @@ def test_a_long_period_ends_within_a_second_of_ctrl_c():
 
 
 def test_a_period_in_parts_is_the_same_to_the_last_bit(model):
-    """More physics steps than are taken between two looks for Ctrl-C."""
+    """The period has more physics steps than the interval between checks for Ctrl-C."""
     once, often = Plant(model), Plant(model)
     command, period_s = np.full(6, 1e-5), 7 * 100 * model.opt.timestep
     once.step(command, period_s)
@@ -282,7 +282,7 @@ def test_a_period_in_parts_is_the_same_to_the_last_bit(model):
 
 
 def with_turned_sites(name: str, seed: int) -> mujoco.MjModel:
-    """A machine of this repository whose base and payload have any orientation."""
+    """Load a machine of this repository with base and payload in any orientation."""
     of, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
     for site in ("base", "payload"):
         q = rng.normal(size=4)
@@ -292,7 +292,7 @@ def with_turned_sites(name: str, seed: int) -> mujoco.MjModel:
 
 
 def world_displacement(plant: Plant) -> np.ndarray:
-    """Of the payload since the nominal pose, by the frame of its body, in world axes."""
+    """Return the displacement of the payload's body from nominal in world axes."""
     nominal = mujoco.MjData(plant.model)
     mujoco.mj_forward(plant.model, nominal)
     body = int(plant.model.site("payload").bodyid[0])
@@ -302,14 +302,14 @@ def world_displacement(plant: Plant) -> np.ndarray:
 
 
 ON_ARM = Body("link2")
-"""Carried by the second joint of the arm."""
+"""Site on the second link of the arm."""
 
 
 @pytest.mark.parametrize(
     ("name", "base"), [("arm", ON_ARM), *itertools.product(SHIPPED, ["base", None])]
 )
 def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
-    """That of the body, in present axes of the base, however the sites are turned."""
+    """It is that of the body in present axes of the base, for any orientation of the sites."""
     for seed in range(3):
         plant = Plant(with_turned_sites(name, seed), base=base)
         nominal = plant.data.site("payload").xpos.copy()
@@ -333,7 +333,7 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
 
 @pytest.mark.parametrize("base", ["base", None])
 def test_small_motion_and_pushes_are_those_of_the_jacobian(base):
-    """Virtual work: the joints at rest feel J^T times the wrench along base axes."""
+    """Virtual work: at rest the joint torques are J^T times the wrench in base axes."""
     of, wrench = with_turned_sites("arm", 3), np.random.default_rng(4).normal(size=6)
     jac = jacobians(of, mujoco.MjData(of), "payload", axes=base)
     plant = Plant(of, base=base)
@@ -365,16 +365,16 @@ def test_a_failure_is_read_back_from_its_text(actuator, kind, time_s):
 @pytest.mark.parametrize(
     "text", ["", "a", "a:locked", "a@1", ":locked@1", "a:locked@-1", "a:locked@nan", "a: locked@1"]
 )
-def test_a_text_that_is_no_failure_is_shown_with_what_was_expected(text):
+def test_an_invalid_failure_text_is_quoted_with_the_expected_form(text):
     with pytest.raises(
         ValueError, match=r"^text must be NAME:KIND@SECONDS, .*locked.*, got"
-    ) as said:
+    ) as error:
         Failure.parse(text)
-    assert repr(text) in str(said.value)
+    assert repr(text) in str(error.value)
 
 
 @pytest.mark.parametrize("actuator", [-1, 6, 0.0, True, [0]])
-def test_what_is_no_actuator_fails_none(model, actuator):
+def test_an_invalid_actuator_is_rejected_by_a_failure(model, actuator):
     plant = Plant(model)
     weaken: Any = partial(plant.weaken, effectiveness=0.5)
     for fail in (plant.lock, plant.release, plant.break_loose, weaken):
@@ -383,7 +383,7 @@ def test_what_is_no_actuator_fails_none(model, actuator):
     np.testing.assert_array_equal(plant.model.actuator_gainprm, model.actuator_gainprm)
 
 
-def test_what_is_no_failure_is_refused_by_name():
+def test_an_invalid_failure_is_rejected_by_name():
     wrongs: list[dict[str, Any]] = [{"actuator": -1}, {"time_s": -1.0}, {"kind": "broken"}]
     for wrong in wrongs:
         with pytest.raises(ValueError, match=f"^{next(iter(wrong))} must"):

@@ -1,4 +1,4 @@
-"""Poses in the forms in which users have them."""
+"""Poses in all forms of input."""
 
 import mujoco
 import numpy as np
@@ -15,7 +15,7 @@ from tests.random_systems import SEEDS
 
 
 def some(seed: int, *lead: int) -> Pose:
-    """Rotations by any angle about any axis, and translations, by scipy."""
+    """Create rotations by any angle about any axis, and translations, with scipy."""
     rng = np.random.default_rng(seed)
     turned = Rotation.from_quat(rng.normal(size=(int(np.prod(lead)), 4))).as_matrix()
     return Pose(turned.reshape(*lead, 3, 3), rng.normal(size=(*lead, 3)))
@@ -37,7 +37,7 @@ def test_every_form_of_a_pose_leads_back_to_it(lead):
 
 @given(SEEDS)
 def test_a_quaternion_and_its_negative_of_any_length_are_one_rotation(seed):
-    """By MuJoCo's own conversion."""
+    """The reference is MuJoCo's conversion."""
     rng, by_mujoco = np.random.default_rng(seed), np.empty(9)
     q = rng.normal(size=4)
     mujoco.mju_quat2Mat(by_mujoco, q / np.linalg.norm(q))
@@ -49,16 +49,16 @@ def test_a_quaternion_and_its_negative_of_any_length_are_one_rotation(seed):
 
 @pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]], ids=str)
 def test_a_half_turn_has_one_rotation_vector(axis):
-    """By pi about an axis is by pi about its opposite; a component that rounds to 0 has no sign."""
+    """Rotations by pi about opposite axes are equal; a component that rounds to 0 has no sign."""
     half = 2 * np.outer(axis, axis) - np.eye(3)
     first = np.array(axis) * np.sign(axis[np.flatnonzero(axis)[0]])
     for seed in range(12):
-        found = rotation_vector(half + 1e-16 * np.random.default_rng(seed).normal(size=(3, 3)))
-        np.testing.assert_allclose(found, np.pi * first, atol=1e-7)
+        vector = rotation_vector(half + 1e-16 * np.random.default_rng(seed).normal(size=(3, 3)))
+        np.testing.assert_allclose(vector, np.pi * first, atol=1e-7)
 
 
 def test_batches_are_broadcast():
-    """Rotations, translations and twists."""
+    """Check rotations, translations and twists."""
     pose = Pose(some(0, 2, 1).rotation, some(1, 3).translation_m)
     for k, j in np.ndindex(2, 3):
         alone = Pose(pose.rotation[k, 0], pose.translation_m[j])
@@ -73,7 +73,7 @@ def test_batches_are_broadcast():
 
 @pytest.mark.parametrize("laid", [np.asfortranarray, lambda A: np.repeat(A, 2, axis=-1)[..., ::2]])
 def test_arrays_of_any_layout_are_the_same_numbers(laid, model):
-    """To the compiled code."""
+    """Compiled code reads contiguous arrays."""
     machine, twist = hexapod(model), np.linspace(1e-4, 2e-4, 12).reshape(2, 6)
     R = Rotation.from_rotvec([[0.01, 0.02, -0.03], [0.0, 0.1, 0.0]]).as_matrix()
     pose, other = Pose(R, twist[:, 3:]), Pose(laid(R), laid(twist[:, 3:]))
@@ -88,21 +88,21 @@ def test_a_target_is_the_same_in_every_form():
     model = load_model(MODELS / "arm.xml")
     data = mujoco.MjData(model)
     pose = some(3)
-    way = pose_error(model, data, "payload", pose, "base")
+    displacement = pose_error(model, data, "payload", pose, "base")
     forms = [pose.matrix(), pose.matrix().tolist(), pose.transform()]
     for sign in (1.0, -3.0):
         quat_wxyz = sign * pose.transform().rotation.as_quat(scalar_first=True)
         forms += [(pose.translation_m, quat_wxyz), [[*pose.translation_m], [*quat_wxyz]]]
     for form in forms:
         np.testing.assert_allclose(
-            pose_error(model, data, "payload", form, "base"), way, atol=1e-12
+            pose_error(model, data, "payload", form, "base"), displacement, atol=1e-12
         )
     several = pose_error(model, data, ["payload", CenterOfMass()], [pose.transform(), np.ones(3)])
     np.testing.assert_allclose(several[:6], pose_error(model, data, "payload", pose), atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("target", "said"),
+    ("target", "pattern"),
     [
         (np.diag([1.0, 1, -1, 1]), "target must be a rotation matrix"),
         (np.eye(4)[::-1], "target must have the last row 0 0 0 1"),
@@ -111,8 +111,8 @@ def test_a_target_is_the_same_in_every_form():
         ((np.zeros(3), np.zeros(4)), "the quaternion of target must not be zero"),
     ],
 )
-def test_what_is_no_target_is_refused(target, said):
+def test_an_invalid_target_is_rejected(target, pattern):
     model = load_model(MODELS / "arm.xml")
     data = mujoco.MjData(model)
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=pattern):
         pose_error(model, data, "payload", target)

@@ -1,4 +1,4 @@
-"""A file as a robot at work: what a task involves, what is left to itself, and where all rests."""
+"""Scenes: the part that a task involves, the rest of the file, and its equilibrium."""
 
 import itertools
 import re
@@ -20,7 +20,7 @@ from tests.models import FOLDER, saved
 
 
 def tree(parents: list[int], ties: list[tuple[int, int]]) -> mujoco.MjSpec:
-    """Hinges with a motor each, body k carried by `parents[k]`; connects, open ones as well."""
+    """Create a tree of hinges with motors, body k attached to `parents[k]`, and some connects."""
     spec = mujoco.MjSpec()
     bodies = [spec.worldbody]
     for k, parent in enumerate(parents):
@@ -37,7 +37,7 @@ def tree(parents: list[int], ties: list[tuple[int, int]]) -> mujoco.MjSpec:
 
 @st.composite
 def trees(draw: st.DrawFn) -> tuple[mujoco.MjSpec, int]:
-    """Such a file, and the number of the body that is the task frame."""
+    """Sample such a tree, and the number of the body that is the task frame."""
     count = draw(st.integers(2, 8))
     parents = [draw(st.integers(-1, k - 1)) for k in range(count)]
     pairs = list(itertools.combinations(range(count), 2))
@@ -53,17 +53,19 @@ def at(model: mujoco.MjModel, qpos: Array) -> mujoco.MjData:
 
 
 @given(trees(), st.integers(0, 99))
-def test_a_part_is_all_that_moves_the_task_with_its_places_and_inertia(file, seed):
-    """What is left out has zero columns, no closure has both, and M is rows of the whole one."""
+def test_a_part_has_all_that_moves_the_task_with_its_places_and_inertia(file, seed):
+    """Other columns are zero, no closure has both, and M consists of rows of the whole one."""
     spec, body = file
     model = spec.compile()
     frame = located(model, "site", Body(f"b{body}"))
     part = task_part(model, [frame], range(model.neq))
     data = at(model, np.random.default_rng(seed).uniform(-1, 1, model.nq))
-    np.testing.assert_allclose(frame.jacobian(model, data)[:, part.still], 0.0, atol=1e-12)
-    mine = np.setdiff1d(np.arange(model.nv), part.still)
+    np.testing.assert_allclose(
+        frame.jacobian(model, data)[:, part.other_velocities], 0.0, atol=1e-12
+    )
+    mine = np.setdiff1d(np.arange(model.nv), part.other_velocities)
     rows = np.abs(closure_rows(model, data)) > 1e-12
-    assert not (rows[:, part.still].any(axis=1) & rows[:, mine].any(axis=1)).any()
+    assert not (rows[:, part.other_velocities].any(axis=1) & rows[:, mine].any(axis=1)).any()
     own = reduced(spec, part, data)
     own_data = at(own, data.qpos[part.positions])
     np.testing.assert_allclose(own_data.xpos, data.xpos, atol=1e-12)
@@ -77,13 +79,13 @@ def scene_of(file: Path, site: str = "tip", *more, **options) -> Scene:
 
 
 def plant_of(scene: Scene, payload: str = "tip") -> Plant:
-    return Plant(scene.whole, base=None, payload=payload, start=scene.start, part=scene.part)
+    return Plant(scene.model, base=None, payload=payload, start=scene.start, part=scene.part)
 
 
 def desk(folder: Path, **changes: str) -> Scene:
-    """The scene of an arm at its desk, some elements of the file changed."""
-    words = [(f'name="{name}"', f'name="{name}" {new}') for name, new in changes.items()]
-    return scene_of(saved(folder, "desk", *words))
+    """Create the scene of an arm at its desk, with some elements changed."""
+    replacements = [(f'name="{name}"', f'name="{name}" {new}') for name, new in changes.items()]
+    return scene_of(saved(folder, "desk", *replacements))
 
 
 def moved(plant: Plant, *command: float, seconds: float = 0.5) -> np.ndarray:
@@ -91,11 +93,14 @@ def moved(plant: Plant, *command: float, seconds: float = 0.5) -> np.ndarray:
     return plant.displacements()
 
 
-def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
-    """The ball falls to the floor, the jaw goes to the end of its range, a limp arm hangs."""
+def test_objects_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
+    """The ball falls, the jaw moves to the end of its range, an unpowered arm hangs."""
     scene = desk(tmp_path)
     assert scene.part is not None and scene.part.left_out == ("jaw", "ball", "other")
-    assert [scene.own.joint(j).name for j in range(scene.own.njnt)] == ["shoulder", "elbow"]
+    assert [scene.task_model.joint(j).name for j in range(scene.task_model.njnt)] == [
+        "shoulder",
+        "elbow",
+    ]
     assert scene.start.body("ball").xpos[2] == pytest.approx(0.05, abs=2e-3)
     assert scene.start.joint("jaw").qpos[0] == pytest.approx(0.003, abs=1e-5)
     assert scene.start.joint("other").qpos[0] == pytest.approx(np.pi / 2, abs=0.05)
@@ -109,63 +114,65 @@ def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
     np.testing.assert_allclose(plant.data.ctrl[2:], scene.start.ctrl[2:])
 
 
-def test_an_arm_whose_actuators_come_after_those_of_the_rest_has_its_locks(tmp_path):
-    """They are numbered anew: the second and third become the arm's two."""
-    limp = '    <motor name="limp" joint="other"/>\n'
-    scene = scene_of(saved(tmp_path, "desk", (limp, ""), ("<actuator>\n", f"<actuator>\n{limp}")))
+def test_an_arm_whose_actuators_come_after_others_has_its_locks(tmp_path):
+    """Actuators are renumbered: the second and third become the arm's two."""
+    motor = '    <motor name="limp" joint="other"/>\n'
+    scene = scene_of(saved(tmp_path, "desk", (motor, ""), ("<actuator>\n", f"<actuator>\n{motor}")))
     assert scene.part is not None and scene.part.actuators == (1, 2)
-    plant = Plant(scene.own, base=None, payload="tip", start=scene.own_start)
+    plant = Plant(scene.task_model, base=None, payload="tip", start=scene.task_start)
     plant.lock(1)
     np.testing.assert_allclose(moved(plant, 0.05, 0.05), [0.05, 0.0], atol=1e-3)
 
 
-def test_a_servo_that_cannot_hold_the_start_sags_and_says_so(tmp_path):
-    """Its weakest joint comes to rest where the range of the control ends."""
+def test_a_servo_too_weak_for_the_start_sags_with_a_warning(tmp_path):
+    """Its weakest joint comes to rest at the end of the control range."""
     scene = desk(tmp_path, m1='ctrlrange="0 1"')
-    assert "shoulder by" in scene.moved[0]
+    assert "shoulder by" in scene.start_warnings[0]
     assert np.abs(moved(plant_of(scene), 0.0, 0.0)).max() < 1e-6
 
 
-def test_a_joint_that_the_file_has_outside_its_range_begins_inside(tmp_path):
-    """By a twentieth of the range, and it says so; from there it moves both ways."""
+def test_a_joint_outside_its_range_in_the_file_starts_inside(tmp_path):
+    """It starts inside by a twentieth of the range, with a warning, and can move both ways."""
     scene = desk(tmp_path, elbow='range="17.2 74.5" limited="true"')
     low, high = np.deg2rad([17.2, 74.5])
     begins = low + 0.05 * (high - low)
-    np.testing.assert_allclose(scene.own_start.joint("elbow").qpos, begins, atol=1e-6)
+    np.testing.assert_allclose(scene.task_start.joint("elbow").qpos, begins, atol=1e-6)
     assert re.match(
-        "the start is beyond ranges, .*: elbow at 0, its range 0.3 to 1.3;", scene.moved[0]
+        "the start is beyond ranges, .*: elbow at 0, its range 0.3 to 1.3;", scene.start_warnings[0]
     )
-    assert scene.moved[1:] == (f"came to rest away from its start: elbow by {begins:.2g} rad",)
+    assert scene.start_warnings[1:] == (
+        f"came to rest away from its start: elbow by {begins:.2g} rad",
+    )
     plant = plant_of(scene)
-    for way in (-0.02, 0.02):
-        np.testing.assert_allclose(moved(plant, 0.0, way, seconds=1.0), [0.0, way], atol=1e-3)
+    for target in (-0.02, 0.02):
+        np.testing.assert_allclose(moved(plant, 0.0, target, seconds=1.0), [0.0, target], atol=1e-3)
 
 
-def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it():
-    """Two joints, one cable: where it stands is for the springs to say, and there it stays."""
+def test_a_finger_on_one_cable_starts_in_balance_with_its_springs():
+    """Two joints on one cable: the springs determine the posture."""
     scene = scene_of(FOLDER / "finger.xml")
-    assert "one by" in scene.moved[0] and "two by" in scene.moved[0]
+    assert "one by" in scene.start_warnings[0] and "two by" in scene.start_warnings[0]
     plant = plant_of(scene)
     plant.step(np.zeros(1), 2.0)
     assert np.abs(plant.pose().displacement()).max() < 1e-5
     np.testing.assert_allclose(moved(plant, -1e-4, seconds=2.0), [-1e-4], atol=2e-5)
 
 
-def test_physics_that_diverges_is_refused_with_what_helps(tmp_path):
-    """MuJoCo begins again at time zero, for ever: Euler's method explodes on so much damping."""
+def test_diverging_physics_is_rejected_with_advice_that_helps(tmp_path):
+    """Euler's method diverges with this damping, and MuJoCo would restart at time zero."""
     damped = ('kv="30"', 'kv="3000"')
     euler = saved(tmp_path, "desk", damped, ('"implicitfast"', '"Euler"'))
     with pytest.raises(ModelError, match=r"diverges, .* of 0.002 s .* EULER; .* or implicitfast$"):
         scene_of(euler)
-    assert scene_of(saved(tmp_path, "desk", damped)).own.nu == 2
+    assert scene_of(saved(tmp_path, "desk", damped)).task_model.nu == 2
 
 
-def test_a_base_that_falls_is_refused_with_pins_that_work():
-    """The advice is done as written: the feet stay, and the machine stands still."""
+def test_a_falling_base_is_rejected_with_pins_that_work():
+    """With the advised pins the feet stay, and the machine is at rest."""
     file = FOLDER / "walker.xml"
-    with pytest.raises(ModelError, match="gravity moves the free joint") as refused:
+    with pytest.raises(ModelError, match="gravity moves the free joint") as error:
         scene_of(file, "hand")
-    names = str(refused.value).split("pinned ")[1].split(",")
+    names = str(error.value).split("pinned ")[1].split(",")
     assert names == ["foot_l", "foot_r"]
     scene = scene_of(file, "hand", [Pin(name, weld=True) for name in names])
     plant = plant_of(scene, "hand")
@@ -181,7 +188,7 @@ def test_a_base_that_falls_is_refused_with_pins_that_work():
         scene_of(file, "floor")
 
 
-def test_thrusters_are_for_the_force_mapping_and_no_flight_of_a_servo(tmp_path):
+def test_thrusters_have_a_force_mapping_but_no_servo_simulation(tmp_path):
     corners = [(x, y) for x in (0.1, -0.1) for y in (0.1, -0.1)]
     sites = "".join(f'<site name="s{k}" pos="{x} {y} 0"/>' for k, (x, y) in enumerate(corners))
     motors = "".join(f'<motor site="s{k}" gear="0 0 1 0 0 0" ctrlrange="0 4"/>' for k in range(4))

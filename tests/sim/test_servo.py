@@ -1,4 +1,4 @@
-"""Motors as position servos: forces as MuJoCo computes them, poles, integrators, and refusals."""
+"""Motors as position servos: forces, poles, integrators, rejected arguments."""
 
 import mujoco
 import numpy as np
@@ -40,7 +40,7 @@ def test_a_servo_pulls_in_proportion_to_its_error_and_brakes_its_speed():
     ("before", "after"), [("Euler", "IMPLICITFAST"), ("RK4", "RK4"), ("implicit", "IMPLICIT")]
 )
 def test_only_a_motor_with_explicit_steps_gets_another_integrator(before, after):
-    """A model that has its servos already stays as it is, all of it."""
+    """A model that has only servos is unchanged."""
     servo = servoed(arm(MOTORS, before), natural_frequency_hz=FREQUENCY_HZ)
     assert mujoco.mjtIntegrator(servo.opt.integrator).name == f"mjINT_{after}"
     model = arm('<position joint="a" kp="9"/><position joint="b" kp="5"/>')
@@ -55,7 +55,7 @@ def test_only_a_motor_with_explicit_steps_gets_another_integrator(before, after)
     "motors", ['<motor joint="a" gear="20"/>', '<motor joint="a"/><motor joint="a" gear="-3"/>']
 )
 def test_a_motor_as_a_servo_has_the_stated_poles(ratio, motors):
-    """s^2 + 2 d w s + w^2."""
+    """The poles are the roots of s^2 + 2 d w s + w^2."""
     model = servoed(pendulum(motors), natural_frequency_hz=4.0, damping_ratio=ratio)
     poles = np.poly(Plant(model, **WORLD).linear().A)
     w = 2 * np.pi * 4.0
@@ -72,12 +72,12 @@ def test_a_motor_as_a_servo_keeps_the_range_of_its_force():
 
 
 def test_motors_that_share_inertia_come_to_rest_as_servos():
-    """Six links in a row lose speed faster than each drive alone, more than a step may take."""
-    each = range(6)
+    """Six links in series lose speed too fast for an explicit step of each drive."""
+    numbers = range(6)
     link = '<body pos="0 0 -.2"><joint name="a{}" axis="0 1 0"/><geom size=".03" pos="0 0 -.2"/>'
-    links = "".join(map(link.format, each))
-    motors = "".join(f'<motor joint="a{k}"/>' for k in each)
-    locks = "".join(f'<joint name="lock{k + 1}" joint1="a{k}" active="false"/>' for k in each)
+    links = "".join(map(link.format, numbers))
+    motors = "".join(f'<motor joint="a{k}"/>' for k in numbers)
+    locks = "".join(f'<joint name="lock{k + 1}" joint1="a{k}" active="false"/>' for k in numbers)
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="2e-3" gravity="0 0 0"/>
       <worldbody>{links}<site name="tool"/>{"</body>" * 6}</worldbody>
       <equality>{locks}</equality><actuator>{motors}</actuator></mujoco>""")
@@ -88,7 +88,7 @@ def test_motors_that_share_inertia_come_to_rest_as_servos():
 
 
 def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
-    """One motor on a four-bar: the only mode is at the stated frequency."""
+    """With one motor on a four-bar the only mode has the stated frequency."""
     stiff = '<joint joint1="elbow" polycoef="0.05 0 0 0 0"/></equality>'
     servos = """<position joint="left" gear="3" kp="400" kv="8"/>
     <position joint="right" kp="3e3" kv="60"/>
@@ -107,19 +107,19 @@ def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
 
 
 def test_a_velocity_servo_of_a_scene_becomes_a_position_servo(tmp_path):
-    """Its range was one of speed, and limits no force."""
+    """Its range was one of speed, and does not limit the force."""
     servo = '<velocity name="m2" joint="elbow" kv="5" ctrlrange="-1 1"/>'
     position = '<position name="m2" joint="elbow" kp="200" kv="20"/>'
     file = saved(tmp_path, "desk", (position, servo))
     with pytest.raises(ModelError, match=r"velocity servo.*--servo"):
         robot_scene(file, "tip", None, mujoco.MjData)
     scene = robot_scene(file, "tip", None, mujoco.MjData, servo_hz=5.0)
-    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    plant = Plant(scene.model, base=None, payload="tip", start=scene.start, part=scene.part)
     plant.step(np.array([0.0, 0.02]), 1.0)
     np.testing.assert_allclose(plant.displacements(), [0.0, 0.02], atol=1e-3)
     assert not plant.model.actuator("m2").forcelimited
 
 
-def test_a_servo_that_its_time_step_cannot_follow_is_refused():
+def test_a_servo_too_fast_for_the_time_step_is_rejected():
     with pytest.raises(ValueError, match=r"natural_frequency_hz must be at most 39\.8 with"):
         servoed(pendulum('<motor joint="a"/>'), natural_frequency_hz=50.0)

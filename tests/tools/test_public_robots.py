@@ -1,4 +1,4 @@
-"""The pure parts of `make robots`, on small files written here."""
+"""Tests of `make robots` that need no packages, on small files."""
 
 import csv
 import io
@@ -44,14 +44,14 @@ def of_text(text):
 
 
 def test_a_stripped_robot_moves_as_the_whole_one(tmp_path):
-    """The same forces accelerate it alike, and no file is needed any more."""
+    """The same forces give the same accelerations, and no asset file is needed."""
     file = tmp_path / "robot.xml"
     file.write_text(MESHED)
     whole, data = of_text(MESHED)
     bare, other = of_text(stripped(file))
     assert (bare.nmesh, bare.nmat, bare.ntex, bare.ngeom) == (0, 0, 0, 1)
-    for each in (data, other):
-        each.qpos[:], each.qvel[:], each.ctrl[:] = [0.4, -0.7], [1.0, 2.0], [0.3, -1.0]
+    for state in (data, other):
+        state.qpos[:], state.qvel[:], state.ctrl[:] = [0.4, -0.7], [1.0, 2.0], [0.3, -1.0]
     mujoco.mj_forward(whole, data)
     mujoco.mj_forward(bare, other)
     assert np.abs(data.qacc).max() > 1.0
@@ -85,7 +85,7 @@ def test_a_robot_stands_on_its_lowest_sites_and_works_with_what_is_no_foot():
 
 
 def test_the_task_of_an_arm_is_the_end_of_its_longest_driven_chain():
-    """The flag has as many driven joints below it, and is nearer; the pendulum is not driven."""
+    """The flag has as many driven joints but is nearer; the pendulum is not driven."""
     model, data = of_text(
         '<mujoco><worldbody><body name="upper"><joint name="j1"/><geom size="0.1"/>'
         '<body name="lower" pos="0 0 1"><joint name="j2"/><geom size="0.1"/>'

@@ -1,1 +1,1 @@
-"""`make robots`: robots that others published, from their file to a flight."""
+"""`make robots`: published robots, from their file to a simulation."""

@@ -47,7 +47,7 @@ def main() -> None:
             if (any(part in each.label for part in only) if only else not _result(each).is_file())
         ]
         with ThreadPoolExecutor(PROCESSES) as pool:
-            for done, (model, record) in enumerate(pool.map(_tried, chosen), 1):
+            for done, (model, record) in enumerate(pool.map(_run_trial, chosen), 1):
                 says = f"{outcome(record)} {said(record)}"[:200]
                 print(f"{done} of {len(chosen)} {model.label}: {says}", flush=True)
     records = {each.label: _entry(each) for each in found if _result(each).is_file()}
@@ -75,8 +75,8 @@ def _entry(model: Model) -> dict[str, Any]:
     return named | json.loads(_result(model).read_text())
 
 
-def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
-    """The result of a process of its own."""
+def _run_trial(model: Model) -> tuple[Model, dict[str, Any]]:
+    """Run the trial of a robot in its own process, and return its record."""
     out = _result(model)
     out.parent.mkdir(parents=True, exist_ok=True)
     if model.xml is None:

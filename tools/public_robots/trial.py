@@ -1,6 +1,6 @@
-"""One robot from its file to a flight; `python -m tools.public_robots.trial FILE OUT.json`.
+"""Trial of one robot, from its file to a run: `python -m tools.public_robots.trial FILE OUT.json`.
 
-What is known is written after each stage, so that a process that is stopped leaves it.
+Results are written after each stage, so that a stopped process leaves them.
 """
 
 import json
@@ -43,23 +43,23 @@ from sim.mjcf import drive_rows, drives
 from tools.public_robots.task_frame import NoTask, task_frame
 
 STAGES = ("load", "assemble", "jacobians", "power", "classified", "rig", "sound", "lock")
-REFUSALS = (ModelError, WrongInput, SimulationDiverged, NoTask)
-"""What the command answers in a sentence; anything else would be a traceback."""
+REJECTIONS = (ModelError, WrongInput, SimulationDiverged, NoTask)
+"""Errors that the command reports in a sentence; others give a traceback."""
 
 SERVO_HZ, OF_STEP_RATE = 10.0, 0.03
-"""Natural frequency of the servos that torque motors get, at most that part of the step rate."""
-FLIGHT_S, FAILS_S = 2.0, 1.0
+"""Natural frequency [Hz] of servos for torque motors; its largest fraction of the step rate."""
+RUN_S, FAILS_S = 2.0, 1.0
 ROWS = ((3, 4, 5), (3, 4), (3, 5), (4, 5), (3,), (4,), (5,), (0,), (1,), (2,))
-"""Major rows, the first that the actuators reach: translations, as many as they can."""
+"""Candidates of major rows, of which the first feasible one is used."""
 LIMIT_S = 60
-"""Processor time after which the trial is ended: the same on a busy machine."""
+"""Limit of processor time [s], which does not depend on the load of the machine."""
 _STEP = 1e-6
-_ADVISED = re.compile(r"pinned (\S+)$")
-"""What a refusal names to be pinned."""
+_ADVICE = re.compile(r"pinned (\S+)$")
+"""End of an error message that lists frames to be pinned."""
 
 
 def main(file: Path, out: Path) -> None:
-    """Write what came of each stage."""
+    """Run all stages and write their results."""
     record: dict[str, Any] = {"date": date.today().isoformat(), "commit": commit()}
 
     def keep(**more: Any) -> None:
@@ -72,16 +72,16 @@ def main(file: Path, out: Path) -> None:
         for stage, numbers in stages(file):
             following = (*STAGES, None)[STAGES.index(stage) + 1]
             keep(**{stage: numbers}, stage=following)
-    except REFUSALS as error:
+    except REJECTIONS as error:
         keep(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
     except Exception as error:
-        says = " ".join(traceback.format_exception_only(error)[-1].split())
-        keep(traceback=says, whole=traceback.format_exc())
+        message = " ".join(traceback.format_exception_only(error)[-1].split())
+        keep(traceback=message, whole=traceback.format_exc())
     keep(duration_s=round(time.monotonic() - start, 1))
 
 
 def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Each stage of a robot, and its numbers."""
+    """Run the stages of a robot, and yield the name and numbers of each."""
     model = load_model(file)
     yield "load", {"actuators": len(drives(model)), "velocities": int(model.nv)}
     start = mujoco.MjData(model)
@@ -98,8 +98,8 @@ def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     kin = ConstrainedSystem.of(jac).kinematics()
     reached = (rows for rows in ROWS if is_possible(kin.manipulability(major=list(rows))))
     major = next(reached, ROWS[0])
-    says = str(kin.manipulability(major=list(major))).splitlines()[0]
-    yield "classified", {"major": major, "says": says}
+    sentence = str(kin.manipulability(major=list(major))).splitlines()[0]
+    yield "classified", {"major": major, "says": sentence}
     rig, pins = _rig_and_pins(
         partial(Rig.of_mjcf, file, site=frame, servo_hz=servo_hz(model)),
         [f"{name}:point" for name in feet],
@@ -107,22 +107,22 @@ def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     )
     numbers = {"warnings": rig.warnings, "left_out": rig.left_out, "pinned": pins}
     yield "rig", numbers | {"rows": rig.major, "crossover_hz": rig.margins[0].crossover_hz}
-    yield "sound", _flown(rig, ())
+    yield "sound", _simulated(rig, ())
     failed = _expendable(rig)
     lock = (Failure(failed, "locked", FAILS_S),)
-    yield "lock", {"actuator": rig.actuators[failed]} | _flown(rig, lock)
+    yield "lock", {"actuator": rig.actuators[failed]} | _simulated(rig, lock)
 
 
 def _rig_and_pins(
     rig: Callable[..., Rig], pins: list[str], major: tuple[int, ...]
 ) -> tuple[Rig, list[str]]:
-    """The robot; if what it stands on is refused, with the pins and the rows that can be had."""
+    """Create the rig; if it is rejected, use the advised pins and the first feasible rows."""
     try:
         return rig(pinned=pins, major=major), pins
     except ModelError as error:
-        if (advised := _ADVISED.search(str(error))) is None:
+        if (advice := _ADVICE.search(str(error))) is None:
             raise
-    pins = advised[1].split(",")
+    pins = advice[1].split(",")
     for rows in (major, *ROWS[:-1]):
         with suppress(WrongInput):
             return rig(pinned=pins, major=rows), pins
@@ -130,29 +130,29 @@ def _rig_and_pins(
 
 
 def _expendable(rig: Rig) -> int:
-    """Of the actuators without which the task remains possible, or else of all, the strongest."""
+    """Return the strongest actuator without which the task is possible, else the strongest."""
     system, major = rig.control.system, list(rig.major)
     moves = np.linalg.norm(system.kinematics().J[major], axis=0)
     order = ascending(-moves).tolist()
 
-    def spared(k: int) -> bool:
-        left = system.with_failures(locked=[k]).kinematics()
-        return is_possible(left.manipulability(major=major))
+    def is_expendable(k: int) -> bool:
+        remaining = system.with_failures(locked=[k]).kinematics()
+        return is_possible(remaining.manipulability(major=major))
 
-    return next((k for k in order if moves[k] > 0 and spared(k)), order[0])
+    return next((k for k in order if moves[k] > 0 and is_expendable(k)), order[0])
 
 
-def _flown(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
-    """A flight with a diagnosing controller, beside that of one that learns of the failure then."""
-    path = rig.path("circle", duration_s=FLIGHT_S, turn_s=FLIGHT_S)
+def _simulated(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
+    """Simulate a run with diagnosis, and predict one that is informed at the diagnosed time."""
+    path = rig.path("circle", duration_s=RUN_S, turn_s=RUN_S)
     dither = dither_of(rig, "default", "default")
     run = rig.fly(rig.supervisor(dither), path, failures=failures)
     told, noise = learnt_s(rig, run, failures), run.measured - run.true
     predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
     of_model = predicted.rms_after if failures else predicted.rms_before
     measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
-    failed = [rig.actuators[each.number] for each in failures]
-    right = [each for each in run.diagnoses if each.actuator in failed and each.time_s >= FAILS_S]
+    failed = [rig.actuators[failure.number] for failure in failures]
+    correct = [d for d in run.diagnoses if d.actuator in failed and d.time_s >= FAILS_S]
     return {
         "measured": measured.tolist(),
         "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
@@ -160,13 +160,13 @@ def _flown(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
         "uncompared": uncompared(rig, run, predicted),
         "leaves": predicted.leaves,
         "status": run.status,
-        "named_after_ms": round(1e3 * (right[0].time_s - FAILS_S)) if right else None,
-        "wrong": [str(each) for each in run.diagnoses if each not in right],
+        "named_after_ms": round(1e3 * (correct[0].time_s - FAILS_S)) if correct else None,
+        "wrong": [str(diagnosis) for diagnosis in run.diagnoses if diagnosis not in correct],
     }
 
 
 def servo_hz(model: mujoco.MjModel) -> float | None:
-    """Natural frequency of position servos; None where the file has no others."""
+    """Return the natural frequency [Hz] for converted servos; None if none is converted."""
     fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
     without = (model.actuator_biasprm[:, 1] == 0) & fixed
     return min(SERVO_HZ, OF_STEP_RATE / model.opt.timestep) if without.any() else None
@@ -175,7 +175,7 @@ def servo_hz(model: mujoco.MjModel) -> float | None:
 def difference_error(
     model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body: int
 ) -> float:
-    """Largest error of J_T against central differences along each velocity of the joints."""
+    """Return the largest error of J_T against central differences along each joint velocity."""
     differences, turned = np.zeros((6, model.nv)), np.zeros(3)
     ahead, behind = mujoco.MjData(model), mujoco.MjData(model)
     for k, velocity in enumerate(np.eye(model.nv)):
@@ -191,19 +191,19 @@ def difference_error(
 
 
 def power_error(model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body: int) -> float:
-    """Relative error of the power of random forces, at random rates that the closures admit."""
-    kin, draw = ConstrainedSystem.of(jac).kinematics(), np.random.default_rng(0)
-    rates = draw.standard_normal(len(kin.active))
+    """Return the relative error of the power of random forces at random admissible rates."""
+    kin, rng = ConstrainedSystem.of(jac).kinematics(), np.random.default_rng(0)
+    rates = rng.standard_normal(len(kin.active))
     rates -= np.linalg.pinv(kin.active_constraint) @ (kin.active_constraint @ rates)
     joints = kin.velocities(rates)[: model.nv]
     rows = drive_rows(model, data, drives(model))
     twist = np.zeros((6, model.nv))
     mujoco.mj_jacBody(model, data, twist[3:], twist[:3], body)
 
-    def off(ours: Array, theirs: Array) -> float:
-        forces = draw.standard_normal(len(ours))
-        joint_power = (theirs.T @ forces) @ joints
-        return float(abs(forces @ ours - joint_power) / (np.abs(forces * ours).sum() or 1.0))
+    def off(rates: Array, jacobian: Array) -> float:
+        forces = rng.standard_normal(len(rates))
+        joint_power = (jacobian.T @ forces) @ joints
+        return float(abs(forces @ rates - joint_power) / (np.abs(forces * rates).sum() or 1.0))
 
     return max(off(rates, rows), off(kin.J @ rates, twist))
 

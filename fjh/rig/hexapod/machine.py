@@ -86,7 +86,7 @@ class HexapodMachine:
             floor_m_per_s2=np.sum(moves, axis=0) if moves else None,
             delay_ticks=self.differs.delay_ticks,
             hysteresis=self.differs.hysteresis,
-            keep_qpos=True,
+            log_qpos=True,
             events=events,
         )
 

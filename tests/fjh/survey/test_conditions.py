@@ -133,9 +133,9 @@ def test_postures_are_within_the_joint_ranges_and_closed():
     robot = found.subject.robot
     assert robot is not None and 0 < len(found.postures) <= 8
     for qpos in found.postures.qpos:
-        data = assemble(robot.scene.own)
+        data = assemble(robot.scene.task_model)
         data.qpos[:] = qpos
-        np.testing.assert_allclose(assemble(robot.scene.own, data).qpos, qpos, atol=1e-8)
+        np.testing.assert_allclose(assemble(robot.scene.task_model, data).qpos, qpos, atol=1e-8)
     assert len(found.rows) == (1 + len(found.postures)) * len(found.start.codes)
 
 
@@ -177,7 +177,7 @@ def test_at_a_singular_start_the_best_posture_stands_for_it():
     robot, healthy = found.subject.robot, found.rows[found.rows.condition == 0].iloc[1:]
     assert found.start.survived[0] and robot is not None and healthy.survived.all()
     best = int(np.argmin(healthy.largest_gain_rad_per_m))
-    np.testing.assert_allclose(robot.scene.own_start.qpos, found.postures.qpos[best])
+    np.testing.assert_allclose(robot.scene.task_start.qpos, found.postures.qpos[best])
     assert found.start.largest_gain[0] == pytest.approx(healthy.largest_gain_rad_per_m.iloc[best])
     assert f"posture {best + 1} " in str(found.subject.instead)
 

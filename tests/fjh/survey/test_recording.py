@@ -47,7 +47,7 @@ def test_the_motion_is_along_the_direction_that_is_lost(name, monkeypatch, tmp_p
     monkeypatch.setattr(recording, "condition_scene", lambda *driven, **_: driven)
     monkeypatch.setattr(recording, "write_scenes", lambda *of, pages: written.update(of[2]))
     write_losses(found.subject, found.start, "fjh survey", "verdict", tmp_path)
-    model, lost = found.subject.robot.scene.own, losses(found.subject, found.start)
+    model, lost = found.subject.robot.scene.task_model, losses(found.subject, found.start)
     assert len(written) == len(lost) > 0
     active = found.subject.system.active
     for loss, (_, _, qpos, (plot,)) in zip(lost, written.values(), strict=True):

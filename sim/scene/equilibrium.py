@@ -1,4 +1,4 @@
-"""Rest of a whole file: props on their table, fingers on their springs, feet pinned."""
+"""Equilibrium of a whole file, with contacts, springs and pinned frames."""
 
 import copy
 from collections import Counter
@@ -9,7 +9,7 @@ import numpy as np
 
 from argument_checks.ties import greatest
 from sim.array import Array
-from sim.closing.hold import Pin
+from sim.closing.fixed import Pin
 from sim.errors import ModelError, has_diverged
 from sim.mjcf.drive import Drive, drives, law_of, stiffen
 from sim.mjcf.frame import located
@@ -19,47 +19,49 @@ from sim.mjcf.part import Part
 from sim.plant.actuators import Balance, Commands, balance, beyond_ranges, commands_of
 
 LONGEST_S, _EVERY_S = 10.0, 0.05
-"""Of physics, in which a file comes to rest, and how often that is looked at."""
+"""Longest simulation [s] until a file must be at rest, and interval between checks [s]."""
 SLOW, _MOVES = 1e-8, 1e-2
-"""Speed of a robot's joints at rest, and one that is no rest in the end, [rad]/[s] or [m]/[s]."""
-SLOW_BESIDE, _BESIDE_S = 1e-3, 2.0
-"""Speed of all else at rest, and the time after which it may still move."""
+"""Joint speed at rest, and speed that is an error at the end, [rad]/[s] or [m]/[s]."""
+SLOW_OTHERS, _OTHERS_S = 1e-3, 2.0
+"""Joint speed outside the part at rest, and time [s] after which it is no longer required."""
 _LOOKED_S, _FALL_S = 0.02, 1.0
-"""How often contacts of what falls are looked for, and how long."""
+"""Interval [s] and duration [s] of the search for contacts of a falling robot."""
 
 
-def is_held(part: Part, data: mujoco.MjData) -> bool:
-    """Whether the actuators of the part hold it where it stands in `data`, within their ranges."""
-    own, found, commands = _statics(part, data)
-    return found.joint is None and not beyond_ranges(part.model, own, commands)
+def is_in_equilibrium(part: Part, data: mujoco.MjData) -> bool:
+    """Return whether the part is in balance in `data` with actuators within their ranges."""
+    own, result, commands = _statics(part, data)
+    return result.joint is None and not beyond_ranges(part.model, own, commands)
 
 
 def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
-    """Find the state in which everything comes to rest from `start`, loops closed.
+    """Simulate from `start`, with closed loops, until everything is at rest; return that state.
 
-    The actuators of the part hold it where it stands, as far as their ranges let them; position
-    servos of all else hold what they move. The physics then runs until no joint of the part moves
-    faster than :data:`SLOW`, nor in the first two seconds anything else than :data:`SLOW_BESIDE`,
-    and :data:`LONGEST_S` at most.
+    Controls of the part balance `start` within their ranges, and the targets of all other position
+    servos are their present lengths. The physics runs until no joint of the part is faster than
+    :data:`SLOW` nor, in the first two seconds, any other joint faster than :data:`SLOW_OTHERS`, and
+    for :data:`LONGEST_S` at most.
 
     Raises:
-        ModelError: As :class:`sim.Plant` for its actuators; or it does not come to rest.
+        ModelError: As for :class:`sim.Plant`; or the part does not come to rest.
     """
     model, data = part.model, mujoco.MjData(part.model)
     for field in ("qpos", "eq_active", "act", "mocap_pos", "mocap_quat", "ctrl"):
         getattr(data, field)[:] = getattr(start, field)
     mujoco.mj_forward(model, data)
     data.ctrl[:] = _holding(part, data)
-    mine = np.setdiff1d(np.arange(model.nv), part.still)
+    mine = np.setdiff1d(np.arange(model.nv), part.other_velocities)
     steps = max(1, round(_EVERY_S / model.opt.timestep))
     rests = False
     while data.time < LONGEST_S and not rests:
         mujoco.mj_step(model, data, steps)
         if has_diverged(data):
             raise ModelError(_diverges(model))
-        beside = np.abs(data.qvel[part.still]).max(initial=0.0)
+        other_speed = np.abs(data.qvel[part.other_velocities]).max(initial=0.0)
         speed = np.abs(data.qvel[mine])
-        rests = speed.max(initial=0.0) < SLOW and (beside < SLOW_BESIDE or data.time > _BESIDE_S)
+        rests = speed.max(initial=0.0) < SLOW and (
+            other_speed < SLOW_OTHERS or data.time > _OTHERS_S
+        )
     if (speed := np.abs(data.qvel[mine])).max(initial=0.0) > _MOVES:
         joint = int(model.dof_jntid[mine[greatest(speed)]])
         raise ModelError(
@@ -73,7 +75,7 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
 
 
 def _diverges(model: mujoco.MjModel) -> str:
-    """Sentence on physics that diverges, and on what may prevent it."""
+    """Return a sentence on diverging physics and what may prevent it."""
     kind = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
     other = "" if kind.startswith("IMPLICIT") else ", or implicitfast"
     return (
@@ -84,18 +86,18 @@ def _diverges(model: mujoco.MjModel) -> str:
 
 def _statics(part: Part, data: mujoco.MjData) -> tuple[tuple[Drive, ...], Balance, Commands]:
     own = drives(part.model, among=part.actuators)
-    found = balance(part.model, data, own, part.still)
-    return own, found, commands_of(part.model, data, own, found.forces)
+    result = balance(part.model, data, own, part.other_velocities)
+    return own, result, commands_of(part.model, data, own, result.forces)
 
 
 def _holding(part: Part, data: mujoco.MjData) -> Array:
-    """Controls (nu,) that hold what stands still in `data`, within their ranges."""
+    """Return controls (nu,) within their ranges that keep `data` at rest."""
     model, (_, _, commands) = part.model, _statics(part, data)
-    controls = commands.beside(data.ctrl).at_rest
+    controls = commands.with_other_controls(data.ctrl).at_rest
     for k in set(range(model.nactuator)) - set(part.actuators):
         try:
             law = law_of(model, k)
-        except ModelError:  # it keeps its control
+        except ModelError:  # its control stays unchanged
             continue
         if law.per_length < 0.0:
             length = data.actuator_length[model.actuator_outadr[k]]
@@ -109,12 +111,14 @@ def stand(
 ) -> None:
     """Pin frames to the world where they are in `data`, as stiffly as the time step allows.
 
-    What is pinned no longer touches the world: two constraints for one foot would push each other.
-    `spec` as it was compiled to `model` is changed, and compiled anew by the caller; positions of
-    `data` are up to date.
+    Contacts of pinned bodies with the world are excluded: two constraints of one foot would act
+    against each other. `spec`, from which `model` was compiled, is changed; the caller compiles it
+    again. Positions in `data` are up to date.
     """
     frames = [located(model, "pinned", pin.frame) for pin in pins]
-    by_number = {body.id: body for body in spec.bodies}  # none has one any more after a change
+    by_number = {
+        body.id: body for body in spec.bodies
+    }  # bodies lose their numbers when the specification changes
     for k, (pin, frame) in enumerate(zip(pins, frames, strict=True)):
         there, here = f"pinned{k}_in_the_world", f"pinned{k}"
         quat_wxyz = np.empty(4)
@@ -138,10 +142,10 @@ def stand(
             spec.add_exclude(bodyname1=by_number[there].name, bodyname2=by_number[here].name)
 
 
-def standing(part: Part, data: mujoco.MjData) -> list[str]:
-    """List bodies that stand on the ground, or come to when let fall, as pins are written.
+def ground_contacts(part: Part, data: mujoco.MjData) -> list[str]:
+    """List the bodies of the part on the ground, or after falling to it, in the notation of pins.
 
-    Those that touch it at one point can turn about it.
+    Bodies with one contact point get the suffix ":point", since they can turn about it.
     """
     model, points = part.model, Counter[int]()
     data, steps = copy.copy(data), max(1, round(_LOOKED_S / model.opt.timestep))
@@ -149,7 +153,7 @@ def standing(part: Part, data: mujoco.MjData) -> list[str]:
         if data.ncon:
             break
         mujoco.mj_step(model, data, steps)
-    mujoco.mj_step(model, data, steps)  # until all of a foot is down
+    mujoco.mj_step(model, data, steps)  # until a foot has all its contacts
     for one, other in data.contact.geom:
         for here, there in ((one, other), (other, one)):
             if here >= 0 and there >= 0 and not model.body_weldid[model.geom_bodyid[there]]:

@@ -1,4 +1,4 @@
-"""What stays where it is while loops are closed: held joints and transmissions, pinned frames."""
+"""Coordinates that stay fixed while loops are closed: joints, transmissions, pinned frames."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ _NO_LENGTHS = check.frozen(np.zeros(0))
 
 @dataclass(frozen=True)
 class Pin:
-    """A frame that stays where it is, as a foot that stands: a contact taken as an equality.
+    """Fixed frame, such as a standing foot: a contact that is treated as an equality.
 
     Attributes:
         frame: Name of a site or else of a body, or a :class:`Body`.
-        weld: Whether it does not turn either; otherwise only its origin stays.
+        weld: Whether rotation is fixed as well; otherwise only the origin is.
     """
 
     frame: str | Body
@@ -37,7 +37,7 @@ class Pin:
 
 
 class LocatedPin(NamedTuple):
-    """A pin: the name of its frame, that frame in a model, and which rows of its twist are zero."""
+    """Pin of one model: name of its frame, the frame, and the rows of its twist that are zero."""
 
     name: str | int
     frame: Located
@@ -45,75 +45,75 @@ class LocatedPin(NamedTuple):
 
     @property
     def height(self) -> int:
-        """How many rows."""
+        """Number of rows."""
         return self.rows.stop - self.rows.start
 
 
 def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[LocatedPin, ...]:
-    """The pins of an argument `pinned`, looked up; a frame alone is one that may turn.
+    """Look up the pins of an argument `pinned`; a frame given without :class:`Pin` may rotate.
 
     Raises:
-        ModelError: A frame that does not exist.
+        ModelError: A frame does not exist.
     """
-    found = []
+    pins = []
     for pin in check.members("pinned", pinned, str, Body, Pin):
         frame, weld = (pin.frame, pin.weld) if isinstance(pin, Pin) else (pin, False)
         name = frame if isinstance(frame, str) else frame.name
         rows = slice(0, 6) if weld else slice(3, 6)
-        found.append(LocatedPin(name, located(model, "pinned", frame), rows))
-    return tuple(found)
+        pins.append(LocatedPin(name, located(model, "pinned", frame), rows))
+    return tuple(pins)
 
 
-class Hold(NamedTuple):
-    """What stays as it is in one state: velocities, and lengths of drives and poses of pins.
+class FixedMotion(NamedTuple):
+    """Fixed velocities, transmissions and pins, with reference lengths and poses.
 
-    Lengths are as `data.actuator_length`, poses rotations and positions; none before :meth:`at`.
+    Lengths are as `data.actuator_length`, poses rotations and positions, both set by :meth:`at`.
     """
 
-    still: tuple[int, ...]
+    velocities: tuple[int, ...]
     drives: tuple[Drive, ...]
     pins: tuple[LocatedPin, ...]
     lengths: Array = _NO_LENGTHS
     poses: tuple[tuple[Array, Array], ...] = ()
 
     def binds(self, data: mujoco.MjData) -> bool:
-        """Whether there are loops to close, or what stays needs more than not to be moved."""
+        """Return whether there are equalities, or fixed drives or pins, to be closed."""
         return bool(self.drives or self.pins or data.eq_active.any())
 
-    def at(self, data: mujoco.MjData) -> "Hold":
-        """The same drives and frames, to be held as they are in a state that is up to date."""
+    def at(self, data: mujoco.MjData) -> "FixedMotion":
+        """Return a copy with the lengths and poses of a state that is up to date."""
         frames = [pin.frame for pin in self.pins]
         poses = tuple((at.rotation(data).copy(), at.position_m(data).copy()) for at in frames)
         return self._replace(lengths=self._lengths(data), poses=poses)
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Slopes of the gaps, (p, nv)."""
+        """Return the gradients (p, nv) of :meth:`gaps`."""
         of_pins = [pin.frame.jacobian(model, data)[pin.rows] for pin in self.pins]
         return np.vstack([drive_rows(model, data, self.drives), *of_pins])
 
     def gaps(self, data: mujoco.MjData) -> Array:
-        """How far transmissions and frames have moved, (p,), [m] or [rad]."""
+        """Return how far transmissions and frames have moved, (p,), [m] or [rad]."""
         gaps = [(self._lengths(data) - self.lengths) / self._gear]
-        gaps[0][[not drive.has_length for drive in self.drives]] = 0.0  # held by their rows alone
+        gaps[0][[not drive.has_length for drive in self.drives]] = 0.0  # fixed by their rows only
         for pin, (rotation, position) in zip(self.pins, self.poses, strict=True):
             turn = rotation_vector(pin.frame.rotation(data) @ rotation.T)
             gaps.append(np.append(turn, pin.frame.position_m(data) - position)[pin.rows])
         return np.concatenate(gaps)
 
     def turns(self) -> list[bool]:
-        """Whether each of these gaps is an angle; otherwise it is a length."""
+        """Return whether each gap is an angle; otherwise it is a length."""
         of_pins = [row < 3 for pin in self.pins for row in range(6)[pin.rows]]
         return [*(drive.unit == "rad" for drive in self.drives), *of_pins]
 
     def names(self) -> list[str]:
-        """What each gap is of, in words."""
+        """Return a description of the element of each gap."""
         of_pins = [f'pinned "{pin.name}"' for pin in self.pins for _ in range(pin.height)]
         return [*(f'held "{drive.name}"' for drive in self.drives), *of_pins]
 
-    def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":
-        """What is held after a motion (nv,) from the state: transmissions grow as it says."""
-        growth = drive_rows(model, data, self.drives) @ motion
-        return self._replace(lengths=self.lengths + self._gear * growth)
+    def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "FixedMotion":
+        """Return a copy whose lengths have changed by a motion (nv,) from the state."""
+        elongation = drive_rows(model, data, self.drives) @ motion
+        return self._replace(lengths=self.lengths + self._gear * elongation)
 
     def _lengths(self, data: mujoco.MjData) -> Array:
         return data.actuator_length[[drive.outputs[0] for drive in self.drives]]
@@ -123,29 +123,29 @@ class Hold(NamedTuple):
         return np.array([drive.gear[0] for drive in self.drives])
 
 
-def hold(
+def fixed_motion(
     model: mujoco.MjModel, held: Iterable[str | int], pinned: Iterable[str | Body | Pin]
-) -> Hold:
-    """Look up what is to stay: see :func:`assemble`.
+) -> FixedMotion:
+    """Look up the arguments `held` and `pinned` of :func:`assemble`.
 
     Raises:
-        ModelError: Something that does not exist, with the nearest that does.
-        ValueError: An index that is none.
+        ModelError: An element does not exist; the message suggests the nearest name.
+        ValueError: An index is invalid.
     """
-    still: list[int] = []
-    of_drives: list[Drive] = []
+    velocities: list[int] = []
+    fixed_drives: list[Drive] = []
     for item in check.members("held", held, str, int, np.integer):
         is_name = isinstance(item, str)
-        kept = _named(model, item) if is_name else _numbered(model, check.integer("held", item))
-        if isinstance(kept, Drive):
-            of_drives.append(kept)
+        part = _by_name(model, item) if is_name else _by_number(model, check.integer("held", item))
+        if isinstance(part, Drive):
+            fixed_drives.append(part)
         else:
-            still += kept
-    return Hold(tuple(still), tuple(of_drives), pins_of(model, pinned))
+            velocities += part
+    return FixedMotion(tuple(velocities), tuple(fixed_drives), pins_of(model, pinned))
 
 
-def _numbered(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
-    """A velocity, or a transmission that is no joint, by number."""
+def _by_number(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
+    """Return a velocity, or a transmission without a joint, by number."""
     if velocity < model.nv:
         return [velocity]
     extra = extra_drives(drives(model))
@@ -154,19 +154,19 @@ def _numbered(model: mujoco.MjModel, velocity: int) -> list[int] | Drive:
     raise ModelError(f"held must lie in 0..{model.nv + len(extra) - 1}, got {velocity}")
 
 
-def _named(model: mujoco.MjModel, name: str) -> list[int] | Drive:
-    """The velocities of a joint, or a transmission that is no joint, by any of its names."""
+def _by_name(model: mujoco.MjModel, name: str) -> list[int] | Drive:
+    """Return the velocities of a joint, or a transmission without a joint, by a name."""
     of_model = drives(model)
     joints = {(model.joint(k).name, k) for k in range(model.njnt)}
-    joints |= {(each, d.joint) for d in of_model if d.joint is not None for each in d.actuators}
-    extra = [(each, d) for d in extra_drives(of_model) for each in {d.name, *d.actuators}]
-    found = [kept for each, kept in (*joints, *extra) if each == name != ""]
-    if not found:
-        names = sorted({each for each, _ in (*joints, *extra)} - {""})
+    joints |= {(label, d.joint) for d in of_model if d.joint is not None for label in d.actuators}
+    extra = [(label, d) for d in extra_drives(of_model) for label in {d.name, *d.actuators}]
+    matches = [match for label, match in (*joints, *extra) if label == name != ""]
+    if not matches:
+        names = sorted({label for label, _ in (*joints, *extra)} - {""})
         near = get_close_matches(name, names, 1)
         hint = f'; did you mean "{near[0]}"?' if near else f"; it has: {listed(names)}"
         raise ModelError(f'held: the model has no joint "{name}"{hint}')
-    if len(found) > 1:
+    if len(matches) > 1:
         raise ModelError(f'held: "{name}" means both a joint and a tendon or actuator')
-    kept = found[0]
-    return kept if isinstance(kept, Drive) else np.flatnonzero(model.dof_jntid == kept).tolist()
+    match = matches[0]
+    return match if isinstance(match, Drive) else np.flatnonzero(model.dof_jntid == match).tolist()
