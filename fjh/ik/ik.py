@@ -1,4 +1,4 @@
-"""Inverse kinematics: the velocity that meets tasks in strict levels, under limits."""
+"""Inverse kinematics: joint velocities that achieve tasks in strict levels, under limits."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -20,10 +20,10 @@ from sim import FRACTIONS, Array, Body, JacobianReader, Jacobians, Pin, TaskFunc
 
 
 class Ik:
-    """The velocity of a robot that does several things at once, the important ones exactly.
+    """Solver for the velocity of a robot with several tasks in strict levels.
 
-    Each level of tasks is met as far as limits, loops and the levels before it let. All that does
-    not change from tick to tick is looked up once::
+    Each level of tasks is achieved as far as limits, loops and the levels before it permit.
+    Everything that does not depend on the pose is prepared once::
 
         hand = FrameTask("hand")
         ik = Ik(model, [hand, PostureTask(target=data.qpos)], Limits(velocity=2.0))
@@ -31,9 +31,9 @@ class Ik:
             hand.target = pose
             ik.advance(data, ik.step(data, dt), dt, into=data)
 
-    The tasks hold their targets and gains, which the loop may set. Everything else stays as it is
-    when the object is made: :meth:`with_failures` gives another one. Both of them are for one
-    thread, because a step overwrites the Jacobians of the one before; solutions keep their own.
+    The tasks store their targets and gains, which the loop may set. Everything else is fixed at
+    construction: :meth:`with_failures` returns another object. Both share Jacobians that a step
+    overwrites, so they must be used in one thread; solutions have their own.
     """
 
     def __init__(
@@ -45,20 +45,20 @@ class Ik:
         active: bool | Iterable[str | int] = (),
         pinned: Iterable[str | Body | Pin] = (),
     ) -> None:
-        """Look up what no pose changes.
+        """Prepare all pose-independent data.
 
         Args:
-            model: Any model.
-            tasks: Of each level a task, or a list of tasks that are weighed against each other.
-            limits: None is `Limits()`: the ranges that the model states.
-            active: Joints that are variables though they have no actuator, by name or number, as
-                for :func:`sim.jacobians`: the base of a robot that walks.
-            pinned: Frames that stay where they are, as for :func:`sim.jacobians`: feet that stand.
+            model: Any MuJoCo model.
+            tasks: For each level a task, or a list of tasks that are weighted against each other.
+            limits: Limits; None is `Limits()`: the ranges that the model states.
+            active: Joints without actuator that are variables, by name or number, as for
+                :func:`sim.jacobians`: the base of a walking robot.
+            pinned: Fixed frames, as for :func:`sim.jacobians`: feet on the ground.
 
         Raises:
-            ModelError: A name that does not exist; a task that nothing active moves; or as
+            ModelError: A name does not exist; no active joint moves a task; or as
                 :func:`sim.jacobians`.
-            ValueError: No level, an empty one, or one task twice.
+            ValueError: No level, an empty level, or a task twice.
         """
         self._model = check.instance("model", model, mujoco.MjModel)
         self._levels = Levels.of(model, tasks)
@@ -82,7 +82,7 @@ class Ik:
         free: Iterable[int | str] = (),
         locked_passive: Iterable[int | str] = (),
     ) -> "Ik":
-        """The same after (further) failures, as of :class:`prioritized.ConstrainedSystem`.
+        """Return the solver after further failures, as :class:`prioritized.ConstrainedSystem`.
 
         The tasks are the same objects, with their targets.
         """
@@ -91,15 +91,15 @@ class Ik:
         return failed
 
     def step(self, data: mujoco.MjData, dt: float) -> Array:
-        """The velocity of all joints until the next tick, shape (nv,), as `data.qvel`.
+        """Return the velocity of all joints until the next tick, shape (nv,), as `data.qvel`.
 
         Args:
-            data: The state, whose loops are closed; frames in it are brought up to date.
+            data: State with closed loops; its frames are updated.
             dt: Time until the next tick [s].
 
         Raises:
             ClosureError: A loop is open: see :func:`sim.assemble`.
-            ValueError: A task without a target, or one that does not fit the model.
+            ValueError: A task has no target, or does not fit the model.
         """
         period_s = check.number("dt", dt, *check.SECONDS)
         here = self._reader.read(data)
@@ -113,7 +113,7 @@ class Ik:
         return qvel
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
-        """The same with its status, and what each task lacks; see :meth:`step`."""
+        """Return the velocity with its status and the residual of each level; see :meth:`step`."""
         period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
         asked = self._asked_at(data, period_s)
@@ -123,12 +123,11 @@ class Ik:
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
     ) -> mujoco.MjData:
-        """The state after this velocity, all loops closed again, as :func:`sim.advance`.
+        """Return the state after this velocity with all loops closed again, as :func:`sim.advance`.
 
-        A new one, or `into`, which may be `data`: that takes a tenth of the time. Joints that are
-        stuck rest whatever `qvel` says. The state's `qvel` is the velocity with which it got there,
-        and its `time` says how far it came. What the step misses of the targets is left to the
-        next tick.
+        It is a new state, or `into`, which may be `data`: that takes a tenth of the time. Locked
+        joints rest for any `qvel`. The state's `qvel` is the velocity of the motion, and its `time`
+        shows how far the motion got. Remaining errors of the targets are left to the next tick.
         """
         stuck = self._system.stuck
         taken = check.array("qvel", qvel, self._model.nv).copy()
@@ -140,7 +139,7 @@ class Ik:
         return moved
 
     def _take(self, system: ConstrainedSystem) -> None:
-        """Keep a system, and what its tasks ask for at any pose."""
+        """Store a system, and the pose-independent targets of its tasks."""
         self._system, self._anywhere = system, (actuated := system.kinematics())
         self._hierarchy = actuated.hierarchy(self._asked)
         self._tick = self._hierarchy.tick(actuated)
@@ -154,7 +153,7 @@ class Ik:
         self._has_free_rates = has_rates and not len(actuated.system.joints.moving)
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
-        """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
+        """Return the limits of all velocities at an updated state, and the targets of the tasks."""
         check.array("data.qvel", data.qvel)
         limits = self._limits.at(data, period_s, self._anywhere)
         return limits, self._targets.at(data, period_s)
@@ -167,7 +166,7 @@ class Ik:
         error_bound: float,
         asked: tuple[VelocityLimits, Array],
     ) -> Array | None:
-        """All velocities in one compiled call; None where something is in doubt."""
+        """Return all velocities from one compiled call; None if it cannot certify the result."""
         if self._tick is None:
             return None
         limits, targets = asked
@@ -179,9 +178,9 @@ class Ik:
     def _approaches(
         self, data: mujoco.MjData, J_T: Array, asked: Array, met: Array, period_s: float
     ) -> bool:
-        """Whether a step lowers the errors of all tasks: by its second order, or as it is tried.
+        """Return True if a step reduces the errors of all tasks, to second order or in a test.
 
-        What tasks of joints do in the null space does not count, where no loops tie it.
+        Joint tasks in the null space are not counted if no loops couple it.
         """
         rows, weight, of_rates = self._rows
         J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
@@ -191,7 +190,7 @@ class Ik:
         if h * y.dot(y) <= spare:
             return True
         if self._has_free_rates:
-            with suppress(np.linalg.LinAlgError):  # a singular one is tried
+            with suppress(np.linalg.LinAlgError):  # if singular, a test step decides
                 if 0.0 <= h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare:
                     return True
         return self._trial.comes_nearer(data, period_s * moved, period_s * asked, period_s * met)
@@ -204,7 +203,7 @@ class Ik:
         asked: tuple[VelocityLimits, Array],
         met: Array | None,
     ) -> IkSolution:
-        """The solution with its findings, where the compiled one is known or none."""
+        """Return the solution with its diagnostics, from compiled velocities if there are any."""
         limits, targets = asked[0], self._targets.of_levels(asked[1])
         problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
         if met is None:
@@ -220,7 +219,7 @@ class Ik:
         return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
 
     def _tightened(self, data: mujoco.MjData, problem: IkProblem) -> IkProblem:
-        """The problem with limits corrected for tendons that turn on the way of its solution."""
+        """Return the problem with limits corrected for tendons that rotate during the step."""
         for _ in range(_BENDS):
             tighter = self._limits.tightened(data, problem.limits, problem.velocities)
             if tighter is None:
@@ -231,10 +230,11 @@ class Ik:
     def _kept(
         self, data: mujoco.MjData, velocities: Array, limits: VelocityLimits, braked: Array | None
     ) -> tuple[Array, float]:
-        """Of velocities (N,) those of joints, (nv,), and the part left to keep distances.
+        """Return joint velocities (nv,) and the fraction of the step that keeps distances.
 
-        With accelerations that is the part of the way to them from `braked`; None is that without
-        loops. Braking from there keeps all limits that it can.
+        With accelerations it is the fraction of the way from the braking velocities `braked` to the
+        given ones; None are those without loops. Braking from there keeps all limits that can be
+        kept.
         """
         nv, distances, braking = self._model.nv, self._limits.limits.distances, limits.braking
         if braking is None:
@@ -259,4 +259,4 @@ class Ik:
 
 
 _BENDS = 3
-"""How often a step is corrected for tendons that turn on its way."""
+"""Largest number of corrections of a step for tendons that rotate during it."""

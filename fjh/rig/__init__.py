@@ -1,4 +1,4 @@
-"""A robot with its loops, ready to fly: the testbed's hexapod, or any robot of an MJCF file.
+"""A robot with its control loops, ready to simulate: the testbed's hexapod, or any MJCF robot.
 
 from fjh.rig import Rig
 from sim import Failure
@@ -26,7 +26,7 @@ _OF = {
     "Rig": "fjh.rig.rig",
     "Run": "fjh.rig.run",
 }
-"""Read when asked for: the command line has its choices from here, and its help is not to wait."""
+"""Module of each name, imported on first use: the command line's help must not wait for MuJoCo."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""A dither for a rig, by which its diagnosis tells failures apart, and what it costs."""
+"""Dithers of a rig by which its diagnosis isolates failures, and their cost."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -28,31 +28,32 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
-"""To choose from, above the crossovers of the loops: these would suppress what a failure leaves. No
-actuator is named before a period has passed; by default it is a tenth of a second at most."""
+"""Candidate frequencies [Hz], used above the crossovers of the loops, which would suppress the
+response of a failure. No actuator is identified before a period has passed: a tenth of a second at
+most by default."""
 
 MEASURED_S = 0.5
-"""So long failures are measured: they are to be told apart in half a second."""
+"""Time [s] in which failures are to be separated."""
 
 _WORDS = ("none", "default", "designed")
 
 _SAMPLES = 4
-"""Of the diagnosis in a period of the dither, at the least."""
+"""Smallest number of samples of the diagnosis in a period of the dither."""
 
 _NOTHING = 1e-9
-"""Part of a reference that is no motion but round-off."""
+"""Part of a reference that counts as round-off."""
 
 
 def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
-    """The dither that is asked for: "none", "default", "designed", or a frequency in Hz.
+    """Return the requested dither: "none", "default", "designed", or a frequency in Hz.
 
-    The least separation of two failures is the largest found, by the linear model with the
-    uncertainty that the diagnosis assumes, of a size that :data:`DITHER_SIZE` says; "default" is
-    designed at 10 or 20 Hz, of a size that :data:`COST_PART` says. None is none, or that the major
-    task leaves no motion; by default also that no frequency serves, or separates any failure.
+    A designed dither maximizes the least separation of two failures by the linear model with the
+    uncertainty that the diagnosis assumes, with an amplitude of :data:`DITHER_SIZE`; "default" is
+    designed at 10 or 20 Hz, limited by :data:`COST_PART`. None for "none", or if the major task
+    leaves no motion; for "default" also if no frequency is possible or separates any failure.
 
     Raises:
-        WrongInput: Something else is asked for, or a frequency that the diagnosis does not see.
+        WrongInput: The request is invalid, or a frequency that the diagnosis cannot use.
     """
     if asked == "none":
         return None
@@ -67,7 +68,7 @@ def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
 
 
 def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> DitherDesign | None:
-    """The best of these frequencies that moves no major row further; None: there is no motion."""
+    """Return the best dither of these frequencies within the cost; None if there is no motion."""
     mapping = rig.mapping(rig.goal)
     freedom = mapping.secondary_gain()
     freedom = np.where(np.abs(freedom) < _NOTHING, 0.0, freedom)
@@ -81,7 +82,7 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
 
 
 def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
-    """The dither of :meth:`fjh.rig.Rig.supervisor`; `default` is that of the robot.
+    """Return the dither of :meth:`fjh.rig.Rig.supervisor`; `default` is that of the robot.
 
     Raises:
         WrongInput: As :func:`rig_dither`.
@@ -95,7 +96,7 @@ def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> 
 
 
 def _frequencies(rig: "Rig", asked: str) -> list[float]:
-    """Those asked for that the diagnosis sees; of the designed ones those that no loop follows."""
+    """Return the requested frequencies in the diagnosis band; designed ones above crossovers."""
     slowest = 1 / MEASURED_S
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
     tried = FREQUENCIES_HZ.get(asked, ())
@@ -114,7 +115,7 @@ def _frequencies(rig: "Rig", asked: str) -> list[float]:
 
 
 def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | None:
-    """A dither, what it costs and what it separates, ready for JSON."""
+    """Return a dither, its cost and the failures that it isolates, ready for JSON."""
     if design is None:
         return None
     displacement, task_motion = design.displacement.tolist(), design.task_motion.tolist()
@@ -136,10 +137,11 @@ def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | No
 def not_isolable(
     rig: "Rig", design: DitherDesign | None, path: Array, failures: Sequence[Failure]
 ) -> list[Failure]:
-    """Failures that neither the dither nor the path tells from others, by the linear model.
+    """Return the failures that neither the dither nor the path isolates, by the linear model.
 
-    From no failure and from those of other actuators, with the uncertainty that the diagnosis
-    assumes; by the dither in half a second, by the path in a period of its strongest sinusoid.
+    A failure is isolated if it is separated from no failure and from those of other actuators, with
+    the uncertainty that the diagnosis assumes; by the dither in half a second, by the path in a
+    period of its strongest sinusoid.
     """
     left = [
         each
@@ -153,7 +155,7 @@ def not_isolable(
 
 
 def _path_separations(rig: "Rig", path: Array) -> Separations:
-    """Separations by the path's strongest sinusoid in a period of it; the actuators follow it."""
+    """Return the separations by the path's strongest sinusoid, over one period of it."""
     phasors = np.fft.rfft(path, axis=0)[1:] * 2 / len(path)
     strongest = greatest((np.abs(phasors) ** 2).sum(axis=1))
     frequency_hz = np.array([(1 + strongest) / (len(path) * rig.period_s)])

@@ -1,4 +1,4 @@
-"""What failures leave of a major task at one posture: classified, measured, compared, in words."""
+"""Analysis of a major task at one posture under failures: classification, speed, force, reasons."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -18,18 +18,21 @@ from sim import Array
 Limits = tuple[Array, Array]
 
 LEAST_LEFT = 0.01
-"""Part of the sound robot's speed, force or effect that a failure leaves if it is survived."""
+"""Fraction of the healthy robot's speed, force or effect that must remain for a failure to count as
+survived."""
 
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """What each of C failure conditions leaves; the first condition is the sound one.
+    """Analysis of C failure conditions of a system; the first condition is the healthy one.
 
     Attributes:
-        codes: Shape (C, n).
-        left: Verdicts and numbers of each; with the springs where these count.
-        are_joints: Whether a free actuator is a joint that moves freely. Otherwise it is an input
-            that has no effect any more, as a rotor that stands: its column is out, free or locked.
+        codes: Conditions, shape (C, n).
+        left: Classes and gains of each condition; those of the elastic mechanism where springs
+            count.
+        are_joints: True if a free actuator is a joint that moves freely. Otherwise it is an input
+            without effect, such as a stopped rotor, whose column is removed for free and locked
+            alike.
     """
 
     codes: Codes
@@ -38,14 +41,15 @@ class Examined:
 
     @property
     def survived(self) -> NDArray[np.bool_]:
-        """Whether the task is possible with `LEAST_LEFT` of what the sound robot has, (C,)."""
+        """Return where the task keeps `LEAST_LEFT` of the healthy performance, (C,) booleans."""
         return self._possible & ~(self.share < LEAST_LEFT)
 
     @cached_property
     def share(self) -> Array:
-        """What decides: the speed left, and of a robot the force if that is less, shape (C,).
+        """Remaining performance that decides survival, shape (C,): the smaller of speed and force.
 
-        Without limits of the forces that of unit norm, which is the inverse of the error gain.
+        For inputs it is the speed alone. Without force limits it is the force of unit norm, the
+        inverse of the error gain.
         """
         if not self.are_joints:
             return self.speed_left
@@ -57,7 +61,7 @@ class Examined:
 
     @property
     def _possible(self) -> NDArray[np.bool_]:
-        """Whether it is fully reachable, within limits too, and no self-motion moves it."""
+        """Return where the task is reachable within limits and no self-motion moves it."""
         if self.left.worst_speed is None:
             return self.left.possible
         return self.left.possible & (self.left.worst_speed > 0.0)
@@ -74,25 +78,25 @@ class Examined:
 
     @property
     def largest_gain(self) -> Array:
-        """Largest norm of the rates per major speed, infinite where there is none, (C,)."""
+        """Largest norm of the rates per major speed, infinite if not possible, (C,)."""
         with np.errstate(divide="ignore"):
             return np.where(self._possible, 1.0 / self.left.worst_gain, np.inf)
 
     @cached_property
     def relative_manipulability(self) -> Array:
-        """sqrt(det J_m J_m^T) over that of the sound robot, shape (C,).
+        """Ratio of sqrt(det J_m J_m^T) on the admissible rates to the healthy robot's, shape (C,).
 
-        On the admissible rates. Zero where a direction is out of reach or moves by itself; NaN
-        where it is so without failures.
+        Zero if a direction is out of reach or moves by self-motion; NaN if that holds without
+        failures.
         """
         return _over_the_first(np.where(self.left.possible, self.left.gains.prod(axis=1), 0.0))
 
     @cached_property
     def speed_left(self) -> Array:
-        """Worst major speed over that of the sound robot, shape (C,).
+        """Ratio of the worst major speed to the healthy robot's, shape (C,).
 
-        Zero where the task is impossible; NaN where it is so without failures. Where no speed was
-        computed, or no limit bounds it, that of rates of norm one.
+        Zero if the task is impossible; NaN if it is impossible without failures. Without computed
+        or bounded speeds, those of rates of norm one are compared.
         """
         speed = self.left.worst_speed
         if speed is None or np.isinf(speed[0]):
@@ -101,7 +105,7 @@ class Examined:
 
     @property
     def force_left(self) -> Array | None:
-        """Worst major force likewise; infinite where the structure bears every force."""
+        """Ratio of the worst major force to the healthy one; infinite if borne by structure."""
         return None if self.left.worst_force is None else _over_the_first(self.left.worst_force)
 
     @cached_property
@@ -115,11 +119,11 @@ class Examined:
 
     @cached_property
     def best_possible(self) -> Array:
-        """What no robot can exceed under every set of as many failures, shape (C,).
+        """Upper bound of the relative manipulability over all sets of as many failures, shape (C,).
 
-        sqrt(C(n - i, m) / C(n, m)): the root mean square over all sets of i columns that are out
-        of n (Ukidve, McInroy and Jafari, 2008). NaN where failures take more than columns away: in
-        loops that constrain the actuators, and with a joint that moves freely.
+        sqrt(C(n - i, m) / C(n, m)): the root mean square over all sets of i removed columns of n
+        (Ukidve, McInroy and Jafari, 2008). NaN if failures do more than remove columns: in loops
+        that constrain the actuators, and with a joint that moves freely.
         """
         n, m = self.codes.shape[1], self.left.gains.shape[1]
         found = np.array([best_relative_manipulability(n, m, int(i)) for i in self.failures])
@@ -128,31 +132,31 @@ class Examined:
         return found
 
     def lost(self, row: int) -> Array:
-        """Secondary directions that the sound robot has and this condition lost, shape (m2, k)."""
+        """Return the secondary directions lost in a condition against health, shape (m2, k)."""
         here, sound = (_columns(self.left.lost_secondary[k]) for k in (row, 0))
         left = here - sound @ (sound.T @ here)
         U, sigma, _ = np.linalg.svd(left, full_matrices=False)
         return U[:, sigma > _SAME]
 
     def verdict(self, row: int) -> str:
-        """Of the major task: that of :func:`fjh.rig.verdicts.left_of`, or one of two.
+        """Return the class of the major task in a condition: :func:`left_of`, or one of two more.
 
-        "no room": the limits leave none in some major direction; "nearly lost": less than
-        `LEAST_LEFT` is left there.
+        "no room": the limits leave no speed in some major direction; "nearly lost": less than
+        `LEAST_LEFT` remains.
         """
         if self.left.possible[row] and not self.survived[row]:
             return NEARLY_LOST if self._possible[row] else NO_ROOM
         return left_of(self.left)[row].replace("_", " ")
 
     def reason(self, row: int) -> str:
-        """Why the major task is not possible, a clause."""
+        """Return a clause that states why the major task is not possible."""
         return _REASONS.get(self.verdict(row), "the actuators do not reach every major direction")
 
 
 NO_ROOM, NEARLY_LOST = "no room", "nearly lost"
 _REASONS = {
-    "drifts": "it moves although every actuator stands still",
-    NO_ROOM: "the limits leave no room in some major direction",
+    "drifts": "it moves although every actuator is stationary",
+    NO_ROOM: "the limits leave no margin in some major direction",
 }
 
 
@@ -170,7 +174,7 @@ def _columns(padded: Array) -> Array:
 
 
 def best_relative_manipulability(n: int, m: int, failures: int) -> float:
-    """sqrt(C(n - i, m) / C(n, m)), NaN for fewer actuators than rows."""
+    """Return sqrt(C(n - i, m) / C(n, m)), NaN for fewer actuators than rows."""
     return sqrt(comb(n - failures, m) / comb(n, m)) if n >= m else np.nan
 
 
@@ -184,17 +188,18 @@ def examine(
     are_joints: bool = True,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Examined:
-    """What failures leave of a system; with its springs where it has some.
+    """Analyze the failure conditions of a system, elastic if it has springs.
 
     Args:
-        system: At one posture.
+        system: The system at one posture.
         major: Task rows of the major task.
-        codes: The conditions, the sound one first.
+        codes: The conditions (C, n), the healthy one first.
         rates: Limits of the rates, (n,) or (C, n), for the worst speed; None: it is not computed.
-        torques: Likewise of the torques.
+        torques: Limits of the torques, (n,) or (C, n), for the worst force; None: it is not
+            computed.
         are_joints: As in :class:`Examined`.
-        on_progress: Called with the examined and the total number of conditions, if these are so
-            many that they are examined in several parts.
+        on_progress: Called with the number of analyzed and of all conditions, if there are so many
+            that they are analyzed in several parts.
     """
     different, row_of = codes, np.arange(len(codes))
     if not are_joints:
@@ -219,7 +224,7 @@ def examine(
 
 
 _AT_ONCE = 200_000
-"""Conditions times squared actuators: less than a second, and 100 MB."""
+"""Conditions times squared actuators per batch: less than a second, and 100 MB."""
 
 
 def _of_part(limits: Limits | None, part: slice) -> Limits | None:
@@ -229,7 +234,7 @@ def _of_part(limits: Limits | None, part: slice) -> Limits | None:
 
 
 def _joined(parts: Sequence[Classes], rows: NDArray[np.intp]) -> Classes:
-    """Conditions of all parts by their rows, each as often as it is named."""
+    """Return the classes of all parts at the given rows, which may repeat."""
     joined: dict[str, Any] = {}
     for each in fields(Classes):
         values = [getattr(part, each.name) for part in parts]
@@ -241,15 +246,15 @@ def _joined(parts: Sequence[Classes], rows: NDArray[np.intp]) -> Classes:
 
 
 _ALONE = 0.995
-"""Part of a direction that is of one row, so that the row alone is named."""
+"""Component of a direction from which it is described by one row alone."""
 _PART = 0.05
-"""Smallest part of a direction that is named."""
+"""Smallest component of a direction that its description includes."""
 
 
 def directions_in_words(basis: Array, rows: Sequence[str]) -> str:
-    """Directions (m2, k) of rows by their names: "y", or "0.8 x - 0.6 turn z"; "nothing" of none.
+    """Return a description of directions (m2, k): "y", "0.8 x - 0.6 turn z", or "nothing".
 
-    Rows that are lost whole come first, then what is left, a combination each.
+    Rows that are lost completely come first, then one combination for each further direction.
     """
     whole = np.flatnonzero(np.linalg.norm(basis, axis=1) > _ALONE).tolist()
     rest = basis.copy()

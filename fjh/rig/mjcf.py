@@ -19,15 +19,15 @@ from sim.mjcf import located, names_of
 
 
 def rig_of(model: Path | None, options: RobotOptions) -> Rig:
-    """The rig that a command's options ask for.
+    """Return the rig that a command's options request.
 
     Args:
         model: MJCF; None is the hexapod, which has its own frame, loops and sensors.
-        options: Of the robot.
+        options: Options of the robot.
 
     Raises:
-        WrongInput: Something that the robot does not have or cannot do.
-        sim.ModelError: The file, or what it says.
+        WrongInput: The robot lacks a named part, or cannot perform the task.
+        sim.ModelError: The file cannot be read, or its model is unsuitable.
     """
     if model is not None:
         return robot_rig(check_file(model), options)
@@ -40,11 +40,11 @@ def rig_of(model: Path | None, options: RobotOptions) -> Rig:
 
 
 def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig:
-    """Any robot from its MJCF file, on its exact plant; `at` are joint positions (nq,) to start at.
+    """Return the rig of an MJCF file on its exact plant; `at` are positions (nq,) of the start.
 
     Raises:
-        WrongInput: A weight or keyframe that the robot does not have; or it cannot do the task.
-        sim.ModelError: The file, or what it says.
+        WrongInput: The robot lacks a named part, or cannot perform the task.
+        sim.ModelError: The file cannot be read, or its model is unsuitable.
     """
     robot, rows = robot_of(file, options, at), options.major
     plant = robot.alone
@@ -86,7 +86,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig
 def _tracking(
     robot: Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
 ) -> Tracking:
-    """The loops of a plant at its start."""
+    """Return the control loops of a plant at its start."""
     options = robot.options
     try:
         return tracking(

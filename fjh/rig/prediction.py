@@ -1,4 +1,4 @@
-"""The linear model of a rig in the loop: errors of a run, before and after failures; stability."""
+"""Linear model of a rig in closed loop: predicted errors before and after failures, stability."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,25 +21,26 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 _PULSE_S = 3.0
-"""Length of the response to a sample of noise, in periods of the crossover."""
+"""Length of the noise impulse response, in periods of the crossover."""
 
 MARGINAL = 1 + 1e-9
-"""A largest pole up to here is an integrator that the mapping lets move nothing."""
+"""Largest pole radius that counts as stable: it is an integrator that the mapping does not excite.
+"""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """RMS of desired minus true, before the first failure and from it on, (m1,) each.
+    """Predicted RMS of desired minus true displacements, before the first failure and from it on.
 
-    NaN where there is no such time, and where the linear model does not hold.
+    It is NaN for a part without ticks, and after an actuator has left its range.
 
     Attributes:
-        rms_before: (m1,).
-        rms_after: (m1,).
-        leaves: The actuator that leaves its range in the linear model, which then says nothing any
-            more; None is none.
-        error: Desired minus true tick by tick, (N, m1), without noise that is not known.
-        rms: Of the whole run, (m1,).
+        rms_before: RMS error of each major row before the first failure, (m1,), [rad] or [m].
+        rms_after: RMS error from the first failure on, (m1,).
+        leaves: Actuator that leaves its range, from where on the linear model is invalid; None if
+            all stay in range.
+        error: Desired minus true displacements at each tick, (N, m1), without unknown noise.
+        rms: RMS error of the complete run, (m1,).
     """
 
     rms_before: Array
@@ -50,7 +51,8 @@ class Prediction:
 
 
 Learns = bool | Sequence[float | None]
-"""When a controller learns of failures: at once, never, or at a time [s] each; None is never."""
+"""Times at which a controller is informed of failures: at onset, never, or one time [s] each, None
+for never."""
 
 
 def predicted(
@@ -66,14 +68,13 @@ def predicted(
     floor_m_per_s2: Array | None = None,
     bent: Array | float = 0.0,
 ) -> Prediction:
-    """The prediction of a run; see :meth:`fjh.rig.Rig.predict`.
+    """Return the predicted errors of a run; see :meth:`fjh.rig.Rig.predict`.
 
-    `bent` is what the task deviates by from the linear model besides, of the shape of the path.
-
-    The plant is linear about its start and changes with each fault; the mapping is that of the
-    start, and is reconfigured at the tick at which the controller learns of a fault; the actuators
-    go on from where they stand, and their secondary motion does not fade. Noise that is not known
-    is white.
+    The plant is linear about its start and changes with each fault. The mapping is that of the
+    start, and is reconfigured at the tick at which the controller is informed of a fault; the
+    actuators start from their positions there, and their secondary motion does not fade. Unknown
+    noise is white. `bent` is a further deviation of the task from the linear model, of the shape of
+    the path.
     """
     controller, model, n = rig.controller(goal), fault_model(rig.nominal), rig.nominal.actuators
     x = None if start is None else at_rest(model.A, model.B, rig.period_s) @ start
@@ -118,7 +119,7 @@ def predicted(
 def _changes(
     rig: "Rig", failures: Sequence[Failure], told: Learns
 ) -> list[tuple[int, list[tuple[Fault, bool]]]]:
-    """Faults that occur, and those that become known, by control tick."""
+    """Return the faults that occur and those that become known, by control tick."""
     check.instance("told", told, bool, list, tuple, np.ndarray)
     times: Sequence[float | None] = (
         [each.time_s if told else None for each in failures] if isinstance(told, bool) else told
@@ -139,14 +140,14 @@ def _changes(
 
 
 def _dithered(dither: Dither | None, ticks: int, actuators: int, period_s: float) -> Array:
-    """Displacements that the dither asks of the actuators at each tick, (N, n)."""
+    """Return the displacements of the dither at each tick, (N, n)."""
     if dither is None:
         return np.zeros((ticks, actuators))
     return np.array([dither.at(tick * period_s) for tick in range(ticks)])
 
 
 def _standing(controller: PrioritizedController) -> Array | float:
-    """Displacements (n,) commanded at no demand, because a lock off centre is known."""
+    """Return the displacements (n,) at zero demand, nonzero for known locks off centre."""
     mapping = controller.mapping
     if not any(mapping.goal.locked_at.values()):
         return 0.0
@@ -162,9 +163,9 @@ def _summarized(
     *,
     white: bool,
 ) -> Prediction:
-    """RMS of errors (N, m1) before a tick and from it on, until an actuator leaves its range.
+    """Return the RMS of errors (N, m1) before and after a tick, while actuators are in range.
 
-    `stages` are the plants of the two parts; noise that is not known is white.
+    `stages` are the plants of the two parts; `white` adds the variance of white sensor noise.
     """
     squares, leaves = [], None
     for part, stage in zip((slice(first), slice(first, None)), stages, strict=True):
@@ -179,7 +180,7 @@ def _summarized(
 
 
 def _leaving(rig: "Rig", states: Array) -> str | None:
-    """The actuator that leaves its range furthest in these states (N, s); None where none does."""
+    """Return the actuator that leaves its range furthest in states (N, s), or None."""
     if not len(states):
         return None
     (lower, upper), moved = rig.travel, states @ rig.nominal.displacement.T
@@ -188,11 +189,11 @@ def _leaving(rig: "Rig", states: Array) -> str | None:
 
 
 def _noise_variance(rig: "Rig", stage: Stage) -> Array:
-    """Variance (m1,) of the true task that the white noise of the sensors causes."""
+    """Return the variance (m1,) of the true task caused by white sensor noise."""
     m1 = len(rig.loops)
     slowest_hz = min(each.crossover_hz for each in rig.margins)
     pulses = np.zeros((m1, round(_PULSE_S / slowest_hz / rig.period_s), m1))
-    pulses[range(m1), 0, range(m1)] = 1.0  # a reference of the compensators alone is such a noise
+    pulses[range(m1), 0, range(m1)] = 1.0  # noise acts like a reference of the compensators alone
     alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), rubbing=None)
     first = Stage(alone, gain=stage.gain)
     outputs = np.array(
@@ -202,12 +203,12 @@ def _noise_variance(rig: "Rig", stage: Stage) -> Array:
 
 
 def open_loop(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> "control.StateSpace":
-    """The open loop from errors of the major rows to the rows: compensators, mapping, plant.
+    """Return the open loop of the major rows, errors to outputs: compensators, mapping, plant.
 
     Args:
-        rig: The robot, with all compensators.
-        goal: Of the mapping, in the nominal posture; failures that it knows included.
-        faults: Of the plant, on the coordinates that locks leave.
+        rig: The robot, its compensators included.
+        goal: Goal of the mapping in the nominal posture, including known failures.
+        faults: Faults of the plant, which is reduced to the coordinates that locks leave.
     """
     import control  # late, as in ftc.compensator
 
@@ -221,17 +222,17 @@ def open_loop(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> "control.
 
 
 def pole_radius(L: "control.StateSpace") -> float:
-    """Size of the largest pole of an open loop's closed loop: up to `MARGINAL` it is stable."""
+    """Return the largest pole radius of the closed loop: stable up to `MARGINAL`."""
     import control  # late, as above
 
     return float(np.abs(control.feedback(L, np.eye(L.noutputs)).poles()).max())
 
 
 def loop_peak(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> float:
-    """Peak over frequency of the largest singular value of the sensitivity (I + L)^-1.
+    """Return the peak over frequency of the largest singular value of the sensitivity (I + L)^-1.
 
-    Its inverse is how near the loops come to instability, all rows and their coupling taken
-    together; a well-damped single loop has less than 2.
+    Its inverse is the distance of all loops together, coupling included, to instability; a
+    well-damped single loop has a peak below 2.
     """
     return sensitivity_peak(open_loop(rig, goal, faults))
 
@@ -239,10 +240,10 @@ def loop_peak(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> float:
 def linear_run(
     rig: "Rig", path: Array, dither: Dither, faults: Sequence[Fault] = (), onset: int = 0
 ) -> tuple[Array, Array]:
-    """States (N, s) and displacements commanded (N, n) of the linear loop on a path, without noise.
+    """Return states (N, s) and commanded displacements (N, n) of the linear loop without noise.
 
-    The path is (N, m1). The faults strike all at once at the tick `onset`, unknown to the mapping,
-    which is that of the rig's goal in the nominal posture.
+    The path is (N, m1). All faults occur at the tick `onset`, unknown to the mapping, which is that
+    of the rig's goal in the nominal posture.
     """
     mapping, sound = rig.mapping(rig.goal), fault_model(rig.nominal)
     failed = fault_model(rig.nominal, faults)

@@ -1,4 +1,4 @@
-"""What is left of the major task in each condition of a failure atlas, as verdicts in words."""
+"""Classification of the remaining major task in each condition of a failure atlas."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,23 +10,23 @@ from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from prioritized import Classes, FailureAtlas
 
 KEPT = ("exact", "rigid", "springs")
-"""Names of the verdicts with which the major task is possible."""
+"""Names of the classes in which the major task is possible."""
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five")
 _LEFT = (BLACK, YELLOW, ORANGE, PURPLE, GREEN, "#999999")
-"""Number of directions that are left, in words and in colours."""
+"""Colors by the number of remaining directions."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is left of the major task in some of the conditions of an atlas.
+    """Class of the conditions of an atlas that leave the same part of the major task.
 
     Attributes:
-        name: As in files.
-        label: For a reader.
-        color: On a map.
-        holds: In which conditions, shape (C,).
-        by_failures: Their number, by how many actuators have failed, shape (n + 1,).
+        name: Name in files.
+        label: Label for people.
+        color: Color on a map.
+        holds: True for the conditions of this class, shape (C,).
+        by_failures: Number of conditions by number of failed actuators, shape (n + 1,).
     """
 
     name: str
@@ -37,12 +37,12 @@ class Verdict:
 
 
 def left_of(classes: Classes) -> NDArray[np.object_]:
-    """What is left of the major task in each condition, strings (C,).
+    """Return the class of the major task in each condition, strings (C,).
 
-    It is "exact", or "drifts": self-motion moves it; else so many directions are left:
+    "exact"; "drifts" if self-motion moves the task; else the number of remaining directions:
     "two_directions", "one_direction" or "none".
     """
-    # The last has all its directions, and is exact or drifts.
+    # With all directions the task is exact or drifts.
     names = [_counted(count) for count in range(classes.gains.shape[1] + 1)]
     left = np.array(names, dtype=object)[classes.major_rank]
     left[classes.unstable_major] = "drifts"
@@ -59,15 +59,15 @@ def _noun(count: int) -> str:
 
 
 def verdicts(atlas: FailureAtlas, *, task: str = "task", body: str = "task") -> list[Verdict]:
-    """The atlas' flags as verdicts of which each condition has exactly one, the best first.
+    """Return disjoint classes that cover all conditions of an atlas, the best first.
 
-    Those of :func:`left_of`, with springs where the mechanism has some: then what is exact is
-    "rigid", without them as well, or exact with the "springs" only.
+    They are those of :func:`left_of`; for an elastic mechanism "exact" is split into "rigid", exact
+    with and without springs, and "springs", exact with the springs only.
 
     Args:
-        atlas: Of any mechanism.
-        task: The adjective of the major task's directions in labels.
-        body: What a self-motion moves, in labels.
+        atlas: Atlas of any mechanism.
+        task: Adjective of the major task's directions in labels.
+        body: Name of what a self-motion moves, in labels.
     """
     springs, rigid = atlas.elastic, atlas.possible
     left, failing = left_of(springs or atlas), (atlas.codes != 0).sum(axis=1)
@@ -91,7 +91,7 @@ def verdicts(atlas: FailureAtlas, *, task: str = "task", body: str = "task") -> 
 
 
 def names_of(found: Sequence[Verdict]) -> NDArray[np.object_]:
-    """Name of the verdict of each condition of the atlas, strings (C,)."""
+    """Return the name of each condition's class, strings (C,)."""
     names = np.empty(len(found[0].holds), dtype=object)
     for verdict in found:
         names[verdict.holds] = verdict.name

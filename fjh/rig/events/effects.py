@@ -1,6 +1,6 @@
-"""Every event that has a name, declared once: by a decorator of the function of its effect.
+"""Named events, each declared once by a decorator of the function of its effect.
 
-Imports neither `sim` nor SciPy: the command line refuses misspelt events before these are loaded.
+Imports neither `sim` nor SciPy: the command line rejects misspelt events before these are loaded.
 """
 
 import math
@@ -30,10 +30,11 @@ LATEST_S = 1e9
 GRAVITY = 9.81
 """Acceleration that gives weights [m/s^2], also in a model without gravity."""
 FULL = 20.0
-"""Full displacement of an actuator without limits, as a multiple of the path's reach."""
+"""Full displacement of an actuator without limits, as a multiple of the path's amplitude."""
 _LOCKED: "tuple[FailureKind, ...]" = ("locked",)
 _UNMOVED: "tuple[FailureKind, ...]" = ("free", "locked")
-"""What obeys no input: free where a spring takes the load, locked where a servo does."""
+"""Diagnoses of an actuator that follows no input: free if a spring bears the load, locked if a
+servo does."""
 
 
 class Effect(NamedTuple):
@@ -41,8 +42,8 @@ class Effect(NamedTuple):
 
     Attributes:
         plant: Called before the physics; adds forces on bodies to `data.xfrc_applied`.
-        measured: From the major rows (m1,) that would be read to those that are.
-        sent: From the inputs (n,) that the controller sends to those that the drives get.
+        measured: Maps the major rows (m1,) before the event to those that are measured.
+        sent: Maps the inputs (n,) that the controller sends to those that the drives receive.
     """
 
     plant: Callable[[int, mujoco.MjModel, mujoco.MjData], None] | None = None
@@ -52,17 +53,18 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of event.
+    """Declaration of an event.
 
     Attributes:
-        sentence: What happens, with sizes.
-        of: Of an actuator, which an event then names, a supply, the machine or its sensors.
-        named_as: What its actuators may rightly be taken for; empty: no actuator may be named.
-        failures: Of actuators, as of `sim.Failure`, that the event consists of or brings: of
-            its own actuator, or of as many others, at random.
-        after_s: How long after the event these strike.
-        cause: What a diagnosis can say of it that is no failure; None: it has no name for it.
-        effect: What it does besides to a target, sizes bound.
+        sentence: Description with sizes.
+        of: Part it acts on: one actuator, which the event states, a supply, the machine or its
+            sensors.
+        named_as: Kinds of failure that are a correct diagnosis of its actuators; empty: none is.
+        failures: Kinds of `sim.Failure` that the event includes or causes: of its own actuator, or
+            of as many random others.
+        after_s: Time from the event to these failures [s].
+        cause: Correct diagnosis that is no failure; None: there is none.
+        effect: Function of its further effect on a target, sizes bound.
     """
 
     sentence: str
@@ -75,21 +77,21 @@ class Kind:
 
 
 EVENTS: dict[str, Kind] = {}
-"""Every event by name, in the order of declaration, which studies and pages follow."""
+"""Events by name, in the order of declaration, which studies and pages follow."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something happens to a machine at one time.
+    """An event of a machine at one time.
 
     Attributes:
         name: One of `EVENTS`.
-        time_s: When; what happens at the first tick of a run has begun before it.
-        actuator: By number or name, where the event is of one; else None.
+        time_s: Time [s]; an event at the first tick of a run starts before it.
+        actuator: Number or name of the actuator, for events of one; else None.
 
     Raises:
-        ValueError, TypeError: No such event; an actuator is missing, superfluous or no name or
-            number; a time that is none, or negative.
+        ValueError, TypeError: There is no such event; an actuator is missing, superfluous or
+            invalid; the time is invalid or negative.
     """
 
     name: str
@@ -114,18 +116,18 @@ class Event:
             said = f"a name, or a number from 0 on, got {check.shown(self.actuator)}"
             raise ValueError(f"actuator must be {said}")
         if self.kind.of == "actuator" and self.actuator is None:
-            raise ValueError(f"{self.name} is of an actuator, which must be named")
+            raise ValueError(f"{self.name} acts on one actuator, which must be given")
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(
-                f"{self.name} is of no single actuator, got {check.shown(self.actuator)}"
+                f"{self.name} acts on no single actuator, got {check.shown(self.actuator)}"
             )
 
     @classmethod
     def parse(cls, text: str) -> "Event":
-        """Parse NAME@SECONDS or, of what happens to an actuator, NAME:ACTUATOR@SECONDS.
+        """Parse NAME@SECONDS or, for an event of an actuator, NAME:ACTUATOR@SECONDS.
 
         Raises:
-            ValueError, TypeError: Another form; or as of an event that is made.
+            ValueError, TypeError: The text has another form, or the event is invalid.
         """
         if not isinstance(text, str):
             raise TypeError(f"text must be that of an event, got {check.shown(text)}")
@@ -140,7 +142,7 @@ class Event:
 
     @property
     def kind(self) -> Kind:
-        """What `EVENTS` says of it."""
+        """Declaration of the event in `EVENTS`."""
         return EVENTS[self.name]
 
 
@@ -155,11 +157,11 @@ def event(
     cause: Cause | None = None,
     **sizes: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Declare an event on the function of its effect; arguments as of :class:`Kind`.
+    """Declare an event on the function of its effect; arguments as for :class:`Kind`.
 
-    `sizes` are the function's arguments besides the target; it raises WrongInput where the target
-    cannot have the event. Of several decorators the lowest declares first; an event that comes
-    after those of other functions is declared by a call.
+    `sizes` are the function's arguments besides the target; it raises WrongInput if the event does
+    not apply to the target. The lowest of several decorators declares first; an event that follows
+    those of other functions is declared by a call.
     """
 
     def declare(effect: Callable[..., Effect]) -> Callable[..., Effect]:
@@ -181,13 +183,13 @@ sensor_event = partial(event, "sensor")
 @actuator_event("free", "the actuator loses its force", ("free",), ("free",))
 @actuator_event("locked", "the actuator stays where it is", _LOCKED, _LOCKED)
 def no_effect(_: "Target") -> Effect:
-    """No effect besides the failures that the event consists of."""
+    """Return no effect besides the failures of the event."""
     return Effect()
 
 
 @actuator_event("spring_lost", "the own spring is lost, not the force", ("loose", "free"))
 def lost_spring(target: "Target") -> Effect:
-    """Take the actuator's own spring away, and with it its preload."""
+    """Remove the actuator's own spring and its preload."""
     stiffness = target.moved("stiffness")
     if stiffness(target.rig.model) == 0.0:
         raise target.refused("has no spring of its own")
@@ -197,7 +199,7 @@ def lost_spring(target: "Target") -> Effect:
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
 @actuator_event("hard_over", "full input from then on, at a drawn end", _UNMOVED, part=1.0)
 def constant_input(target: "Target", part: float) -> Effect:
-    """Hold the input at a part of the full one, at a random end of the range."""
+    """Set the input to a constant part of the full one, at a random end of the range."""
     end = target.limits[target.rng.integers(2)]
     full = end if math.isfinite(end) else math.copysign(FULL * target.reach, end)
     constant = target.input(part * full)
@@ -206,7 +208,7 @@ def constant_input(target: "Target", part: float) -> Effect:
 
 @actuator_event("stuck_input", "the input stays as it is", _UNMOVED, lag_s=math.inf)
 def lagging(target: "Target", lag_s: float) -> Effect:
-    """Pass the input through a first-order lag; an infinite lag keeps it as it is."""
+    """Pass the input through a first-order lag; an infinite lag freezes it."""
     follows, state = -math.expm1(-target.rig.period_s / lag_s), 0.0
 
     def lagged(tick: int, own: float) -> float:
@@ -222,7 +224,7 @@ def lagging(target: "Target", lag_s: float) -> Effect:
 )
 @actuator_event("offset", "an offset of three times what the path moves", cause="offset", size=3.0)
 def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effect:
-    """Add a displacement of random sign, and its rate per second, in reaches of the path."""
+    """Add a displacement of random sign, and its rate per second, in amplitudes of the path."""
     per_reach = float(target.rng.choice([-1.0, 1.0])) * target.input(target.reach)
     grows = rate * target.rig.period_s
     return _own_input(target, lambda tick, own: own + per_reach * (size + grows * tick))
@@ -234,7 +236,7 @@ def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effe
 def no_force(
     target: "Target", off_s: float, every_s: float = math.inf, *, everywhere: bool = False
 ) -> Effect:
-    """Switch the actuator, or all, off for some time, once or at the beginning of every period."""
+    """Switch the actuator, or all, off for some time, once or at the start of every period."""
     drives = target.drives if everywhere else [target.drive]
     ids, groups = [k for drive in drives for k in drive.ids], None
 
@@ -245,7 +247,7 @@ def no_force(
             groups = model.actuator_group[ids]
             for drive in drives:
                 target.switch_off(model, drive)
-        elif is_on and groups is not None:  # what was off before stays off
+        elif is_on and groups is not None:  # actuators that were off before stay off
             model.actuator_group[ids], groups = groups, None
 
     return Effect(plant)
@@ -253,7 +255,7 @@ def no_force(
 
 @actuator_event("fading", "the force decays, time constant 1 s", ("weak", "free"), decay_s=1.0)
 def scaled_force(target: "Target", gain: float = 1.0, decay_s: float = math.inf) -> Effect:
-    """Multiply the actuator's force by a gain, and let it decay exponentially."""
+    """Multiply the actuator's force by a gain that decays exponentially."""
     ids, decays = list(target.drive.ids), math.exp(-target.rig.period_s / decay_s)
 
     def plant(tick: int, model: mujoco.MjModel, _: mujoco.MjData) -> None:
@@ -278,7 +280,7 @@ actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(sca
 
 @actuator_event("lock_released", "locks, moves again after 100 ms", _LOCKED, _LOCKED, opens_s=0.1)
 def released_lock(target: "Target", opens_s: float) -> Effect:
-    """Open the lock that the event brings, some time after it."""
+    """Open the lock that the event closes after some time."""
     lock, opens = target.lock, target.ticks(opens_s)
     if lock < 0:
         raise target.refused("has no lock")
@@ -297,7 +299,7 @@ actuator_event("free_returns", "no force for 0.5 s, then all again", ("free",), 
     "rubbing", "dry friction: half of what the path takes", ("locked", "weak"), part=0.5
 )
 def rubbing(target: "Target", part: float) -> Effect:
-    """Add dry friction, as a part of the force that the path takes against spring and servo."""
+    """Add dry friction, as a fraction of the force of spring and servo on the path."""
     stiffness, friction = target.moved("stiffness"), target.moved("frictionloss")
 
     def rub(model: mujoco.MjModel) -> None:
@@ -309,7 +311,7 @@ def rubbing(target: "Target", part: float) -> Effect:
 
 @actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
 def damped(target: "Target", times: float) -> Effect:
-    """Multiply the actuator's damping, the servo's included."""
+    """Multiply the actuator's damping, including the servo's."""
     damping = target.moved("damping")
 
     def damp(model: mujoco.MjModel) -> None:
@@ -387,7 +389,7 @@ def scaled_mass(target: "Target", factor: float) -> Effect:
     def scale(model: mujoco.MjModel) -> None:
         model.body_mass[body] *= factor
         model.body_inertia[body] *= factor
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # constants derived from masses
 
     return _once(scale)
 
@@ -401,14 +403,14 @@ def biased(target: "Target", sigmas: float, samples: float = math.inf) -> Effect
 
 @sensor_event("scale", "1.2 of the truth is read", cause="scale", factor=1.2)
 def scaled(_: "Target", factor: float) -> Effect:
-    """Multiply what is read."""
+    """Multiply the measurement."""
     return Effect(measured=lambda _, output: factor * output)
 
 
 @sensor_event("all_stuck", "all rows stay as they are", part=1.0)
 @sensor_event("stuck", "one row stays as it is", part=1.0, one_row=True)
 def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
-    """Repeat what was read last, in a part of the samples; of all rows, or of a random one."""
+    """Repeat the last measurement, of all rows or a random one, in a fraction of the samples."""
     draw, m1 = target.rng.random, len(target.rig.major)
     rows, last = target.rng.integers(m1) if one_row else slice(None), np.empty(m1)
 
@@ -436,7 +438,7 @@ def noisy(target: "Target", times: float) -> Effect:
 @sensor_event("nan_for_50ms", "samples are NaN for 50 ms", duration_s=0.05)
 @sensor_event("nan", "one sample is NaN", duration_s=0.0)
 def missing(target: "Target", part: float = 1.0, duration_s: float = math.inf) -> Effect:
-    """Make a part of the samples NaN for some time, that of one sample at least."""
+    """Replace a fraction of the samples by NaN for some time, at least one sample."""
     draw, ends = target.rng.random, target.ticks(duration_s)
 
     def measured(tick: int, output: "Array") -> "Array":
@@ -474,7 +476,7 @@ def hum(target: "Target", sigmas: float, hz: float) -> Effect:
 
 
 def _own_input(target: "Target", change: Callable[[int, float], float]) -> Effect:
-    """Change the input of the event's own actuator, within the range of its drive."""
+    """Return an effect that changes the input of the event's actuator within its drive's range."""
     k = target.actuator
     low, high = (target.input(end) if math.isfinite(end) else end for end in target.limits)
 
@@ -487,18 +489,18 @@ def _own_input(target: "Target", change: Callable[[int, float], float]) -> Effec
 
 
 def _once(change: Callable[[mujoco.MjModel], None]) -> Effect:
-    """Change the plant's model at the first tick, to stay."""
+    """Return an effect that changes the plant's model permanently at the first tick."""
     return Effect(lambda tick, model, _: change(model) if tick == 0 else None)
 
 
 def _feedback(target: "Target", model: mujoco.MjModel, order: int) -> float:
-    """Force of an actuator's servos per displacement (order 1) or velocity (2) of it."""
+    """Return an actuator's servo force per displacement (order 1) or velocity (order 2)."""
     gains = model.actuator_biasprm[list(target.drive.ids), order]
     return -float(np.square(target.drive.gear) @ gains)
 
 
 def _on_floor(along: "Array | list[float]", acceleration: Callable[[int], float]) -> Effect:
-    """Accelerate the floor by a: seen from it, every mass m feels -m a."""
+    """Return an effect that accelerates the floor by a: a mass m gets the inertial force -m a."""
 
     def plant(tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         for axis, part in enumerate(along):

@@ -1,4 +1,4 @@
-"""The events of a run, as what a :class:`sim.Bench` calls tick by tick."""
+"""Events of a run as hooks of a :class:`sim.Bench`."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -25,21 +25,22 @@ if TYPE_CHECKING:
 def events_of(
     rig: "Rig", events: object, *, begin_s: float = 0.0, lead_in_s: float = 0.0, seed: int = 0
 ) -> tuple[object, list[Failure]]:
-    """What a bench calls, None for nothing, and the failures that belong to events.
+    """Return the hooks of a bench for events, None without any, and the failures that they cause.
 
     Args:
         rig: The machine.
-        events: A sequence of :class:`Event` and of objects as of :class:`sim.Bench`; or one such
-            object alone; None is nothing.
-        begin_s: Time of the first tick of the path.
-        lead_in_s: How long the loop has been closed by then; what happens at the first tick of the
-            path happens at the first of the lead-in, as with failures.
-        seed: Of random directions, actuators and samples; the same of the first event of a name
-            whatever else happens.
+        events: A sequence of :class:`Event` and of objects with hooks as for :class:`sim.Bench`, or
+            one such object; None is no event.
+        begin_s: Time of the first tick of the path [s].
+        lead_in_s: Time [s] for which the loop is closed before; events at the first tick of the
+            path occur at the first tick of the lead-in, as failures do.
+        seed: Seed of random directions, actuators and samples; the first event of a name is the
+            same for any other events.
 
     Raises:
-        TypeError: An event without a list, its name alone, or an object without such functions.
-        WrongInput: An actuator that the robot does not have, or that cannot have this event.
+        TypeError: An event is not in a list or is given by its name alone, or an object has no
+            hooks.
+        WrongInput: An actuator that the robot does not have, or to which the event does not apply.
     """
     listed = [events] if isinstance(events, str | Event) else events
     if not isinstance(listed, Sequence):
@@ -59,7 +60,7 @@ def events_of(
 
 
 def _written(event: str | Event) -> str:
-    """How an event is given in a list."""
+    """Return an example of how an event is written in a list."""
     if isinstance(event, Event):
         return f"[{event}], got it without a list"
     actuator = ', "ACTUATOR"' if EVENTS.get(event, EVENTS["bump"]).of == "actuator" else ""
@@ -68,10 +69,10 @@ def _written(event: str | Event) -> str:
 
 
 def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Effect, list[Failure]]:
-    """What an event does after so many of its name, and the failures that belong to it.
+    """Return the effect of an event after `before` others of its name, and the failures it causes.
 
     Raises:
-        WrongInput: An actuator that the robot does not have, or that cannot have this event.
+        WrongInput: An actuator that the robot does not have, or to which the event does not apply.
     """
     rng = np.random.default_rng(Draw(seed).seed(f"{event.name} {before}"))
     target, kind = Target(rig, event, rng), event.kind
@@ -85,13 +86,13 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
 
 
 class Hooks:
-    """Everything that happens to a machine: hooks of others first, then effects in their order."""
+    """Hooks of all events of a machine: hooks of others first, then effects in their order."""
 
     def __init__(self, others: Iterable[object] = ()) -> None:
-        """Begin with hooks as of :class:`sim.Bench`, without effects.
+        """Take hooks as for :class:`sim.Bench`; effects follow by `begin`.
 
         Raises:
-            TypeError: One has no such function.
+            TypeError: An object has no such hooks.
         """
         self._effects, self._readers, self._pushes = list[tuple[int, Effect]](), list[Any](), False
         for plant, measured, sent in map(hooks_of, others):
@@ -99,31 +100,31 @@ class Hooks:
             self._readers += [measured] if measured else []
 
     def __getstate__(self) -> dict[str, Any]:
-        raise TypeError("events in a run cannot be copied: what they did so far would be shared")
+        raise TypeError("events in a run cannot be copied: the copies would share their state")
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing of either."""
+        """Return True without hooks and effects."""
         return not self._effects
 
     def begin(self, tick: int, effect: Effect) -> None:
-        """Add an effect from a tick on."""
+        """Add an effect that starts at a tick."""
         self._effects.append((tick, effect))
         self._pushes |= effect.plant is not None
 
     def end(self, effect: Effect) -> None:
-        """Remove an effect; what it has changed of the plant's model stays."""
+        """Remove an effect; its changes of the plant's model remain."""
         self._effects = [each for each in self._effects if each[1] is not effect]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Act on the plant before the physics of a tick; forces of several events add up."""
+        """Act on the plant before the physics of a tick; forces of several events are added."""
         if self._pushes:
             data.xfrc_applied[:] = 0.0
         for since, change in self._begun("plant", tick):
             change(since, model, data)
 
     def measured(self, tick: int, reading: Reading) -> Reading:
-        """What the controller reads instead."""
+        """Return the reading that the controller receives."""
         for reader in self._readers:
             reading, gap = measured_by(reader, tick, reading)
             if gap is not None:
@@ -133,20 +134,20 @@ class Hooks:
         return reading
 
     def sent(self, tick: int, inputs: Array) -> Array:
-        """What the drives get instead."""
+        """Return the inputs that the drives receive."""
         for since, change in self._begun("sent", tick):
             inputs = change(since, inputs)
         return inputs
 
     def _begun(self, hook: str, tick: int) -> list[tuple[int, Any]]:
-        """Ticks since each effect with this hook began, and the hook."""
+        """Return the number of ticks since each effect with this hook started, and the hook."""
         found = [(tick - first, getattr(each, hook)) for first, each in self._effects]
         return [(since, change) for since, change in found if since >= 0 and change is not None]
 
 
 @dataclass(frozen=True)
 class Target:
-    """Machine that an event acts on, and the generator of the event's random numbers."""
+    """Machine on which an event acts, with the event's random generator."""
 
     rig: "Rig"
     event: Event
@@ -157,12 +158,12 @@ class Target:
     @cached_property
     def actuator(self) -> int:
         """Number of the event's own actuator."""
-        assert self.event.actuator is not None  # of an actuator, so it has one
+        assert self.event.actuator is not None  # checked by Event
         return self.rig.number(self.event.actuator)
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
-        """Drives of all actuators; their ids are those of the plant's model, too."""
+        """Drives of all actuators; their ids are valid for the plant's model as well."""
         part = self.rig.part
         return drives(self.rig.model, among=None if part is None else part.actuators)
 
@@ -173,7 +174,7 @@ class Target:
 
     @property
     def lock(self) -> int:
-        """Id of the equality that locks the event's own actuator; negative: it has none."""
+        """Id of the equality that locks the event's own actuator; negative without one."""
         return lock_of(self.rig.model, self.drive)
 
     @cached_property
@@ -189,27 +190,27 @@ class Target:
         return float(low[self.actuator]), float(high[self.actuator])
 
     def input(self, displacement: float) -> float:
-        """Input of the event's own actuator that a displacement takes."""
+        """Return the input of the event's own actuator for a displacement."""
         everywhere = np.full(len(self.drives), displacement)
         return float(self.rig.task.drives.inputs(everywhere)[self.actuator])
 
     def ticks(self, duration_s: float) -> float:
-        """Nearest number of ticks, one at least; infinite as the duration."""
+        """Return the nearest number of ticks, at least one; infinite for an infinite duration."""
         ticks = duration_s / self.rig.period_s
         return max(1, round(ticks)) if math.isfinite(ticks) else ticks
 
     def direction(self, axes: int) -> Array:
-        """Random unit vector, (axes,)."""
+        """Return a random unit vector, (axes,)."""
         normal = self.rng.standard_normal(axes)
         return normal / np.linalg.norm(normal)
 
     def moved(
         self, what: Literal["stiffness", "damping", "frictionloss"]
     ) -> Callable[[mujoco.MjModel], Array]:
-        """View (1,) in a model of a property of what the event's own actuator moves.
+        """Return a function from a model to the view (1,) of a joint or tendon property.
 
         Raises:
-            WrongInput: It moves neither a joint nor a tendon.
+            WrongInput: The actuator moves neither a joint nor a tendon.
         """
         joint, k, name = self.drive.joint, self.drive.tendon, f"tendon_{what}"
         if joint is not None and what == "stiffness":
@@ -221,5 +222,5 @@ class Target:
         return lambda model: getattr(model, name)[k : k + 1]
 
     def refused(self, why: str) -> WrongInput:
-        """Error: the machine cannot have the event."""
+        """Return the error that the event does not apply to the machine."""
         return WrongInput(f"{self.event.name}: {self.rig.actuators[self.actuator]} {why}")

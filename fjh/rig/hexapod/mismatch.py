@@ -1,4 +1,4 @@
-"""How a hexapod may differ from its controller's model: springs, hysteresis, drifts, floor, too."""
+"""Mismatch of a hexapod: springs, hysteresis, drifts and floor besides the general sizes."""
 
 from dataclasses import dataclass, replace
 
@@ -23,53 +23,57 @@ ALL = Mismatch(
     hysteresis=0.01,
     timestep_s=2.5e-4,
 )
-"""Everything at once, the floor at VC-C.
+"""Mismatch of all kinds at once, the floor at VC-C.
 
 With 1 % of the stiffness slipping, the loss factor of a suspension is at most 0.01 / pi = 0.3 %,
 where all elements are stretched to twice their slip. That is in the range of metal springs in
 clamps; the flexures of `fjh.xml` have 1 %. The physics step is twice the model's: MuJoCo's error of
-frequency and damping doubles, and a flight costs half.
+frequency and damping doubles, and a run takes half the time.
 """
 
 SIZES = (
     *("gain", "stiffness", "damping", "inertia", "delay_ticks", "floor_um_per_s"),
     *("drift_urad_per_s", "gain_drift_per_s", "hysteresis", "timestep_s"),
 )
-"""Those of the hexapod."""
+"""Sizes that apply to the hexapod."""
 
 ALL_SIZES = {name: getattr(ALL, name) for name in SIZES}
-"""Those of :data:`ALL`, ready for JSON."""
+"""Sizes of :data:`ALL`, ready for JSON."""
 
 ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in ALL_SIZES.items()}
-"""Each size of :data:`ALL` by itself."""
+"""Mismatches with a single size of :data:`ALL` each."""
 
 DRAWN = ("gain", "stiffness", "damping", "inertia")
-"""Those drawn of each part: where the diagnosis has a prior, too, `ftc.fdi.uncertainty.TYPICAL`."""
+"""Sizes sampled for each part, for which the diagnosis has a prior: `ftc.fdi.uncertainty.TYPICAL`.
+"""
 
 OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in DRAWN})
-"""Another family than the prior's: log-normal, correlated between parts, and twice as wide."""
+"""Mismatch of another family than the prior's: log-normal, correlated between parts, twice as wide.
+"""
 
 SLIP_M = (0.3e-6, 30e-6)
-"""Range of the stretch at which an element of the hysteresis slips, drawn with a uniform logarithm:
-from less than the dither of a diagnosis, 0.5 um, to more than the struts move on the spiral."""
+"""Range of the stretch at which an element of the hysteresis slips, sampled with a uniform
+logarithm: from less than the dither of a diagnosis, 0.5 um, to more than the struts move on the
+spiral."""
 
 ELEMENTS = 4
-"""Of the hysteresis of each suspension, equally stiff."""
+"""Number of elements in the hysteresis of each suspension, equally stiff."""
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """What of a hexapod differs from the model that its controllers have; by default nothing.
+    """Differences between a hexapod and its controllers' model; by default none.
 
     Attributes:
-        model: The machine itself: springs, dampers, inertias, gains of the coils, physics step;
+        model: Model of the plant: springs, dampers, inertias, gains of the coils, physics step;
             None is the controllers' model.
-        hysteresis: Of the suspensions, beside the springs of the model; None is none.
-        gain_drift_per_s: Relative change of each coil's gain from the start of a run.
-        delay_ticks: Control ticks by which commands come late.
+        hysteresis: Hysteresis of the suspensions, parallel to the springs of the model; None is
+            none.
+        gain_drift_per_s: Relative drift rate of each coil's gain from the start of a run.
+        delay_ticks: Delay of commands in control ticks.
         floor_m_per_s: RMS velocity of the floor in each third octave.
-        floor_seed: Of its phases.
-        drift_rad_per_s: Of the detector's zero in (alpha, beta), from the start of a run.
+        floor_seed: Seed of the floor's phases.
+        drift_rad_per_s: Drift rate of the detector's zero in (alpha, beta) from the start of a run.
     """
 
     model: mujoco.MjModel | None = None
@@ -82,12 +86,12 @@ class Differences:
 
 
 def differing(known: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
-    """What is drawn of a machine whose controllers have this model.
+    """Return the sampled differences of a machine from its controllers' model.
 
-    The same seed gives the same plant and drift, whoever controls it and for how long, and the same
-    floor in runs of one length. Each difference has a stream of its own: a plant drawn with one
-    size alone has the values that it has with all others beside it. The suspensions are preloaded
-    anew, as at commissioning: the payload rests at the nominal pose, whatever springs and weights.
+    The same seed gives the same plant and drift for any controller and duration, and the same floor
+    in runs of one length. Each difference has its own random stream: a plant sampled with one size
+    alone has the same value as with all others. The suspensions are preloaded again, as at
+    commissioning: the payload rests at the nominal pose for any springs and weights.
 
     Raises:
         sim.ModelError: A machine whose struts are not driven by coils against springs.
@@ -117,17 +121,17 @@ def differing(known: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
 
 
 def has_suspensions(model: mujoco.MjModel) -> bool:
-    """Whether a spring stands against each coil, as a mismatch needs it."""
+    """Return True if each coil acts against a spring, as a mismatch requires."""
     return bool(model.jnt_stiffness[_suspensions(model)].all())
 
 
 def _suspensions(model: mujoco.MjModel) -> Array:
-    """Joints of the coils, shape (6,)."""
+    """Return the joints of the coils, shape (6,)."""
     return model.actuator_trnid[:, 0]
 
 
 def _set_springs(model: mujoco.MjModel, sizes: Mismatch, draw: Draw) -> MaxwellSlip | None:
-    """Draw all springs; of the suspensions', a part becomes elements that slip."""
+    """Sample all springs; a part of the suspensions becomes elements that slip."""
     model.jnt_stiffness[:] *= draw.factors("stiffness", model.njnt, sizes.stiffness)
     if not sizes.hysteresis:
         return None
