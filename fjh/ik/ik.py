@@ -13,7 +13,7 @@ import numpy as np
 import argument_checks as check
 from fjh.ik.levels import Levels
 from fjh.ik.limits import Limits, VelocityLimits
-from fjh.ik.overshoot import MISSED, NEGLIGIBLE, Trial
+from fjh.ik.overshoot import MISSED, NEGLIGIBLE, StepTest
 from fjh.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
 from sim import FRACTIONS, Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
@@ -65,16 +65,16 @@ class Ik:
         self._pinned = tuple(pinned) if isinstance(pinned, Iterable) else pinned
         read = {"pinned": self._pinned, "active": active}
         self._reader = JacobianReader(model, self._levels.read, **read)
-        anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
-        self._there = anywhere, mujoco.MjData(model)
-        jac = anywhere.at(self._there[1])
+        reader = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
+        self._scratch = reader, mujoco.MjData(model)
+        jac = reader.at(self._scratch[1])
         for sentence in jac.structure.left_out:
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
         self._limits = given.of(model, jac)
         system = ConstrainedSystem.of(jac)
-        self._asked = self._levels.levels(system)
-        self._take(system)
+        self._levels_of_tasks = self._levels.levels(system)
+        self._prepare(system)
 
     def with_failures(
         self,
@@ -87,7 +87,7 @@ class Ik:
         The tasks are the same objects, with their targets.
         """
         failed = copy(self)
-        failed._take(self._system.with_failures(locked, free, locked_passive))
+        failed._prepare(self._system.with_failures(locked, free, locked_passive))
         return failed
 
     def step(self, data: mujoco.MjData, dt: float) -> Array:
@@ -102,23 +102,27 @@ class Ik:
             ValueError: A task has no target, or does not fit the model.
         """
         period_s = check.number("dt", dt, *check.SECONDS)
-        here = self._reader.read(data)
-        asked = self._asked_at(data, period_s)
-        met = self._met(data, here.J_T, here.J_C, here.error_bound, asked)
-        if met is None or not self._approaches(data, here.J_T, asked[1], met, period_s):
-            return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
-        qvel, fraction = self._kept(data, met, asked[0], None)
-        if fraction < 1.0 and asked[0].braking is not None and len(here.J_C):
-            return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
+        jacobians = self._reader.read(data)
+        requested = self._at(data, period_s)
+        velocities = self._compiled_solution(
+            data, jacobians.J_T, jacobians.J_C, jacobians.error_bound, requested
+        )
+        if velocities is None or not self._approaches(
+            data, jacobians.J_T, requested[1], velocities, period_s
+        ):
+            return self._solution(data, period_s, self._reader.at(data), requested, velocities).qvel
+        qvel, fraction = self._limited(data, velocities, requested[0], None)
+        if fraction < 1.0 and requested[0].braking is not None and len(jacobians.J_C):
+            return self._solution(data, period_s, self._reader.at(data), requested, velocities).qvel
         return qvel
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
         """Return the velocity with its status and the residual of each level; see :meth:`step`."""
         period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
-        asked = self._asked_at(data, period_s)
-        met = self._met(data, jac.J_T, jac.J_C, jac.error_bound, asked)
-        return self._solved(data, period_s, jac, asked, met)
+        requested = self._at(data, period_s)
+        velocities = self._compiled_solution(data, jac.J_T, jac.J_C, jac.error_bound, requested)
+        return self._solution(data, period_s, jac, requested, velocities)
 
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
@@ -130,93 +134,104 @@ class Ik:
         shows how far the motion got. Remaining errors of the targets are left to the next tick.
         """
         stuck = self._system.stuck
-        taken = check.array("qvel", qvel, self._model.nv).copy()
-        taken[stuck[stuck < len(taken)]] = 0.0
-        check.array("qvel times dt", taken * check.number("dt", dt, check.SMALLEST))
-        rest = {"held": stuck.tolist(), "pinned": self._pinned}
-        moved = advance(self._model, data, taken, dt, **rest, warn_of_misses=False, into=into)
-        moved.qvel[:] = taken
+        velocity = check.array("qvel", qvel, self._model.nv).copy()
+        velocity[stuck[stuck < len(velocity)]] = 0.0
+        check.array("qvel times dt", velocity * check.number("dt", dt, check.SMALLEST))
+        options = {"held": stuck.tolist(), "pinned": self._pinned}
+        moved = advance(self._model, data, velocity, dt, **options, warn_of_misses=False, into=into)
+        moved.qvel[:] = velocity
         return moved
 
-    def _take(self, system: ConstrainedSystem) -> None:
+    def _prepare(self, system: ConstrainedSystem) -> None:
         """Store a system, and the pose-independent targets of its tasks."""
-        self._system, self._anywhere = system, (actuated := system.kinematics())
-        self._hierarchy = actuated.hierarchy(self._asked)
+        self._system, self._nominal_kinematics = system, (actuated := system.kinematics())
+        self._hierarchy = actuated.hierarchy(self._levels_of_tasks)
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
-        self._trial = Trial(self._model, *self._there, self._targets, system)
-        asked, units = self._targets.of_rows(), system.geometry.velocity_units
-        self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
+        self._step_test = StepTest(self._model, *self._scratch, self._targets, system)
+        requested, units = self._targets.of_rows(), system.geometry.velocity_units
+        self._rows = requested, 1.0 / system.geometry.task_units[: len(requested)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
         parts = [part for level in self._targets.levels for part in level]
         has_rates = any(part.among is not None for part in parts)
         self._has_free_rates = has_rates and not len(actuated.system.joints.moving)
 
-    def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
+    def _at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Return the limits of all velocities at an updated state, and the targets of the tasks."""
         check.array("data.qvel", data.qvel)
-        limits = self._limits.at(data, period_s, self._anywhere)
+        limits = self._limits.at(data, period_s, self._nominal_kinematics)
         return limits, self._targets.at(data, period_s)
 
-    def _met(
+    def _compiled_solution(
         self,
         data: mujoco.MjData,
         J_T: Array,
         J_C: Array,
         error_bound: float,
-        asked: tuple[VelocityLimits, Array],
+        requested: tuple[VelocityLimits, Array],
     ) -> Array | None:
         """Return all velocities from one compiled call; None if it cannot certify the result."""
         if self._tick is None:
             return None
-        limits, targets = asked
-        met = self._tick(J_T, J_C, targets, limits.box, error_bound)
-        if met is None or not limits.are_kept_by(met):
+        limits, targets = requested
+        velocities = self._tick(J_T, J_C, targets, limits.box, error_bound)
+        if velocities is None or not limits.are_satisfied_by(velocities):
             return None
-        return met if self._limits.tightened(data, limits, met) is None else None
+        return velocities if self._limits.tightened(data, limits, velocities) is None else None
 
     def _approaches(
-        self, data: mujoco.MjData, J_T: Array, asked: Array, met: Array, period_s: float
+        self, data: mujoco.MjData, J_T: Array, requested: Array, velocities: Array, period_s: float
     ) -> bool:
         """Return True if a step reduces the errors of all tasks, to second order or in a test.
 
         Joint tasks in the null space are not counted if no loops couple it.
         """
         rows, weight, of_rates = self._rows
-        J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
+        J, y, target = (
+            J_T[: len(rows)] * self._scale,
+            of_rates * velocities,
+            weight * requested[rows],
+        )
         flat, moved = J.ravel(), J.dot(y)
-        rest, h = wanted - moved, 0.25 * period_s * sqrt(flat.dot(flat))
-        spare = MISSED * (sqrt(wanted.dot(wanted)) - sqrt(rest.dot(rest))) + NEGLIGIBLE / period_s
+        residual, h = target - moved, 0.25 * period_s * sqrt(flat.dot(flat))
+        spare = (
+            MISSED * (sqrt(target.dot(target)) - sqrt(residual.dot(residual)))
+            + NEGLIGIBLE / period_s
+        )
         if h * y.dot(y) <= spare:
             return True
         if self._has_free_rates:
             with suppress(np.linalg.LinAlgError):  # if singular, a test step decides
                 if 0.0 <= h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare:
                     return True
-        return self._trial.comes_nearer(data, period_s * moved, period_s * asked, period_s * met)
+        return self._step_test.comes_nearer(
+            data, period_s * moved, period_s * requested, period_s * velocities
+        )
 
-    def _solved(
+    def _solution(
         self,
         data: mujoco.MjData,
         period_s: float,
         jac: Jacobians,
-        asked: tuple[VelocityLimits, Array],
-        met: Array | None,
+        requested: tuple[VelocityLimits, Array],
+        compiled: Array | None,
     ) -> IkSolution:
         """Return the solution with its diagnostics, from compiled velocities if there are any."""
-        limits, targets = asked[0], self._targets.of_levels(asked[1])
+        limits, targets = requested[0], self._targets.of_levels(requested[1])
         problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
-        if met is None:
+        if compiled is None:
             problem = self._tightened(data, problem)
-        velocities = problem.velocities if met is None else met
-        if not self._approaches(data, jac.J_T, asked[1], velocities, period_s):
-            way, motion = period_s * asked[1], period_s * velocities
-            held = self._trial.held_back(data, self._hierarchy, problem.kinematics, way, motion)
-            if held:
-                problem, met = self._tightened(data, replace(problem, held_back=held)), None
+        velocities = problem.velocities if compiled is None else compiled
+        if not self._approaches(data, jac.J_T, requested[1], velocities, period_s):
+            displacement, motion = period_s * requested[1], period_s * velocities
+            rows = self._step_test.damping_rows(
+                data, self._hierarchy, problem.kinematics, displacement, motion
+            )
+            if rows:
+                problem, compiled = self._tightened(data, replace(problem, damping_rows=rows)), None
                 velocities = problem.velocities
-        qvel, fraction = self._kept(data, velocities, limits, problem.braking)
-        return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
+        qvel, fraction = self._limited(data, velocities, limits, problem.braking)
+        return IkSolution(qvel, fraction, compiled is not None or problem.solved[1], problem)
 
     def _tightened(self, data: mujoco.MjData, problem: IkProblem) -> IkProblem:
         """Return the problem with limits corrected for tendons that rotate during the step."""
@@ -227,7 +242,7 @@ class Ik:
             problem = replace(problem, limits=tighter)
         return problem
 
-    def _kept(
+    def _limited(
         self, data: mujoco.MjData, velocities: Array, limits: VelocityLimits, braked: Array | None
     ) -> tuple[Array, float]:
         """Return joint velocities (nv,) and the fraction of the step that keeps distances.
@@ -249,7 +264,7 @@ class Ik:
             partly = first + fraction * (velocities - first)
             if not braking.keeps(partly, least):
                 return None
-            return [(partly[:nv], duration_s) for duration_s in braking.way(partly)]
+            return [(partly[:nv], duration_s) for duration_s in braking.durations(partly)]
 
         if distances is None:
             fraction = next((each for each in FRACTIONS if steps(each) is not None), 0.0)

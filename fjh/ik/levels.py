@@ -46,11 +46,11 @@ class Levels(NamedTuple):
             else check.members(f"tasks[{k}]", each, TaskFunction)
             for k, each in enumerate(levels)
         )
-        every = [task for level in tasks for task in level]
-        if not all(tasks) or len(set(every)) < len(every):
+        all_tasks = [task for level in tasks for task in level]
+        if not all(tasks) or len(set(all_tasks)) < len(all_tasks):
             raise ValueError("tasks must have at least one task in each level, and no task twice")
         located = tuple(tuple(task.on(model) for task in level) for level in tasks)
-        for task in every:
+        for task in all_tasks:
             task.give()
         rows = [
             task
@@ -58,7 +58,7 @@ class Levels(NamedTuple):
             for task, place in zip(level, places, strict=True)
             if not isinstance(place, LocatedRates)
         ]
-        return cls(model, tasks, located, rows or every[:1])
+        return cls(model, tasks, located, rows or all_tasks[:1])
 
     def levels(self, system: ConstrainedSystem) -> list[list[Task]]:
         """Return the tasks of a mechanism's hierarchy."""
@@ -135,7 +135,7 @@ class Targets(NamedTuple):
 
     def at(self, data: mujoco.MjData, period_s: float) -> Array:
         """Return the velocity targets at a state, one task after the other, shape (t,)."""
-        asked = np.zeros(self.size)
+        requested = np.zeros(self.size)
         for level in self.levels:
             for task, located, size, rows, among, _ in level:
                 error = located.error(self.model, data)
@@ -143,18 +143,18 @@ class Targets(NamedTuple):
                 if not (is_plain and check.is_moderate(error)):  # of a user-defined task
                     error = check.array(f"the error of {check.shown(task)}", error, size)
                 velocity = task.gain / period_s * error
-                asked[rows] = velocity if among is None else velocity[among]
-        return check.array("velocity targets from the errors of the tasks in dt", asked)
+                requested[rows] = velocity if among is None else velocity[among]
+        return check.array("velocity targets from the errors of the tasks in dt", requested)
 
     def of_rows(self) -> Indices:
         """Return the positions of each row of J_T among the targets, shape (m,)."""
         parts = [part for level in self.levels for part in level if part.among is None]
         return np.concatenate([*(np.arange(self.size)[part.own] for part in parts), _NO_ROWS])
 
-    def of_levels(self, asked: Array) -> list[Array | list[Array]]:
+    def of_levels(self, requested: Array) -> list[Array | list[Array]]:
         """Return targets by level as a hierarchy takes them: an array, or a list of arrays."""
-        every = [[asked[part.own] for part in level] for level in self.levels]
-        return [level if len(level) > 1 else level[0] for level in every]
+        by_level = [[requested[part.own] for part in level] for level in self.levels]
+        return [level if len(level) > 1 else level[0] for level in by_level]
 
 
 _NO_ROWS = np.zeros(0, dtype=np.intp)
@@ -164,6 +164,6 @@ def _weight(task: TaskFunction, size: int) -> Array:
     """Return the weight of each row, shape (k,)."""
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
-        task_named = check.shown(task)
-        raise ValueError(f"weight of {task_named} must be one number or {size}, got {len(weight)}")
+        label = check.shown(task)
+        raise ValueError(f"weight of {label} must be one number or {size}, got {len(weight)}")
     return np.broadcast_to(weight, (size,))

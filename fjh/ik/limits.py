@@ -68,13 +68,13 @@ class Limits:
         for name in ("velocity", "acceleration"):
             value = getattr(self, name)
             if isinstance(value, Mapping):
-                own = {
+                numbers = {
                     check.instance(f"{name}: a name", key, str): check.number(
                         f'{name}["{key}"]', each, check.SMALLEST
                     )
                     for key, each in value.items()
                 }
-                object.__setattr__(self, name, own)
+                object.__setattr__(self, name, numbers)
             elif value is not None:
                 object.__setattr__(self, name, check.number(name, value, check.SMALLEST))
         if self.distances is not None:
@@ -92,12 +92,14 @@ class Limits:
         N = len(jac.names.velocities)
         positions = Positions.of(model, jac) if self.ranges else Positions.free(N)
         meanings = _meanings(model, jac)
-        velocity, of_tendons = _each("velocity", self.velocity, meanings, N, model.ntendon)
-        acceleration, wrong = _each("acceleration", self.acceleration, meanings, N, model.ntendon)
+        velocity, of_tendons = _by_velocity("velocity", self.velocity, meanings, N, model.ntendon)
+        acceleration, tendon_acceleration = _by_velocity(
+            "acceleration", self.acceleration, meanings, N, model.ntendon
+        )
         driven = [d.tendon for d in jac.drives if d.tendon is not None]
         of_tendons[driven] = np.inf
-        wrong[driven] = np.inf
-        for k in np.flatnonzero(np.isfinite(wrong)):
+        tendon_acceleration[driven] = np.inf
+        for k in np.flatnonzero(np.isfinite(tendon_acceleration)):
             name = name_of(model.tendon(k))
             raise ValueError(f'acceleration: no actuator drives the tendon "{name}"')
         coupled = Coupled.of(model, driven, of_tendons, stated=self.ranges)
@@ -106,8 +108,8 @@ class Limits:
             self,
             model,
             positions,
-            _both_ways(velocity),
-            _both_ways(acceleration),
+            _symmetric(velocity),
+            _symmetric(acceleration),
             coupled,
             (*(joint_name(model, k) for k in model.dof_jntid), *(d.name for d in extra)),
             extra,
@@ -145,7 +147,7 @@ class Positions(NamedTuple):
     def free(cls, N: int) -> "Positions":
         """Return N velocities without ranges."""
         none = np.zeros(0, dtype=np.intp)
-        return cls(_both_ways(np.full(N, np.inf)), (none, none), (none, none))
+        return cls(_symmetric(np.full(N, np.inf)), (none, none), (none, none))
 
     def at(self, data: mujoco.MjData) -> Array:
         """Return the position of each velocity, zero without range, (N,)."""
@@ -170,7 +172,7 @@ class Braking(NamedTuple):
         below: Largest decrease of each position, (N,).
         above: Largest increase of each position, (N,).
         rows: Rows R (r, nv) of the other limited quantities.
-        room: Largest decrease of these, (r,).
+        margin: Largest decrease of these, (r,).
     """
 
     first: Array
@@ -179,30 +181,32 @@ class Braking(NamedTuple):
     below: Array
     above: Array
     rows: Array
-    room: Array
+    margin: Array
 
     def ticks(self, velocities: Array) -> float:
         """Return the displacement to rest of velocities held for a tick, over that of a tick."""
-        return ticks_to_rest(float((np.abs(velocities) * self.per_rate).max()))
+        return stopping_ticks(float((np.abs(velocities) * self.per_rate).max()))
 
     def excess(self, velocities: Array) -> Array:
         """Return how far positions and rows exceed their limits if braking follows this tick."""
-        way = self.period_s * self.ticks(velocities) * velocities
-        sinks = self.rows @ way[: self.rows.shape[1]] if len(self.rows) else self.room
-        ends = np.concatenate([self.below + way, self.above - way, self.room + sinks])
+        displacement = self.period_s * self.ticks(velocities) * velocities
+        sinks = self.rows @ displacement[: self.rows.shape[1]] if len(self.rows) else self.margin
+        ends = np.concatenate(
+            [self.below + displacement, self.above - displacement, self.margin + sinks]
+        )
         return np.maximum(-ends, 0.0)
 
-    def slack(self, velocities: Array) -> Array:
+    def tolerance(self, velocities: Array) -> Array:
         """Return the round-off tolerance of each excess."""
-        known = np.concatenate([self.below, self.above, self.room])
-        size = np.where(np.isfinite(known), np.abs(known), 0.0)
+        distances = np.concatenate([self.below, self.above, self.margin])
+        size = np.where(np.isfinite(distances), np.abs(distances), 0.0)
         return _ROUND_OFF * (size + self.period_s * float(np.abs(velocities).max(initial=0.0)))
 
     def keeps(self, velocities: Array, least: Array) -> bool:
         """Return True if no limit is exceeded by more than the unavoidable `least`."""
-        return bool((self.excess(velocities) <= least + self.slack(velocities)).all())
+        return bool((self.excess(velocities) <= least + self.tolerance(velocities)).all())
 
-    def way(self, velocities: Array, most: int = 8) -> Iterator[float]:
+    def durations(self, velocities: Array, most: int = 8) -> Iterator[float]:
         """Yield durations at these velocities that end on the way to rest, the last at its end."""
         total = self.ticks(velocities)
         parts = min(most, int(np.ceil(total)))
@@ -211,10 +215,14 @@ class Braking(NamedTuple):
             yield self.period_s * (1.0 + (total - 1.0) * part / (parts - 1))
 
 
-def ticks_to_rest(ticks: float) -> float:
+def stopping_ticks(ticks: float) -> float:
     """Return the displacement to rest over that of a tick, for a rate held for one tick."""
-    whole = np.floor(ticks)
-    return float(1.0 + whole - whole * (whole + 1.0) / (2.0 * ticks)) if whole else 1.0
+    full_ticks = np.floor(ticks)
+    return (
+        float(1.0 + full_ticks - full_ticks * (full_ticks + 1.0) / (2.0 * ticks))
+        if full_ticks
+        else 1.0
+    )
 
 
 class RateLimits(NamedTuple):
@@ -223,24 +231,24 @@ class RateLimits(NamedTuple):
     Attributes:
         box: Lower and upper limit of each actuator's rate, (n,) each.
         rows: R, lower and upper limit of R rates, for the remaining actuators.
-        rest: Rates (n,) and rows under braking: zero without accelerations.
+        braked: Rates (n,) and rows under braking: zero without accelerations.
         is_cut: True if a row's required rate was reduced to its largest feasible one.
     """
 
     box: tuple[Array, Array]
     rows: tuple[Array, Array, Array]
-    rest: tuple[Array, Array]
+    braked: tuple[Array, Array]
     is_cut: bool
 
     @property
-    def excludes_rest(self) -> bool:
+    def excludes_braking(self) -> bool:
         """Return True if braking violates a limit."""
-        sides = [(*self.box, self.rest[0])]
+        sides = [(*self.box, self.braked[0])]
         if len(self.rows[0]):
-            sides.append((*self.rows[1:], self.rest[1]))
+            sides.append((*self.rows[1:], self.braked[1]))
         return any(
-            np.count_nonzero(lower > rest) or np.count_nonzero(upper < rest)
-            for lower, upper, rest in sides
+            np.count_nonzero(lower > braked) or np.count_nonzero(upper < braked)
+            for lower, upper, braked in sides
         )
 
     def returning(self, part: float) -> "RateLimits":
@@ -248,10 +256,10 @@ class RateLimits(NamedTuple):
         R, *sides = self.rows
         box, rows = (
             (
-                np.minimum(lower, rest + part * np.maximum(lower - rest, 0.0)),
-                np.maximum(upper, rest + part * np.minimum(upper - rest, 0.0)),
+                np.minimum(lower, braked + part * np.maximum(lower - braked, 0.0)),
+                np.maximum(upper, braked + part * np.minimum(upper - braked, 0.0)),
             )
-            for (lower, upper), rest in zip((self.box, sides), self.rest, strict=True)
+            for (lower, upper), braked in zip((self.box, sides), self.braked, strict=True)
         )
         return self._replace(box=box, rows=(R, *rows))
 
@@ -284,7 +292,7 @@ class VelocityLimits(NamedTuple):
         geoms = tuple(f"geoms {' and '.join(self.of.geom(k) for k in pair)}" for pair in self.pairs)
         return self.of.names, (*self.of.coupled.names, *geoms)
 
-    def are_kept_by(self, velocities: Array) -> bool:
+    def are_satisfied_by(self, velocities: Array) -> bool:
         """Return True if velocities satisfy the rows; the box is not checked."""
         return not len(self.rows) or bool(
             (self.rows @ velocities[: self.rows.shape[1]] >= self.least).all()
@@ -295,13 +303,13 @@ class VelocityLimits(NamedTuple):
         of_velocities, of_rows = self.names()
         late = ~self.viable
         if self.braking is None:
-            return _each_once(of_velocities, late)
-        N, limit = len(late), self.braking.slack(self.braking.first)
+            return _unique(of_velocities, late)
+        N, limit = len(late), self.braking.tolerance(self.braking.first)
         beyond = self.braking.excess(self.braking.first) > limit
         late = late | beyond[:N] | beyond[N : 2 * N]
-        return _each_once(of_velocities, late) + _each_once(of_rows, beyond[2 * N :])
+        return _unique(of_velocities, late) + _unique(of_rows, beyond[2 * N :])
 
-    def held_by(self, kinematics: Kinematics) -> tuple[str, ...]:
+    def row_names(self, kinematics: Kinematics) -> tuple[str, ...]:
         """Return the names of the rows of :meth:`of_rates`."""
         of_velocities, of_rows = self.names()
         passive = [of_velocities[k] for k in np.flatnonzero(self.limited(kinematics))]
@@ -320,18 +328,21 @@ class VelocityLimits(NamedTuple):
         R = np.vstack([rows @ motions[: rows.shape[1]], motions[limited]])
         least, most = np.append(least, lower[limited]), np.append(most, upper[limited])
         of_first = np.append(rows @ first[: rows.shape[1]], first[limited])
-        rest = R @ first[kinematics.active]
+        braked = R @ first[kinematics.active]
         # Loops rotate during the step: a braking motion that was feasible must remain feasible.
-        least = np.where(least <= of_first, np.minimum(least, rest), least)
-        most = np.where(most >= of_first, np.maximum(most, rest), most)
-        asked = least, most
-        own = lower[kinematics.active], upper[kinematics.active]
-        below, above = np.where(R > 0, own[0], own[1]), np.where(R > 0, own[1], own[0])
+        least = np.where(least <= of_first, np.minimum(least, braked), least)
+        most = np.where(most >= of_first, np.maximum(most, braked), most)
+        required = least, most
+        rate_limits = lower[kinematics.active], upper[kinematics.active]
+        below, above = (
+            np.where(R > 0, rate_limits[0], rate_limits[1]),
+            np.where(R > 0, rate_limits[1], rate_limits[0]),
+        )
         with np.errstate(invalid="ignore"):
             least = np.minimum(least, np.where(R, R * above, 0.0).sum(axis=1))
             most = np.maximum(most, np.where(R, R * below, 0.0).sum(axis=1))
-        is_cut = bool((least < asked[0]).any() or (most > asked[1]).any())
-        return RateLimits(box, (R, least, most), (first[active], rest), is_cut)
+        is_cut = bool((least < required[0]).any() or (most > required[1]).any())
+        return RateLimits(box, (R, least, most), (first[active], braked), is_cut)
 
     def limited(self, kinematics: Kinematics) -> Array:
         """Return True for limited velocities that no working actuator drives, unless locked."""
@@ -405,11 +416,11 @@ class LimitsOf(NamedTuple):
                 *(None, box.viable, period_s),
             )
         ticks = float((np.abs(v) / most).max()) / period_s if braked else 0.0
-        span_s = period_s * ticks_to_rest(ticks + 1.0) if braked else period_s
-        rows, room, gain, pairs = self._rows(data, v, span_s)
-        least = np.where(room > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
+        span_s = period_s * stopping_ticks(ticks + 1.0) if braked else period_s
+        rows, margin, gain, pairs = self._rows(data, v, span_s)
+        least = np.where(margin > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
         with np.errstate(invalid="ignore"):
-            least = np.maximum(-least * room, self._least_rates(len(rows)))
+            least = np.maximum(-least * margin, self._least_rates(len(rows)))
         limits = VelocityLimits(
             self, pairs, (box.lower, box.upper), rows, least, None, box.viable, period_s
         )
@@ -417,10 +428,10 @@ class LimitsOf(NamedTuple):
             return limits
         first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v
         low, high = self.positions.ranges
-        braking = Braking(first, 1.0 / (most * period_s), period_s, x - low, high - x, rows, room)
+        braking = Braking(first, 1.0 / (most * period_s), period_s, x - low, high - x, rows, margin)
         return limits._replace(
             box=self._of_passive(limits.box, limits.limited(kinematics), v, span_s, braking),
-            least=np.where(room >= 0.0, np.minimum(least, rows @ first[: self.model.nv]), least),
+            least=np.where(margin >= 0.0, np.minimum(least, rows @ first[: self.model.nv]), least),
             braking=braking,
         )
 
@@ -448,11 +459,11 @@ class LimitsOf(NamedTuple):
             mujoco.mj_tendon(model, data)
             ends.append(self.coupled.room(data))
         data.qpos[:] = start
-        lacking = np.minimum(ends[1], 0.0) - ends[0]
-        if (lacking <= _BENT * period_s * float(np.abs(qvel).max()) + _ROUND_OFF**2).all():
+        violation = np.minimum(ends[1], 0.0) - ends[0]
+        if (violation <= _BENT * period_s * float(np.abs(qvel).max()) + _ROUND_OFF**2).all():
             return None
         least = limits.least.copy()
-        least[:count] += np.maximum(lacking, 0.0) / span_s
+        least[:count] += np.maximum(violation, 0.0) / span_s
         return limits._replace(least=least)
 
     def _of_passive(
@@ -480,16 +491,16 @@ class LimitsOf(NamedTuple):
         self, data: mujoco.MjData, v: Array, span_s: float
     ) -> tuple[Array, Array, Array, Indices]:
         """Return R of coupled quantities, their margins, gains per tick, and pairs of geoms."""
-        rows, room, pairs = self.coupled.rows(data), self.coupled.room(data), _NO_PAIRS
-        gain, distances = np.ones(len(room)), self.limits.distances
+        rows, margin, pairs = self.coupled.rows(data), self.coupled.room(data), _NO_PAIRS
+        gain, distances = np.ones(len(margin)), self.limits.distances
         if distances is not None:
             qvel = v[: self.model.nv]
-            way = 2.0 * distances.farthest(data, qvel, span_s) if qvel.any() else 0.0
-            near = distances.at(data, distances.margin_m + way)
+            travel_m = 2.0 * distances.farthest(data, qvel, span_s) if qvel.any() else 0.0
+            near = distances.at(data, distances.margin_m + travel_m)
             rows = np.vstack([rows, near.rows])
-            room = np.append(room, near.distance_m - distances.margin_m)
+            margin = np.append(margin, near.distance_m - distances.margin_m)
             gain, pairs = np.append(gain, np.full(len(near.rows), distances.gain)), near.pairs
-        return rows, room, gain, pairs
+        return rows, margin, gain, pairs
 
     def _least_rates(self, count: int) -> Array:
         """Return the lower limit of each row from velocity limits: those of tendons."""
@@ -503,7 +514,7 @@ class LimitsOf(NamedTuple):
         return geom.name or f"{number} of {name_of(self.model.body(geom.bodyid[0]))}"
 
 
-def _both_ways(most: Array) -> tuple[Array, Array]:
+def _symmetric(most: Array) -> tuple[Array, Array]:
     """Return lower and upper limits, (N,) each, that are equal in both directions."""
     return _pair(np.array([-most, most]))
 
@@ -528,27 +539,29 @@ class Meaning(NamedTuple):
 
 def _meanings(model: mujoco.MjModel, jac: Jacobians) -> dict[str, list[Meaning]]:
     """Return the referents of each name of a joint, tendon or actuator that moves something."""
-    found: dict[str, list[Meaning]] = {}
+    meanings: dict[str, list[Meaning]] = {}
     for k in range(model.njnt):
         own = np.flatnonzero(model.dof_jntid == k).tolist()
-        found.setdefault(model.joint(k).name, []).append(Meaning(("joint", k), own))
+        meanings.setdefault(model.joint(k).name, []).append(Meaning(("joint", k), own))
     for k in range(model.ntendon):
-        found.setdefault(model.tendon(k).name, []).append(Meaning(("tendon", k), []))
+        meanings.setdefault(model.tendon(k).name, []).append(Meaning(("tendon", k), []))
     for drive, velocity in zip(jac.drives, jac.active.tolist(), strict=False):
         first = drive.ids[0]
         what = ("actuator", first)
         if drive.tendon is not None:
             what = ("tendon", drive.tendon)
-            found.setdefault(model.tendon(drive.tendon).name, []).append(Meaning(what, [velocity]))
+            meanings.setdefault(model.tendon(drive.tendon).name, []).append(
+                Meaning(what, [velocity])
+            )
         elif int(model.actuator_trntype[first]) in _ON_JOINT:
             what = ("joint", int(model.actuator_trnid[first, 0]))
         for k in drive.ids:
-            found.setdefault(model.actuator(k).name, []).append(Meaning(what, [velocity]))
-    found.pop("", None)
-    return found
+            meanings.setdefault(model.actuator(k).name, []).append(Meaning(what, [velocity]))
+    meanings.pop("", None)
+    return meanings
 
 
-def _each(
+def _by_velocity(
     argument: str, value: Limited, meanings: dict[str, list[Meaning]], N: int, tendons: int
 ) -> tuple[Array, Array]:
     """Return the limit of every velocity, (N,), and of tendons by name; infinite without limit."""
@@ -556,17 +569,17 @@ def _each(
     limits = np.full(N, np.inf if value is None or by_name else value)
     of_tendons = np.full(tendons, np.inf)
     for name, limit in value.items() if by_name else ():
-        own = meanings.get(name, [])
-        if not own:
+        matches = meanings.get(name, [])
+        if not matches:
             near = get_close_matches(name, meanings, 1)
             hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(meanings)}"
             raise ValueError(
                 f'{argument}: the model has no joint, tendon or actuator "{name}"; {hint}'
             )
-        if len(every := {meaning.what for meaning in own}) > 1:
-            both = " and ".join(f"{kind} {k}" for kind, k in sorted(every))
+        if len(referents := {meaning.what for meaning in matches}) > 1:
+            both = " and ".join(f"{kind} {k}" for kind, k in sorted(referents))
             raise ValueError(f'{argument}: "{name}" stands for {both}: use another name of one')
-        for what, velocities in own:
+        for what, velocities in matches:
             limits[velocities] = np.minimum(limits[velocities], limit)
             if what[0] == "tendon":
                 of_tendons[what[1]] = min(of_tendons[what[1]], limit)
@@ -577,5 +590,5 @@ _ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPAREN
 _NO_PAIRS = np.zeros((0, 2), dtype=np.intp)
 
 
-def _each_once(names: tuple[str, ...], chosen: Array) -> tuple[str, ...]:
+def _unique(names: tuple[str, ...], chosen: Array) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names[k] for k in np.flatnonzero(chosen)))

@@ -22,7 +22,7 @@ _CLEAR = 1e-6
 """Relative threshold below which a singular value or eigenvalue counts as zero."""
 
 
-class Trial(NamedTuple):
+class StepTest(NamedTuple):
     """State in which steps are tested.
 
     Attributes:
@@ -39,12 +39,12 @@ class Trial(NamedTuple):
     targets: Targets
     system: ConstrainedSystem
 
-    def held_back(
+    def damping_rows(
         self,
         at: mujoco.MjData,
         hierarchy: Hierarchy,
         kinematics: Kinematics,
-        way: Array,
+        target: Array,
         motion: Array,
     ) -> tuple[Array, ...]:
         """Return further rows of each level that a motion does not improve; () if it improves all.
@@ -61,10 +61,10 @@ class Trial(NamedTuple):
             at: State where the motion starts.
             hierarchy: The levels there.
             kinematics: The robot there.
-            way: Targets of all tasks until the next tick, (t,).
+            target: Targets of all tasks until the next tick, (t,).
             motion: Displacements of all velocities, (N,).
         """
-        units, far = _rate_units(kinematics), dict[int, tuple[Array, Array]]()
+        units, missed = _rate_units(kinematics), dict[int, tuple[Array, Array]]()
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
@@ -75,44 +75,46 @@ class Trial(NamedTuple):
             if not tasks:
                 continue
             S = np.vstack([W @ S for W, S, _ in tasks])
-            wanted = np.concatenate([W @ way[q.own] for W, _, q in tasks])
-            A, size = S @ J, float(np.linalg.norm(wanted))
+            target_rows = np.concatenate([W @ target[q.own] for W, _, q in tasks])
+            A, size = S @ J, float(np.linalg.norm(target_rows))
             h = float(np.linalg.norm(A, axis=0).sum())
             if h and size and not any(q.task.damping is not None for *_, q in tasks):
                 stack = np.vstack([before, A / h])
-                alone = units * np.linalg.lstsq(stack, stack @ step)[0]
-                self._move(at, kinematics.velocities(alone))
-                left = [self._error(q) - (1.0 / q.task.gain - 1.0) * way[q.own] for *_, q in tasks]
-                missed = np.concatenate([W @ e for (W, *_), e in zip(tasks, left, strict=True)])
-                if np.linalg.norm(missed) <= MISSED * (size + h * allowed):
+                level_motion = units * np.linalg.lstsq(stack, stack @ step)[0]
+                self._move(at, kinematics.velocities(level_motion))
+                errors = [
+                    self._error(q) - (1.0 / q.task.gain - 1.0) * target[q.own] for *_, q in tasks
+                ]
+                residual = np.concatenate([W @ e for (W, *_), e in zip(tasks, errors, strict=True)])
+                if np.linalg.norm(residual) <= MISSED * (size + h * allowed):
                     before, allowed = stack, allowed + size / h
                 else:
-                    of_rows = S.T @ wanted
+                    of_rows = S.T @ target_rows
                     force = np.linalg.lstsq((above @ J).T, J.T @ of_rows, _CLEAR)[0]
-                    far[k] = A, of_rows - above.T @ force
+                    missed[k] = A, of_rows - above.T @ force
             above = np.vstack([above, S])
-        if not far:
+        if not missed:
             return ()
-        bend, rows = (
-            self._bend(at, kinematics),
+        curvature, rows = (
+            self._curvature(at, kinematics),
             [np.zeros((0, len(units)))] * len(self.targets.levels),
         )
-        for k, (A, of_rows) in far.items():
+        for k, (A, of_rows) in missed.items():
             least = _CLEAR * float(np.linalg.norm(J) * np.linalg.norm(of_rows))
-            curved = _root(bend @ of_rows, least)
+            curved = _root(curvature @ of_rows, least)
             # Directions with neither slope nor curvature of the error do not reduce it.
             size, V = np.linalg.svd(A, full_matrices=False)[1:]
-            idle = float(np.linalg.norm(curved)) * V[size < _CLEAR * size.max()]
-            rows[k] = np.vstack([curved, idle]) / units if len(curved) else curved
+            flat = float(np.linalg.norm(curved)) * V[size < _CLEAR * size.max()]
+            rows[k] = np.vstack([curved, flat]) / units if len(curved) else curved
         return tuple(rows) if any(map(len, rows)) else ()
 
-    def comes_nearer(self, at: mujoco.MjData, moved: Array, way: Array, motion: Array) -> bool:
+    def comes_nearer(self, at: mujoco.MjData, moved: Array, target: Array, motion: Array) -> bool:
         """Return True if each level's error falls by at least half of the prediction.
 
         Args:
             at: State where the motion starts.
             moved: Displacement of the rows of all tasks by the Jacobian, in natural units.
-            way: Targets of all tasks until the next tick, (t,).
+            target: Targets of all tasks until the next tick, (t,).
             motion: Displacements of all velocities, (N,).
         """
         geometry, first = self.system.geometry, 0
@@ -123,9 +125,9 @@ class Trial(NamedTuple):
             sizes = np.zeros(3)
             for part in (each for each in level if each.among is None):
                 rows = slice(first, first := first + part.size)
-                error = way[part.own] / part.task.gain / geometry.task_units[rows]
-                left = self._error(part) / geometry.task_units[rows]
-                sizes += [e.dot(e) for e in (error, error - moved[rows], left)]
+                error = target[part.own] / part.task.gain / geometry.task_units[rows]
+                remaining = self._error(part) / geometry.task_units[rows]
+                sizes += [e.dot(e) for e in (error, error - moved[rows], remaining)]
             before, predicted, after = np.sqrt(sizes)
             is_free = all(part.task.damping is None for part in level)
             allowed = before - (1.0 - MISSED) * (before - predicted) + NEGLIGIBLE
@@ -145,7 +147,7 @@ class Trial(NamedTuple):
         """Return the error after the motion."""
         return part.located.error(self.model, self.data)
 
-    def _bend(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:
+    def _curvature(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:
         """Return second derivatives of all rows by the rates in natural units, (n, n, m)."""
         units, loops = _rate_units(kinematics), kinematics.system.joints.moving
         motions = kinematics.velocities(np.diag(units))
@@ -164,8 +166,8 @@ def _root(S: Array, least: float) -> Array:
     """Return rows B with B^T B = |S|, from eigenvalues that are clearly nonzero."""
     size, V = np.linalg.eigh(0.5 * (S + S.T))
     size = np.abs(size)
-    kept = size > least
-    return np.sqrt(size[kept])[:, None] * V[:, kept].T
+    significant = size > least
+    return np.sqrt(size[significant])[:, None] * V[:, significant].T
 
 
 def _rate_units(kinematics: Kinematics) -> Array:

@@ -24,7 +24,7 @@ class IkProblem:
         jacobians: Jacobians at this pose.
         limits: Limits of all velocities.
         targets: Targets of each level.
-        held_back: Further rows of each level; see :class:`fjh.ik.overshoot.Trial`.
+        damping_rows: Further rows of each level; see :class:`fjh.ik.overshoot.StepTest`.
     """
 
     system: ConstrainedSystem
@@ -32,7 +32,7 @@ class IkProblem:
     jacobians: Jacobians
     limits: VelocityLimits
     targets: list[Array | list[Array]]
-    held_back: tuple[Array, ...]
+    damping_rows: tuple[Array, ...]
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -44,7 +44,7 @@ class IkProblem:
         """Solution, and True if everything beyond a limit returns at the specified rate."""
         limits = self.limits.of_rates(self.system.active, self.kinematics)
         solution = self._within(limits)
-        if not limits.excludes_rest or solution.status is not Status.INFEASIBLE:
+        if not limits.excludes_braking or solution.status is not Status.INFEASIBLE:
             return solution, not limits.is_cut
         for part in RETURNING[1:]:
             solution = self._within(limits.returning(part))
@@ -67,17 +67,18 @@ class IkProblem:
         return self.kinematics.velocities(rates - (C @ rates) @ C if C.size else rates)
 
     def _within(self, limits: RateLimits) -> HierarchySolution:
-        there = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
-        if self.held_back:
+        posed = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
+        if self.damping_rows:
             # Finite differences make no null space exact: damping avoids division by round-off.
-            sizes = [float(np.linalg.norm(B)) for B in self.held_back]
+            sizes = [float(np.linalg.norm(B)) for B in self.damping_rows]
             first = next(k for k, size in enumerate(sizes) if size)
-            sizes[first + 1 :] = [size for _, size in there.decided[first + 1 :]]
+            sizes[first + 1 :] = [size for _, size in posed.decided[first + 1 :]]
             damping = tuple(
-                max(own, _LEAST * size) for own, size in zip(there.damping, sizes, strict=True)
+                max(level_damping, _LEAST * size)
+                for level_damping, size in zip(posed.damping, sizes, strict=True)
             )
-            there = replace(there, held_back=self.held_back, damping=damping)
-        return there.solve(self.targets)
+            posed = replace(posed, held_back=self.damping_rows, damping=damping)
+        return posed.solve(self.targets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +135,8 @@ class IkSolution:
         """Joints, tendons and pairs of geoms whose limits are active at this tick."""
         (names, _), solution = self.problem.limits.names(), self.solution
         active = self.kinematics.active[solution.active_limits != 0]
-        held_by = self.problem.limits.held_by(self.kinematics)
-        rows = [held_by[k] for k in np.flatnonzero(solution.active_rows)]
+        row_names = self.problem.limits.row_names(self.kinematics)
+        rows = [row_names[k] for k in np.flatnonzero(solution.active_rows)]
         return tuple(dict.fromkeys((*(names[k] for k in active), *rows)))
 
     def __str__(self) -> str:

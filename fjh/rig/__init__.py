@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from fjh.rig.mismatch import Mismatch as Mismatch
     from fjh.rig.prediction import Prediction as Prediction
     from fjh.rig.rig import Rig as Rig
-    from fjh.rig.run import Diagnosed as Diagnosed
+    from fjh.rig.run import DiagnosedFailure as DiagnosedFailure
     from fjh.rig.run import Run as Run
 
 _OF = {
     "Mismatch": "fjh.rig.mismatch",
-    "Diagnosed": "fjh.rig.run",
+    "DiagnosedFailure": "fjh.rig.run",
     "Prediction": "fjh.rig.prediction",
     "Rig": "fjh.rig.rig",
     "Run": "fjh.rig.run",

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from sim import Failure
 from sim.plant import FailureKind
 
-SOUND, LOCKED, FREE, LOOSE = 0, 1, 2, 3
+HEALTHY, LOCKED, FREE, LOOSE = 0, 1, 2, 3
 """Codes of actuators; the first three as in :class:`prioritized.FailureAtlas`."""
 
-LETTERS = "SLFB"
+CODE_LETTERS = "SLFB"
 """Letter of each code in files and on command lines."""
 
 Name = TypeVar("Name", str, int)
@@ -33,11 +33,11 @@ def with_failures(n: int, count: int) -> Codes:
     They are in the order of the actuators; for one set of failed actuators locked comes before
     free.
     """
-    found = np.full((comb(n, count), len(KINDS) ** count, n), SOUND, dtype=np.int8)
+    every = np.full((comb(n, count), len(KINDS) ** count, n), HEALTHY, dtype=np.int8)
     kinds = np.array(list(product(KINDS, repeat=count)), dtype=np.int8)
-    for conditions, failed in zip(found, combinations(range(n), count), strict=True):
+    for conditions, failed in zip(every, combinations(range(n), count), strict=True):
         conditions[:, failed] = kinds
-    return found.reshape(-1, n)
+    return every.reshape(-1, n)
 
 
 def few_failures(n: int, most: int = 2) -> Codes:
@@ -47,18 +47,18 @@ def few_failures(n: int, most: int = 2) -> Codes:
 
 def every_condition(n: int) -> tuple[str, ...]:
     """Return all 3^n conditions of n actuators in letters, in the order of a failure atlas."""
-    return tuple(map("".join, product(LETTERS[: FREE + 1], repeat=n)))
+    return tuple(map("".join, product(CODE_LETTERS[: FREE + 1], repeat=n)))
 
 
-def codes_of(letters: str) -> tuple[int, ...]:
+def codes_of(condition: str) -> tuple[int, ...]:
     """Return the code of each actuator from its letter."""
-    return tuple(LETTERS.index(letter) for letter in letters)
+    return tuple(CODE_LETTERS.index(letter) for letter in condition)
 
 
-def failures_of(letters: str, time_s: float = 0.0) -> tuple[Failure, ...]:
+def failures_of(condition: str, time_s: float = 0.0) -> tuple[Failure, ...]:
     """Return the failures of a condition in letters at a time [s], in order of the actuators."""
-    codes = enumerate(codes_of(letters))
-    return tuple(Failure(k, _KINDS[code], time_s) for k, code in codes if code != SOUND)
+    codes = enumerate(codes_of(condition))
+    return tuple(Failure(k, _KINDS[code], time_s) for k, code in codes if code != HEALTHY)
 
 
 def failed(condition: Iterable[int], names: Iterable[Name], kind: int) -> list[Name]:
@@ -66,7 +66,7 @@ def failed(condition: Iterable[int], names: Iterable[Name], kind: int) -> list[N
     return [name for name, code in zip(names, condition, strict=True) if code == kind]
 
 
-def in_words(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) -> str:
+def condition_text(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) -> str:
     """Return a condition as text: "knee locked, hip and ankle free", or "sound"."""
     parts = []
     for kind, word in _KINDS.items():

@@ -35,7 +35,7 @@ most by default."""
 MEASURED_S = 0.5
 """Time [s] in which failures are to be separated."""
 
-_WORDS = ("none", "default", "designed")
+_CHOICES = ("none", "default", "designed")
 
 _SAMPLES = 4
 """Smallest number of samples of the diagnosis in a period of the dither."""
@@ -44,7 +44,7 @@ _NOTHING = 1e-9
 """Part of a reference that counts as round-off."""
 
 
-def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
+def rig_dither(rig: "Rig", requested: str) -> DitherDesign | None:
     """Return the requested dither: "none", "default", "designed", or a frequency in Hz.
 
     A designed dither maximizes the least separation of two failures by the linear model with the
@@ -55,15 +55,15 @@ def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
     Raises:
         WrongInput: The request is invalid, or a frequency that the diagnosis cannot use.
     """
-    if asked == "none":
+    if requested == "none":
         return None
     try:
-        frequencies, size = _frequencies(rig, asked), DITHER_SIZE * rig.size
-        if asked != "default":
+        frequencies, size = _frequencies(rig, requested), DITHER_SIZE * rig.size
+        if requested != "default":
             return _designed(rig, frequencies, size)
         design = _designed(rig, frequencies, min(size, COST_PART * rig.noise))
     except ValueError as error:  # an undamped mode at that frequency
-        raise WrongInput(f"dither {asked}: {error}") from None
+        raise WrongInput(f"dither {requested}: {error}") from None
     return design if design is not None and design.separations.isolable() else None
 
 
@@ -81,13 +81,13 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
     )
 
 
-def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
+def dither_of(rig: "Rig", requested: str | Dither | None, default: str | Dither) -> Dither | None:
     """Return the dither of :meth:`fjh.rig.Rig.supervisor`; `default` is that of the robot.
 
     Raises:
         WrongInput: As :func:`rig_dither`.
     """
-    chosen = default if isinstance(asked, str) and asked == "default" else asked
+    chosen = default if isinstance(requested, str) and requested == "default" else requested
     if chosen is None or isinstance(chosen, Dither):
         return chosen
     check.instance("dither", chosen, str, int, float, Dither)
@@ -95,23 +95,26 @@ def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> 
     return None if design is None else design.dither
 
 
-def _frequencies(rig: "Rig", asked: str) -> list[float]:
+def _frequencies(rig: "Rig", requested: str) -> list[float]:
     """Return the requested frequencies in the diagnosis band; designed ones above crossovers."""
     slowest = 1 / MEASURED_S
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
-    tried = FREQUENCIES_HZ.get(asked, ())
-    if tried:
-        tried = [hz for hz in tried if hz >= max(each.crossover_hz for each in rig.margins)]
+    candidates = FREQUENCIES_HZ.get(requested, ())
+    if candidates:
+        candidates = [
+            hz for hz in candidates if hz >= max(each.crossover_hz for each in rig.margins)
+        ]
     else:
         with suppress(ValueError, OverflowError):
-            tried = (float(asked),)
-    seen = [hz for hz in tried if slowest <= hz <= fastest]
-    if not seen and asked != "default":
+            candidates = (float(requested),)
+    in_band = [hz for hz in candidates if slowest <= hz <= fastest]
+    if not in_band and requested != "default":
         raise WrongInput(
             "dither must be none, default, designed, or a frequency from "
-            f"{slowest:g} to {fastest:g} Hz, got {asked!s:.80}{nearest(str(asked), _WORDS)}"
+            f"{slowest:g} to {fastest:g} Hz, got {requested!s:.80}"
+            f"{nearest(str(requested), _CHOICES)}"
         )
-    return seen
+    return in_band
 
 
 def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | None:
@@ -143,15 +146,15 @@ def not_isolable(
     the uncertainty that the diagnosis assumes; by the dither in half a second, by the path in a
     period of its strongest sinusoid.
     """
-    left = [
+    remaining = [
         each
         for each in failures
         if design is None or not design.separations.isolates(each.number, each.kind)
     ]
-    if not left:
+    if not remaining:
         return []
     by_path = _path_separations(rig, path)
-    return [each for each in left if not by_path.isolates(each.number, each.kind)]
+    return [each for each in remaining if not by_path.isolates(each.number, each.kind)]
 
 
 def _path_separations(rig: "Rig", path: Array) -> Separations:
@@ -161,5 +164,5 @@ def _path_separations(rig: "Rig", path: Array) -> Separations:
     frequency_hz = np.array([(1 + strongest) / (len(path) * rig.period_s)])
     measured_s = max(MEASURED_S, 1 / float(frequency_hz[0]))
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
-    known = measured_s, DEFAULT_CONFIG.uncertainty
-    return separations_at(fault_responses(rig.watched, frequency_hz, *known), 0, commanded)
+    arguments = measured_s, DEFAULT_CONFIG.uncertainty
+    return separations_at(fault_responses(rig.watched, frequency_hz, *arguments), 0, commanded)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.rig.draw import Draw, Family
+from fjh.rig.random_streams import Family, RandomStreams
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
 from sim import Array
@@ -120,8 +120,8 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
     Raises:
         WrongInput: The name is unknown, or a size does not apply to the robot.
     """
-    named = {"exact": EXACT, "all": everything}
-    sizes = named.get(mismatch) if isinstance(mismatch, str) else mismatch
+    by_name = {"exact": EXACT, "all": everything}
+    sizes = by_name.get(mismatch) if isinstance(mismatch, str) else mismatch
     if not isinstance(sizes, Mismatch):
         raise WrongInput(
             f'mismatch must be "exact", "all" or a Mismatch, got {check.shown(mismatch)}'
@@ -141,7 +141,7 @@ def sampled_model(
     model: mujoco.MjModel,
     drives: Sequence[Drive],
     sizes: Mismatch,
-    draw: Draw,
+    streams: RandomStreams,
     damped: Array | None = None,
 ) -> tuple[mujoco.MjModel, Array]:
     """Return a copy of a model with sampled gains, dampers and inertias, and the gains (n,).
@@ -153,12 +153,12 @@ def sampled_model(
         model: Model of the controller.
         drives: Its actuators; all outputs of one have the same gain.
         sizes: Sizes of the mismatch.
-        draw: Random streams.
+        streams: Random streams.
         damped: Joints whose damping differs; None is all.
     """
     model = copy.copy(model)
-    gains = draw.factors("gain", len(drives), sizes.gain)
-    servos = draw.factors("servo", len(drives), sizes.damping)
+    gains = streams.factors("gain", len(drives), sizes.gain)
+    servos = streams.factors("servo", len(drives), sizes.damping)
     for drive, gain, servo in zip(drives, gains, servos, strict=True):
         ids = list(drive.ids)
         model.actuator_gainprm[ids, :3] *= gain
@@ -166,11 +166,11 @@ def sampled_model(
         model.actuator_biasprm[ids, 2] *= servo
     joints = np.arange(model.njnt) if damped is None else damped
     factors = np.ones(model.njnt)
-    factors[joints] = draw.factors("damping", len(joints), sizes.damping)
+    factors[joints] = streams.factors("damping", len(joints), sizes.damping)
     model.dof_damping[:] *= factors[model.dof_jntid]
     if sizes.inertia:
-        model.body_mass[:] *= draw.factors("mass", model.nbody, sizes.inertia)
-        model.body_inertia[:] *= draw.factors("inertia", model.nbody, sizes.inertia)[:, None]
+        model.body_mass[:] *= streams.factors("mass", model.nbody, sizes.inertia)
+        model.body_inertia[:] *= streams.factors("inertia", model.nbody, sizes.inertia)[:, None]
         mujoco.mj_setConst(model, mujoco.MjData(model))  # constants derived from masses
     model.opt.timestep /= sizes.steps
     return model, gains

@@ -231,16 +231,18 @@ def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
     Raises:
         WrongInput: There is no row, an unknown one, or one twice.
     """
-    every = names or (ROWS, ROW_NAMES)
-    numbers = [str(k) for k in range(len(every[0]))]
-    known = {each: k for own in (numbers, *every) for k, each in enumerate(own)}
+    row_names = names or (ROWS, ROW_NAMES)
+    numbers = [str(k) for k in range(len(row_names[0]))]
+    numbers_by_name = {
+        label: k for labels in (numbers, *row_names) for k, label in enumerate(labels)
+    }
     parts = _parts(given)
-    found = tuple(known[part] for part in parts if part in known)
-    if not found or len(set(found)) < len(parts):
-        listed = ",".join(every[-1])
+    rows = tuple(numbers_by_name[part] for part in parts if part in numbers_by_name)
+    if not rows or len(set(rows)) < len(parts):
+        listed = ",".join(row_names[-1])
         expected = f"different rows from 0 to {len(numbers) - 1} or of {listed:.80}"
         raise WrongInput(f"{name} must be {expected}, got {short(given)}")
-    return found
+    return rows
 
 
 def weights_of(name: str, given: Any) -> tuple[float, ...]:

@@ -37,17 +37,19 @@ def controller_factory(name: str) -> Callable[..., Any]:
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
     try:
-        found = module = importlib.import_module(module_name)
+        factory = module = importlib.import_module(module_name)
     except Exception as error:  # importing a user's module can raise anything
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise WrongInput(f"--controller {name}: importing {module_name} raised {said}") from error
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        raise WrongInput(
+            f"--controller {name}: importing {module_name} raised {message}"
+        ) from error
     for part in path.split("."):
-        found = getattr(found, part, None)
-    if not callable(found):
+        factory = getattr(factory, part, None)
+    if not callable(factory):
         place = getattr(module, "__file__", None) or module_name
         near = nearest(path, dir(module))
         raise WrongInput(f"--controller {name}: {place} has no function or class {path}{near}")
-    return found
+    return factory
 
 
 def controller_sha256(name: str) -> str | None:
@@ -56,12 +58,12 @@ def controller_sha256(name: str) -> str | None:
     return None if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
-def fly_with(rig: Rig, name: str, path: ArrayLike, **flight: Any) -> tuple[Run, str | None]:
+def simulate_with(rig: Rig, name: str, path: ArrayLike, **arguments: Any) -> tuple[Run, str | None]:
     """Simulate a run with the controller of this name; return it and an error message or None.
 
-    The controller is informed only of failures in the goal of the rig. `flight` are arguments of
+    The controller is informed only of failures in the goal of the rig. `arguments` are those of
     :meth:`fjh.rig.Rig.fly`.
     """
-    pilot = GuardedController(name, controller_factory(name), rig.task)
-    run = rig.fly(pilot, path, **flight)
+    controller = GuardedController(name, controller_factory(name), rig.task)
+    run = rig.fly(controller, path, **arguments)
     return run, run.state.failure

@@ -50,7 +50,7 @@ class Prediction:
     rms: Array
 
 
-Learns = bool | Sequence[float | None]
+InformedAt = bool | Sequence[float | None]
 """Times at which a controller is informed of failures: at onset, never, or one time [s] each, None
 for never."""
 
@@ -60,13 +60,13 @@ def predicted(
     path: Array,
     failures: Sequence[Failure],
     *,
-    told: Learns = True,
+    informed: InformedAt = True,
     noise: Array | None = None,
     dither: Dither | None = None,
     goal: Goal,
     start: Array | None = None,
     floor_m_per_s2: Array | None = None,
-    bent: Array | float = 0.0,
+    deviation: Array | float = 0.0,
 ) -> Prediction:
     """Return the predicted errors of a run; see :meth:`fjh.rig.Rig.predict`.
 
@@ -80,21 +80,21 @@ def predicted(
     x = None if start is None else at_rest(model.A, model.B, rig.period_s) @ start
     stages = [Stage(model, gain=controller.mapping.major_gain())]
     dithered = _dithered(dither, len(path), n, rig.period_s)
-    secondary = dithered @ controller.mapping.secondary_gain().T + _standing(controller)
+    secondary = dithered @ controller.mapping.secondary_gain().T + _static_offset(controller)
     floor = np.zeros((len(path), 3)) if floor_m_per_s2 is None else floor_m_per_s2
     pushed = np.zeros((len(path), len(model.A))) if model.floor is None else floor @ model.floor.T
     faults, first = list[Fault](), len(path)
-    for tick, changes in _changes(rig, failures, told):
+    for tick, changes in _changes(rig, failures, informed):
         onset = [fault for fault, is_known in changes if not is_known]
         first, faults = min(first, tick), [*faults, *onset]
-        after, goes_on, mapping = fault_model(rig.nominal, faults), None, None
+        after, in_service, mapping = fault_model(rig.nominal, faults), None, None
         if known := [Diagnosis.told(fault) for fault, is_known in changes if is_known]:
             goal = goal_after(goal, known, rig.nominal, rig.unused)
-            mapping, goes_on = rig.mapping(goal), np.ones(n)
-            goes_on[[*goal.locked_at, *goal.free]] = 0.0
+            mapping, in_service = rig.mapping(goal), np.ones(n)
+            in_service[[*goal.locked_at, *goal.free]] = 0.0
             secondary[tick:] = dithered[tick:] @ mapping.secondary_gain().T
         gain = stages[-1].gain if mapping is None else mapping.major_gain()
-        stages.append(Stage(after, tick, gain, goes_on))
+        stages.append(Stage(after, tick, gain, in_service))
         if after.floor is not None:
             pushed[tick:] = floor[tick:] @ after.floor.T
     ticks = list(
@@ -102,7 +102,7 @@ def predicted(
             stages,
             rig.nominal.plant.C,
             rig.loops,
-            (path if noise is None else path - noise) - bent,
+            (path if noise is None else path - noise) - deviation,
             secondary=secondary,
             disturbance=pushed if floor.any() else None,
             limit=controller.demand_limit,
@@ -111,28 +111,30 @@ def predicted(
             start=x,
         )
     )
-    error = path - bent - np.array([tick.output for tick in ticks])
+    error = path - deviation - np.array([tick.output for tick in ticks])
     states = np.array([tick.x for tick in ticks])
     return _summarized(rig, error, states, first, (stages[0], stages[-1]), white=noise is None)
 
 
 def _changes(
-    rig: "Rig", failures: Sequence[Failure], told: Learns
+    rig: "Rig", failures: Sequence[Failure], informed: InformedAt
 ) -> list[tuple[int, list[tuple[Fault, bool]]]]:
     """Return the faults that occur and those that become known, by control tick."""
-    check.instance("told", told, bool, list, tuple, np.ndarray)
+    check.instance("told", informed, bool, list, tuple, np.ndarray)
     times: Sequence[float | None] = (
-        [each.time_s if told else None for each in failures] if isinstance(told, bool) else told
+        [each.time_s if informed else None for each in failures]
+        if isinstance(informed, bool)
+        else informed
     )
     if len(times) != len(failures):
         expected = f"a time for each of {len(failures)} failures"
-        raise ValueError(f"told must be {expected}, got {check.shown(told)}")
+        raise ValueError(f"told must be {expected}, got {check.shown(informed)}")
     changes = dict[int, list[tuple[Fault, bool]]]()
     for failure, known_s in zip(failures, times, strict=True):
         for at_s, is_known in ((failure.time_s, False), (known_s, True)):
             if at_s is not None:
                 if check.number("told", at_s) < failure.time_s:
-                    given = check.shown(told)
+                    given = check.shown(informed)
                     raise ValueError(f"told must be no times before the failures, got {given}")
                 tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))
@@ -146,7 +148,7 @@ def _dithered(dither: Dither | None, ticks: int, actuators: int, period_s: float
     return np.array([dither.at(tick * period_s) for tick in range(ticks)])
 
 
-def _standing(controller: PrioritizedController) -> Array | float:
+def _static_offset(controller: PrioritizedController) -> Array | float:
     """Return the displacements (n,) at zero demand, nonzero for known locks off centre."""
     mapping = controller.mapping
     if not any(mapping.goal.locked_at.values()):
@@ -175,8 +177,8 @@ def _summarized(
             squares[-1] = (error[part] ** 2).mean(axis=0)
             squares[-1] += _noise_variance(rig, stage) if white else 0.0
     shares = min(first, len(error)) / len(error), 1 - min(first, len(error)) / len(error)
-    whole = np.sum([k * each for k, each in zip(shares, squares, strict=True) if k], axis=0)
-    return Prediction(np.sqrt(squares[0]), np.sqrt(squares[1]), leaves, error, np.sqrt(whole))
+    total = np.sum([k * each for k, each in zip(shares, squares, strict=True) if k], axis=0)
+    return Prediction(np.sqrt(squares[0]), np.sqrt(squares[1]), leaves, error, np.sqrt(total))
 
 
 def _leaving(rig: "Rig", states: Array) -> str | None:
@@ -245,9 +247,9 @@ def linear_run(
     The path is (N, m1). All faults occur at the tick `onset`, unknown to the mapping, which is that
     of the rig's goal in the nominal posture.
     """
-    mapping, sound = rig.mapping(rig.goal), fault_model(rig.nominal)
+    mapping, healthy = rig.mapping(rig.goal), fault_model(rig.nominal)
     failed = fault_model(rig.nominal, faults)
-    stages = [Stage(sound, gain=mapping.major_gain()), Stage(failed, onset)]
+    stages = [Stage(healthy, gain=mapping.major_gain()), Stage(failed, onset)]
     dithered = _dithered(dither, len(path), rig.nominal.actuators, rig.period_s)
     secondary = dithered @ mapping.secondary_gain().T
     ticks = list(steps(stages, rig.nominal.plant.C, rig.loops, path, secondary=secondary))

@@ -26,7 +26,7 @@ _OFTEN = 0.01
 """Fraction of the time at the largest force from which an actuator counts as saturated."""
 
 
-def check_reach(rig: Rig, path: Array) -> None:
+def check_reachable(rig: Rig, path: Array) -> None:
     """Raise unless the healthy robot can follow a path within its limits.
 
     Raises:
@@ -39,12 +39,12 @@ def check_reach(rig: Rig, path: Array) -> None:
         for _ in range(_STEPS):
             commanded, _ = mapping.tick(path[tick], pose, commanded)
             pose = mapping.estimate(commanded, pose)
-        lacking = path[tick] - mapping.reached(pose)
-        if np.abs(lacking).max() > _SHORT * rig.size:
-            row = greatest(np.abs(lacking))
+        error = path[tick] - mapping.reached(pose)
+        if np.abs(error).max() > _SHORT * rig.size:
+            row = greatest(np.abs(error))
             raise WrongInput(
                 f"the path is out of reach at {tick * rig.period_s:.3g} s: row {rig.major[row]} "
-                f"stays {np.abs(lacking[row]):.3g} {rig.row_units[row]} short"
+                f"stays {np.abs(error[row]):.3g} {rig.row_units[row]} short"
                 f"{_at_limits(rig, commanded)}; choose a smaller size, or another start"
             )
 
@@ -57,31 +57,33 @@ def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
     """
     path, noise = run.desired, np.nan_to_num(run.measured - run.true)
     mapping = rig.mapping(rig.goal)
-    pose, gain, bent = mapping.nominal, mapping.major_gain(), []
+    pose, gain, deviation = mapping.nominal, mapping.major_gain(), []
     points = np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int))
     for tick in points:
         for _ in range(2):
             pose = mapping.estimate(gain @ path[tick], pose)
-        bent.append(mapping.reached(pose) - path[tick])
+        deviation.append(mapping.reached(pose) - path[tick])
     ticks = np.arange(len(path))
-    along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(bent)])
-    errors = (predicted(rig, path, (), goal=rig.goal, noise=noise, bent=by) for by in (0.0, along))
-    linear, whole = (float(np.linalg.norm(each.rms_before)) for each in errors)
-    if not (1 + AGREES) * linear < whole > ratio * linear:
+    along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(deviation)])
+    errors = (
+        predicted(rig, path, (), goal=rig.goal, noise=noise, deviation=by) for by in (0.0, along)
+    )
+    linear, curved = (float(np.linalg.norm(each.rms_before)) for each in errors)
+    if not (1 + AGREES) * linear < curved > ratio * linear:
         return None
     unit = "m" if "m" in rig.row_units else "rad"
-    said = (
+    sentence = (
         f"a path of {1e3 * rig.size:.3g} m{unit} is beyond the range of the linear model, which is "
-        f"that of the start: its geometry alone may make the error {whole / linear:.2g} times the "
+        f"that of the start: its geometry alone may make the error {curved / linear:.2g} times the "
         "predicted one, so that measured and predicted errors are not compared"
     )
     if ratio < 1 + AGREES:
-        return said
+        return sentence
     holds = rig.size * np.sqrt(((1 + AGREES) ** 2 - 1) / (ratio**2 - 1))  # an error of second order
-    return f"{said}; it holds up to a size of about {1e3 * holds:.1g} m{unit}"
+    return f"{sentence}; it holds up to a size of about {1e3 * holds:.1g} m{unit}"
 
 
-def learnt_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
+def diagnosed_at_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
     """Return the time [s] of the first diagnosis of each failed actuator; None is never."""
     return [
         next((each.time_s for each in diagnosed_since(rig, run, one)), None) for one in failures
@@ -103,9 +105,9 @@ def uncompared(rig: Rig, run: Run, model: Prediction) -> str | None:
     for each in failures:
         if each.kind == "locked" and each.number in rig.soft_locks:
             return f"the lock of {rig.actuators[each.number]} is compliant"
-    right = {each for failure in failures for each in diagnosed_since(rig, run, failure)}
+    correct = {each for failure in failures for each in diagnosed_since(rig, run, failure)}
     for each in run.diagnoses:
-        if each not in right or each.withdrawn_s is not None:
+        if each not in correct or each.withdrawn_s is not None:
             return f"{each.actuator} was incorrectly identified as {each.kind}, or cleared again"
     for failure in failures:
         for last in diagnosed_since(rig, run, failure)[-1:]:
@@ -153,15 +155,17 @@ def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
 
     if run.failures and squared(predicted.rms_after) < squared(run.error[cut:]) / 2:
         return "After the failure most of the error is from the time until it was diagnosed."
-    without = {"noise of the sensors, which the loops pass on": (rig, 0.0)}
+    alternatives = {"noise of the sensors, which the loops pass on": (rig, 0.0)}
     if rig.nominal.friction is not None:
         smooth = replace(rig.control, nominal=replace(rig.nominal, friction=None))
-        without["dry friction in the joints"] = replace(rig, control=smooth), 1.0
+        alternatives["dry friction in the joints"] = replace(rig, control=smooth), 1.0
     most = "Before the failure most" if run.failures else "Most"
     half, noise = squared(run.error[:cut]) / 2, run.measured - run.true
-    for cause, (other, scale) in without.items():
-        left = other.predict(run.desired, failures=run.failures, noise=scale * noise).rms_before
-        if squared(left) < half < squared(predicted.rms_before):
+    for cause, (other, scale) in alternatives.items():
+        remaining = other.predict(
+            run.desired, failures=run.failures, noise=scale * noise
+        ).rms_before
+        if squared(remaining) < half < squared(predicted.rms_before):
             return f"{most} of the error is from {cause}."
     return None
 

@@ -24,7 +24,7 @@ from fjh.rig.options import (
     rows_of,
 )
 from fjh.rig.paths import path_of
-from fjh.rig.prediction import Learns, Prediction, predicted
+from fjh.rig.prediction import InformedAt, Prediction, predicted
 from fjh.rig.run import Run, simulate, tick_of
 from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
@@ -137,7 +137,7 @@ class Rig:
         check.integer("seed", seed)
         if size is not None:
             check_bounds("size", size)
-        return hexapod_rig(size=size, feedforward=feedforward).drawn(mismatch, seed)
+        return hexapod_rig(size=size, feedforward=feedforward).with_mismatch(mismatch, seed)
 
     def __repr__(self) -> str:
         """Return one line: the default representation would print pages of arrays."""
@@ -219,7 +219,7 @@ class Rig:
         at = None
         if start is not None and not isinstance(start, str | int):
             at = check.array("start", start)
-        return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+        return robot_rig(Path(file), options, at).with_mismatch(mismatch, seed)
 
     @property
     def row_units(self) -> tuple[str, ...]:
@@ -295,7 +295,7 @@ class Rig:
         """Behavior of an actuator without force: "locked" by its own spring, or "free"."""
         return self.control.unused
 
-    def drawn(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
+    def with_mismatch(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
         """Return the same rig with a plant that differs from the controller's model.
 
         Raises:
@@ -303,7 +303,7 @@ class Rig:
         """
         machine = self.machine
         sizes = sizes_of(mismatch, machine.everything, machine.unknown)
-        return replace(self, machine=machine.drawn(sizes, check.integer("seed", seed)))
+        return replace(self, machine=machine.with_mismatch(sizes, check.integer("seed", seed)))
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """Return the mapping for a goal, including the failures that the goal states."""
@@ -335,11 +335,11 @@ class Rig:
                 :func:`fjh.rig.dither.rig_dither`; None is no dither.
             goal: Goal without failures; None is that of the rig.
         """
-        chosen = dither_of(self, dither, self.dither)
+        design = dither_of(self, dither, self.dither)
         control = self.control
         if goal is not None:
             control = replace(control, goal=self._goal(goal))
-        return control.supervisor(dither=chosen)
+        return control.supervisor(dither=design)
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
@@ -442,27 +442,29 @@ class Rig:
             check.function("on_tick", on_tick)
         around = {"begin_s": begin_s, "lead_in_s": lead_in_s, "seed": seed}
         hooks, caused = events_of(self, events, **around)
-        struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
+        all_failures = sorted(
+            (*self._numbered(failures), *caused), key=lambda failure: failure.time_s
+        )
         time_s = begin_s + np.arange(len(desired)) * self.period_s
         run = simulate(
             self,
             controller,
             time_s,
             desired,
-            struck,
+            all_failures,
             seed=seed,
             lead_in=lead_in,
             events=hooks,
             on_tick=on_tick,
         )
-        return replace(run, events=self._named(events))
+        return replace(run, events=self._named_events(events))
 
     def predict(
         self,
         path: ArrayLike,
         *,
         failures: Sequence[Failure] = (),
-        told: Learns = True,
+        told: InformedAt = True,
         noise: ArrayLike | None = None,
         dither: Dither | None = None,
         goal: Goal | None = None,
@@ -500,21 +502,21 @@ class Rig:
         }
         if floor_m_per_s2 is not None and self.nominal.floor is None:
             raise ValueError("floor_m_per_s2 must be None: this robot's model has no floor input")
-        struck, goal = self._numbered(failures), self._goal(goal)
-        return predicted(self, desired, struck, told=told, dither=dither, goal=goal, **arrays)
+        numbered, goal = self._numbered(failures), self._goal(goal)
+        return predicted(self, desired, numbered, informed=told, dither=dither, goal=goal, **arrays)
 
-    def _named(self, events: object) -> tuple[Event, ...]:
+    def _named_events(self, events: object) -> tuple[Event, ...]:
         """Return the named events in order of time, actuators by number."""
-        named = (
+        events_with_name = (
             [each for each in events if isinstance(each, Event)]
             if isinstance(events, Sequence)
             else []
         )
-        known = (
+        numbered = (
             each if each.actuator is None else replace(each, actuator=self.number(each.actuator))
-            for each in named
+            for each in events_with_name
         )
-        return tuple(sorted(known, key=lambda one: one.time_s))
+        return tuple(sorted(numbered, key=lambda event: event.time_s))
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         check.instance("failures", failures, list, tuple)

@@ -22,7 +22,7 @@ from sim.scene import Scene, robot_scene
 
 _SIZE = 1e-3
 """Radius of the default path, in radians or extents of the model: the linear model holds there."""
-_HELD = 0.5
+_SPRING_SHARE = 0.5
 """Share of an actuator's stiffness that its own spring must provide so that it counts as locked
 without force."""
 _NOISE = 1e-2
@@ -74,41 +74,41 @@ class Robot:
         return Plant(model, base=axes, payload=scene.frame, start=scene.start, part=scene.part)
 
     @cached_property
-    def known(self) -> Plant:
+    def nominal_plant(self) -> Plant:
         """Nominal plant of the complete file at the start; used for gains, never stepped."""
         return self.plant(self.model)
 
     @cached_property
-    def alone(self) -> Plant:
+    def task_plant(self) -> Plant:
         """Nominal plant of the task's part of the model at the start; never stepped."""
         scene, axes = self.scene, self.options.axes
         if scene.part is None:
-            return self.known
+            return self.nominal_plant
         return Plant(scene.own, base=axes, payload=scene.frame, start=scene.own_start)
 
     @cached_property
     def linear(self) -> LinearPlant:
         """Linear model of the task's part about the start."""
-        return self.alone.linear()
+        return self.task_plant.linear()
 
     @cached_property
     def mechanism(self) -> Mechanism:
         """The controller's own model, shared by all readers because it has no state."""
-        return self._mechanism(springs=True) if self.springs_hold else self.rigid
+        return self._mechanism(springs=True) if self.springs_determine else self.rigid
 
     @cached_property
     def unused(self) -> Unused:
         """Behavior of unused actuators: "locked" if all springs hold them, else "free"."""
-        return "locked" if (self.alone.spring_share > _HELD).all() else "free"
+        return "locked" if (self.task_plant.spring_share > _SPRING_SHARE).all() else "free"
 
     @property
     def springs_count(self) -> bool:
         """Return True if the classification is that of the elastic mechanism."""
         # Without springs, a free strut or a finger on one cable would count as lost.
-        return self.unused == "locked" or self.springs_hold
+        return self.unused == "locked" or self.springs_determine
 
     @cached_property
-    def springs_hold(self) -> bool:
+    def springs_determine(self) -> bool:
         """Return True if springs, rather than actuators and loops, fix the major rows."""
         jac, major = self.rigid.nominal, list(self.options.major)
         rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
@@ -137,11 +137,11 @@ def robot_of(
         WrongInput: The robot lacks the keyframe, or has another number of weights.
         sim.ModelError: The file cannot be read, or its model is unsuitable.
     """
-    begin = partial(_start, keyframe=options.keyframe, at=at)
+    start = partial(_start, keyframe=options.keyframe, at=at)
     names = [(name, name.removesuffix(":point")) for name in options.pinned or ()]
     pins, servo_hz = [Pin(frame, weld=name == frame) for name, frame in names], options.servo
     try:
-        scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz, settle)
+        scene = robot_scene(file, options.site, options.axes, start, pins, servo_hz, settle)
     except ClosureError as error:
         raise ModelError(f"{file}: {error}") from None
     model = scene.whole
@@ -158,18 +158,21 @@ def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:
     """Return sentences about what the linear model and the mapping leave out."""
-    scene, idle = robot.scene, robot.linear.idle
+    scene, unconstrained = robot.scene, robot.linear.idle
     return (
         *left_out_of(robot),
         *(
-            [f"motions of {listed(idle)} have no restoring force and do not affect the task"]
-            if idle
+            [
+                f"motions of {listed(unconstrained)} have no restoring force and no effect on the "
+                "task"
+            ]
+            if unconstrained
             else ()
         ),
         *scene.moved,
         *robot.mechanism.nominal.warnings,
         *beyond_linear(scene.own, scene.own_start),
-        *robot.known.soft_locks.values(),
+        *robot.nominal_plant.soft_locks.values(),
     )
 
 

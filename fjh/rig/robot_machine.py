@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fjh.rig.draw import Draw
 from fjh.rig.mismatch import EXACT, Mismatch, sampled_model, without
+from fjh.rig.random_streams import RandomStreams
 from fjh.rig.robot import Robot
 from sim import Array, Bench, Failure, Pose
 from sim.plant import JointSensors, Reading, Sensors, TaskSensor
@@ -38,7 +38,7 @@ class RobotMachine:
     sizes: Mismatch = EXACT
     seed: int = 0
 
-    def drawn(self, sizes: Mismatch, seed: int) -> "RobotMachine":
+    def with_mismatch(self, sizes: Mismatch, seed: int) -> "RobotMachine":
         """Return the same robot with another plant."""
         return replace(self, sizes=sizes, seed=seed)
 
@@ -52,10 +52,10 @@ class RobotMachine:
         robot is held there before a run.
         """
         robot, sizes = self.robot, self.sizes
-        draw = Draw(self.seed, sizes.family)
-        model, gains = sampled_model(robot.model, robot.known.drives, sizes, draw)
+        streams = RandomStreams(self.seed, sizes.family)
+        model, gains = sampled_model(robot.model, robot.nominal_plant.drives, sizes, streams)
         plant = robot.plant(model)
-        per_command = gains * robot.known.stiffness / plant.stiffness
+        per_command = gains * robot.nominal_plant.stiffness / plant.stiffness
         return Bench(
             plant,
             self._sensors(seed),
@@ -70,11 +70,13 @@ class RobotMachine:
 
     def _sensors(self, seed: int) -> Sensors:
         """Return task sensors or encoders alone, with zeros that drift at sampled rates."""
-        robot, rows, draw = self.robot, self.robot.options.major, Draw(self.seed)
+        robot, rows, streams = self.robot, self.robot.options.major, RandomStreams(self.seed)
         per_tick = self.sizes.drift_per_s * robot.period_s
         noise, encoder_noise = robot.noise, robot.encoder_noise
-        of_task = per_tick * noise * draw.uniform("task drift", len(rows))
-        of_encoders = per_tick * encoder_noise * draw.uniform("drift", len(robot.known.drives))
+        of_task = per_tick * noise * streams.uniform("task drift", len(rows))
+        of_encoders = (
+            per_tick * encoder_noise * streams.uniform("drift", len(robot.nominal_plant.drives))
+        )
         sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seed)
         if robot.options.sense == "joints":
             # The task is computed from the encoders, and drifts with them.

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 
-SOUND: Final = "sound"
+HEALTHY: Final = "sound"
 """State of an actuator that works, or for which no failure is diagnosed."""
 
 
 @dataclass(frozen=True)
-class Diagnosed:
+class DiagnosedFailure:
     """Failure of an actuator that a controller diagnosed.
 
     Attributes:
@@ -89,7 +89,7 @@ class Run:
     saturated: Array
     failures: tuple[Failure, ...]
     state: Any
-    diagnoses: tuple[Diagnosed, ...]
+    diagnoses: tuple[DiagnosedFailure, ...]
     task_lost: bool
     undiagnosed: str | None
     status: str
@@ -152,11 +152,11 @@ def simulate(
 ) -> Run:
     """Simulate a run with `lead_in` ticks at rest before it; see :meth:`fjh.rig.Rig.fly`."""
     times = np.concatenate([np.full(lead_in, time_s[0]), time_s])
-    bench, kept = rig.bench(times, failures, seed, events), slice(lead_in, None)
+    bench, logged = rig.bench(times, failures, seed, events), slice(lead_in, None)
     demands = rig.feedforward_demands(desired)
     if demands is not None:
-        demands = after_rest(lead_in, demands)
-    reference = after_rest(lead_in, desired)
+        demands = zero_padded(lead_in, demands)
+    reference = zero_padded(lead_in, desired)
     machine = bench if on_tick is None else _Counted(bench, on_tick)
     try:
         looped = run_loop(machine, controller, reference, demands, keeps=_estimate)
@@ -164,7 +164,7 @@ def simulate(
         if bench.gap is None:
             raise
         raise bench.gap from None
-    return run_of(rig, bench, looped, times, reference, failures, kept)
+    return run_of(rig, bench, looped, times, reference, failures, logged)
 
 
 def run_of(
@@ -174,7 +174,7 @@ def run_of(
     time_s: Array,
     desired: Array,
     failures: Sequence[Failure],
-    kept: slice,
+    logged: slice,
     since: int = 0,
 ) -> Run:
     """Collect the logs of a machine and its control loop for some ticks as a run.
@@ -186,34 +186,34 @@ def run_of(
         time_s: Times of all ticks, (N,).
         desired: Desired displacements at all ticks, (N, m1).
         failures: Failures that occurred.
-        kept: Ticks of the run.
+        logged: Ticks of the run.
         since: Tick at which the controller started.
     """
-    pose = Pose(bench.rotation[kept], bench.translation_m[kept])
+    pose = Pose(bench.rotation[logged], bench.translation_m[logged])
     assert bench.qpos is not None and bench.actuator_force is not None  # rigs log them
     state = looped.state
     diagnoses, true = diagnoses_of(rig, state, time_s[since:]), rig.reached(pose)
     task_lost = isinstance(state, SupervisorState) and state.task_lost
-    lost = _lost(rig, time_s[kept], desired[kept] - true, failures, believed=task_lost)
-    said = status_of(rig, state, diagnoses)
+    lost = _lost(rig, time_s[logged], desired[logged] - true, failures, is_diagnosed=task_lost)
+    summary = status_of(rig, state, diagnoses)
     return Run(
-        time_s=time_s[kept],
-        desired=desired[kept],
+        time_s=time_s[logged],
+        desired=desired[logged],
         true=true,
-        measured=looped.measured[kept],
+        measured=looped.measured[logged],
         pose=pose,
-        estimated=_estimated(rig, looped.kept[kept]),
-        inputs=looped.inputs[kept],
-        displacement=bench.displacement[kept],
-        qpos=bench.qpos[kept],
-        closure_m=bench.closure_residual_m[kept],
-        saturated=_saturated(bench.plant.drives, bench.actuator_force[kept]),
+        estimated=_estimated(rig, looped.kept[logged]),
+        inputs=looped.inputs[logged],
+        displacement=bench.displacement[logged],
+        qpos=bench.qpos[logged],
+        closure_m=bench.closure_residual_m[logged],
+        saturated=_saturated(bench.plant.drives, bench.actuator_force[logged]),
         failures=tuple(failures),
         state=state,
         diagnoses=diagnoses,
         task_lost=task_lost,
         undiagnosed=None if diagnoses else _undiagnosed(state, rig.actuators),
-        status=said if lost is None else f"{lost} {said}",
+        status=summary if lost is None else f"{lost} {summary}",
         lost=lost,
     )
 
@@ -224,7 +224,7 @@ _LOST = 5.0
 
 
 def _lost(
-    rig: "Rig", time_s: Array, error: Array, failures: Sequence[Failure], *, believed: bool
+    rig: "Rig", time_s: Array, error: Array, failures: Sequence[Failure], *, is_diagnosed: bool
 ) -> str | None:
     """Return a sentence if the task is lost, by the error late in the run or by diagnosis."""
     since_s = min((each.time_s for each in failures), default=np.inf)
@@ -236,7 +236,7 @@ def _lost(
             f"The major task is lost: its error reaches {1e3 * late[tick, row]:.3g} m{unit} on a "
             f"path of size {1e3 * rig.size:.3g} m{unit}."
         )
-    return "The major task is no longer fully reachable." if believed else None
+    return "The major task is no longer fully reachable." if is_diagnosed else None
 
 
 def _estimate(state: Any) -> tuple[Array, Array] | None:
@@ -254,7 +254,7 @@ def _estimated(rig: "Rig", poses: Sequence[tuple[Array, Array] | None]) -> Array
     return rig.coordinates(Pose(rotation, translation_m))
 
 
-def after_rest(ticks: int, signal: Array) -> Array:
+def zero_padded(ticks: int, signal: Array) -> Array:
     """Prepend a number of zero ticks to a signal."""
     return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
 
@@ -268,51 +268,53 @@ def _saturated(drives: Sequence[Drive], force: Array) -> Array:
     return np.column_stack(at_limit)
 
 
-def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Diagnosed, ...]:
+def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[DiagnosedFailure, ...]:
     """Return the diagnoses of a controller from its state and the times of its ticks.
 
     A change of kind counts as a new diagnosis, a confirmation does not.
     """
     if not isinstance(state, SupervisorState):
         return ()
-    withdrawn, named = dict(state.withdrawn), list[Diagnosed]()
-    for found in state.diagnoses:
-        one = Diagnosed(
-            rig.actuators[found.fault.actuator],
-            found.fault.kind,
-            float(time_s[found.tick]),
-            float(time_s[withdrawn[found]]) if found in withdrawn else None,
-            float(time_s[found.tick]) if found in state.acted else None,
+    withdrawn, diagnosed = dict(state.withdrawn), list[DiagnosedFailure]()
+    for diagnosis in state.diagnoses:
+        failure = DiagnosedFailure(
+            rig.actuators[diagnosis.fault.actuator],
+            diagnosis.fault.kind,
+            float(time_s[diagnosis.tick]),
+            float(time_s[withdrawn[diagnosis]]) if diagnosis in withdrawn else None,
+            float(time_s[diagnosis.tick]) if diagnosis in state.acted else None,
         )
-        last = next((each for each in named[::-1] if each.actuator == one.actuator), None)
-        if found.fault.is_sound:  # returned to service, once a confirmation shows it
-            if last is not None and last.withdrawn_s is None and found.confirmed:
-                named[named.index(last)] = replace(last, withdrawn_s=one.time_s)
+        last = next((each for each in diagnosed[::-1] if each.actuator == failure.actuator), None)
+        if diagnosis.fault.is_sound:  # returned to service, once a confirmation shows it
+            if last is not None and last.withdrawn_s is None and diagnosis.confirmed:
+                diagnosed[diagnosed.index(last)] = replace(last, withdrawn_s=failure.time_s)
             continue
-        if last is None or last.kind != one.kind or last.withdrawn_s is not None:
-            named.append(one)
+        if last is None or last.kind != failure.kind or last.withdrawn_s is not None:
+            diagnosed.append(failure)
             continue
-        acted_s = one.acted_s if last.acted_s is None else last.acted_s
-        back_s = last.withdrawn_s if one.withdrawn_s is None else one.withdrawn_s
-        named[named.index(last)] = replace(last, withdrawn_s=back_s, acted_s=acted_s)
-    return tuple(named)
+        acted_s = failure.acted_s if last.acted_s is None else last.acted_s
+        back_s = last.withdrawn_s if failure.withdrawn_s is None else failure.withdrawn_s
+        diagnosed[diagnosed.index(last)] = replace(last, withdrawn_s=back_s, acted_s=acted_s)
+    return tuple(diagnosed)
 
 
-def diagnosed_since(rig: "Rig", run: Run, failure: Failure) -> list[Diagnosed]:
+def diagnosed_since(rig: "Rig", run: Run, failure: Failure) -> list[DiagnosedFailure]:
     """Return the diagnoses of a failure's actuator since onset."""
     name, since = rig.actuators[failure.number], failure.time_s - 1e-9
     return [each for each in run.diagnoses if each.actuator == name and each.time_s >= since]
 
 
-def entry_of(rig: "Rig", happened: Failure | Event) -> dict[str, Any]:
+def entry_of(rig: "Rig", occurrence: Failure | Event) -> dict[str, Any]:
     """Return the JSON entry of a failure or an event, its actuator by name."""
-    actuator = happened.actuator
+    actuator = occurrence.actuator
     name = None if actuator is None else rig.actuators[rig.number(actuator)]
-    kind = {"kind": happened.kind} if isinstance(happened, Failure) else {"name": happened.name}
-    return {"actuator": name, **kind, "time_s": happened.time_s}
+    kind = (
+        {"kind": occurrence.kind} if isinstance(occurrence, Failure) else {"name": occurrence.name}
+    )
+    return {"actuator": name, **kind, "time_s": occurrence.time_s}
 
 
-def called(rig: "Rig", failure: Failure) -> str:
+def failure_text(rig: "Rig", failure: Failure) -> str:
     """Return a failure as text, such as "motor4 locked"."""
     return f"{rig.actuators[failure.number]} {failure.kind}"
 
@@ -348,7 +350,7 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     return "the sensors read what the model without a failure predicts"
 
 
-def status_of(rig: "Rig", state: Any, named: Sequence[Diagnosed]) -> str:
+def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> str:
     """Return a one-sentence summary of a controller's diagnoses."""
     sensors: Sensors | None = getattr(state, "sensors", None)
     read = ""
@@ -356,12 +358,12 @@ def status_of(rig: "Rig", state: Any, named: Sequence[Diagnosed]) -> str:
         read = f"; at its end {sensors.sentence(rig.period_s)}"
     if not isinstance(state, SupervisorState):
         return f"This controller does not diagnose{read}."
-    found = "; ".join(map(str, named)) or (
+    sentence = "; ".join(map(str, diagnosed)) or (
         f"Nothing was diagnosed; {_undiagnosed(state, rig.actuators)}"
     )
-    if named and state.watch.unexplained:
-        found += f"; {_UNEXPLAINED}"
-    return f"{found}{read}."
+    if diagnosed and state.watch.unexplained:
+        sentence += f"; {_UNEXPLAINED}"
+    return f"{sentence}{read}."
 
 
 class _Counted:

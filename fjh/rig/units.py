@@ -19,20 +19,26 @@ def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
     """
     entries = {}
     for unit in dict.fromkeys(units):
-        own = value
+        selected = value
         if isinstance(value, list):
-            own = [each for each, its in zip(value, units, strict=True) if its == unit]
-        entries[f"{name}_{unit}"] = own
+            selected = [
+                number
+                for number, number_unit in zip(value, units, strict=True)
+                if number_unit == unit
+            ]
+        entries[f"{name}_{unit}"] = selected
     return entries
 
 
-def norms_said(values: Iterable[float], units: Sequence[str]) -> str:
+def norms_text(values: Iterable[float], units: Sequence[str]) -> str:
     """Return the norms of the values of each unit as text: "3.2 µrad and 1.5 mm"."""
     entries = by_unit("", list(values), units)
-    return " and ".join(said(hypot(*own), unit[1:]) for unit, own in entries.items())
+    return " and ".join(
+        quantity_text(hypot(*numbers), unit[1:]) for unit, numbers in entries.items()
+    )
 
 
-def said(value: float, unit: str) -> str:
+def quantity_text(value: float, unit: str) -> str:
     """Return a number of three digits with a prefixed unit: "131 mm", "2.27 µrad"."""
     factor, prefix = (1.0, "") if unit == "%" else prefixed(abs(float(f"{value:.3g}")))
     return f"{float(f'{factor * value:.3g}'):g} {prefix}{unit}"
@@ -40,5 +46,5 @@ def said(value: float, unit: str) -> str:
 
 def prefixed(size: float) -> tuple[float, str]:
     """Return the factor and prefix that scale numbers of this size to 1..1000."""
-    large = (each for each in _PREFIXES.items() if size * each[0] >= 1.0 or not size > 0.0)
-    return next(large, list(_PREFIXES.items())[-1])
+    entries = (entry for entry in _PREFIXES.items() if size * entry[0] >= 1.0 or not size > 0.0)
+    return next(entries, list(_PREFIXES.items())[-1])

@@ -10,11 +10,11 @@ def check_within(name: str, value: Any, low: float, high: float) -> None:
     Raises:
         ValueError: The value is no number, or outside the limits.
     """
-    whole = isinstance(low, int)
-    kind: type = Integral if whole else Real
+    is_integer = isinstance(low, int)
+    kind: type = Integral if is_integer else Real
     # In Python a bool is an Integral. For NaN both comparisons are false.
     if not isinstance(value, kind) or isinstance(value, bool) or not low <= value <= high:
         from argument_checks import shown  # late: the help text does not wait for NumPy
 
-        said = "a whole number" if whole else "a number"
-        raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {shown(value)}")
+        expected = "a whole number" if is_integer else "a number"
+        raise ValueError(f"{name} must be {expected} from {low:g} to {high:g}, got {shown(value)}")

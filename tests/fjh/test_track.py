@@ -16,7 +16,7 @@ from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
 from fjh.rig.paths import path_of
 from fjh.rig.reach import limited_by, predictor, uncompared
-from fjh.rig.run import Diagnosed
+from fjh.rig.run import DiagnosedFailure
 from fjh.study.errors import WrongInput
 from fjh.study.result import Result
 from fjh.track import Flown, agreement, rows_of, track
@@ -175,10 +175,10 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
 @pytest.mark.parametrize(
     ("named", "why"),
     [
-        (Diagnosed("motor4", "locked", 0.2, None), None),
-        (Diagnosed("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
-        (Diagnosed("motor2", "locked", 0.2, None), "motor2 was diagnosed locked wrongly"),
-        (Diagnosed("motor4", "locked", 0.2, 0.3), "motor4 was diagnosed locked wrongly, or"),
+        (DiagnosedFailure("motor4", "locked", 0.2, None), None),
+        (DiagnosedFailure("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
+        (DiagnosedFailure("motor2", "locked", 0.2, None), "motor2 was diagnosed locked wrongly"),
+        (DiagnosedFailure("motor4", "locked", 0.2, 0.3), "motor4 was diagnosed locked wrongly, or"),
     ],
 )
 def test_a_run_that_named_what_had_not_failed_is_not_compared(named, why):

@@ -59,7 +59,7 @@ class Kind:
         sentence: Description with sizes.
         of: Part it acts on: one actuator, which the event states, a supply, the machine or its
             sensors.
-        named_as: Kinds of failure that are a correct diagnosis of its actuators; empty: none is.
+        correct_kinds: Kinds of failure that are a correct diagnosis of its actuators; empty: none.
         failures: Kinds of `sim.Failure` that the event includes or causes: of its own actuator, or
             of as many random others.
         after_s: Time from the event to these failures [s].
@@ -69,7 +69,7 @@ class Kind:
 
     sentence: str
     of: Of
-    named_as: "tuple[FailureKind, ...]"
+    correct_kinds: "tuple[FailureKind, ...]"
     failures: "tuple[FailureKind, ...]"
     after_s: float
     cause: Cause | None
@@ -107,14 +107,14 @@ class Event:
             )
         is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
         if not (is_time and 0.0 <= self.time_s <= LATEST_S):
-            said = (
+            requirement = (
                 f"a time from zero on, got {check.shown(self.time_s)}, and at most {LATEST_S:g} s"
             )
-            raise ValueError(f"time_s must be {said}")
+            raise ValueError(f"time_s must be {requirement}")
         is_number = isinstance(self.actuator, Integral) and not isinstance(self.actuator, bool)
         if not (isinstance(self.actuator, str | None) or (is_number and self.actuator >= 0)):
-            said = f"a name, or a number from 0 on, got {check.shown(self.actuator)}"
-            raise ValueError(f"actuator must be {said}")
+            requirement = f"a name, or a number from 0 on, got {check.shown(self.actuator)}"
+            raise ValueError(f"actuator must be {requirement}")
         if self.kind.of == "actuator" and self.actuator is None:
             raise ValueError(f"{self.name} acts on one actuator, which must be given")
         if self.kind.of != "actuator" and self.actuator is not None:
@@ -150,7 +150,7 @@ def event(
     of: Of,
     name: str,
     sentence: str,
-    named_as: "tuple[FailureKind, ...]" = (),
+    correct_kinds: "tuple[FailureKind, ...]" = (),
     failures: "tuple[FailureKind, ...]" = (),
     *,
     after_s: float = 0.0,
@@ -166,7 +166,7 @@ def event(
 
     def declare(effect: Callable[..., Effect]) -> Callable[..., Effect]:
         bound = partial(effect, **sizes)
-        EVENTS[name] = Kind(sentence, of, named_as, failures, after_s, cause, bound)
+        EVENTS[name] = Kind(sentence, of, correct_kinds, failures, after_s, cause, bound)
         return effect
 
     return declare
@@ -192,7 +192,7 @@ def lost_spring(target: "Target") -> Effect:
     """Remove the actuator's own spring and its preload."""
     stiffness = target.moved("stiffness")
     if stiffness(target.rig.model) == 0.0:
-        raise target.refused("has no spring of its own")
+        raise target.unsupported("has no spring of its own")
     return _once(lambda model: stiffness(model).fill(0.0))
 
 
@@ -201,7 +201,7 @@ def lost_spring(target: "Target") -> Effect:
 def constant_input(target: "Target", part: float) -> Effect:
     """Set the input to a constant part of the full one, at a random end of the range."""
     end = target.limits[target.rng.integers(2)]
-    full = end if math.isfinite(end) else math.copysign(FULL * target.reach, end)
+    full = end if math.isfinite(end) else math.copysign(FULL * target.amplitude, end)
     constant = target.input(part * full)
     return _own_input(target, lambda _, __: constant)
 
@@ -225,9 +225,9 @@ def lagging(target: "Target", lag_s: float) -> Effect:
 @actuator_event("offset", "an offset of three times what the path moves", cause="offset", size=3.0)
 def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effect:
     """Add a displacement of random sign, and its rate per second, in amplitudes of the path."""
-    per_reach = float(target.rng.choice([-1.0, 1.0])) * target.input(target.reach)
+    per_amplitude = float(target.rng.choice([-1.0, 1.0])) * target.input(target.amplitude)
     grows = rate * target.rig.period_s
-    return _own_input(target, lambda tick, own: own + per_reach * (size + grows * tick))
+    return _own_input(target, lambda tick, own: own + per_amplitude * (size + grows * tick))
 
 
 @actuator_event(
@@ -283,7 +283,7 @@ def released_lock(target: "Target", opens_s: float) -> Effect:
     """Open the lock that the event closes after some time."""
     lock, opens = target.lock, target.ticks(opens_s)
     if lock < 0:
-        raise target.refused("has no lock")
+        raise target.unsupported("has no lock")
 
     def plant(tick: int, _: mujoco.MjModel, data: mujoco.MjData) -> None:
         if tick == opens:
@@ -298,15 +298,15 @@ actuator_event("free_returns", "no force for 0.5 s, then all again", ("free",), 
 @actuator_event(
     "rubbing", "dry friction: half of what the path takes", ("locked", "weak"), part=0.5
 )
-def rubbing(target: "Target", part: float) -> Effect:
+def dry_friction(target: "Target", part: float) -> Effect:
     """Add dry friction, as a fraction of the force of spring and servo on the path."""
     stiffness, friction = target.moved("stiffness"), target.moved("frictionloss")
 
-    def rub(model: mujoco.MjModel) -> None:
+    def add_friction(model: mujoco.MjModel) -> None:
         holds = stiffness(model) + _feedback(target, model, 1)
-        friction(model)[:] += part * target.reach * holds
+        friction(model)[:] += part * target.amplitude * holds
 
-    return _once(rub)
+    return _once(add_friction)
 
 
 @actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
@@ -411,11 +411,11 @@ def scaled(_: "Target", factor: float) -> Effect:
 @sensor_event("stuck", "one row stays as it is", part=1.0, one_row=True)
 def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
     """Repeat the last measurement, of all rows or a random one, in a fraction of the samples."""
-    draw, m1 = target.rng.random, len(target.rig.major)
+    uniform, m1 = target.rng.random, len(target.rig.major)
     rows, last = target.rng.integers(m1) if one_row else slice(None), np.empty(m1)
 
     def measured(tick: int, output: "Array") -> "Array":
-        if tick == 0 or draw() >= part:
+        if tick == 0 or uniform() >= part:
             last[:] = output
         seen = output.copy()
         seen[rows] = last[rows]
@@ -430,8 +430,8 @@ sensor_event("silent", "zeros are read", factor=0.0)(scaled)
 @sensor_event("noisy", "the noise is five times as high", times=5.0)
 def noisy(target: "Target", times: float) -> Effect:
     """Multiply the standard deviation of the noise."""
-    added, draw = target.rig.noise * math.sqrt(times**2 - 1.0), target.rng.standard_normal
-    return Effect(measured=lambda _, output: output + added * draw(len(output)))
+    added, normal = target.rig.noise * math.sqrt(times**2 - 1.0), target.rng.standard_normal
+    return Effect(measured=lambda _, output: output + added * normal(len(output)))
 
 
 @sensor_event("dropped", "a tenth of the samples is NaN", part=0.1)
@@ -439,10 +439,10 @@ def noisy(target: "Target", times: float) -> Effect:
 @sensor_event("nan", "one sample is NaN", duration_s=0.0)
 def missing(target: "Target", part: float = 1.0, duration_s: float = math.inf) -> Effect:
     """Replace a fraction of the samples by NaN for some time, at least one sample."""
-    draw, ends = target.rng.random, target.ticks(duration_s)
+    uniform, ends = target.rng.random, target.ticks(duration_s)
 
     def measured(tick: int, output: "Array") -> "Array":
-        return output * np.nan if tick < ends and draw() < part else output
+        return output * np.nan if tick < ends and uniform() < part else output
 
     return Effect(measured=measured)
 

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.rig.draw import Draw
 from fjh.rig.events.effects import EVENTS, Effect, Event
+from fjh.rig.random_streams import RandomStreams
 from fjh.rig.run import tick_of
 from fjh.study.errors import WrongInput
 from sim import Array, Failure
@@ -53,7 +53,7 @@ def events_of(
     for event in (each for each in listed if isinstance(each, Event)):
         effect, caused = effect_of(rig, event, seed, names.count(event.name))
         after = tick_of(event.time_s - begin_s, rig.period_s)
-        hooks.begin(lead_in + after if after > 0 else 0, effect)
+        hooks.start(lead_in + after if after > 0 else 0, effect)
         failures += caused
         names.append(event.name)
     return (None if hooks.is_empty else hooks), failures
@@ -74,22 +74,24 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
     Raises:
         WrongInput: An actuator that the robot does not have, or to which the event does not apply.
     """
-    rng = np.random.default_rng(Draw(seed).seed(f"{event.name} {before}"))
+    rng = np.random.default_rng(RandomStreams(seed).seed(f"{event.name} {before}"))
     target, kind = Target(rig, event, rng), event.kind
     effect = kind.effect(target)
     if kind.of == "actuator":
-        struck = [target.actuator] * len(kind.failures)
+        failing = [target.actuator] * len(kind.failures)
     else:
-        struck = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
+        failing = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
     time_s = event.time_s + kind.after_s
-    return effect, [Failure(k, each, time_s) for k, each in zip(struck, kind.failures, strict=True)]
+    return effect, [
+        Failure(k, each, time_s) for k, each in zip(failing, kind.failures, strict=True)
+    ]
 
 
 class Hooks:
     """Hooks of all events of a machine: hooks of others first, then effects in their order."""
 
     def __init__(self, others: Iterable[object] = ()) -> None:
-        """Take hooks as for :class:`sim.Bench`; effects follow by `begin`.
+        """Take hooks as for :class:`sim.Bench`; effects follow by `start`.
 
         Raises:
             TypeError: An object has no such hooks.
@@ -107,7 +109,7 @@ class Hooks:
         """Return True without hooks and effects."""
         return not self._effects
 
-    def begin(self, tick: int, effect: Effect) -> None:
+    def start(self, tick: int, effect: Effect) -> None:
         """Add an effect that starts at a tick."""
         self._effects.append((tick, effect))
         self._pushes |= effect.plant is not None
@@ -120,7 +122,7 @@ class Hooks:
         """Act on the plant before the physics of a tick; forces of several events are added."""
         if self._pushes:
             data.xfrc_applied[:] = 0.0
-        for since, change in self._begun("plant", tick):
+        for since, change in self._started("plant", tick):
             change(since, model, data)
 
     def measured(self, tick: int, reading: Reading) -> Reading:
@@ -129,20 +131,20 @@ class Hooks:
             reading, gap = measured_by(reader, tick, reading)
             if gap is not None:
                 return reading
-        for since, change in self._begun("measured", tick):
+        for since, change in self._started("measured", tick):
             reading = reading._replace(output=change(since, reading.output))
         return reading
 
     def sent(self, tick: int, inputs: Array) -> Array:
         """Return the inputs that the drives receive."""
-        for since, change in self._begun("sent", tick):
+        for since, change in self._started("sent", tick):
             inputs = change(since, inputs)
         return inputs
 
-    def _begun(self, hook: str, tick: int) -> list[tuple[int, Any]]:
+    def _started(self, hook: str, tick: int) -> list[tuple[int, Any]]:
         """Return the number of ticks since each effect with this hook started, and the hook."""
-        found = [(tick - first, getattr(each, hook)) for first, each in self._effects]
-        return [(since, change) for since, change in found if since >= 0 and change is not None]
+        started = [(tick - first, getattr(each, hook)) for first, each in self._effects]
+        return [(since, change) for since, change in started if since >= 0 and change is not None]
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ class Target:
         return lock_of(self.rig.model, self.drive)
 
     @cached_property
-    def reach(self) -> float:
+    def amplitude(self) -> float:
         """Largest displacement of any actuator on the path, [m] or [rad]."""
         gain = self.rig.mapping(self.rig.goal).major_gain()
         return self.rig.size * float(np.abs(gain).max())
@@ -218,9 +220,9 @@ class Target:
         elif joint is not None:
             k, name = int(self.rig.model.jnt_dofadr[joint]), f"dof_{what}"
         if k is None:
-            raise self.refused("moves neither a joint nor a tendon")
+            raise self.unsupported("moves neither a joint nor a tendon")
         return lambda model: getattr(model, name)[k : k + 1]
 
-    def refused(self, why: str) -> WrongInput:
+    def unsupported(self, why: str) -> WrongInput:
         """Return the error that the event does not apply to the machine."""
         return WrongInput(f"{self.event.name}: {self.rig.actuators[self.actuator]} {why}")

@@ -116,6 +116,6 @@ def displacement_limits(
             raise ValueError(
                 f"current_limit_a must be one number or {len(lower)}, got shape {currents.shape}"
             )
-        held_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
-        least_m, most_m = np.maximum(least_m, -held_m), np.minimum(most_m, held_m)
+        limit_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
+        least_m, most_m = np.maximum(least_m, -limit_m), np.minimum(most_m, limit_m)
     return np.maximum(lower, least_m), np.minimum(upper, most_m)

@@ -89,8 +89,8 @@ class Hexapod:
 
     def inverse_jacobian(self, pose: Pose) -> Array:
         """Return A in l_dot = A [omega; v], shape (..., 6, 6), with rows [(R a) x u, u]."""
-        known = pose if isinstance(pose, Posture) else self.posture(pose)
-        return known.inverse_jacobian
+        posture = pose if isinstance(pose, Posture) else self.posture(pose)
+        return posture.inverse_jacobian
 
     def posture(self, pose: Pose) -> Posture:
         """Return the pose with its strut data; a `Posture` is returned unchanged.
@@ -121,8 +121,8 @@ class Hexapod:
         lead = pose.lead
         length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
         poses = check.flat(pose.rotation, 2, lead), check.flat(pose.translation_m, 1, lead)
-        given = map(pointer, (*poses, length_m, A))
-        if not lib.strut_lengths(self.nodes.pointer, math.prod(lead), *given) and not singular:
+        buffers = map(pointer, (*poses, length_m, A))
+        if not lib.strut_lengths(self.nodes.pointer, math.prod(lead), *buffers) and not singular:
             raise ValueError(_NO_LENGTH)
         return length_m, A
 
@@ -134,16 +134,16 @@ class Hexapod:
                 zero length.
         """
         here = pose if isinstance(pose, Posture) else self.posture(pose)
-        asked = check.array("displacement_m", displacement_m, 6)
+        target_m = check.array("displacement_m", displacement_m, 6)
         fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
         R, t, A, moved_m = fields
-        given = (
+        arguments = (
             *(here.rotation, here.translation_m, here.inverse_jacobian, here.displacement_m),
-            np.ascontiguousarray(asked),
+            np.ascontiguousarray(target_m),
         )
-        found = lib.follow(self.nodes.pointer, *map(pointer, (*given, *fields)))
-        if found != lib.FOLLOWED:
-            raise ValueError(_SINGULAR if found == lib.SINGULAR else _NO_LENGTH)
+        status = lib.follow(self.nodes.pointer, *map(pointer, (*arguments, *fields)))
+        if status != lib.FOLLOWED:
+            raise ValueError(_SINGULAR if status == lib.SINGULAR else _NO_LENGTH)
         return check.computed(
             Posture, rotation=R, translation_m=t, displacement_m=moved_m, inverse_jacobian=A
         )

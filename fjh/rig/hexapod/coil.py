@@ -83,11 +83,11 @@ class Coils:
         current_a = check.array("current_a", current_a, ..., *self.thermal_resistance_k_per_w.shape)
         if current_a.ndim != 2:
             raise ValueError(f"current_a must have shape (N, n), got {current_a.shape}")
-        now, passed = self.cold(), []
-        for held_a in current_a:
-            passed.append(now)
-            now = self.step(now, held_a, period_s)
-        return np.array(passed).reshape(current_a.shape)
+        now, temperatures = self.cold(), []
+        for step_current_a in current_a:
+            temperatures.append(now)
+            now = self.step(now, step_current_a, period_s)
+        return np.array(temperatures).reshape(current_a.shape)
 
     def _checked(self, temperature_c: Array, current_a: Array) -> tuple[Array, Array]:
         shape = self.thermal_resistance_k_per_w.shape

@@ -189,9 +189,11 @@ class StrutMapping(PrioritizedMapping[Pose]):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
-        own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
-        how = {"limits": limits, "when_limited": when_limited, "allocate": allocate}
-        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
+        strut_geometry = HexapodGeometry(
+            geometry, constant=jacobian == "constant", stiffness=stiffness
+        )
+        options = {"limits": limits, "when_limited": when_limited, "allocate": allocate}
+        super().__init__(strut_geometry, goal, MAJOR, SECONDARY, form, task_coordinates, **options)
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
@@ -201,8 +203,8 @@ def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
         sim.ModelError: The machine is not a hexapod.
     """
     equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
-    sound = Plant(model)
-    return linearize(sound.model, sound.data), equal.major_gain()
+    plant = Plant(model)
+    return linearize(plant.model, plant.data), equal.major_gain()
 
 
 def nominal_loops(model: mujoco.MjModel, bench: TestbedConfig) -> tuple[Loop, Loop]:

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
+from fjh.rig.classification import Classification, classifications
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.testbed import TestbedConfig
-from fjh.rig.verdicts import Verdict, verdicts
 from ftc import Unused
 from ftc.fdi import Dither, Fault, NominalModel
 from prioritized import ConstrainedSystem, FailureAtlas
@@ -62,9 +62,9 @@ def with_suspension(system: ConstrainedSystem, suspension: dict[int, float]) -> 
     return replace(system, stiffness=stiffness)
 
 
-def pointing_verdicts(atlas: FailureAtlas) -> list[Verdict]:
+def pointing_classifications(atlas: FailureAtlas) -> list[Classification]:
     """Return the classes of the pointing task in the hexapod's atlas."""
-    return verdicts(atlas, task="pointing", body="payload")
+    return classifications(atlas, task="pointing", body="payload")
 
 
 HEAVE = (1.0,) * 6

@@ -22,7 +22,7 @@ class UnreachableLengths(ValueError):
         residual_m: Largest remaining error of a strut, shape (...) [m].
     """
 
-    def __init__(self, reached: Array, residual_m: Array, asked_m: Array) -> None:
+    def __init__(self, reached: Array, residual_m: Array, target_m: Array) -> None:
         """Create the message for the worst of a batch (...) of displacements (..., 6)."""
         self.reached, self.residual_m = reached, residual_m
         count = f"{np.sum(~reached)} of {reached.size} sets of " if reached.size > 1 else ""
@@ -30,7 +30,7 @@ class UnreachableLengths(ValueError):
         super().__init__(
             f"displacements_m: no pose found that reaches {count}strut lengths; the largest error "
             f"of a strut is {residual_m.reshape(-1)[worst]:.3g} m, for displacements of "
-            f"{np.round(asked_m.reshape(-1, 6)[worst], 9).tolist()} m"
+            f"{np.round(target_m.reshape(-1, 6)[worst], 9).tolist()} m"
         )
 
 
@@ -62,36 +62,38 @@ def forward_kinematics(
     """
     check.instance("geometry", geometry, Hexapod)
     check.integer("most_steps", most_steps)
-    asked, pose = _checked(displacements_m, start)
-    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(asked) + _spread_m(geometry)).max(-1)
+    target_m, pose = _checked(displacements_m, start)
+    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(target_m) + _spread_m(geometry)).max(
+        -1
+    )
     steps = 0
     while True:
-        missing = asked - geometry.displacements(pose)
+        missing = target_m - geometry.displacements(pose)
         residual_m = np.abs(missing).max(-1)
         if np.all(residual_m <= limit_m):
             return pose
         if steps == most_steps:
-            raise UnreachableLengths(residual_m <= limit_m, residual_m, asked)
-        pose = _nearer(geometry, asked, pose, _newton_step(geometry, pose, missing))
+            raise UnreachableLengths(residual_m <= limit_m, residual_m, target_m)
+        pose = _nearer(geometry, target_m, pose, _newton_step(geometry, pose, missing))
         steps += 1
 
 
 def _checked(displacements_m: Array, start: Pose) -> tuple[Array, Pose]:
     """Return the arguments broadcast to one batch shape."""
-    asked = check.array("displacements_m", displacements_m, ..., 6)
+    target_m = check.array("displacements_m", displacements_m, ..., 6)
     rotation, translation_m = check.instance("start", start, Pose).rotation, start.translation_m
     # Beyond this, a step near a singular pose would overflow.
-    for name, lengths in (("displacements_m", asked), ("start.translation_m", translation_m)):
+    for name, lengths in (("displacements_m", target_m), ("start.translation_m", translation_m)):
         if (longest := np.abs(lengths).max(initial=0.0)) > _LONGEST_M:
             raise ValueError(f"{name} must be at most {_LONGEST_M:g}, got {longest:g}")
     try:
-        shape = np.broadcast_shapes(asked.shape[:-1], translation_m.shape[:-1])
+        shape = np.broadcast_shapes(target_m.shape[:-1], translation_m.shape[:-1])
     except ValueError:
         raise ValueError(
-            f"start must have a batch shape that broadcasts with {asked.shape[:-1]} of "
+            f"start must have a batch shape that broadcasts with {target_m.shape[:-1]} of "
             f"displacements_m, got {translation_m.shape[:-1]}"
         ) from None
-    return np.broadcast_to(asked, (*shape, 6)), Pose(
+    return np.broadcast_to(target_m, (*shape, 6)), Pose(
         np.broadcast_to(rotation, (*shape, 3, 3)), np.broadcast_to(translation_m, (*shape, 3))
     )
 
@@ -114,11 +116,11 @@ def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:
     return twist * np.minimum(1.0, _LONGEST_TURN_RAD / np.maximum(turn, 1e-300))
 
 
-def _nearer(geometry: Hexapod, asked_m: Array, pose: Pose, twist: Array) -> Pose:
+def _nearer(geometry: Hexapod, target_m: Array, pose: Pose, twist: Array) -> Pose:
     """Return the pose after the step, halved until the error of the lengths decreases."""
 
     def distance(at: Pose) -> Array:
-        return np.linalg.norm(asked_m - geometry.displacements(at), axis=-1)
+        return np.linalg.norm(target_m - geometry.displacements(at), axis=-1)
 
     here, fraction = distance(pose), np.ones(twist.shape[:-1])
     while True:

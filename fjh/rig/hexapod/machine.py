@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.rig.hexapod.mismatch import ALL, SIZES, Differences, differing
+from fjh.rig.hexapod.mismatch import ALL, SIZES, Differences, sampled_differences
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.mismatch import EXACT, Mismatch, without
-from fjh.rig.run import after_rest
+from fjh.rig.run import zero_padded
 from sim import Array, Bench, Failure, Plant, Pose
 from sim.plant import Reading
 
@@ -44,20 +44,20 @@ class HexapodMachine:
     start_m: Array | None = None
     floor_m_per_s2: Array | None = None
 
-    def drawn(self, sizes: Mismatch, seed: int) -> "HexapodMachine":
+    def with_mismatch(self, sizes: Mismatch, seed: int) -> "HexapodMachine":
         """Return the same machine with a plant sampled with these sizes from the seed."""
         if sizes == EXACT:
             return replace(self, differs=Differences())
-        return replace(self, differs=differing(self.testbed.model, sizes, seed))
+        return replace(self, differs=sampled_differences(self.testbed.model, sizes, seed))
 
     @property
     def model(self) -> mujoco.MjModel:
         """Model of the plant itself."""
-        own = self.differs.model
-        return self.testbed.model if own is None else own
+        model = self.differs.model
+        return self.testbed.model if model is None else model
 
     @cached_property
-    def rest(self) -> mujoco.MjData:
+    def equilibrium(self) -> mujoco.MjData:
         """State of the settled machine, computed once for all runs; copied to worker processes.
 
         Raises:
@@ -73,7 +73,7 @@ class HexapodMachine:
         """Return the settled machine for times (N,), with sensor noise of this seed."""
         bench, ticks, plant = self.testbed.bench, len(time_s), Plant(self.model)
         period_s = bench.control_period_s
-        mujoco.mj_copyData(plant.data, plant.model, self.rest)
+        mujoco.mj_copyData(plant.data, plant.model, self.equilibrium)
         floors = [self.floor(ticks), self._given_floor(time_s)]
         moves = [each for each in floors if each is not None]
         return Bench(
@@ -107,9 +107,9 @@ class HexapodMachine:
         """
         if self.floor_m_per_s2 is None:
             return None
-        rest = int((time_s == time_s[0]).sum()) - 1
-        ticks = len(time_s) - rest
-        return after_rest(rest, check.array("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
+        lead_in = int((time_s == time_s[0]).sum()) - 1
+        ticks = len(time_s) - lead_in
+        return zero_padded(lead_in, check.array("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
 
     def zero_rad(self, ticks: int) -> Array:
         """Return the drift of the detector's zero in (alpha, beta) at each tick, shape (N, 2)."""
@@ -122,10 +122,10 @@ class HexapodMachine:
         A :class:`sim.Plant` is commanded by displacements and so balances its own springs and
         gains; the ratio to the nominal ones is restored here.
         """
-        known, amplifiers = self.testbed.model, self.testbed.amplifier().displacements
-        if self.model is known:  # a model that may have servos without springs
+        nominal, amplifiers = self.testbed.model, self.testbed.amplifier().displacements
+        if self.model is nominal:  # a model that may have servos without springs
             return amplifiers
-        reached = _per_control(self.model) / _per_control(known)
+        reached = _per_control(self.model) / _per_control(nominal)
         drift = np.array(self.differs.gain_drift_per_s) * self.testbed.bench.control_period_s
         return DriftingDrives(amplifiers, reached, drift)
 

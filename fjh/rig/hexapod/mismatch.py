@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from fjh.rig.draw import Draw
 from fjh.rig.mismatch import Mismatch, sampled_model
+from fjh.rig.random_streams import RandomStreams
 from sim import Array, ModelError, Plant
 from sim.mjcf import drives
 from sim.plant import MaxwellSlip
@@ -43,11 +43,11 @@ ALL_SIZES = {name: getattr(ALL, name) for name in SIZES}
 ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in ALL_SIZES.items()}
 """Mismatches with a single size of :data:`ALL` each."""
 
-DRAWN = ("gain", "stiffness", "damping", "inertia")
+SAMPLED = ("gain", "stiffness", "damping", "inertia")
 """Sizes sampled for each part, for which the diagnosis has a prior: `ftc.fdi.uncertainty.TYPICAL`.
 """
 
-OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in DRAWN})
+OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in SAMPLED})
 """Mismatch of another family than the prior's: log-normal, correlated between parts, twice as wide.
 """
 
@@ -85,7 +85,7 @@ class Differences:
     drift_rad_per_s: tuple[float, ...] = (0.0, 0.0)
 
 
-def differing(known: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
+def sampled_differences(nominal: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
     """Return the sampled differences of a machine from its controllers' model.
 
     The same seed gives the same plant and drift for any controller and duration, and the same floor
@@ -96,26 +96,26 @@ def differing(known: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
     Raises:
         sim.ModelError: A machine whose struts are not driven by coils against springs.
     """
-    if not has_suspensions(known):
+    if not has_suspensions(nominal):
         raise ModelError("a mismatch needs struts with suspension springs, got one without")
-    draw = Draw(seed, sizes.family)
-    model, _ = sampled_model(known, drives(known), sizes, draw, damped=_suspensions(known))
-    hysteresis = _set_springs(model, sizes, draw)
+    streams = RandomStreams(seed, sizes.family)
+    model, _ = sampled_model(nominal, drives(nominal), sizes, streams, damped=_suspensions(nominal))
+    hysteresis = _set_springs(model, sizes, streams)
     if sizes.timestep_s is not None:
         model.opt.timestep = sizes.timestep_s
     if sizes.stiffness or sizes.inertia or sizes.hysteresis:
         _preload(model)
-    direction, rate = draw.uniform("drift", 2)
+    direction, rate = streams.uniform("drift", 2)
     speed = 1e-6 * sizes.drift_urad_per_s * rate
     drift = speed * np.cos(np.pi * direction), speed * np.sin(np.pi * direction)
-    gain_drift = sizes.gain_drift_per_s * draw.uniform("gain_drift", model.nu)
+    gain_drift = sizes.gain_drift_per_s * streams.uniform("gain_drift", model.nu)
     return Differences(
         model,
         hysteresis=hysteresis,
         gain_drift_per_s=tuple(gain_drift.tolist()),
         delay_ticks=sizes.delay_ticks,
         floor_m_per_s=1e-6 * sizes.floor_um_per_s,
-        floor_seed=draw.seed("floor"),
+        floor_seed=streams.seed("floor"),
         drift_rad_per_s=tuple(map(float, drift)),
     )
 
@@ -130,18 +130,20 @@ def _suspensions(model: mujoco.MjModel) -> Array:
     return model.actuator_trnid[:, 0]
 
 
-def _set_springs(model: mujoco.MjModel, sizes: Mismatch, draw: Draw) -> MaxwellSlip | None:
+def _set_springs(
+    model: mujoco.MjModel, sizes: Mismatch, streams: RandomStreams
+) -> MaxwellSlip | None:
     """Sample all springs; a part of the suspensions becomes elements that slip."""
-    model.jnt_stiffness[:] *= draw.factors("stiffness", model.njnt, sizes.stiffness)
+    model.jnt_stiffness[:] *= streams.factors("stiffness", model.njnt, sizes.stiffness)
     if not sizes.hysteresis:
         return None
     joints, shape = _suspensions(model), (model.nu, ELEMENTS)
     stiffness = model.jnt_stiffness[joints]
     low, high = np.log(SLIP_M)
-    at = 0.5 + 0.5 * draw.uniform("hysteresis", model.nu * ELEMENTS).reshape(shape)
+    at = 0.5 + 0.5 * streams.uniform("hysteresis", model.nu * ELEMENTS).reshape(shape)
     model.jnt_stiffness[joints] -= sizes.hysteresis * stiffness
-    each = np.outer(sizes.hysteresis * stiffness, np.full(ELEMENTS, 1 / ELEMENTS))
-    return MaxwellSlip(stiffness=each, slip=np.exp(low + at * (high - low)))
+    element_stiffness = np.outer(sizes.hysteresis * stiffness, np.full(ELEMENTS, 1 / ELEMENTS))
+    return MaxwellSlip(stiffness=element_stiffness, slip=np.exp(low + at * (high - low)))
 
 
 def _preload(model: mujoco.MjModel) -> None:

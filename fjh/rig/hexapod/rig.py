@@ -97,8 +97,8 @@ class HexapodControl:
 
     def controller(self, goal: Goal) -> PrioritizedController[Pose]:
         """Return the controller for a goal, with the Jacobian and form of this object."""
-        how = {"jacobian": self.jacobian, "form": self.form, "feedforward": self.feedforward}
-        return controller_for(self.testbed, goal, **how)
+        options = {"jacobian": self.jacobian, "form": self.form, "feedforward": self.feedforward}
+        return controller_for(self.testbed, goal, **options)
 
     def supervisor(self, *, dither: Dither | None) -> Supervisor:
         """Return a controller whose diagnosis uses the detector alone."""

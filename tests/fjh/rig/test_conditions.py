@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fjh.rig.classification import POSSIBLE, classifications, names_of
+from fjh.rig.condition_analysis import LEAST_LEFT, analyze_conditions
 from fjh.rig.conditions import (
+    CODE_LETTERS,
     FREE,
-    LETTERS,
     LOCKED,
     codes_of,
     every_condition,
@@ -18,8 +20,6 @@ from fjh.rig.conditions import (
     few_failures,
     with_failures,
 )
-from fjh.rig.examined import LEAST_LEFT, examine
-from fjh.rig.verdicts import KEPT, names_of, verdicts
 from prioritized import ConstrainedSystem, failure_atlas
 from tests.random_systems import SEEDS, systems
 
@@ -33,7 +33,7 @@ def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, direction
     stiffness = np.diag(rng.uniform(0, 1, 6).round()) if springs else None
     system = ConstrainedSystem(J_T, J_C, range(4), stiffness=stiffness)
     major = list(range(directions))
-    found = verdicts(failure_atlas(system, major))
+    found = classifications(failure_atlas(system, major))
     assert np.sum([each.holds for each in found], axis=0).tolist() == [1] * 81
     assert np.sum([each.by_failures for each in found], axis=0).tolist() == [1, 8, 24, 32, 16]
     rigid = ConstrainedSystem(J_T, J_C, range(4))
@@ -44,7 +44,7 @@ def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, direction
         held = system.with_failures(**kinds).kinematics().manipulability(major)
         possible = [not (one.unmanipulable or one.unstable_major) for one in (alone, held)]
         left = directions - held.bases["unmanipulable"].shape[1]
-        assert (name in KEPT) == any(possible)
+        assert (name in POSSIBLE) == any(possible)
         if springs:
             assert (name == "rigid") == possible[0]
         if not any(possible):
@@ -59,7 +59,7 @@ def test_failures_are_what_a_condition_says():
 
 def test_conditions_are_in_the_order_of_an_atlas():
     atlas = failure_atlas(ConstrainedSystem(np.ones((1, 3)), None, range(3)), [0])
-    assert every_condition(3) == tuple("".join(LETTERS[c] for c in row) for row in atlas.codes)
+    assert every_condition(3) == tuple("".join(CODE_LETTERS[c] for c in row) for row in atlas.codes)
     expected = [[0, 0], [1, 0], [2, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 1], [2, 2]]
     assert few_failures(2).tolist() == expected
     assert with_failures(3, 2)[[0, 4, 8]].tolist() == [[1, 1, 0], [1, 0, 1], [0, 1, 1]]
@@ -72,8 +72,8 @@ def test_each_condition_is_what_it_is_alone(drawn, data):
     major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
     limits = -drawn.rng.uniform(0.5, 2, n), drawn.rng.uniform(0.5, 2, n)
     codes = few_failures(n)
-    examined = examine(system, major, codes, rates=limits)
-    assert examined.left.worst_speed is not None
+    examined = analyze_conditions(system, major, codes, rates=limits)
+    assert examined.classes.worst_speed is not None
     healthy = precision = 0.0
     for row, code in enumerate(codes):
         locked, free = (np.flatnonzero(code == kind) for kind in (LOCKED, FREE))
@@ -88,7 +88,7 @@ def test_each_condition_is_what_it_is_alone(drawn, data):
             share = min(radius / healthy, precision / report.largest_gain)
         if abs(share - LEAST_LEFT) > 1e-9:
             assert examined.survived[row] == (share > LEAST_LEFT)
-        np.testing.assert_allclose(examined.left.worst_speed[row], radius, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(examined.classes.worst_speed[row], radius, rtol=1e-7, atol=1e-9)
         if not lost:
             assert examined.largest_gain[row] == pytest.approx(1 / report.worst_gain, rel=1e-6)
             assert examined.error_gain[row] == pytest.approx(report.largest_gain, rel=1e-6)
@@ -101,7 +101,7 @@ def test_no_robot_exceeds_the_mean_square_over_all_sets_of_locks(seed, m, more, 
     system = ConstrainedSystem(np.random.default_rng(seed).normal(size=(m, n)), None, range(n))
     codes = np.vstack([with_failures(n, 0), with_failures(n, min(i, n))])
     codes = codes[~(codes == FREE).any(axis=1)]
-    examined = examine(system, range(m), codes)
+    examined = analyze_conditions(system, range(m), codes)
     mean = (examined.relative_manipulability[1:] ** 2).mean()
     bound = comb(n - min(i, n), m) / comb(n, m)
     assert mean == pytest.approx(bound, rel=1e-9, abs=1e-12)

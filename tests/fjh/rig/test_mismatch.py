@@ -11,7 +11,6 @@ import pytest
 from scipy.stats import kstest
 
 from fjh.rig import Rig
-from fjh.rig.draw import Draw
 from fjh.rig.hexapod import mismatch as hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.detector import pointing_angles
@@ -20,6 +19,7 @@ from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.mismatch import EXACT, LIMITS, Mismatch, sampled_model
 from fjh.rig.options import RobotOptions
+from fjh.rig.random_streams import RandomStreams
 from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES, RobotMachine
@@ -30,7 +30,7 @@ from tests.fjh.rigs import ARM, ROWS, readings, rig
 from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
-DRAWN = {"hexapod": hexapod.DRAWN, "driven": ("gain", "damping", "inertia")}
+DRAWN = {"hexapod": hexapod.SAMPLED, "driven": ("gain", "damping", "inertia")}
 
 
 def alone(everything: Mismatch, name: str) -> Mismatch:
@@ -45,10 +45,10 @@ def driven() -> Robot:
 def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
     """Relative differences of a plant's model from the known one, by what is drawn."""
     if name == "hexapod":
-        known, other = rig(name).model, rig(name).drawn(sizes, seed).machine.model
+        known, other = rig(name).model, rig(name).with_mismatch(sizes, seed).machine.model
     else:
-        known, draw = driven().model, Draw(seed, sizes.family)
-        other, _ = sampled_model(known, driven().known.drives, sizes, draw)
+        known, draw = driven().model, RandomStreams(seed, sizes.family)
+        other, _ = sampled_model(known, driven().nominal_plant.drives, sizes, draw)
     springs, bodies = known.jnt_stiffness > 0, known.body_mass > 0
     dampers = known.jnt_dofadr[known.actuator_trnid[:, 0]]
     servos = known.actuator_biasprm[:, 2] < 0
@@ -91,7 +91,7 @@ def test_a_size_fills_its_range_and_is_drawn_alike_with_and_without_others(machi
 
 def test_drifts_lie_in_their_ranges_and_in_all_directions():
     everything = hexapod.ALL
-    drawn = [rig("hexapod").drawn(everything, seed).machine.differs for seed in range(60)]
+    drawn = [rig("hexapod").with_mismatch(everything, seed).machine.differs for seed in range(60)]
     zero = 1e6 * np.array([each.drift_rad_per_s for each in drawn])
     assert np.hypot(*zero.T).max() <= everything.drift_urad_per_s
     assert kstest(np.arctan2(zero[:, 1], zero[:, 0]), "uniform", (-np.pi, 2 * np.pi)).pvalue > 1e-3
@@ -114,7 +114,7 @@ def excited(one: Rig) -> np.ndarray:
 )
 def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name):
     one = rig(robot)
-    drawn = one.drawn(alone(one.machine.everything, name), 5)
+    drawn = one.with_mismatch(alone(one.machine.everything, name), 5)
     other, again = excited(drawn), excited(drawn)
     assert not np.array_equal(excited(one), other)
     np.testing.assert_array_equal(again, other)
@@ -122,7 +122,7 @@ def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
 def test_a_mismatch_is_of_the_plant_alone_and_a_rig_is_made_with_it_or_drawn(name):
-    one, drawn = rig(name, "all"), rig(name).drawn("all", 3)
+    one, drawn = rig(name, "all"), rig(name).with_mismatch("all", 3)
     np.testing.assert_array_equal(excited(one), excited(drawn))
     np.testing.assert_array_equal(drawn.nominal.plant.A, rig(name).nominal.plant.A)
 
@@ -141,7 +141,7 @@ def test_scaling_takes_all_sizes_along():
 def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
     for name in rig("arm").machine.unknown:
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
-            rig("arm").drawn(replace(EXACT, **{name: 1e-3}), 0)
+            rig("arm").with_mismatch(replace(EXACT, **{name: 1e-3}), 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -157,7 +157,9 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
         moved.append(bench.displacement[-1])
     np.testing.assert_allclose(changes[1:], [changes[0]] * 2, rtol=1e-12)
     ratio = moved[1] / moved[0]
-    gains = sampled_model(driven().model, driven().known.drives, gain, Draw(seed, "uniform"))[1]
+    gains = sampled_model(
+        driven().model, driven().nominal_plant.drives, gain, RandomStreams(seed, "uniform")
+    )[1]
     assert ratio[0] == pytest.approx(gains[0], abs=1e-4)  # a coil moves by its gain
     assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target whatever its gain
     assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
@@ -168,7 +170,7 @@ STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
 
 def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
     """A tenth of a second of the arm under steps, and what its sensors read."""
-    one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).drawn(mismatch, seed)
+    one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).with_mismatch(mismatch, seed)
     bench = one.bench(np.arange(100) * 1e-3, [], seed)
     return bench, readings(bench, STEPS)
 
@@ -231,13 +233,13 @@ def response(A: Array, B: Array, C: Array, inputs: Array) -> Array:
 
 def test_a_machine_without_suspensions_has_no_plants_of_the_hexapods_kind():
     with pytest.raises(ModelError, match="needs struts with suspension springs"):
-        hexapod.differing(rig("arm").model, EXACT, 0)
+        hexapod.sampled_differences(rig("arm").model, EXACT, 0)
 
 
 def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
     floor = floor_acceleration(150, PERIOD_S, 1e-5, [7])
     plain = hexapod_rig(start_m=np.full(6, 1e-6), floor_m_per_s2=floor)
-    machine = replace(plain.machine, differs=hexapod.differing(plain.model, EXACT, 5))
+    machine = replace(plain.machine, differs=hexapod.sampled_differences(plain.model, EXACT, 5))
     failures, path = [Failure(2, "weak", 0.05), Failure(0, "locked", 0.1)], TestbedConfig()
     run, exact = (
         one.fly(one.controller(), path.spiral_rad(0.15), failures=failures, lead_in_s=0.05)
@@ -250,7 +252,7 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(one, seed):
     """All together, behind the converters' hold; fine steps make the integrator's error small."""
-    drawn = one.drawn(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
+    drawn = one.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
     bench, _ = commanded(drawn, commands)
     linear = linearize(drawn.machine.model, Plant(drawn.machine.model).data)
@@ -263,13 +265,16 @@ def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(one, seed):
 
 def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(one):
     for seed in range(3):
-        plant = Plant(one.drawn(hexapod.ALL, seed).machine.model)
+        plant = Plant(one.with_mismatch(hexapod.ALL, seed).machine.model)
         plant.settle(1.0)
         assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
 
 
 def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
-    drawn, commands = one.drawn(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1), np.zeros((50, 6))
+    drawn, commands = (
+        one.with_mismatch(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1),
+        np.zeros((50, 6)),
+    )
     (_, plain), (_, adrift) = commanded(one, commands), commanded(drawn, commands)
     ramp = np.outer(np.arange(50) * PERIOD_S, drawn.machine.differs.drift_rad_per_s)
     np.testing.assert_allclose(adrift - plain, ramp, atol=1e-18)
@@ -277,7 +282,7 @@ def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
 
 def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
     """What is reached by constant commands, once the modes have died away."""
-    drawn = one.drawn(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
+    drawn = one.with_mismatch(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
     commands = np.full((800, 6), 1e-4)
     (plain, _), (adrift, _) = commanded(one, commands), commanded(drawn, commands)
     change = (adrift.displacement / plain.displacement)[500:] - 1
@@ -289,7 +294,7 @@ def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
 def test_the_floor_moves_the_payload_as_its_linear_model_says(one):
     """Without control: pointing is that of B_floor under this very floor."""
     linear = linearize(one.model, Plant(one.model).data)
-    drawn = one.drawn(hexapod.ALONE["floor_um_per_s"], 2)
+    drawn = one.with_mismatch(hexapod.ALONE["floor_um_per_s"], 2)
     bench, _ = commanded(drawn, np.zeros((600, 6)))
     expected = response(linear.A, linear.B_floor, linear.C_twist[MAJOR], drawn.machine.floor(600))
     error = pointing_angles(bench.rotation) - expected
@@ -300,7 +305,7 @@ def test_the_floor_moves_the_payload_as_its_linear_model_says(one):
 def test_hysteresis_reads_as_its_chain_along_the_whole_loop(one):
     """Displacement under a slow triangle of commands: forces of coil, spring and chain balance."""
     fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))
-    drawn = fine.drawn(hexapod.ALONE["hysteresis"].scaled(10), 1)
+    drawn = fine.with_mismatch(hexapod.ALONE["hysteresis"].scaled(10), 1)
     up = np.linspace(0, 3e-5, 400)
     commands = np.concatenate([up, up[::-1], -up, -up[::-1]])[:, None] * np.ones(6)
     bench, _ = commanded(drawn, commands)

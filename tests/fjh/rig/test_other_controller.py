@@ -18,7 +18,7 @@ from experiments.table1 import checks as table1_checks
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.rig import pursuing
 from fjh.rig.hexapod.testbed import TestbedConfig
-from fjh.rig.other_controller import controller_factory, fly_with
+from fjh.rig.other_controller import controller_factory, simulate_with
 from fjh.study.errors import WrongInput
 from ftc import Goal, Measurement, run_loop
 from tests.fjh.rigs import rig
@@ -122,7 +122,7 @@ def test_another_controller_meets_the_same_noise():
     path = TestbedConfig().spiral_rad(SHORT_S)
     one = rig("hexapod")
     ours = one.fly(one.controller(), path, seed=3)
-    theirs, failure = fly_with(one, "page_examples:PseudoInverse", path, seed=3)
+    theirs, failure = simulate_with(one, "page_examples:PseudoInverse", path, seed=3)
     assert failure is None
     own, other = ours.measured - ours.true, theirs.measured - theirs.true
     assert own.std() > 2e-7

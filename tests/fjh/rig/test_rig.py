@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fjh.rig import Rig, Run
-from fjh.rig.units import by_unit, said
+from fjh.rig.units import by_unit, quantity_text
 from fjh.study.errors import WrongInput
 from ftc import Goal, OracleController
 from sim import Failure
@@ -212,7 +212,7 @@ def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
 
 @given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))
 def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
-    number, unit = said(sign * size, "m").split()
+    number, unit = quantity_text(sign * size, "m").split()
     power = {"m": 0, "mm": -3, "µm": -6, "nm": -9}[unit]
     assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
     assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000

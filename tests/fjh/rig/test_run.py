@@ -197,7 +197,7 @@ PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2:
 def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
     """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""
     one = rig(name, crossover=0.7) if name == "arm" else rig(name)
-    one = one.drawn("all", 4)
+    one = one.with_mismatch("all", 4)
     path = one.path("circle", duration_s=3.2, turn_s=1.5)
     pilot, inner = one.supervisor(), one.controller()
     unaware = OracleController(inner, inner, None, secondary=pilot.secondary)

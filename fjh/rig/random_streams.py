@@ -15,7 +15,7 @@ CORRELATION = 0.5
 
 
 @dataclass(frozen=True)
-class Draw:
+class RandomStreams:
     """Random streams of a machine by purpose; adding one does not change the others."""
 
     number: int
@@ -33,6 +33,6 @@ class Draw:
         """Return factors about 1, shape (size,), for a uniform distribution's half width."""
         if self.family == "uniform":
             return 1 + half_width * self.uniform(purpose, size)
-        common, *own = np.random.default_rng(self.seed(purpose)).standard_normal(1 + size)
-        drawn = np.sqrt(CORRELATION) * common + np.sqrt(1 - CORRELATION) * np.array(own)
-        return np.exp(half_width / np.sqrt(3) * drawn)
+        common, *independent = np.random.default_rng(self.seed(purpose)).standard_normal(1 + size)
+        samples = np.sqrt(CORRELATION) * common + np.sqrt(1 - CORRELATION) * np.array(independent)
+        return np.exp(half_width / np.sqrt(3) * samples)

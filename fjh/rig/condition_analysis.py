@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fjh.rig.conditions import FREE, LOCKED, SOUND, Codes
-from fjh.rig.verdicts import left_of
+from fjh.rig.classification import classify
+from fjh.rig.conditions import FREE, HEALTHY, LOCKED, Codes
 from fjh.study.option import OnProgress
 from prioritized import Classes, ConstrainedSystem, failure_atlas
 from sim import Array
@@ -23,12 +23,12 @@ survived."""
 
 
 @dataclass(frozen=True, eq=False)
-class Examined:
+class ConditionAnalysis:
     """Analysis of C failure conditions of a system; the first condition is the healthy one.
 
     Attributes:
         codes: Conditions, shape (C, n).
-        left: Classes and gains of each condition; those of the elastic mechanism where springs
+        classes: Classes and gains of each condition; those of the elastic mechanism where springs
             count.
         are_joints: True if a free actuator is a joint that moves freely. Otherwise it is an input
             without effect, such as a stopped rotor, whose column is removed for free and locked
@@ -36,7 +36,7 @@ class Examined:
     """
 
     codes: Codes
-    left: Classes
+    classes: Classes
     are_joints: bool
 
     @property
@@ -62,25 +62,25 @@ class Examined:
     @property
     def _possible(self) -> NDArray[np.bool_]:
         """Return where the task is reachable within limits and no self-motion moves it."""
-        if self.left.worst_speed is None:
-            return self.left.possible
-        return self.left.possible & (self.left.worst_speed > 0.0)
+        if self.classes.worst_speed is None:
+            return self.classes.possible
+        return self.classes.possible & (self.classes.worst_speed > 0.0)
 
     @property
     def failures(self) -> NDArray[np.intp]:
         """Number of failed actuators, shape (C,)."""
-        return (self.codes != SOUND).sum(axis=1)
+        return (self.codes != HEALTHY).sum(axis=1)
 
     @property
     def error_gain(self) -> Array:
         """Largest major error per unit norm of the errors of the actuators, shape (C,)."""
-        return self.left.gains[:, 0]
+        return self.classes.gains[:, 0]
 
     @property
     def largest_gain(self) -> Array:
         """Largest norm of the rates per major speed, infinite if not possible, (C,)."""
         with np.errstate(divide="ignore"):
-            return np.where(self._possible, 1.0 / self.left.worst_gain, np.inf)
+            return np.where(self._possible, 1.0 / self.classes.worst_gain, np.inf)
 
     @cached_property
     def relative_manipulability(self) -> Array:
@@ -89,7 +89,9 @@ class Examined:
         Zero if a direction is out of reach or moves by self-motion; NaN if that holds without
         failures.
         """
-        return _over_the_first(np.where(self.left.possible, self.left.gains.prod(axis=1), 0.0))
+        return _over_the_first(
+            np.where(self.classes.possible, self.classes.gains.prod(axis=1), 0.0)
+        )
 
     @cached_property
     def speed_left(self) -> Array:
@@ -98,15 +100,17 @@ class Examined:
         Zero if the task is impossible; NaN if it is impossible without failures. Without computed
         or bounded speeds, those of rates of norm one are compared.
         """
-        speed = self.left.worst_speed
+        speed = self.classes.worst_speed
         if speed is None or np.isinf(speed[0]):
-            speed = self.left.worst_gain
+            speed = self.classes.worst_gain
         return _over_the_first(np.where(self._possible, speed, 0.0))
 
     @property
     def force_left(self) -> Array | None:
         """Ratio of the worst major force to the healthy one; infinite if borne by structure."""
-        return None if self.left.worst_force is None else _over_the_first(self.left.worst_force)
+        return (
+            None if self.classes.worst_force is None else _over_the_first(self.classes.worst_force)
+        )
 
     @cached_property
     def singles(self) -> NDArray[np.intp]:
@@ -125,38 +129,40 @@ class Examined:
         (Ukidve, McInroy and Jafari, 2008). NaN if failures do more than remove columns: in loops
         that constrain the actuators, and with a joint that moves freely.
         """
-        n, m = self.codes.shape[1], self.left.gains.shape[1]
-        found = np.array([best_relative_manipulability(n, m, int(i)) for i in self.failures])
+        n, m = self.codes.shape[1], self.classes.gains.shape[1]
+        bound = np.array([best_relative_manipulability(n, m, int(i)) for i in self.failures])
         takes_more = self.are_joints & (self.codes == FREE).any(axis=1)
-        found[takes_more | self.left.constrained_active[0]] = np.nan
-        return found
+        bound[takes_more | self.classes.constrained_active[0]] = np.nan
+        return bound
 
     def lost(self, row: int) -> Array:
         """Return the secondary directions lost in a condition against health, shape (m2, k)."""
-        here, sound = (_columns(self.left.lost_secondary[k]) for k in (row, 0))
-        left = here - sound @ (sound.T @ here)
-        U, sigma, _ = np.linalg.svd(left, full_matrices=False)
+        here, healthy = (_columns(self.classes.lost_secondary[k]) for k in (row, 0))
+        lost = here - healthy @ (healthy.T @ here)
+        U, sigma, _ = np.linalg.svd(lost, full_matrices=False)
         return U[:, sigma > _SAME]
 
-    def verdict(self, row: int) -> str:
-        """Return the class of the major task in a condition: :func:`left_of`, or one of two more.
+    def classification(self, row: int) -> str:
+        """Return the class of the major task in a condition: :func:`classify`, or one of two more.
 
         "no room": the limits leave no speed in some major direction; "nearly lost": less than
         `LEAST_LEFT` remains.
         """
-        if self.left.possible[row] and not self.survived[row]:
-            return NEARLY_LOST if self._possible[row] else NO_ROOM
-        return left_of(self.left)[row].replace("_", " ")
+        if self.classes.possible[row] and not self.survived[row]:
+            return NEARLY_LOST if self._possible[row] else NO_MARGIN
+        return classify(self.classes)[row].replace("_", " ")
 
     def reason(self, row: int) -> str:
         """Return a clause that states why the major task is not possible."""
-        return _REASONS.get(self.verdict(row), "the actuators do not reach every major direction")
+        return _REASONS.get(
+            self.classification(row), "the actuators do not reach every major direction"
+        )
 
 
-NO_ROOM, NEARLY_LOST = "no room", "nearly lost"
+NO_MARGIN, NEARLY_LOST = "no room", "nearly lost"
 _REASONS = {
     "drifts": "it moves although every actuator is stationary",
-    NO_ROOM: "the limits leave no margin in some major direction",
+    NO_MARGIN: "the limits leave no margin in some major direction",
 }
 
 
@@ -178,7 +184,7 @@ def best_relative_manipulability(n: int, m: int, failures: int) -> float:
     return sqrt(comb(n - failures, m) / comb(n, m)) if n >= m else np.nan
 
 
-def examine(
+def analyze_conditions(
     system: ConstrainedSystem,
     major: Sequence[int],
     codes: Codes,
@@ -187,7 +193,7 @@ def examine(
     torques: Limits | None = None,
     are_joints: bool = True,
     on_progress: OnProgress = lambda done, total: None,
-) -> Examined:
+) -> ConditionAnalysis:
     """Analyze the failure conditions of a system, elastic if it has springs.
 
     Args:
@@ -208,8 +214,8 @@ def examine(
             different, row_of = np.unique(different, axis=0, return_inverse=True)
     parts: list[Classes] = []
     step = max(1, _AT_ONCE // codes.shape[1] ** 2)
-    for begin in range(0, len(different), step):
-        part = slice(begin, begin + step)
+    for start in range(0, len(different), step):
+        part = slice(start, start + step)
         atlas = failure_atlas(
             system,
             list(major),
@@ -219,8 +225,8 @@ def examine(
         )
         parts.append(atlas.elastic or atlas)
         if step < len(different):
-            on_progress(min(begin + step, len(different)), len(different))
-    return Examined(codes, _joined(parts, row_of.ravel()), are_joints)
+            on_progress(min(start + step, len(different)), len(different))
+    return ConditionAnalysis(codes, _joined(parts, row_of.ravel()), are_joints)
 
 
 _AT_ONCE = 200_000
@@ -236,12 +242,12 @@ def _of_part(limits: Limits | None, part: slice) -> Limits | None:
 def _joined(parts: Sequence[Classes], rows: NDArray[np.intp]) -> Classes:
     """Return the classes of all parts at the given rows, which may repeat."""
     joined: dict[str, Any] = {}
-    for each in fields(Classes):
-        values = [getattr(part, each.name) for part in parts]
-        if values[0] is not None and each.name == "self_motion":  # padded for each part alone
+    for field in fields(Classes):
+        values = [getattr(part, field.name) for part in parts]
+        if values[0] is not None and field.name == "self_motion":  # padded for each part alone
             most = max(basis.shape[2] for basis in values)
             values = [np.pad(b, ((0, 0), (0, 0), (0, most - b.shape[2]))) for b in values]
-        joined[each.name] = None if values[0] is None else np.concatenate(values)[rows]
+        joined[field.name] = None if values[0] is None else np.concatenate(values)[rows]
     return Classes(**joined)
 
 
@@ -251,25 +257,25 @@ _PART = 0.05
 """Smallest component of a direction that its description includes."""
 
 
-def directions_in_words(basis: Array, rows: Sequence[str]) -> str:
+def directions_text(basis: Array, rows: Sequence[str]) -> str:
     """Return a description of directions (m2, k): "y", "0.8 x - 0.6 turn z", or "nothing".
 
     Rows that are lost completely come first, then one combination for each further direction.
     """
-    whole = np.flatnonzero(np.linalg.norm(basis, axis=1) > _ALONE).tolist()
-    rest = basis.copy()
-    rest[whole] = 0.0
-    U, sigma, _ = np.linalg.svd(rest, full_matrices=False)
-    words = [str(rows[k]) for k in whole] + [_combined(u, rows) for u in U[:, sigma > 0.5].T]
-    return "; ".join(words) or "nothing"
+    complete = np.flatnonzero(np.linalg.norm(basis, axis=1) > _ALONE).tolist()
+    remainder = basis.copy()
+    remainder[complete] = 0.0
+    U, sigma, _ = np.linalg.svd(remainder, full_matrices=False)
+    labels = [str(rows[k]) for k in complete] + [_combined(u, rows) for u in U[:, sigma > 0.5].T]
+    return "; ".join(labels) or "nothing"
 
 
 def _combined(direction: Array, rows: Sequence[str]) -> str:
     first = np.flatnonzero(np.abs(direction) > _PART).tolist()
     sign = 1.0 if direction[first[0]] > 0 else -1.0
-    said = ""
+    text = ""
     for k in first:
         value = sign * direction[k]
-        between = (" + " if value > 0 else " - ") if said else ("" if value > 0 else "-")
-        said += f"{between}{abs(value):.2g} {rows[k]}"
-    return said
+        between = (" + " if value > 0 else " - ") if text else ("" if value > 0 else "-")
+        text += f"{between}{abs(value):.2g} {rows[k]}"
+    return text

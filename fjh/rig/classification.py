@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 from prioritized import Classes, FailureAtlas
 
-KEPT = ("exact", "rigid", "springs")
+POSSIBLE = ("exact", "rigid", "springs")
 """Names of the classes in which the major task is possible."""
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five")
@@ -18,7 +18,7 @@ _LEFT = (BLACK, YELLOW, ORANGE, PURPLE, GREEN, "#999999")
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Classification:
     """Class of the conditions of an atlas that leave the same part of the major task.
 
     Attributes:
@@ -36,7 +36,7 @@ class Verdict:
     by_failures: NDArray[np.intp]
 
 
-def left_of(classes: Classes) -> NDArray[np.object_]:
+def classify(classes: Classes) -> NDArray[np.object_]:
     """Return the class of the major task in each condition, strings (C,).
 
     "exact"; "drifts" if self-motion moves the task; else the number of remaining directions:
@@ -58,11 +58,13 @@ def _noun(count: int) -> str:
     return "directions" if count > 1 else "direction"
 
 
-def verdicts(atlas: FailureAtlas, *, task: str = "task", body: str = "task") -> list[Verdict]:
+def classifications(
+    atlas: FailureAtlas, *, task: str = "task", body: str = "task"
+) -> list[Classification]:
     """Return disjoint classes that cover all conditions of an atlas, the best first.
 
-    They are those of :func:`left_of`; for an elastic mechanism "exact" is split into "rigid", exact
-    with and without springs, and "springs", exact with the springs only.
+    They are those of :func:`classify`; an elastic mechanism has two classes in place of "exact":
+    "rigid", exact with and without springs, and "springs", exact with the springs only.
 
     Args:
         atlas: Atlas of any mechanism.
@@ -70,29 +72,35 @@ def verdicts(atlas: FailureAtlas, *, task: str = "task", body: str = "task") -> 
         body: Name of what a self-motion moves, in labels.
     """
     springs, rigid = atlas.elastic, atlas.possible
-    left, failing = left_of(springs or atlas), (atlas.codes != 0).sum(axis=1)
+    left, failing = classify(springs or atlas), (atlas.codes != 0).sum(axis=1)
 
-    def verdict(name: str, label: str, color: str, holds: NDArray[np.bool_]) -> Verdict:
+    def classification(
+        name: str, label: str, color: str, holds: NDArray[np.bool_]
+    ) -> Classification:
         by_failures = np.bincount(failing[holds], minlength=atlas.codes.shape[1] + 1)
-        return Verdict(name, label, color, holds, by_failures)
+        return Classification(name, label, color, holds, by_failures)
 
     if springs is None:
-        found = [verdict("exact", "exact", BLUE, rigid)]
+        classes = [classification("exact", "exact", BLUE, rigid)]
     else:
-        found = [
-            verdict("rigid", "exact, with or without springs", BLUE, rigid),
-            verdict("springs", "exact with the springs only", SKY, ~rigid & (left == "exact")),
+        classes = [
+            classification("rigid", "exact, with or without springs", BLUE, rigid),
+            classification(
+                "springs", "exact with the springs only", SKY, ~rigid & (left == "exact")
+            ),
         ]
-    found.append(verdict("drifts", f"{body} drifts", VERMILION, ~rigid & (left == "drifts")))
+    classes.append(
+        classification("drifts", f"{body} drifts", VERMILION, ~rigid & (left == "drifts"))
+    )
     for count in reversed(range(atlas.gains.shape[1])):
         name, label = _counted(count), f"{_NUMBERS[count]} {task} {_noun(count)} left"
-        found.append(verdict(name, label, _LEFT[count], ~rigid & (left == name)))
-    return found
+        classes.append(classification(name, label, _LEFT[count], ~rigid & (left == name)))
+    return classes
 
 
-def names_of(found: Sequence[Verdict]) -> NDArray[np.object_]:
+def names_of(classifications: Sequence[Classification]) -> NDArray[np.object_]:
     """Return the name of each condition's class, strings (C,)."""
-    names = np.empty(len(found[0].holds), dtype=object)
-    for verdict in found:
-        names[verdict.holds] = verdict.name
+    names = np.empty(len(classifications[0].holds), dtype=object)
+    for classification in classifications:
+        names[classification.holds] = classification.name
     return names
