@@ -81,8 +81,8 @@ Pinned = Annotated[
     tuple[str, ...] | None,
     Option(
         metavar="NAME,...",
-        help="Sites or bodies that stand, such as feet: welded where the robot starts, or "
-        "NAME:point, which may turn.",
+        help="Sites or bodies fixed to the world, such as feet: welded at the robot's start, or "
+        "NAME:point, which may rotate.",
     ),
 ]
 Turn = Annotated[

@@ -117,7 +117,7 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
     exec(own.replace('major=["x", "y", "z"]', rig), names)
     last = capsys.readouterr().out.splitlines()[-1]
     if robot == "unknown_arm":
-        assert "m2 was named locked at 2." in last
+        assert "m2 was identified as locked at 2." in last
         assert float(last.split()[0]) < 0.5 * 1e6 * names["rig"].size
     else:
         assert names["rig"].actuators == ("beam", "car", "fine")

@@ -178,16 +178,20 @@ machine_event = partial(event, "machine")
 sensor_event = partial(event, "sensor")
 
 
-@actuator_event("loose", "force and own spring are lost", ("loose", "free"), ("loose",))
+@actuator_event(
+    "loose", "the actuator loses its force and its own spring", ("loose", "free"), ("loose",)
+)
 @actuator_event("weak", "the actuator keeps half of its force", ("weak",), ("weak",))
 @actuator_event("free", "the actuator loses its force", ("free",), ("free",))
-@actuator_event("locked", "the actuator stays where it is", _LOCKED, _LOCKED)
+@actuator_event("locked", "the actuator locks where it is", _LOCKED, _LOCKED)
 def no_effect(_: "Target") -> Effect:
     """Return no effect besides the failures of the event."""
     return Effect()
 
 
-@actuator_event("spring_lost", "the own spring is lost, not the force", ("loose", "free"))
+@actuator_event(
+    "spring_lost", "the actuator loses its own spring, not its force", ("loose", "free")
+)
 def lost_spring(target: "Target") -> Effect:
     """Remove the actuator's own spring and its preload."""
     stiffness = target.moved("stiffness")
@@ -197,7 +201,9 @@ def lost_spring(target: "Target") -> Effect:
 
 
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
-@actuator_event("hard_over", "full input from then on, at a drawn end", _UNMOVED, part=1.0)
+@actuator_event(
+    "hard_over", "full input from then on, at a random end of the range", _UNMOVED, part=1.0
+)
 def constant_input(target: "Target", part: float) -> Effect:
     """Set the input to a constant part of the full one, at a random end of the range."""
     end = target.limits[target.rng.integers(2)]
@@ -206,7 +212,7 @@ def constant_input(target: "Target", part: float) -> Effect:
     return _own_input(target, lambda _, __: constant)
 
 
-@actuator_event("stuck_input", "the input stays as it is", _UNMOVED, lag_s=math.inf)
+@actuator_event("stuck_input", "the input freezes", _UNMOVED, lag_s=math.inf)
 def lagging(target: "Target", lag_s: float) -> Effect:
     """Pass the input through a first-order lag; an infinite lag freezes it."""
     follows, state = -math.expm1(-target.rig.period_s / lag_s), 0.0
@@ -278,7 +284,13 @@ actuator_event("slow", "the input lags by a first order of 30 ms", ("weak", "loc
 actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(scaled_force)
 
 
-@actuator_event("lock_released", "locks, moves again after 100 ms", _LOCKED, _LOCKED, opens_s=0.1)
+@actuator_event(
+    "lock_released",
+    "the actuator locks, and moves again after 100 ms",
+    _LOCKED,
+    _LOCKED,
+    opens_s=0.1,
+)
 def released_lock(target: "Target", opens_s: float) -> Effect:
     """Open the lock that the event closes after some time."""
     lock, opens = target.lock, target.ticks(opens_s)
@@ -292,11 +304,13 @@ def released_lock(target: "Target", opens_s: float) -> Effect:
     return Effect(plant)
 
 
-actuator_event("free_returns", "no force for 0.5 s, then all again", ("free",), off_s=0.5)(no_force)
+actuator_event("free_returns", "no force for 0.5 s, then full force again", ("free",), off_s=0.5)(
+    no_force
+)
 
 
 @actuator_event(
-    "rubbing", "dry friction: half of what the path takes", ("locked", "weak"), part=0.5
+    "rubbing", "dry friction: half of the force that the path takes", ("locked", "weak"), part=0.5
 )
 def dry_friction(target: "Target", part: float) -> Effect:
     """Add dry friction, as a fraction of the force of spring and servo on the path."""
@@ -320,7 +334,7 @@ def damped(target: "Target", times: float) -> Effect:
     return _once(damp)
 
 
-@supply_event("ripple", "all inputs rise and fall by 20 % at 100 Hz", ripple=0.2)
+@supply_event("ripple", "all inputs vary by 20 % at 100 Hz", ripple=0.2)
 @supply_event("sag", "all inputs times 0.8", cause="supply", mean=0.8)
 def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float = 100.0) -> Effect:
     """Multiply all inputs by a mean and a ripple, of a quarter of the control rate at most."""
@@ -328,13 +342,13 @@ def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float =
     return Effect(sent=lambda tick, inputs: (mean + ripple * math.sin(omega * tick)) * inputs)
 
 
-supply_event("two_locked", "two actuators lock at once, drawn", _LOCKED, 2 * _LOCKED)(no_effect)
+supply_event("two_locked", "two random actuators lock at once", _LOCKED, 2 * _LOCKED)(no_effect)
 supply_event("blackout", "no actuator has force for 50 ms", off_s=0.05, everywhere=True)(no_force)
 
 
 @actuator_event(
     "bump_then_lock",
-    "the same; 0.4 s later a lock",
+    "a bump; 0.4 s later the actuator locks",
     _LOCKED,
     _LOCKED,
     after_s=0.4,
@@ -365,7 +379,7 @@ def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
     return Effect(plant)
 
 
-@machine_event("tone", "the floor swings at 20 Hz, 100 um/s RMS", hz=20.0, rms_m_per_s=1e-4)
+@machine_event("tone", "the floor vibrates at 20 Hz, 100 um/s RMS", hz=20.0, rms_m_per_s=1e-4)
 def swinging_floor(target: "Target", hz: float, rms_m_per_s: float) -> Effect:
     """Let the floor swing along a random direction."""
     omega = 2 * math.pi * hz
@@ -401,14 +415,14 @@ def biased(target: "Target", sigmas: float, samples: float = math.inf) -> Effect
     return Effect(measured=lambda tick, output: output + off if tick < samples else output)
 
 
-@sensor_event("scale", "1.2 of the truth is read", cause="scale", factor=1.2)
+@sensor_event("scale", "readings are 1.2 times the true values", cause="scale", factor=1.2)
 def scaled(_: "Target", factor: float) -> Effect:
     """Multiply the measurement."""
     return Effect(measured=lambda _, output: factor * output)
 
 
-@sensor_event("all_stuck", "all rows stay as they are", part=1.0)
-@sensor_event("stuck", "one row stays as it is", part=1.0, one_row=True)
+@sensor_event("all_stuck", "all rows of readings freeze", part=1.0)
+@sensor_event("stuck", "one row of readings freezes", part=1.0, one_row=True)
 def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
     """Repeat the last measurement, of all rows or a random one, in a fraction of the samples."""
     uniform, m1 = target.rng.random, len(target.rig.major)
@@ -424,7 +438,7 @@ def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
     return Effect(measured=measured)
 
 
-sensor_event("silent", "zeros are read", factor=0.0)(scaled)
+sensor_event("silent", "all readings are zero", factor=0.0)(scaled)
 
 
 @sensor_event("noisy", "the noise is five times as high", times=5.0)

@@ -341,7 +341,7 @@ def test_a_solution_that_is_kept_says_the_same_after_further_steps(name, frame, 
 @pytest.mark.parametrize(
     "tasks, active, words",
     [
-        (2 * [FrameTask("payload")], [], "none twice"),
+        (2 * [FrameTask("payload")], [], "no task twice"),
         ([FrameTask("payload")], ["joint1"], "joint1"),
         ([[FrameTask("payload", weight=[1, 2])]], [], r"must be one number or 6, got 2"),
     ],

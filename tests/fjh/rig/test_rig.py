@@ -56,7 +56,7 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
         run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
         first = one.actuators[0]  # the file calls its coil1
         assert run.diagnoses[0].actuator == first and not run.task_lost
-        assert f"{first} was named free at" in run.status
+        assert f"{first} was identified as free at" in run.status
 
 
 @BOTH
