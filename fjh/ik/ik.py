@@ -70,8 +70,8 @@ class Ik:
         jac = reader.at(self._scratch[1])
         for sentence in jac.structure.left_out:
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
-        given = Limits() if limits is None else check.instance("limits", limits, Limits)
-        self._limits = given.of(model, jac)
+        user_limits = Limits() if limits is None else check.instance("limits", limits, Limits)
+        self._limits = user_limits.of(model, jac)
         system = ConstrainedSystem.of(jac)
         self._levels_of_tasks = self._levels.levels(system)
         self._prepare(system)
@@ -267,7 +267,9 @@ class Ik:
             return [(partly[:nv], duration_s) for duration_s in braking.durations(partly)]
 
         if distances is None:
-            fraction = next((each for each in FRACTIONS if steps(each) is not None), 0.0)
+            fraction = next(
+                (fraction for fraction in FRACTIONS if steps(fraction) is not None), 0.0
+            )
         else:
             fraction = distances.largest_fraction(data, steps)
         return (first + fraction * (velocities - first))[:nv], fraction

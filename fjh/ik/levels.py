@@ -41,10 +41,10 @@ class Levels(NamedTuple):
         if not isinstance(levels, Sequence) or isinstance(levels, str) or not len(levels):
             raise ValueError(f"tasks must be a list of tasks, got {check.shown(levels)}")
         tasks = tuple(
-            (each,)
-            if isinstance(each, TaskFunction)
-            else check.members(f"tasks[{k}]", each, TaskFunction)
-            for k, each in enumerate(levels)
+            (level,)
+            if isinstance(level, TaskFunction)
+            else check.members(f"tasks[{k}]", level, TaskFunction)
+            for k, level in enumerate(levels)
         )
         all_tasks = [task for level in tasks for task in level]
         if not all(tasks) or len(set(all_tasks)) < len(all_tasks):
@@ -69,14 +69,16 @@ class Levels(NamedTuple):
             for task, place in zip(tasks, places, strict=True):
                 if isinstance(place, LocatedRates):
                     rates = np.zeros(len(of_rates))
-                    natural = 1.0 / of_rates[place.velocities]
-                    rates[place.velocities] = natural if is_natural else _weight(task, len(natural))
+                    unit_weights = 1.0 / of_rates[place.velocities]
+                    rates[place.velocities] = (
+                        unit_weights if is_natural else _weight(task, len(unit_weights))
+                    )
                     W = np.diag(rates[system.active])
                     level.append(Task(None, W[W.any(axis=1)], damping=task.damping or 0.0))
                     continue
                 rows = slice(first, first + len(place.angular))
-                natural = 1.0 / of_rows[rows]
-                W = natural if is_natural else _weight(task, len(natural))
+                unit_weights = 1.0 / of_rows[rows]
+                W = unit_weights if is_natural else _weight(task, len(unit_weights))
                 level.append(Task(rows, W, damping=task.damping or 0.0))
                 first = rows.stop
             levels.append(level)
@@ -109,7 +111,7 @@ class Part(NamedTuple):
         size: Number of components of its error.
         rows: Their positions among those of all tasks.
         among: Components that count; None is all.
-        own: Positions of the target's components, zeros for other rates included.
+        positions: Positions of the target's components, zeros for other rates included.
     """
 
     task: TaskFunction
@@ -117,7 +119,7 @@ class Part(NamedTuple):
     size: int
     rows: slice | Indices
     among: Indices | None
-    own: slice
+    positions: slice
 
 
 class Targets(NamedTuple):
@@ -149,11 +151,11 @@ class Targets(NamedTuple):
     def of_rows(self) -> Indices:
         """Return the positions of each row of J_T among the targets, shape (m,)."""
         parts = [part for level in self.levels for part in level if part.among is None]
-        return np.concatenate([*(np.arange(self.size)[part.own] for part in parts), _NO_ROWS])
+        return np.concatenate([*(np.arange(self.size)[part.positions] for part in parts), _NO_ROWS])
 
     def of_levels(self, requested: Array) -> list[Array | list[Array]]:
         """Return targets by level as a hierarchy takes them: an array, or a list of arrays."""
-        by_level = [[requested[part.own] for part in level] for level in self.levels]
+        by_level = [[requested[part.positions] for part in level] for level in self.levels]
         return [level if len(level) > 1 else level[0] for level in by_level]
 
 

@@ -70,9 +70,9 @@ class Limits:
             if isinstance(value, Mapping):
                 numbers = {
                     check.instance(f"{name}: a name", key, str): check.number(
-                        f'{name}["{key}"]', each, check.SMALLEST
+                        f'{name}["{key}"]', limit, check.SMALLEST
                     )
-                    for key, each in value.items()
+                    for key, limit in value.items()
                 }
                 object.__setattr__(self, name, numbers)
             elif value is not None:

@@ -18,7 +18,7 @@ _FAR = 1.0
 """Largest test step in natural units, such as 1 rad; longer steps are shortened for the test."""
 _SMALL = 1e-6
 """Step in natural units of finite differences."""
-_CLEAR = 1e-6
+_ZERO = 1e-6
 """Relative threshold below which a singular value or eigenvalue counts as zero."""
 
 
@@ -68,14 +68,16 @@ class StepTest(NamedTuple):
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
-        for k, (parts, own) in enumerate(
+        for k, (parts, targets) in enumerate(
             zip(hierarchy.asked.levels, self.targets.levels, strict=True)
         ):
-            tasks = [(p.matrix, p.S, q) for p, q in zip(parts, own, strict=True) if p.S is not None]
+            tasks = [
+                (p.matrix, p.S, q) for p, q in zip(parts, targets, strict=True) if p.S is not None
+            ]
             if not tasks:
                 continue
             S = np.vstack([W @ S for W, S, _ in tasks])
-            target_rows = np.concatenate([W @ target[q.own] for W, _, q in tasks])
+            target_rows = np.concatenate([W @ target[q.positions] for W, _, q in tasks])
             A, size = S @ J, float(np.linalg.norm(target_rows))
             h = float(np.linalg.norm(A, axis=0).sum())
             if h and size and not any(q.task.damping is not None for *_, q in tasks):
@@ -83,14 +85,15 @@ class StepTest(NamedTuple):
                 level_motion = units * np.linalg.lstsq(stack, stack @ step)[0]
                 self._move(at, kinematics.velocities(level_motion))
                 errors = [
-                    self._error(q) - (1.0 / q.task.gain - 1.0) * target[q.own] for *_, q in tasks
+                    self._error(q) - (1.0 / q.task.gain - 1.0) * target[q.positions]
+                    for *_, q in tasks
                 ]
                 residual = np.concatenate([W @ e for (W, *_), e in zip(tasks, errors, strict=True)])
                 if np.linalg.norm(residual) <= MISSED * (size + h * allowed):
                     before, allowed = stack, allowed + size / h
                 else:
                     of_rows = S.T @ target_rows
-                    force = np.linalg.lstsq((above @ J).T, J.T @ of_rows, _CLEAR)[0]
+                    force = np.linalg.lstsq((above @ J).T, J.T @ of_rows, _ZERO)[0]
                     missed[k] = A, of_rows - above.T @ force
             above = np.vstack([above, S])
         if not missed:
@@ -100,11 +103,11 @@ class StepTest(NamedTuple):
             [np.zeros((0, len(units)))] * len(self.targets.levels),
         )
         for k, (A, of_rows) in missed.items():
-            least = _CLEAR * float(np.linalg.norm(J) * np.linalg.norm(of_rows))
+            least = _ZERO * float(np.linalg.norm(J) * np.linalg.norm(of_rows))
             curved = _root(curvature @ of_rows, least)
             # Directions with neither slope nor curvature of the error do not reduce it.
             size, V = np.linalg.svd(A, full_matrices=False)[1:]
-            flat = float(np.linalg.norm(curved)) * V[size < _CLEAR * size.max()]
+            flat = float(np.linalg.norm(curved)) * V[size < _ZERO * size.max()]
             rows[k] = np.vstack([curved, flat]) / units if len(curved) else curved
         return tuple(rows) if any(map(len, rows)) else ()
 
@@ -123,9 +126,9 @@ class StepTest(NamedTuple):
         self._move(at, part * motion)
         for level in self.targets.levels:
             sizes = np.zeros(3)
-            for part in (each for each in level if each.among is None):
+            for part in (part for part in level if part.among is None):
                 rows = slice(first, first := first + part.size)
-                error = target[part.own] / part.task.gain / geometry.task_units[rows]
+                error = target[part.positions] / part.task.gain / geometry.task_units[rows]
                 remaining = self._error(part) / geometry.task_units[rows]
                 sizes += [e.dot(e) for e in (error, error - moved[rows], remaining)]
             before, predicted, after = np.sqrt(sizes)

@@ -19,13 +19,13 @@ def advice(
     """Return options of the command, sensors or a dither, that would isolate a failure."""
     senses = dict.fromkeys([options.sense, *([] if model is None else ["both"])])
     for sense, designed in product(senses, ("default", "designed")):
-        own = sense == options.sense
-        if own and designed == dither:
+        same_sensors = sense == options.sense
+        if same_sensors and designed == dither:
             continue
         with suppress(WrongInput):
-            sensing = rig if own else rig_of(model, replace(options, sense=sense))
+            sensing = rig if same_sensors else rig_of(model, replace(options, sense=sense))
             design = rig_dither(sensing, designed)
             if design and design.separations.isolates(failure.number, failure.kind):
-                added = "" if own else f"--sense {sense} "
+                added = "" if same_sensors else f"--sense {sense} "
                 return f"by the linear model {added}--dither {designed} isolates it"
     return "by the linear model no --sense and no designed --dither isolates it"

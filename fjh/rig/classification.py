@@ -13,7 +13,7 @@ POSSIBLE = ("exact", "rigid", "springs")
 """Names of the classes in which the major task is possible."""
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five")
-_LEFT = (BLACK, YELLOW, ORANGE, PURPLE, GREEN, "#999999")
+_COLORS = (BLACK, YELLOW, ORANGE, PURPLE, GREEN, "#999999")
 """Colors by the number of remaining directions."""
 
 
@@ -44,10 +44,10 @@ def classify(classes: Classes) -> NDArray[np.object_]:
     """
     # With all directions the task is exact or drifts.
     names = [_counted(count) for count in range(classes.gains.shape[1] + 1)]
-    left = np.array(names, dtype=object)[classes.major_rank]
-    left[classes.unstable_major] = "drifts"
-    left[classes.possible] = "exact"
-    return left
+    labels = np.array(names, dtype=object)[classes.major_rank]
+    labels[classes.unstable_major] = "drifts"
+    labels[classes.possible] = "exact"
+    return labels
 
 
 def _counted(count: int) -> str:
@@ -72,7 +72,7 @@ def classifications(
         body: Name of what a self-motion moves, in labels.
     """
     springs, rigid = atlas.elastic, atlas.possible
-    left, failing = classify(springs or atlas), (atlas.codes != 0).sum(axis=1)
+    names, failing = classify(springs or atlas), (atlas.codes != 0).sum(axis=1)
 
     def classification(
         name: str, label: str, color: str, holds: NDArray[np.bool_]
@@ -86,15 +86,15 @@ def classifications(
         classes = [
             classification("rigid", "exact, with or without springs", BLUE, rigid),
             classification(
-                "springs", "exact with the springs only", SKY, ~rigid & (left == "exact")
+                "springs", "exact with the springs only", SKY, ~rigid & (names == "exact")
             ),
         ]
     classes.append(
-        classification("drifts", f"{body} drifts", VERMILION, ~rigid & (left == "drifts"))
+        classification("drifts", f"{body} drifts", VERMILION, ~rigid & (names == "drifts"))
     )
     for count in reversed(range(atlas.gains.shape[1])):
         name, label = _counted(count), f"{_NUMBERS[count]} {task} {_noun(count)} left"
-        classes.append(classification(name, label, _LEFT[count], ~rigid & (left == name)))
+        classes.append(classification(name, label, _COLORS[count], ~rigid & (names == name)))
     return classes
 
 

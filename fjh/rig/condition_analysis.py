@@ -56,7 +56,7 @@ class ConditionAnalysis:
         force = self.force_left
         if force is None:
             with np.errstate(divide="ignore"):
-                force = _over_the_first(1.0 / self.error_gain)
+                force = _over_first(1.0 / self.error_gain)
         return np.fmin(self.speed_left, force)
 
     @property
@@ -89,9 +89,7 @@ class ConditionAnalysis:
         Zero if a direction is out of reach or moves by self-motion; NaN if that holds without
         failures.
         """
-        return _over_the_first(
-            np.where(self.classes.possible, self.classes.gains.prod(axis=1), 0.0)
-        )
+        return _over_first(np.where(self.classes.possible, self.classes.gains.prod(axis=1), 0.0))
 
     @cached_property
     def speed_left(self) -> Array:
@@ -103,14 +101,12 @@ class ConditionAnalysis:
         speed = self.classes.worst_speed
         if speed is None or np.isinf(speed[0]):
             speed = self.classes.worst_gain
-        return _over_the_first(np.where(self._possible, speed, 0.0))
+        return _over_first(np.where(self._possible, speed, 0.0))
 
     @property
     def force_left(self) -> Array | None:
         """Ratio of the worst major force to the healthy one; infinite if borne by structure."""
-        return (
-            None if self.classes.worst_force is None else _over_the_first(self.classes.worst_force)
-        )
+        return None if self.classes.worst_force is None else _over_first(self.classes.worst_force)
 
     @cached_property
     def singles(self) -> NDArray[np.intp]:
@@ -166,7 +162,7 @@ _REASONS = {
 }
 
 
-def _over_the_first(values: Array) -> Array:
+def _over_first(values: Array) -> Array:
     with np.errstate(invalid="ignore"):  # infinity over infinity
         return values / values[0] if values[0] else np.full(len(values), np.nan)
 

@@ -40,7 +40,7 @@ _CHOICES = ("none", "default", "designed")
 _SAMPLES = 4
 """Smallest number of samples of the diagnosis in a period of the dither."""
 
-_NOTHING = 1e-9
+_ROUND_OFF = 1e-9
 """Part of a reference that counts as round-off."""
 
 
@@ -71,7 +71,7 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
     """Return the best dither of these frequencies within the cost; None if there is no motion."""
     mapping = rig.mapping(rig.goal)
     freedom = mapping.secondary_gain()
-    freedom = np.where(np.abs(freedom) < _NOTHING, 0.0, freedom)
+    freedom = np.where(np.abs(freedom) < _ROUND_OFF, 0.0, freedom)
     if not frequencies or not freedom.any():
         return None
     displacement = DITHER_SIZE * rig.size * np.abs(mapping.major_gain()).max()
@@ -102,7 +102,7 @@ def _frequencies(rig: "Rig", requested: str) -> list[float]:
     candidates = FREQUENCIES_HZ.get(requested, ())
     if candidates:
         candidates = [
-            hz for hz in candidates if hz >= max(each.crossover_hz for each in rig.margins)
+            hz for hz in candidates if hz >= max(loop.crossover_hz for loop in rig.margins)
         ]
     else:
         with suppress(ValueError, OverflowError):
@@ -147,14 +147,14 @@ def not_isolable(
     period of its strongest sinusoid.
     """
     remaining = [
-        each
-        for each in failures
-        if design is None or not design.separations.isolates(each.number, each.kind)
+        failure
+        for failure in failures
+        if design is None or not design.separations.isolates(failure.number, failure.kind)
     ]
     if not remaining:
         return []
     by_path = _path_separations(rig, path)
-    return [each for each in remaining if not by_path.isolates(each.number, each.kind)]
+    return [failure for failure in remaining if not by_path.isolates(failure.number, failure.kind)]
 
 
 def _path_separations(rig: "Rig", path: Array) -> Separations:

@@ -134,7 +134,7 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
 
 def without(sizes: Sequence[str]) -> tuple[str, ...]:
     """Return the names of all sizes except these and the family: those that do not apply."""
-    return tuple(each.name for each in fields(Mismatch) if each.name not in (*sizes, "family"))
+    return tuple(field.name for field in fields(Mismatch) if field.name not in (*sizes, "family"))
 
 
 def sampled_model(

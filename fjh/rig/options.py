@@ -196,8 +196,8 @@ class RobotOptions:
         """Check all values, and parse text."""
         parsed: dict[str, Any] = {"major": rows_of("major", self.major)}
         for name in ("joint_weight", "secondary_weight"):
-            if (given := getattr(self, name)) is not None:
-                parsed[name] = weights_of(name, given)
+            if (value := getattr(self, name)) is not None:
+                parsed[name] = weights_of(name, value)
         parsed["pinned"] = pinned_of(self.pinned)
         for name, value in parsed.items():
             object.__setattr__(self, name, value)

@@ -122,7 +122,7 @@ def _changes(
     """Return the faults that occur and those that become known, by control tick."""
     check.instance("told", informed, bool, list, tuple, np.ndarray)
     times: Sequence[float | None] = (
-        [each.time_s if informed else None for each in failures]
+        [failure.time_s if informed else None for failure in failures]
         if isinstance(informed, bool)
         else informed
     )
@@ -177,7 +177,7 @@ def _summarized(
             squares[-1] = (error[part] ** 2).mean(axis=0)
             squares[-1] += _noise_variance(rig, stage) if white else 0.0
     shares = min(first, len(error)) / len(error), 1 - min(first, len(error)) / len(error)
-    total = np.sum([k * each for k, each in zip(shares, squares, strict=True) if k], axis=0)
+    total = np.sum([k * square for k, square in zip(shares, squares, strict=True) if k], axis=0)
     return Prediction(np.sqrt(squares[0]), np.sqrt(squares[1]), leaves, error, np.sqrt(total))
 
 
@@ -193,7 +193,7 @@ def _leaving(rig: "Rig", states: Array) -> str | None:
 def _noise_variance(rig: "Rig", stage: Stage) -> Array:
     """Return the variance (m1,) of the true task caused by white sensor noise."""
     m1 = len(rig.loops)
-    slowest_hz = min(each.crossover_hz for each in rig.margins)
+    slowest_hz = min(loop.crossover_hz for loop in rig.margins)
     pulses = np.zeros((m1, round(_PULSE_S / slowest_hz / rig.period_s), m1))
     pulses[range(m1), 0, range(m1)] = 1.0  # noise acts like a reference of the compensators alone
     alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), rubbing=None)
@@ -216,8 +216,8 @@ def open_loop(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> "control.
 
     model, k = fault_model(rig.nominal, faults), rig.nominal.plant.nstates // 2
     locked = [fault.actuator for fault in faults if fault.kind == "locked"]
-    left = scipy.linalg.null_space(rig.nominal.displacement[locked, :k]) if locked else np.eye(k)
-    Q = scipy.linalg.block_diag(left, left)
+    basis = scipy.linalg.null_space(rig.nominal.displacement[locked, :k]) if locked else np.eye(k)
+    Q = scipy.linalg.block_diag(basis, basis)
     B = model.B @ rig.mapping(goal).major_gain()
     plant = control.ss(Q.T @ model.A @ Q, Q.T @ B, rig.nominal.plant.C @ Q, 0, rig.period_s)
     return plant * control.append(*(loop.discrete for loop in rig.control.loops))

@@ -68,7 +68,7 @@ def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
     errors = (
         predicted(rig, path, (), goal=rig.goal, noise=noise, deviation=by) for by in (0.0, along)
     )
-    linear, curved = (float(np.linalg.norm(each.rms_before)) for each in errors)
+    linear, curved = (float(np.linalg.norm(prediction.rms_before)) for prediction in errors)
     if not (1 + AGREES) * linear < curved > ratio * linear:
         return None
     unit = "m" if "m" in rig.row_units else "rad"
@@ -86,7 +86,8 @@ def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
 def diagnosed_at_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
     """Return the time [s] of the first diagnosis of each failed actuator; None is never."""
     return [
-        next((each.time_s for each in diagnosed_since(rig, run, one)), None) for one in failures
+        next((diagnosis.time_s for diagnosis in diagnosed_since(rig, run, failure)), None)
+        for failure in failures
     ]
 
 
@@ -96,19 +97,22 @@ def uncompared(rig: Rig, run: Run, model: Prediction) -> str | None:
     if model.leaves is not None:
         return f"in the linear model {model.leaves} leaves its range"
     if run.events:
-        names = ", ".join(dict.fromkeys(each.name for each in run.events))
+        names = ", ".join(dict.fromkeys(event.name for event in run.events))
         return f"the linear model does not include {names}"
     if run.task_lost:
         return "the controller's diagnosis leaves the major task not fully reachable"
     if run.lost is not None:
         return "the task is lost"
-    for each in failures:
-        if each.kind == "locked" and each.number in rig.soft_locks:
-            return f"the lock of {rig.actuators[each.number]} is compliant"
-    correct = {each for failure in failures for each in diagnosed_since(rig, run, failure)}
-    for each in run.diagnoses:
-        if each not in correct or each.withdrawn_s is not None:
-            return f"{each.actuator} was incorrectly identified as {each.kind}, or cleared again"
+    for failure in failures:
+        if failure.kind == "locked" and failure.number in rig.soft_locks:
+            return f"the lock of {rig.actuators[failure.number]} is compliant"
+    correct = {
+        diagnosis for failure in failures for diagnosis in diagnosed_since(rig, run, failure)
+    }
+    for diagnosis in run.diagnoses:
+        if diagnosis not in correct or diagnosis.withdrawn_s is not None:
+            name, kind = diagnosis.actuator, diagnosis.kind
+            return f"{name} was incorrectly identified as {kind}, or cleared again"
     for failure in failures:
         for last in diagnosed_since(rig, run, failure)[-1:]:
             if last.kind != failure.kind:
@@ -118,7 +122,7 @@ def uncompared(rig: Rig, run: Run, model: Prediction) -> str | None:
 
 def first_s(run: Run) -> float:
     """Return the time [s] of the first failure or event; infinite without any."""
-    return min((each.time_s for each in (*run.failures, *run.events)), default=np.inf)
+    return min((occurrence.time_s for occurrence in (*run.failures, *run.events)), default=np.inf)
 
 
 def first_tick(run: Run) -> int:

@@ -457,7 +457,7 @@ class Rig:
             events=hooks,
             on_tick=on_tick,
         )
-        return replace(run, events=self._named_events(events))
+        return replace(run, events=self._events_by_time(events))
 
     def predict(
         self,
@@ -494,31 +494,33 @@ class Rig:
         desired, n = self._checked_path(path), len(self.actuators)
         if dither is not None:
             check.array("dither.direction", check.instance("dither", dither, Dither).direction, n)
-        given = {"noise": (noise, desired.shape), "start": (start, (n,))}
-        given["floor_m_per_s2"] = floor_m_per_s2, (len(desired), 3)
+        arguments = {"noise": (noise, desired.shape), "start": (start, (n,))}
+        arguments["floor_m_per_s2"] = floor_m_per_s2, (len(desired), 3)
         arrays: dict[str, Any] = {
             name: None if value is None else check.array(name, value, *shape)
-            for name, (value, shape) in given.items()
+            for name, (value, shape) in arguments.items()
         }
         if floor_m_per_s2 is not None and self.nominal.floor is None:
             raise ValueError("floor_m_per_s2 must be None: this robot's model has no floor input")
         numbered, goal = self._numbered(failures), self._goal(goal)
         return predicted(self, desired, numbered, informed=told, dither=dither, goal=goal, **arrays)
 
-    def _named_events(self, events: object) -> tuple[Event, ...]:
+    def _events_by_time(self, events: object) -> tuple[Event, ...]:
         """Return the named events in order of time, actuators by number."""
         events_with_name = (
-            [each for each in events if isinstance(each, Event)]
+            [event for event in events if isinstance(event, Event)]
             if isinstance(events, Sequence)
             else []
         )
         numbered = (
-            each if each.actuator is None else replace(each, actuator=self.number(each.actuator))
-            for each in events_with_name
+            event
+            if event.actuator is None
+            else replace(event, actuator=self.number(event.actuator))
+            for event in events_with_name
         )
         return tuple(sorted(numbered, key=lambda event: event.time_s))
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         check.instance("failures", failures, list, tuple)
-        given = [check.instance("failures", each, Failure) for each in failures]
-        return [replace(each, actuator=self.number(each.actuator)) for each in given]
+        checked = [check.instance("failures", failure, Failure) for failure in failures]
+        return [replace(failure, actuator=self.number(failure.actuator)) for failure in checked]

@@ -227,7 +227,7 @@ def _lost(
     rig: "Rig", time_s: Array, error: Array, failures: Sequence[Failure], *, is_diagnosed: bool
 ) -> str | None:
     """Return a sentence if the task is lost, by the error late in the run or by diagnosis."""
-    since_s = min((each.time_s for each in failures), default=np.inf)
+    since_s = min((failure.time_s for failure in failures), default=np.inf)
     late = np.abs(error[time_s >= (since_s + time_s[-1]) / 2])
     if late.size and np.sqrt((late**2).sum(axis=1).mean()) > _LOST * rig.size:
         tick, row = np.unravel_index(greatest(late), late.shape)
@@ -247,10 +247,10 @@ def _estimate(state: Any) -> tuple[Array, Array] | None:
 
 def _estimated(rig: "Rig", poses: Sequence[tuple[Array, Array] | None]) -> Array | None:
     """Return task coordinates (N, 6) of the estimated poses; None if one is missing."""
-    known = [each for each in poses if each is not None]
-    if not known or len(known) < len(poses):
+    estimates = [pose for pose in poses if pose is not None]
+    if not estimates or len(estimates) < len(poses):
         return None
-    rotation, translation_m = map(np.array, zip(*known, strict=True))
+    rotation, translation_m = map(np.array, zip(*estimates, strict=True))
     return rig.coordinates(Pose(rotation, translation_m))
 
 
@@ -284,7 +284,9 @@ def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[DiagnosedFailur
             float(time_s[withdrawn[diagnosis]]) if diagnosis in withdrawn else None,
             float(time_s[diagnosis.tick]) if diagnosis in state.acted else None,
         )
-        last = next((each for each in diagnosed[::-1] if each.actuator == failure.actuator), None)
+        last = next(
+            (earlier for earlier in diagnosed[::-1] if earlier.actuator == failure.actuator), None
+        )
         if diagnosis.fault.is_sound:  # returned to service, once a confirmation shows it
             if last is not None and last.withdrawn_s is None and diagnosis.confirmed:
                 diagnosed[diagnosed.index(last)] = replace(last, withdrawn_s=failure.time_s)
@@ -301,7 +303,11 @@ def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[DiagnosedFailur
 def diagnosed_since(rig: "Rig", run: Run, failure: Failure) -> list[DiagnosedFailure]:
     """Return the diagnoses of a failure's actuator since onset."""
     name, since = rig.actuators[failure.number], failure.time_s - 1e-9
-    return [each for each in run.diagnoses if each.actuator == name and each.time_s >= since]
+    return [
+        diagnosis
+        for diagnosis in run.diagnoses
+        if diagnosis.actuator == name and diagnosis.time_s >= since
+    ]
 
 
 def entry_of(rig: "Rig", occurrence: Failure | Event) -> dict[str, Any]:
@@ -322,14 +328,16 @@ def failure_text(rig: "Rig", failure: Failure) -> str:
 def diagnosis_entries(rig: "Rig", run: Run) -> list[dict[str, Any]]:
     """Return the JSON entries of all diagnoses; `delay_s` is None for false alarms."""
     since_s = {
-        rig.actuators[int(each.actuator)]: each.time_s
-        for each in (*run.events, *run.failures)
-        if each.actuator is not None
+        rig.actuators[int(cause.actuator)]: cause.time_s
+        for cause in (*run.events, *run.failures)
+        if cause.actuator is not None
     }
-    delays_s = [each.time_s - since_s.get(each.actuator, np.inf) for each in run.diagnoses]
+    delays_s = [
+        diagnosis.time_s - since_s.get(diagnosis.actuator, np.inf) for diagnosis in run.diagnoses
+    ]
     return [
-        asdict(each) | {"delay_s": delay_s if delay_s >= 0 else None}
-        for each, delay_s in zip(run.diagnoses, delays_s, strict=True)
+        asdict(diagnosis) | {"delay_s": delay_s if delay_s >= 0 else None}
+        for diagnosis, delay_s in zip(run.diagnoses, delays_s, strict=True)
     ]
 
 
@@ -343,7 +351,7 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     if state.watch.unexplained:
         return _UNEXPLAINED
     if state.watch.alarm_ticks:
-        causes = dict.fromkeys(explanation(each, names) for each in state.watch.causes)
+        causes = dict.fromkeys(explanation(cause, names) for cause in state.watch.causes)
         return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
     if state.is_learning:
         return f"it assumes that nothing fails in the first {LEARNING_S:g} s"

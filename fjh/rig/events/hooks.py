@@ -45,12 +45,12 @@ def events_of(
     listed = [events] if isinstance(events, str | Event) else events
     if not isinstance(listed, Sequence):
         return events, []
-    for each in listed:
-        if isinstance(each, str) or listed is not events:
-            raise TypeError(f"events must be a list of events, as {_written(each)}")
-    hooks = Hooks([each for each in listed if not isinstance(each, Event)])
+    for event in listed:
+        if isinstance(event, str) or listed is not events:
+            raise TypeError(f"events must be a list of events, as {_written(event)}")
+    hooks = Hooks([event for event in listed if not isinstance(event, Event)])
     failures, lead_in, names = list[Failure](), round(lead_in_s / rig.period_s), list[str]()
-    for event in (each for each in listed if isinstance(each, Event)):
+    for event in (event for event in listed if isinstance(event, Event)):
         effect, caused = effect_of(rig, event, seed, names.count(event.name))
         after = tick_of(event.time_s - begin_s, rig.period_s)
         hooks.start(lead_in + after if after > 0 else 0, effect)
@@ -83,7 +83,8 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
         failing = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
     time_s = event.time_s + kind.after_s
     return effect, [
-        Failure(k, each, time_s) for k, each in zip(failing, kind.failures, strict=True)
+        Failure(k, failure_kind, time_s)
+        for k, failure_kind in zip(failing, kind.failures, strict=True)
     ]
 
 
@@ -116,7 +117,7 @@ class Hooks:
 
     def end(self, effect: Effect) -> None:
         """Remove an effect; its changes of the plant's model remain."""
-        self._effects = [each for each in self._effects if each[1] is not effect]
+        self._effects = [item for item in self._effects if item[1] is not effect]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Act on the plant before the physics of a tick; forces of several events are added."""
@@ -143,7 +144,7 @@ class Hooks:
 
     def _started(self, hook: str, tick: int) -> list[tuple[int, Any]]:
         """Return the number of ticks since each effect with this hook started, and the hook."""
-        started = [(tick - first, getattr(each, hook)) for first, each in self._effects]
+        started = [(tick - first, getattr(effect, hook)) for first, effect in self._effects]
         return [(since, change) for since, change in started if since >= 0 and change is not None]
 
 

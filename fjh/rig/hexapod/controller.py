@@ -54,8 +54,8 @@ def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[L
         )
     P = sampled(plant, pointing, bench.control_period_s)
     alpha, beta = (
-        Loop(**vars(each), **vars(margins(P[row, row] * each.discrete)))
-        for row, each in enumerate(designed(plant, pointing, bench))
+        Loop(**vars(loop), **vars(margins(P[row, row] * loop.discrete)))
+        for row, loop in enumerate(designed(plant, pointing, bench))
     )
     return alpha, beta
 

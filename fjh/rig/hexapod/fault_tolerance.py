@@ -57,8 +57,8 @@ def with_suspension(system: ConstrainedSystem, suspension: dict[int, float]) -> 
     """Return an elastic system with other suspensions [N]/[m] of some struts 0..5."""
     stiffness = np.array(system.stiffness)
     for strut, value in suspension.items():
-        own = system.active[strut]
-        stiffness[own, own] = value
+        velocity = system.active[strut]
+        stiffness[velocity, velocity] = value
     return replace(system, stiffness=stiffness)
 
 
@@ -117,7 +117,7 @@ def nominal_model(
         spring=linear.spring,
         preload=linear.preload,
         floor=linear.B_floor[len(linear.A) // 2 :],
-        names=[own for own, _ in STRUTS],
+        names=[name for name, _ in STRUTS],
     )
 
 
@@ -125,5 +125,5 @@ def fault_text(fault: Fault | None) -> str:
     """Return a fault as text, its strut numbered 1 to 6; None is no fault."""
     if fault is None:
         return "sound"
-    left = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
-    return f"strut {fault.actuator + 1} {fault.kind}{left}"
+    remaining = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
+    return f"strut {fault.actuator + 1} {fault.kind}{remaining}"

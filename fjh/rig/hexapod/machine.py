@@ -75,7 +75,7 @@ class HexapodMachine:
         period_s = bench.control_period_s
         mujoco.mj_copyData(plant.data, plant.model, self.equilibrium)
         floors = [self.floor(ticks), self._given_floor(time_s)]
-        moves = [each for each in floors if each is not None]
+        moves = [motion for motion in floors if motion is not None]
         return Bench(
             plant,
             HexapodSensors(bench, seed, self.zero_rad(ticks)),

@@ -85,7 +85,7 @@ class HexapodControl:
     @property
     def margins(self) -> list[Margins]:
         """Stability margins of both loops, if known."""
-        return [each for each in self.testbed.loops if isinstance(each, Margins)]
+        return [loop for loop in self.testbed.loops if isinstance(loop, Margins)]
 
     def mapping(self, goal: Goal) -> StrutMapping:
         """Return the closed-form mapping for a goal, with the constant Jacobian."""
