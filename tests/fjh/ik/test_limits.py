@@ -1,4 +1,4 @@
-"""Limits: they hold at every tick, whatever is asked for, and what is beyond one returns."""
+"""Limits hold at every tick for all targets, and positions beyond a limit return."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -24,7 +24,7 @@ SEEDS = pytest.mark.parametrize(
 
 
 @SEEDS
-def test_limits_hold_while_the_tool_chases_what_it_cannot_reach(seed):
+def test_limits_hold_while_the_tool_follows_unreachable_targets(seed):
     rng, model = np.random.default_rng(seed), model_of("mobile")
     (low, high), tool = ranges(model).joint.T, FrameTask("tool")
     speed, hard = rng.uniform(0.5, 3.0), rng.uniform(2.0, 20.0)
@@ -48,7 +48,7 @@ def test_limits_hold_while_the_tool_chases_what_it_cannot_reach(seed):
         ({"both": 0.5}, (0.25, 0.25)),
     ],
 )
-def test_names_of_actuators_and_tendons_are_taken(limits, expected):
+def test_limits_by_name_of_actuators_and_tendons(limits, expected):
     model, task = model_of("xy_table"), FrameTask("top", rows=[3, 4], target=[1.0, 1.0, 0.0])
     ik = Ik(model, [task], Limits(ranges=False, velocity=limits))
     np.testing.assert_allclose(ik.step(mujoco.MjData(model), 1.0), expected)
@@ -59,8 +59,8 @@ def asked(target: float) -> FrameTask:
 
 
 @pytest.mark.parametrize("beyond", [0.51, -0.7])
-def test_a_joint_beyond_its_range_returns_at_once_or_as_fast_as_it_may(beyond):
-    """One that is locked there asks for nothing."""
+def test_a_joint_beyond_its_range_returns_within_its_velocity_limit(beyond):
+    """A joint that is locked beyond its range requires no motion."""
     model = model_of("xy_table")
     data = mujoco.MjData(model)
     data.qpos[0] = beyond
@@ -77,7 +77,7 @@ def test_a_joint_beyond_its_range_returns_at_once_or_as_fast_as_it_may(beyond):
 TURN_ON = PostureTask(target=[2.0, 0.0, 0.0])
 
 
-def test_without_ranges_a_passive_joint_leaves_its_own():
+def test_without_ranges_a_passive_joint_leaves_its_range():
     model = model_of("four_bar")
     ik = Ik(model, [TURN_ON], Limits(ranges=False, velocity=1.0))
     assert abs(moved(ik, assemble(model), 60, DT).joint("rocker").qpos[0]) > 0.35
@@ -94,7 +94,7 @@ def test_without_ranges_a_passive_joint_leaves_its_own():
 def test_a_passive_joint_of_a_loop_stays_in_its_range_and_is_braked_before_it(
     acceleration, dt, off
 ):
-    """The crank is asked to turn on; the rocker, which no actuator moves, stops it."""
+    """The crank has a target beyond the limit of the rocker, which no actuator moves."""
     model, rocker = model_of("four_bar"), []
     ik = Ik(model, [TURN_ON], Limits(velocity=1.0, acceleration=acceleration))
     for data, _, change in flight(ik, assemble(model), round(3.0 / dt), dt):
@@ -103,8 +103,8 @@ def test_a_passive_joint_of_a_loop_stays_in_its_range_and_is_braked_before_it(
     assert 0.29 < max(rocker) < 0.3 + off
 
 
-def test_where_a_loop_cannot_return_so_fast_it_goes_no_farther():
-    """The rocker is far beyond its range, and the crank that would bring it back is slow."""
+def test_a_loop_that_cannot_return_fast_enough_does_not_exceed_further():
+    """The rocker is far beyond its range, and the crank that moves it back is slow."""
     model = copy(model_of("four_bar"))
     data = moved(Ik(model, [TURN_ON], Limits(velocity=1.0)), assemble(model), 40, DT)
     beyond = abs(data.joint("rocker").qpos[0])
@@ -118,7 +118,7 @@ def test_where_a_loop_cannot_return_so_fast_it_goes_no_farther():
 
 
 def winched() -> mujoco.MjModel:
-    """The table, its rope the only drive along x."""
+    """Return the table with its rope as the only drive along x."""
     spec = mujoco.MjSpec.from_file(str(TEST_MODELS / "xy_table.xml"))
     for name in ("y", "pull"):
         spec.delete(spec.actuator(name))
@@ -127,13 +127,13 @@ def winched() -> mujoco.MjModel:
 
 
 def travelled(model: mujoco.MjModel, limits: Limits, ticks: int) -> Array:
-    """Where the block is from the start on, asked to go far away."""
+    """Return the positions of the block from the start on, with a distant target."""
     ticks_of = flight(Ik(model, [asked(9.0)], limits), mujoco.MjData(model), ticks, DT)
     return np.array([0.0, *(data.qpos[0] for data, _, _ in ticks_of)])
 
 
-def test_a_tendon_that_is_driven_stays_in_its_range():
-    """The rope is a velocity of its own; the block that it moves is asked to go on."""
+def test_an_actuated_tendon_stays_in_its_range():
+    """The rope has its own velocity; the block that it moves has a target beyond its range."""
     model = winched()
     rope = model.tendon("rope").id
     model.tendon_limited[rope], model.tendon_range[rope] = True, [-0.2, 0.6]
@@ -142,7 +142,7 @@ def test_a_tendon_that_is_driven_stays_in_its_range():
     assert max(lengths) == pytest.approx(0.6, abs=1e-9)
 
 
-def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
+def test_an_actuated_tendon_respects_its_acceleration_limit():
     limits = Limits(ranges=False, velocity={"winch": 0.5}, acceleration={"rope": 2.0})
     rates = 2.0 * np.diff(travelled(winched(), limits, 40)) / DT
     np.testing.assert_allclose(rates, np.minimum(0.04 * np.arange(1, 41), 0.5))
@@ -158,7 +158,7 @@ def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
     ],
 )
 def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(acceleration, target):
-    """As MuJoCo measures them; the tip comes as near to its target as the tether lets it."""
+    """MuJoCo measures the ranges; the tip comes as near to its target as the tether permits."""
     model = model_of("tethered")
     data, start, turn = mujoco.MjData(model), mujoco.MjData(model), np.zeros(3)
     start.qpos[:2] = -0.6, 0.4
@@ -179,7 +179,7 @@ def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(accelerati
 
 
 def test_torque_limits_of_the_static_map_are_those_of_the_model():
-    """A variable without an actuator holds nothing: forces come from the legs alone."""
+    """A variable without an actuator exerts no force: all forces come from the legs."""
     model = model_of("quadruped")
     feet = [FrameTask(model.site(k).name, rows=[3, 4, 5], target=np.zeros(3)) for k in (1, 2)]
     answer = Ik(model, feet, active=["root"]).solve(assemble(model), DT)
@@ -194,7 +194,7 @@ SCENES = 5
 def chased(
     rng: np.random.Generator, obstacles=12, detection_m=0.1, ticks=40, dt=DT, **limits: Any
 ) -> tuple[float, float]:
-    """The way of an arm that came nearer to nothing than it may, by MuJoCo; its hardest braking."""
+    """Return the distance moved by an arm that keeps its clearances, and its hardest braking."""
     model = arm_among(obstacles, rng)
     data, distances = mujoco.MjData(model), Distances(model, None, 0.01, detection_m)
     mujoco.mj_forward(model, data)
@@ -214,7 +214,7 @@ def part_that_moved(seeds: Iterable[int]) -> float:
     return float(np.mean(np.array(ways) > 0.05))
 
 
-def test_arms_that_chase_a_point_among_obstacles_touch_nothing():
+def test_arms_among_obstacles_keep_their_clearances():
     assert part_that_moved(range(SCENES)) >= 0.8
 
 
@@ -231,7 +231,7 @@ def test_no_arm_of_1000_random_scenes_penetrates_anything(first):
 
 
 def cart(scale: float = 1.0) -> mujoco.MjModel:
-    """A ball before a wall on the right and a post, in metres times a scale."""
+    """Return a ball between a wall on the right and a post, in meters times a scale."""
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco><worldbody><geom name="wall" type="plane" pos="{scale} 0 0" zaxis="-1 0 0"
         size="1 1 .1"/><geom name="post" size="{0.05 * scale}" pos="0 {0.8 * scale} 0"/><body>
@@ -243,8 +243,8 @@ def cart(scale: float = 1.0) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
 @pytest.mark.parametrize("gain", [0.25, 1.0])
-def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
-    """From above it and from below it, as a geometric sequence."""
+def test_the_distance_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
+    """Starts above and below the margin: the distance is a geometric sequence."""
     model = cart()
     data, distances = mujoco.MjData(model), Distances(model, None, 0.01, 1.0, gain)
     data.qpos[0] = 0.9 - start_m
@@ -265,8 +265,8 @@ def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
         pytest.param(1000.0, 0.01, marks=pytest.mark.long),
     ],
 )
-def test_before_a_wall_a_cart_brakes_as_it_may_and_stops_at_the_margin(scale, dt, detection):
-    """Past a post, in any units, and from however near the wall is seen."""
+def test_a_cart_brakes_within_its_limits_and_stops_at_the_margin(scale, dt, detection):
+    """The cart passes a post, in any units, for any detection distance."""
     model, speed, hard, margin = cart(scale), 1.0 * scale, 2.0 * scale, 0.02 * scale
     data, start = mujoco.MjData(model), mujoco.MjData(model)
     distances = Distances(model, margin_m=margin, detection_m=min(detection * scale, 100.0))
@@ -279,15 +279,15 @@ def test_before_a_wall_a_cart_brakes_as_it_may_and_stops_at_the_margin(scale, dt
 
 
 @SEEDS
-def test_no_joint_brakes_harder_than_it_may_among_obstacles(seed):
-    """Random arms, periods and accelerations; distances by MuJoCo."""
+def test_no_joint_exceeds_its_acceleration_limit_among_obstacles(seed):
+    """Random arms, periods and accelerations; MuJoCo measures the distances."""
     rng = np.random.default_rng(seed)
     dt, hard = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
     way, braking = chased(rng, 8, 0.05, 60, dt, acceleration=hard)
     assert braking <= hard * (1 + 1e-9) and way > 0.01
 
 
-def test_a_start_that_is_too_fast_is_braked_as_hard_as_it_may_be_and_named():
+def test_a_start_too_fast_to_stop_is_braked_and_reported():
     model = cart()
     data, distances = mujoco.MjData(model), Distances(model, margin_m=0.02)
     data.qpos[0], data.qvel[0] = 0.8, 1.0
@@ -305,13 +305,13 @@ def test_a_start_that_is_too_fast_is_braked_as_hard_as_it_may_be_and_named():
         ({"acceleration": {"both": 1.0}}, 'no actuator .*"both"'),
     ],
 )
-def test_limits_that_are_none_are_refused_by_the_name_as_typed(limits, said):
+def test_invalid_limits_are_rejected_by_name(limits, said):
     with pytest.raises(ValueError, match=said):
         Ik(model_of("xy_table"), [asked(1)], Limits(**limits))
 
 
-def test_distances_of_another_model_of_the_same_size_are_refused():
-    """They would keep what the other one's geoms need."""
+def test_distances_of_another_model_are_rejected():
+    """The distances would be those of the other model's geoms."""
     model, task = cart(), FrameTask("tip", rows=[3], target=np.zeros(3))
     Ik(model, [task], Limits(distances=Distances(cart())))
     with pytest.raises(ValueError, match="distances must be of this model"):

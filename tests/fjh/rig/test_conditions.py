@@ -1,4 +1,4 @@
-"""What is left of a task in each failure condition, the same as that condition alone."""
+"""Analysis of failure conditions: each result equals that of the condition alone."""
 
 from math import comb
 
@@ -25,8 +25,8 @@ from tests.random_systems import SEEDS, systems
 
 
 @given(SEEDS, st.integers(1, 3), st.booleans())
-def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, directions, springs):
-    """Random loops of four actuators, two of them alike, and two passive joints."""
+def test_a_classification_equals_that_of_the_failed_mechanism(seed, directions, springs):
+    """Random loops of four actuators, two of them equal, and two passive joints."""
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(4, 6)), rng.normal(size=(1, 6))
     J_T[:, 1], J_C[:, 1] = J_T[:, 0], J_C[:, 0]
@@ -52,7 +52,7 @@ def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, direction
             assert name == ("drifts" if held.unstable_major else directions_left[left])
 
 
-def test_failures_are_what_a_condition_says():
+def test_code_letters_give_failures():
     found = [(each.actuator, each.kind, each.time_s) for each in failures_of("SLFSB", 0.5)]
     assert found == [(1, "locked", 0.5), (2, "free", 0.5), (4, "loose", 0.5)]
 
@@ -66,8 +66,8 @@ def test_conditions_are_in_the_order_of_an_atlas():
 
 
 @given(systems(actives=(2, 3), tasks=(1, 3)), st.data())
-def test_each_condition_is_what_it_is_alone(drawn, data):
-    """By its own classification and attainable set; speed decides, and gains for the force."""
+def test_each_condition_equals_its_separate_analysis(drawn, data):
+    """The reference are its own classification and attainable set; speed decides, and gains."""
     system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
     major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
     limits = -drawn.rng.uniform(0.5, 2, n), drawn.rng.uniform(0.5, 2, n)

@@ -1,4 +1,4 @@
-"""The hexapod's parts: kinematics both ways, loops, mapping, path, sensors and amplifiers."""
+"""Parts of the hexapod: kinematics both ways, loops, mapping, path, sensors and amplifiers."""
 
 import copy
 from dataclasses import replace
@@ -39,7 +39,7 @@ def test_the_jacobian_of_the_model_is_eq_39_signs_included(model):
     assert [*MAJOR, *SECONDARY] == [0, 1, 3, 4, 5, 2]
 
 
-def test_the_loops_have_textbook_margins_at_the_crossovers_asked_for(model):
+def test_the_loops_have_textbook_margins_at_the_specified_crossovers(model):
     bench = TestbedConfig()
     for loop, crossover in zip(nominal_loops(model, bench), bench.crossover_hz, strict=True):
         assert loop.crossover_hz == pytest.approx(crossover, rel=1e-3)
@@ -48,8 +48,8 @@ def test_the_loops_have_textbook_margins_at_the_crossovers_asked_for(model):
 
 
 @pytest.mark.parametrize("locked", [{}, {0: 0.0}, {3: 2e-4}])
-def test_commanded_displacements_point_where_asked(model, locked):
-    """Forward through the exact geometry; a strut stuck off centre is a known offset."""
+def test_commanded_displacements_point_at_the_demand(model, locked):
+    """The exact geometry gives the pointing; a strut locked off center is a known offset."""
     machine, asked = hexapod(model), np.array([8e-5, -5e-5])
     weighted, plain = (
         StrutMapping(machine, Goal(secondary_weight=weight, locked_at=locked), "analytic")
@@ -104,15 +104,15 @@ def test_the_detector_reads_the_pointing_angles_through_its_optics():
 
 
 def test_a_saturated_detector_reads_its_edge_and_no_noise():
-    """The noise is the spot's: where the spot is off the detector, the reading stands still."""
+    """The noise is the spot's: beyond the detector the reading is constant."""
     rng, noisy = np.random.default_rng(0), Detector(2.0, half_width_m=5e-3, noise_m=1e-5)
     for sign in 20 * (1.0, -1.0):
         read = noisy.read(turned(0.02 * sign, -0.02 * sign, 0), rng)
         np.testing.assert_array_equal(read, sign * np.array([1, -1]) * 5e-3 / 2.0)
 
 
-def test_the_gauges_read_the_struts_with_the_noise_that_is_stated():
-    """Each of its own, unbiased: 20000 samples give the standard deviation to a per cent."""
+def test_the_gauges_have_the_stated_noise():
+    """Independent and unbiased: 20000 samples give the standard deviation to a percent."""
     true_m, rng = np.linspace(-1e-5, 1e-5, 6), np.random.default_rng(0)
     gauges = StrutSensors(noise_m=5e-8)
     errors = np.array([gauges.read(true_m, rng) for _ in range(20000)]) - true_m
@@ -121,7 +121,7 @@ def test_the_gauges_read_the_struts_with_the_noise_that_is_stated():
     np.testing.assert_allclose(np.corrcoef(errors.T), np.eye(6), atol=0.04)
 
 
-def test_the_spiral_goes_from_the_centre_in_eight_turns_to_its_radius():
+def test_the_spiral_reaches_its_radius_in_eight_turns():
     path = spiral(np.array([0.0, 1.0, 16.0]), radius_rad=1e-4, turns=8, duration_s=16)
     np.testing.assert_allclose(path, [[0, 0], [-1e-4 / 16, 0], [1e-4, 0]], atol=1e-15)
 
@@ -136,14 +136,14 @@ def amplifier(model):
 
 
 def at_rest(model, amplifier, command_m):
-    """A plant that has settled at what the converters make of a command."""
+    """Return a plant that has settled at the converted displacements of a command."""
     plant = Plant(model)
     plant.settle(0.5, amplifier.displacements(amplifier.inputs(command_m)))
     return plant
 
 
 def test_the_converter_sends_the_nearest_code_and_none_beyond_its_range():
-    """-32768..32767: the largest positive input is one step short of 100 %."""
+    """Codes are -32768..32767: the largest positive input is one step short of 100 %."""
     steps = np.array([-40000, -32768, -1.6, -1.4, -0.6, -0.4, 0.4, 0.6, 1.4, 1.6, 32767, 32768])
     codes = PLAIN.inputs(steps * STEP_M) / STEP_PERCENT
     expected = [-32768, -32768, -2, -1, -1, 0, 0, 1, 1, 2, 32767, 32767]
@@ -159,7 +159,7 @@ def test_beyond_its_limit_the_amplifier_gives_no_more_current():
 
 
 def test_the_amplifiers_full_scale_is_the_coils_force_limit(model, amplifier):
-    """100 % input, largest current, largest coil force and full stroke are one point."""
+    """100 % input, largest current, largest coil force and full stroke coincide."""
     coil, strut = model.actuator("coil1"), model.joint("strut1")
     assert coil.gainprm[0] == strut.stiffness[0]
     full_force = amplifier.current_a(np.array(100.0)) * amplifier.newton_per_a
@@ -169,7 +169,7 @@ def test_the_amplifiers_full_scale_is_the_coils_force_limit(model, amplifier):
 
 @pytest.mark.parametrize("side", [0, 1], ids=["lower", "upper"])
 def test_a_strut_at_its_limit_rests_there_with_the_stated_current(model, amplifier, side):
-    """The coil balances the spring: k l = (N/A) I, but for flexures of 0.1 % of the stiffness."""
+    """The coil balances the spring: k l = (N/A) I, up to flexures of 0.1 % of the stiffness."""
     currents_a = [0.5, 1.0, 2.0, 3.0, 4.0, 9.0]
     limits = displacement_limits(model, amplifier, currents_a)[side]
     for strut, (limit_m, most_a) in enumerate(zip(limits, currents_a, strict=True)):
@@ -182,8 +182,8 @@ def test_a_strut_at_its_limit_rests_there_with_the_stated_current(model, amplifi
         assert current_a == pytest.approx(stated_a, abs=1.01 * step_a)
 
 
-def test_a_shorter_stroke_is_the_limit_and_the_strut_rests_on_it(model, amplifier):
-    """Whichever comes first, stop or current; a stop carries what the coil pushes too much."""
+def test_a_shorter_stroke_is_the_limit(model, amplifier):
+    """The first of stop and current counts; a stop bears the excess force of the coil."""
     short = copy.copy(model)
     short.jnt_range[short.actuator_trnid[1, 0]] = [-1e-4, 2e-4]
     short.jnt_limited[short.actuator_trnid[0, 0]] = False
@@ -208,7 +208,7 @@ def machine() -> Hexapod:
     st.sampled_from([(), (1,), (5,), (2, 3), (0,)]),
 )
 def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shape):
-    """Seven per cent of the strut length away, fifty times the paper's stroke; or other nodes."""
+    """Lengths 7 % away, fifty times the paper's stroke, or other nodes."""
     rng, (moved_m, asked_m) = np.random.default_rng(seed), spreads_m
     bottom_m, top_m = rng.uniform(-moved_m, moved_m, (2, 6, 3))
     other = Hexapod(bottom_m=machine().bottom_m + bottom_m, top_m=machine().top_m + top_m)
@@ -222,7 +222,7 @@ def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shap
 
 @given(SEEDS)
 def test_the_lengths_of_a_pose_give_back_the_pose(seed):
-    """As far as the assembled machine moves there is one pose to a set of lengths."""
+    """In the range of the assembled machine a set of lengths has one pose."""
     twist = np.random.default_rng(seed).uniform(-1, 1, (4, 6)) * np.repeat([0.05, 0.02], 3)
     there = NOMINAL.moved(twist)
     pose = forward_kinematics(machine(), machine().displacements(there))
@@ -232,8 +232,8 @@ def test_the_lengths_of_a_pose_give_back_the_pose(seed):
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
 @pytest.mark.parametrize("away", [0.0, 100.0])
-def test_any_unit_of_length_and_any_origin_will_do(scale, away):
-    """Round-off is measured against the nodes' distances, which lengths are differences of."""
+def test_any_unit_of_length_and_any_origin_are_valid(scale, away):
+    """Round-off is measured relative to the nodes' distances, whose differences are the lengths."""
     shift = np.array([0, 0, away])
     other = Hexapod(
         bottom_m=scale * (machine().bottom_m + shift), top_m=scale * (machine().top_m + shift)
@@ -243,7 +243,7 @@ def test_any_unit_of_length_and_any_origin_will_do(scale, away):
     assert off <= 16 * np.finfo(float).eps * scale * (2 + away)
 
 
-def test_the_pose_is_where_the_physics_takes_the_payload(model):
+def test_the_pose_equals_that_of_the_physics(model):
     """MuJoCo closes the loops by its own constraints."""
     plant = Plant(model)
     plant.step(np.array([2e-4, -1e-4, 3e-4, 0.0, -2e-4, 1e-4]), 0.3)
@@ -254,8 +254,8 @@ def test_the_pose_is_where_the_physics_takes_the_payload(model):
 
 
 @pytest.mark.parametrize("asked", [[2.0, 0, 0, 0, 0, 0], 6 * [-0.41], 3 * [-0.38, 0.5]])
-def test_lengths_that_no_pose_reaches_are_refused_and_the_others_are_found(asked):
-    """Longer than the other struts let the platform reach, shorter than nothing, and both."""
+def test_unreachable_lengths_are_rejected_and_the_others_solved(asked):
+    """Longer than the other struts permit, shorter than zero, and both."""
     many = np.zeros((4, 6))
     many[2] = asked
     with pytest.raises(UnreachableLengths, match=r"displacements_m: .*1 of 4 sets of") as refusal:
@@ -265,13 +265,13 @@ def test_lengths_that_no_pose_reaches_are_refused_and_the_others_are_found(asked
     forward_kinematics(machine(), many[refusal.value.reached])
 
 
-def test_lengths_beyond_what_numbers_hold_are_refused():
+def test_lengths_beyond_the_range_of_floats_are_rejected():
     with pytest.raises(ValueError, match=r"displacements_m must be at most 1e\+50, got 1e\+60"):
         forward_kinematics(machine(), np.full(6, -1e60))
 
 
-def test_a_singular_start_ends_nothing():
-    """A strut of no length; all six struts in one plane, where the Jacobian has no inverse."""
+def test_a_singular_start_does_not_stop_a_batch():
+    """A strut of zero length; all six struts in one plane, where the Jacobian has no inverse."""
     on_its_node = machine().bottom_m[0] - machine().top_m[0]
     both = Pose(np.stack([np.eye(3)] * 2), np.stack([on_its_node, np.zeros(3)]))
     with pytest.raises(UnreachableLengths) as refusal:
@@ -284,7 +284,7 @@ def test_a_singular_start_ends_nothing():
 
 
 @pytest.mark.parametrize("turn", np.linspace(0.0, 2.0, 9))
-def test_a_payload_turned_by_a_right_angle_is_held_by_no_struts(turn):
+def test_a_payload_turned_by_a_right_angle_is_singular(turn):
     """Fichter, "A Stewart platform-based manipulator" (1986): elimination leaves round-off."""
     angle = turn + np.radians([10, 110, 130, 230, 250, 350])
     bottom_m = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)

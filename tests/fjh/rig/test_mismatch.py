@@ -1,4 +1,4 @@
-"""Plants drawn off the model: each size is drawn as it says, and does what it says."""
+"""Plants with a mismatch: each size is sampled as documented and has the stated effect."""
 
 from dataclasses import replace
 from functools import cache
@@ -43,7 +43,7 @@ def driven() -> Robot:
 
 
 def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
-    """Relative differences of a plant's model from the known one, by what is drawn."""
+    """Return relative differences of a plant's model from the nominal one by sampled size."""
     if name == "hexapod":
         known, other = rig(name).model, rig(name).with_mismatch(sizes, seed).machine.model
     else:
@@ -76,7 +76,7 @@ def many(machine: str) -> list[dict[str, np.ndarray]]:
 @pytest.mark.parametrize(
     ("machine", "name"), [(machine, name) for machine in DRAWN for name in DRAWN[machine]]
 )
-def test_a_size_fills_its_range_and_is_drawn_alike_with_and_without_others(machine, name):
+def test_a_size_fills_its_range_and_is_sampled_independently_of_others(machine, name):
     everything = EVERYTHING[machine]
     drawn, size = np.array([plant[name] for plant in many(machine)]), getattr(everything, name)
     assert np.abs(drawn).max() <= size * (1 + 1e-9)
@@ -102,7 +102,7 @@ def test_drifts_lie_in_their_ranges_and_in_all_directions():
 
 
 def excited(one: Rig) -> np.ndarray:
-    """What is read for 60 ticks of a plant under steps."""
+    """Return the readings of a plant under steps for 60 ticks."""
     bench, steps = one.bench(np.arange(60) * one.period_s, [], 5), np.repeat([0.0, 1.0], [20, 40])
     peak = 1.0 if one.title.startswith("University") else 1e-3
     return readings(bench, peak * np.outer(steps, np.arange(len(one.actuators))))
@@ -112,7 +112,7 @@ def excited(one: Rig) -> np.ndarray:
     ("robot", "name"),
     [*(("hexapod", name) for name in hexapod.SIZES), *(("arm", name) for name in SIZES)],
 )
-def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name):
+def test_every_size_alone_changes_the_readings_and_a_seed_repeats_them(robot, name):
     one = rig(robot)
     drawn = one.with_mismatch(alone(one.machine.everything, name), 5)
     other, again = excited(drawn), excited(drawn)
@@ -121,13 +121,13 @@ def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_a_mismatch_is_of_the_plant_alone_and_a_rig_is_made_with_it_or_drawn(name):
+def test_a_mismatch_changes_the_plant_alone(name):
     one, drawn = rig(name, "all"), rig(name).with_mismatch("all", 3)
     np.testing.assert_array_equal(excited(one), excited(drawn))
     np.testing.assert_array_equal(drawn.nominal.plant.A, rig(name).nominal.plant.A)
 
 
-def test_scaling_takes_all_sizes_along():
+def test_scaling_multiplies_all_sizes():
     everything = hexapod.ALL
     third = everything.scaled(1 / 3)
     for name in set(LIMITS) - {"delay_ticks"}:
@@ -138,7 +138,7 @@ def test_scaling_takes_all_sizes_along():
         everything.scaled(10)
 
 
-def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
+def test_an_inapplicable_size_is_rejected_by_name():
     for name in rig("arm").machine.unknown:
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
             rig("arm").with_mismatch(replace(EXACT, **{name: 1e-3}), 0)
@@ -146,7 +146,7 @@ def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_controls_are_those_of_the_controllers_model(seed):
-    """Whatever gains are drawn: no wire carries another change from rest than it would without."""
+    """For all sampled gains the controls change as much as without a mismatch."""
     gain, command = Mismatch(gain=ROBOTS.gain), 1e-4 * np.array([1.0, -2.0, 3.0])
     changes, moved = [], []
     for sizes in (EXACT, gain, ROBOTS):
@@ -169,14 +169,14 @@ STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
 
 
 def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
-    """A tenth of a second of the arm under steps, and what its sensors read."""
+    """Simulate the arm under steps for a tenth of a second; return bench and readings."""
     one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).with_mismatch(mismatch, seed)
     bench = one.bench(np.arange(100) * 1e-3, [], seed)
     return bench, readings(bench, STEPS)
 
 
 def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
-    """And its encoders are those of `JointSensors` with its seed."""
+    """Its encoders are those of `JointSensors` with its seed."""
     model = load_model(ARM, add_locks=True)
     plant = Plant(model, base=None, start=mujoco.MjData(model))
     sensors = JointSensors(Mechanism(model), ROWS["arm"], 1e-5, 3)
@@ -187,14 +187,14 @@ def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
     np.testing.assert_array_equal(flown(EXACT)[1], readings(bench, STEPS))
 
 
-def test_a_late_command_moves_a_robot_as_many_ticks_late_as_are_said():
+def test_delayed_commands_delay_the_motion_by_as_many_ticks():
     prompt, late = (flown(sizes)[0].displacement for sizes in (EXACT, Mismatch(delay_ticks=2)))
     np.testing.assert_array_equal(late[2:], prompt[:-2])
 
 
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
-def test_zeros_drift_in_what_is_read_and_the_task_of_encoders_with_them(sense):
-    """Nothing moves otherwise; a task that is computed moves by the Jacobian times the drift."""
+def test_zeros_of_sensors_drift_and_the_task_from_encoders_with_them(sense):
+    """The motion is unchanged; a task from encoders shifts by the Jacobian times the drift."""
     difference = flown(Mismatch(drift_per_s=100.0), sense)[1] - flown(EXACT, sense)[1]
     task, encoders = difference[:, :2], difference[:, 2:]
     ramp = np.linspace(0, 1, 100)[:, None]
@@ -219,19 +219,19 @@ def one() -> Rig:
 
 
 def commanded(one: Rig, commands: Array):
-    """The bench after displacements (N, 6) were commanded, and what the detector read."""
+    """Return the bench after commanded displacements (N, 6), and the detector's readings."""
     bench = one.bench(np.arange(len(commands)) * PERIOD_S, [], 0)
     return bench, readings(bench, one.control.testbed.amplifier().inputs(commands))[:, :2]
 
 
 def response(A: Array, B: Array, C: Array, inputs: Array) -> Array:
-    """Of a linear model to inputs (N, k) that are held in each tick."""
+    """Return the response of a linear model to zero-order-hold inputs (N, k)."""
     sampled = control.c2d(control.ss(A, B, C, 0), PERIOD_S)
     ticks = np.arange(len(inputs)) * PERIOD_S
     return np.asarray(control.forced_response(sampled, ticks, inputs.T).outputs).T
 
 
-def test_a_machine_without_suspensions_has_no_plants_of_the_hexapods_kind():
+def test_a_machine_without_suspensions_has_no_hexapod_mismatch():
     with pytest.raises(ModelError, match="needs struts with suspension springs"):
         hexapod.sampled_differences(rig("arm").model, EXACT, 0)
 
@@ -250,27 +250,27 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(one, seed):
-    """All together, behind the converters' hold; fine steps make the integrator's error small."""
+def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(one, seed):
+    """All sizes at once, after the converters' hold, with fine integrator steps."""
     drawn = one.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
     bench, _ = commanded(drawn, commands)
     linear = linearize(drawn.machine.model, Plant(drawn.machine.model).data)
     late = np.vstack([np.zeros((1, 6)), commands[:-1]])
     predicted = response(linear.A, linear.B, linear.C_active, late)
-    # Beyond the quantization, what is left is the integrator's error, below 1 % of the modes.
+    # Besides the quantization the error is the integrator's, below 1 % of the modes.
     off = np.abs(bench.displacement - predicted)
     assert off.max() < 0.01 * np.abs(bench.displacement).max()
 
 
-def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(one):
+def test_the_payload_rests_at_its_nominal_pose_for_any_springs(one):
     for seed in range(3):
         plant = Plant(one.with_mismatch(hexapod.ALL, seed).machine.model)
         plant.settle(1.0)
         assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
 
 
-def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
+def test_the_drift_of_the_detectors_zero_changes_only_the_readings(one):
     drawn, commands = (
         one.with_mismatch(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1),
         np.zeros((50, 6)),
@@ -281,7 +281,7 @@ def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
 
 
 def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
-    """What is reached by constant commands, once the modes have died away."""
+    """Displacements under constant commands, after the modes have decayed."""
     drawn = one.with_mismatch(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
     commands = np.full((800, 6), 1e-4)
     (plain, _), (adrift, _) = commanded(one, commands), commanded(drawn, commands)
@@ -291,8 +291,8 @@ def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
     np.testing.assert_allclose(change, expected, atol=0.02 * np.abs(expected).max())
 
 
-def test_the_floor_moves_the_payload_as_its_linear_model_says(one):
-    """Without control: pointing is that of B_floor under this very floor."""
+def test_the_floor_moves_the_payload_as_in_the_linear_model(one):
+    """Without control the pointing is that of B_floor under the same floor motion."""
     linear = linearize(one.model, Plant(one.model).data)
     drawn = one.with_mismatch(hexapod.ALONE["floor_um_per_s"], 2)
     bench, _ = commanded(drawn, np.zeros((600, 6)))
@@ -302,8 +302,8 @@ def test_the_floor_moves_the_payload_as_its_linear_model_says(one):
     assert np.sqrt((error**2).mean()) < 0.04 * np.sqrt((expected**2).mean())
 
 
-def test_hysteresis_reads_as_its_chain_along_the_whole_loop(one):
-    """Displacement under a slow triangle of commands: forces of coil, spring and chain balance."""
+def test_hysteresis_balances_its_chain_along_a_complete_loop(one):
+    """Under a slow triangle of commands the forces of coil, spring and chain balance."""
     fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))
     drawn = fine.with_mismatch(hexapod.ALONE["hysteresis"].scaled(10), 1)
     up = np.linspace(0, 3e-5, 400)

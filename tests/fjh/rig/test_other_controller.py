@@ -1,4 +1,4 @@
-"""Somebody else's controller on the testbed: the page, its columns, its failures."""
+"""Controllers of other packages on the testbed: the page, its columns, its failures."""
 
 import json
 import sys
@@ -29,7 +29,7 @@ LEAST: list[plan.Block] = [
     *(("failure", mismatch, 1.0, 1) for mismatch in ("exact", "all")),
     ("pair", "all", 1.0, 1),
 ]
-"""Of the cases of `fjh paper recover`."""
+"""Smallest set of cases of `fjh paper recover`."""
 
 PAGE = Path(__file__).parents[3] / "docs" / "other-controllers.md"
 BROKEN = """
@@ -51,7 +51,7 @@ SHORT_S = 0.6
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory) -> Iterator[Path]:
-    """The working directory, with the page's examples and one that fails."""
+    """Change to a working directory with the page's examples and one that fails."""
     place = tmp_path_factory.mktemp("own")
     (place / "page_examples.py").write_text(dict(blocks(PAGE.read_text()))["python"])
     (place / "page_broken.py").write_text(BROKEN)
@@ -72,20 +72,20 @@ def folder(tmp_path_factory) -> Iterator[Path]:
         ("page_examples:np.pi", "has no function or class np.pi"),
     ],
 )
-def test_a_wrong_name_is_refused_with_what_is_wrong(name, said):
+def test_a_wrong_factory_name_is_rejected_with_the_reason(name, said):
     with pytest.raises(WrongInput, match=said):
         controller_factory(name)
 
 
-def test_a_module_of_the_users_hides_none_that_is_installed(tmp_path, monkeypatch):
-    """`control` is python-control, whatever lies in the folder."""
+def test_a_users_module_does_not_hide_an_installed_one(tmp_path, monkeypatch):
+    """`control` is python-control, even with a file of that name in the folder."""
     (tmp_path / "control.py").write_text("def lqg(task): ...")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(WrongInput, match=r"site-packages.* has no function or class lqg"):
         controller_factory("control:lqg")
 
 
-def test_the_task_holds_the_machine_without_its_failures():
+def test_the_task_describes_the_machine_without_failures():
     """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
     known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
     task = pursuing(rig("hexapod"), known).task
@@ -97,7 +97,7 @@ def test_the_task_holds_the_machine_without_its_failures():
 @pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
 @pytest.mark.parametrize("locked", [(), (0,)])
 def test_the_examples_reach_a_constant_reference_without_error(name, locked):
-    """Integral action, on the linear plant: zero on average, since the converters quantize."""
+    """Integral action on the linear plant: zero on average, since the converters quantize."""
     goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
     task = pursuing(rig("hexapod"), goal).task
     plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
@@ -117,8 +117,8 @@ def test_the_examples_reach_a_constant_reference_without_error(name, locked):
     assert not run.inputs[:, list(locked)].any()
 
 
-def test_another_controller_meets_the_same_noise():
-    """Measured less true angle, tick by tick: equal up to the angles' own round-off."""
+def test_another_controller_gets_the_same_noise():
+    """Measured minus true angle at each tick is equal up to the angles' round-off."""
     path = TestbedConfig().spiral_rad(SHORT_S)
     one = rig("hexapod")
     ours = one.fly(one.controller(), path, seed=3)
@@ -131,8 +131,8 @@ def test_another_controller_meets_the_same_noise():
 
 @pytest.mark.long
 @pytest.mark.night
-def test_its_columns_stand_beside_ours_and_a_failed_run_fails_the_study(folder, tmp_path):
-    """Table I, 0.6 s of it, with a controller that fails in one of its columns."""
+def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, tmp_path):
+    """Table I over 0.6 s, with a controller that fails in one of its columns."""
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(CONFIGURATIONS, "calibrated", TestbedConfig(quick_duration_s=SHORT_S))
@@ -162,8 +162,8 @@ def test_its_columns_stand_beside_ours_and_a_failed_run_fails_the_study(folder, 
 
 @pytest.mark.long
 @pytest.mark.night
-def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
-    """With the least of everything: JSON, dataset and recording."""
+def test_recover_includes_another_controller(folder, tmp_path, monkeypatch):
+    """The smallest study writes JSON, dataset and recording."""
     monkeypatch.setattr(plan, "QUICK", LEAST)
     words = ["--quick", "--quiet", "--out", str(tmp_path)]
     main(["recover", *words, "--controller", "page_examples:LQG"])
@@ -177,7 +177,7 @@ def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
     assert entry["after_over_informed"] == pytest.approx(ratio)
 
 
-def test_a_controller_whose_module_has_changed_is_another(folder):
+def test_a_controller_with_a_changed_module_is_a_different_one(folder):
     """Runs of both must not be mixed by --resume."""
 
     def basis() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a rig refuses in a sentence, and that what the sentence advises works."""
+"""Errors of a rig: each message is one sentence, and its advice works."""
 
 import re
 from collections.abc import Callable
@@ -37,14 +37,14 @@ def known(name: str) -> Rig:
 
 
 def rig(folder: Path, bend=0.8, *, kv=8, option="", rows=(3, 5), text=ARM, size=None) -> Rig:
-    """Of two links in a plane, the second one bent."""
+    """Return the rig of two links in a plane, the second one bent."""
     file = folder / "arm.xml"
     file.write_text(text.format(kv=kv, option=option))
     return Rig.of_mjcf(file, site="tool", major=rows, start=[0.3, bend], size=size)
 
 
 def holds(one: Rig) -> bool:
-    """Whether a flight is as predicted."""
+    """Return True if a run is as predicted."""
     path = one.path("circle", duration_s=0.3, turn_s=0.3)
     run = one.fly(one.controller(), path)
     predicted = one.predict(path, noise=run.measured - run.true).rms_before
@@ -52,8 +52,8 @@ def holds(one: Rig) -> bool:
 
 
 @pytest.mark.long
-def test_servos_that_overshoot_in_a_physics_step_are_refused_with_steps_that_do_not(tmp_path):
-    """Euler's step h takes h d of a speed that decays at the rate d: more than 2 of it grows."""
+def test_servos_that_overshoot_in_a_physics_step_are_rejected_with_advice(tmp_path):
+    """Euler's step h removes h d of a speed that decays at the rate d: above 2 it diverges."""
     with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as refused:
         rig(tmp_path, kv=300)
     found = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(refused.value))
@@ -64,8 +64,8 @@ def test_servos_that_overshoot_in_a_physics_step_are_refused_with_steps_that_do_
 
 @pytest.mark.long
 @pytest.mark.parametrize("bend", [1e-4, 5e-7])
-def test_a_posture_that_is_nearly_singular_is_refused_with_the_row_to_leave_out(tmp_path, bend):
-    """A straight arm moves its end across, and hardly along itself."""
+def test_a_nearly_singular_posture_is_rejected_with_the_row_to_omit(tmp_path, bend):
+    """A straight arm hardly moves its end along itself."""
     with pytest.raises(WrongInput, match="posture is nearly singular") as refused:
         rig(tmp_path, bend)
     assert "row 5" in str(refused.value)
@@ -73,8 +73,8 @@ def test_a_posture_that_is_nearly_singular_is_refused_with_the_row_to_leave_out(
 
 
 @pytest.mark.long
-def test_an_undamped_servo_is_refused_with_the_damping_that_helps(tmp_path):
-    """Of joints; the arm's own servos have theirs (`test_rig.py`)."""
+def test_an_undamped_servo_is_rejected_with_advice(tmp_path):
+    """Damping of joints helps; damping of the arm's own servos is tested in `test_rig.py`."""
     arm = replace(ARMS["ur5e"], servos=[(2000, 0, 150)] * 6)
     bare, damped = arm.write(tmp_path / "a.xml"), arm.write(tmp_path / "b.xml", 'damping="20"')
     with pytest.raises(WrongInput, match=r"a motion of .*: damp its joints, or .* \(kv\)$"):
@@ -85,7 +85,7 @@ def test_an_undamped_servo_is_refused_with_the_damping_that_helps(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("size", [None, 2e-4, 5e-3])
 def test_noise_does_not_grow_with_the_path(tmp_path, size):
-    """A hundredth of the default path, which is a thousandth of the extent of 1 m."""
+    """The noise is a hundredth of the default path, a thousandth of the extent of 1 m."""
     assert rig(tmp_path, size=size).noise == pytest.approx(1e-5)
 
 
@@ -94,15 +94,15 @@ BALL = '<body name="ball"><geom size="0.1"/></body><body>'
 
 @pytest.mark.long
 @pytest.mark.parametrize(("bend", "collides"), [(2.9, True), (0.8, False)])
-def test_a_start_in_collision_says_so_before_it_flies(tmp_path, bend, collides):
-    """The end of the second link, folded back, lies in a ball at the base."""
+def test_a_start_in_collision_gives_a_warning(tmp_path, bend, collides):
+    """The folded second link ends inside a ball at the base."""
     said = rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
     assert any(each.startswith("the start is in collision: ball and") for each in said) == collides
 
 
 @pytest.mark.long
-def test_a_lost_task_is_said(tmp_path):
-    """A link without force hangs down, far from a path of a millimetre."""
+def test_a_lost_task_is_reported(tmp_path):
+    """A link without force hangs down, far from a path of a millimeter."""
     one = rig(tmp_path)
     path, failures = one.path("circle", duration_s=0.7), [Failure("b", "free", 0.2)]
     run, sound = (one.fly(one.controller(), path, failures=each) for each in (failures, []))
@@ -111,12 +111,12 @@ def test_a_lost_task_is_said(tmp_path):
 
 
 def reads(**parts: Any) -> Hook:
-    """A hook of what is read, with these parts in place of its own."""
+    """Return a hook that replaces parts of a reading."""
     return Hook(measured=lambda tick, reading: reading._replace(**parts))
 
 
 def flown(**given: Any) -> Any:
-    """A flight of the hexapod with its plain controller, unless there is another."""
+    """Simulate the hexapod with its plain controller, unless another is given."""
     one = known("hexapod")
     return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
 
@@ -176,11 +176,11 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (WrongInput, "path", "name", ["cirle"], "^path must be spiral, .* did you mean .circle"),
     (WrongInput, "flown", "failures", [[Failure("strut9", "locked")]], "strut9"),
 ]
-"""The error, what is called, the argument, values in its place, and what the sentence says."""
+"""Error, function, argument, values of it, and pattern of the message."""
 
 
 @pytest.mark.parametrize(("error", "call", "name", "values", "said"), TABLE)
-def test_what_a_rig_cannot_take_is_refused_by_name(error, call, name, values, said):
+def test_invalid_arguments_of_a_rig_are_rejected_by_name(error, call, name, values, said):
     for value in values:
         with pytest.raises(error, match=said) as refusal:
             CALLS[call](**{name: value})
@@ -188,8 +188,8 @@ def test_what_a_rig_cannot_take_is_refused_by_name(error, call, name, values, sa
         assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
 
 
-def test_what_the_hexapod_cannot_do_is_refused_by_name():
-    """A payload edge on or mirrored, coils that would melt, a strut without length."""
+def test_invalid_arguments_of_the_hexapod_are_rejected_by_name():
+    """A payload edge on or mirrored, coils that would melt, a strut of zero length."""
     edge_on = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     with pytest.raises(ValueError, match="rotation must not put the payload at right angles"):
         Detector(1.0, 5e-3, 3e-7).read(edge_on, np.random.default_rng(0))
@@ -205,7 +205,7 @@ def test_what_the_hexapod_cannot_do_is_refused_by_name():
             ask(on_its_node)
 
 
-def test_controls_that_mujoco_would_clear_end_a_flight():
+def test_controls_that_mujoco_would_clear_end_a_run():
     one = known("arm")
     huge = Hook(sent=lambda tick, inputs: np.full_like(inputs, 1e20))
     with pytest.raises(SimulationDiverged, match="controls beyond"):
@@ -227,12 +227,12 @@ ADVICE: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("ask", "said"), ADVICE, ids=[said for _, said in ADVICE])
-def test_wrong_combinations_are_refused_with_what_is_right(ask, said):
+def test_invalid_combinations_are_rejected_with_advice(ask, said):
     with pytest.raises((TypeError, ValueError, WrongInput), match=said):
         ask()
 
 
-def test_what_a_user_holds_is_shown_on_one_line():
+def test_public_objects_have_a_one_line_representation():
     one = known("arm")
     pilot, run = one.supervisor(), one.fly(one.controller(), PATH)
     report = one.control.system.kinematics().manipulability([0, 1])

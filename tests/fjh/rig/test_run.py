@@ -1,4 +1,4 @@
-"""Runs in which sensors fail, and what a supervisor may cost under any weakness."""
+"""Runs in which sensors fail, and the cost of a supervisor under any loss of force."""
 
 from collections.abc import Callable
 from functools import cache
@@ -16,20 +16,21 @@ from sim.mjcf import drives
 from tests.fjh.rigs import rig, rig_of
 
 STRUCK, TICKS = 900, 1150
-"""The diagnosis has learned what the plant is like after 800 ticks."""
+"""Onset of the failure, after the diagnosis has learned the plant for 800 ticks, and length of a
+run."""
 UNKNOWN = np.full(2, np.nan)
 
 Change = Callable[[int, Any, Any], Any]
 
 
 class Sensors:
-    """From a tick on the readings are others, made of the tick, what is read, and the last one."""
+    """Sensors whose readings change from a tick on, as a function of tick, reading and last one."""
 
     def __init__(self, change: Change) -> None:
         self.change, self.last = change, None
 
     def measured(self, tick: int, reading: Any) -> Any:
-        """As `events` of a rig."""
+        """Return the changed reading, as an `events` hook of a rig."""
         changed = reading if tick < STRUCK else self.change(tick - STRUCK, reading, self.last)
         self.last = reading if changed is None else changed
         return changed
@@ -89,8 +90,8 @@ IN_SHORT = [(LOST[0], "supervisor"), (LOST[3], "guarded")]
         for each in product(LOST, ("supervisor", "guarded"))
     ],
 )
-def test_without_a_reading_the_commands_stand(what, pilot):
-    """Bit by bit, from 50 ms after the last reading that changed; the integrators stand still."""
+def test_without_readings_the_commands_are_held(what, pilot):
+    """Commands are constant from 50 ms after the last changed reading; so are the integrators."""
     run = flown("hexapod", what, pilot=pilot)
     held = run.inputs[STRUCK + 50 :]
     assert (held == held[0]).all()
@@ -106,7 +107,7 @@ def test_without_a_reading_the_commands_stand(what, pilot):
         *(pytest.param(each, marks=pytest.mark.long) for each in ("repeated", "spike")),
     ],
 )
-def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
+def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
     run, sound = flown("hexapod", what), flown("hexapod", "none")
     if what == "50 ms":  # and then as without
         np.testing.assert_allclose(error(run)[-50:], error(sound)[-50:], atol=3e-6)
@@ -123,8 +124,8 @@ def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
 
 @pytest.mark.long
 @pytest.mark.parametrize("what", ["stuck", "another shape"])
-def test_encoders_stand_in_for_the_sensor_of_the_task(what):
-    """With a task's sensor alone the commands are held."""
+def test_encoders_replace_a_failed_task_sensor(what):
+    """With the task sensor alone the commands are held."""
     sound = rms(flown("arm", "none"))
     assert rms(flown("arm", what)) < 10 * sound < 0.05 * rms(flown("arm", what, "task"))
     said = "the task is estimated from the encoders"
@@ -132,8 +133,8 @@ def test_encoders_stand_in_for_the_sensor_of_the_task(what):
 
 
 @pytest.mark.long
-def test_encoders_that_fail_do_not_hurt_who_does_not_use_them():
-    """And one that is stuck is no actuator that is locked."""
+def test_failed_encoders_do_not_affect_a_controller_without_them():
+    """A stuck encoder is not diagnosed as a locked actuator."""
     np.testing.assert_array_equal(flown("arm", "encoders").inputs, flown("arm", "none").inputs)
     run = flown("arm", "encoder stuck")
     assert not run.diagnoses
@@ -141,8 +142,8 @@ def test_encoders_that_fail_do_not_hurt_who_does_not_use_them():
 
 
 @pytest.mark.long
-def test_a_healthy_robot_that_rubs_is_not_suspected():
-    """From the first test of the residuals on, at 0.8 s."""
+def test_a_healthy_robot_with_dry_friction_raises_no_alarm():
+    """No alarm from the first test of the residuals on, at 0.8 s."""
     one = rig_of("rubbing_arm", major=(3, 5))
     run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
     assert not run.diagnoses
@@ -151,8 +152,8 @@ def test_a_healthy_robot_that_rubs_is_not_suspected():
 
 @pytest.mark.long
 @pytest.mark.parametrize("actuator", ["shoulder", "elbow"])
-def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(actuator):
-    """It sags by its load, then goes where it is told: there is no command to double."""
+def test_a_weak_servo_under_load_costs_no_more_than_without_diagnosis(actuator):
+    """The servo sags by its load, then follows its commands: doubling them would be wrong."""
     one, onset_s = rig_of("three_links", major=(5,)), 1.1
     path, weak = one.path("circle", duration_s=2.1), [Failure(actuator, "weak", onset_s, 0.5)]
     run, nothing_done = (
@@ -164,7 +165,7 @@ def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(actua
 
 
 class Strength:
-    """One actuator has these parts of its force from these times [s] on."""
+    """Event that sets one actuator's force to given fractions at given times [s]."""
 
     def __init__(self, one: Rig, which: int, parts: dict[float, float]) -> None:
         among = None if one.part is None else one.part.actuators
@@ -173,7 +174,7 @@ class Strength:
         self.now = 1.0
 
     def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
-        """Of the plant's model."""
+        """Change the plant's model at these times."""
         part = self.parts.get(tick, self.now)
         for parameters in (model.actuator_gainprm, model.actuator_biasprm):
             parameters[self.ids, :3] *= part / self.now
@@ -181,7 +182,7 @@ class Strength:
 
 
 PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2: 0.7, 2.2: 1.4}]
-"""Of an actuator's force: from which times on it is multiplied by which parts."""
+"""Fractions of an actuator's force by the times [s] from which they hold."""
 
 
 @pytest.mark.long
@@ -194,8 +195,8 @@ PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2:
     ],
     ids=str,
 )
-def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
-    """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""
+def test_a_varying_loss_of_force_costs_no_more_than_without_diagnosis(name, parts):
+    """The force recovers in part or beyond its value, before or after the diagnosis is certain."""
     one = rig(name, crossover=0.7) if name == "arm" else rig(name)
     one = one.with_mismatch("all", 4)
     path = one.path("circle", duration_s=3.2, turn_s=1.5)
