@@ -28,11 +28,11 @@ def bent(model: mujoco.MjModel, seed: int, size: float = 0.3) -> mujoco.MjData:
     return assemble(model, data)
 
 
-def shifted(pose: Pose, *way: float) -> Pose:
-    return Pose(pose.rotation, pose.translation_m + way)
+def shifted(pose: Pose, *shift: float) -> Pose:
+    return Pose(pose.rotation, pose.translation_m + shift)
 
 
-def flight(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]:
+def run_ticks(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]:
     """Yield the state of each tick with its velocity and the largest change of a velocity."""
     before = data.qvel.copy()
     for _ in range(ticks):
@@ -44,7 +44,7 @@ def flight(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]
 
 def moved(ik: Ik, data: mujoco.MjData, ticks: int, dt: float = DT) -> mujoco.MjData:
     """Return the state after a number of ticks."""
-    *_, (data, _, _) = flight(ik, data, ticks, dt)
+    *_, (data, _, _) = run_ticks(ik, data, ticks, dt)
     return data
 
 

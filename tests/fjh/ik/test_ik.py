@@ -84,8 +84,8 @@ def test_a_level_of_several_tasks_weighs_them():
     model = model_of("xy_table")
     to_left = FrameTask("a", rows=[3], target=[-1.0, 0, 0], weight=1.0)
     to_right = FrameTask("b", rows=[3], target=[3.0, 0, 0], weight=2.0)
-    found = Ik(model, [[to_left, to_right]], FREELY).step(mujoco.MjData(model), DT)
-    np.testing.assert_allclose(found * DT, [(1 * -1.0 + 4 * 2.0) / 5, 0.0])
+    rates = Ik(model, [[to_left, to_right]], FREELY).step(mujoco.MjData(model), DT)
+    np.testing.assert_allclose(rates * DT, [(1 * -1.0 + 4 * 2.0) / 5, 0.0])
 
 
 def test_failures_compose_and_do_not_change_the_healthy_solver():
@@ -165,9 +165,9 @@ def test_a_humanoid_follows_with_its_hand_and_both_feet_stay(stands_by, locked):
     else:
         ik = Ik(model, [com, hand, posture], pinned=[Pin(foot, weld=True) for foot in FEET])
     ik = ik.with_failures(locked=locked)
-    stood, reach = [pose_of(model, data, foot) for foot in FEET], 10 if locked else 30
-    for k in range(1, reach + 11):
-        hand.target = start.translation_m + 0.005 * min(k, reach) * np.array([1.0, 0.3, 0.6])
+    stood, last = [pose_of(model, data, foot) for foot in FEET], 10 if locked else 30
+    for k in range(1, last + 11):
+        hand.target = start.translation_m + 0.005 * min(k, last) * np.array([1.0, 0.3, 0.6])
         data = moved(ik, data, 1, 0.02)
     for foot, before in zip(FEET, stood, strict=True):
         now = pose_of(model, data, foot)
@@ -229,8 +229,12 @@ def test_out_of_reach_an_arm_rests_at_the_nearest_point(level, distance, gain, l
     target = distance * np.array([0.6, 0.0, -0.8])
     tip = FrameTask("payload", rows=[3, 5], target=target, gain=gain)
     posture = PostureTask(target=data.qpos.copy(), gain=gain)
-    rest = DampingTask(weight=0.1)
-    levels = {"alone": [tip], "with damping": [[tip, rest]], "before a posture": [tip, posture]}
+    damping_task = DampingTask(weight=0.1)
+    levels = {
+        "alone": [tip],
+        "with damping": [[tip, damping_task]],
+        "before a posture": [tip, posture],
+    }
     assert rested(Ik(model, levels[level], limits), data, 300) < 1e-3
     np.testing.assert_allclose(data.site("payload").xpos, 0.9 * target / distance, atol=1e-4)
 
@@ -272,8 +276,8 @@ def test_a_task_is_evaluated_at_the_present_pose(kind):
         frames = ["payload", Body("world")][: 1 if kind is FrameTask else 2]
         task = kind(*frames, rows=[3], target=data.site("payload").xpos + 0.01)
     A, _ = rows(model, data, task)
-    found = Ik(model, [task], FREELY).step(data, DT)
-    np.testing.assert_allclose(found, np.linalg.pinv(A)[:, 0] * 0.01 / DT, rtol=1e-6, atol=1e-9)
+    rates = Ik(model, [task], FREELY).step(data, DT)
+    np.testing.assert_allclose(rates, np.linalg.pinv(A)[:, 0] * 0.01 / DT, rtol=1e-6, atol=1e-9)
     _, stretched = three_links(*STRETCHED)
     assert Ik(model, [task], FREELY).solve(stretched, DT).status is Status.LEAST_SQUARES
     assert not jacobians(model, stretched, task).J_T.any()
@@ -306,9 +310,9 @@ def test_attributes_of_a_task_are_fixed_once_an_ik_uses_it(task, name, value):
 def test_a_solution_does_not_depend_on_earlier_steps():
     model, tool, answers = model_of("mobile"), FrameTask("tool"), []
     ik = Ik(model, [tool, PostureTask(target=model.qpos0)], Limits(velocity=1.0))
-    for seed, size, way in ((5, 0.1, 0.1), (6, 0.2, -0.2), (5, 0.1, 0.1)):
+    for seed, size, shift in ((5, 0.1, 0.1), (6, 0.2, -0.2), (5, 0.1, 0.1)):
         data = bent(model, seed, size)
-        tool.target = shifted(pose_of(model, data, "tool"), way, 0.1, -way)
+        tool.target = shifted(pose_of(model, data, "tool"), shift, 0.1, -shift)
         answers.append(ik.step(data, DT))
     np.testing.assert_array_equal(answers[0], answers[2])
 
@@ -321,69 +325,75 @@ def test_a_stored_solution_does_not_change_with_further_steps(name, frame, locke
     data = bent(model, 4, 0.1)
     ik = Ik(model, [tool, PostureTask(target=data.qpos)], Limits(velocity=2.0))
     ik = ik.with_failures(locked=locked)
-    kept, said = [], []
+    solutions, results = [], []
     for _ in range(3):
         tool.target = shifted(pose_of(model, data, frame), 0.01, 0.0, 0.01)
-        kept.append(ik.solve(data, DT))
-        asked = ik.solve(data, DT)
-        rates = asked.kinematics.velocities(asked.solution.rates)[: model.nv]
-        np.testing.assert_allclose(asked.qvel, rates, rtol=0, atol=1e-9 * np.abs(rates).max())
-        said.append((asked.qvel.copy(), asked.kinematics.J.copy(), asked.residuals, str(asked)))
-        np.testing.assert_array_equal(ik.step(data, DT), asked.qvel)
-        ik.advance(data, asked.qvel, DT, into=data)
-    for solution, (qvel, J, residuals, words) in zip(kept, said, strict=True):
+        solutions.append(ik.solve(data, DT))
+        solved = ik.solve(data, DT)
+        rates = solved.kinematics.velocities(solved.solution.rates)[: model.nv]
+        np.testing.assert_allclose(solved.qvel, rates, rtol=0, atol=1e-9 * np.abs(rates).max())
+        results.append(
+            (solved.qvel.copy(), solved.kinematics.J.copy(), solved.residuals, str(solved))
+        )
+        np.testing.assert_array_equal(ik.step(data, DT), solved.qvel)
+        ik.advance(data, solved.qvel, DT, into=data)
+    for solution, (qvel, J, residuals, text) in zip(solutions, results, strict=True):
         np.testing.assert_array_equal(solution.qvel, qvel)
         np.testing.assert_array_equal(solution.kinematics.J, J)
         np.testing.assert_equal(solution.residuals, residuals)
-        assert str(solution) == words
+        assert str(solution) == text
 
 
 @pytest.mark.parametrize(
-    "tasks, active, words",
+    "tasks, active, pattern",
     [
         (2 * [FrameTask("payload")], [], "no task twice"),
         ([FrameTask("payload")], ["joint1"], "joint1"),
         ([[FrameTask("payload", weight=[1, 2])]], [], r"must be one number or 6, got 2"),
     ],
 )
-def test_invalid_levels_are_rejected(tasks, active, words):
-    with pytest.raises((ValueError, ModelError), match=words):
+def test_invalid_levels_are_rejected(tasks, active, pattern):
+    with pytest.raises((ValueError, ModelError), match=pattern):
         Ik(model_of("arm"), tasks, active=active)
 
 
 @dataclass(eq=False)
-class _Own(TaskFunction):
+class _UserTask(TaskFunction):
     """A user-defined task with one row whose error and Jacobian a function returns."""
 
-    says: Any = None
+    returns: Any = None
     frames: tuple = ()
     angular: tuple[bool, ...] = (False,)
 
-    def on(self, model: mujoco.MjModel) -> "_Own":
+    def on(self, model: mujoco.MjModel) -> "_UserTask":
         return self
 
     def error(self, model, data):
-        return self.says(model, data)[0]
+        return self.returns(model, data)[0]
 
     def jacobian(self, model, data):
-        return self.says(model, data)[1]
+        return self.returns(model, data)[1]
 
 
-def apart(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
+def hand_distance(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
     """Return 0.25 m minus the distance of the hands, and the Jacobian of the distance."""
     hands, rows = [data.site(f"{side}_hand") for side in ("left", "right")], np.zeros((2, 3, 35))
     for hand, J in zip(hands, rows, strict=True):
         mujoco.mj_jacSite(model, data, J, None, hand.id)
-    way = hands[1].xpos - hands[0].xpos
-    length = np.linalg.norm(way)
-    return np.array([0.25 - length]), (way / length @ (rows[1] - rows[0]))[None]
+    distance = hands[1].xpos - hands[0].xpos
+    length = np.linalg.norm(distance)
+    return np.array([0.25 - length]), (distance / length @ (rows[1] - rows[0]))[None]
 
 
 def test_a_user_defined_task_is_achieved():
     model = model_of("humanoid")
     data = bent(model, 4, 0.2)
-    ik = Ik(model, [_Own(says=apart), PostureTask(target=data.qpos, gain=0.2)], active=["root"])
-    assert abs(apart(model, moved(ik, data, 60))[0]) < 1e-9
+    ik = Ik(
+        model,
+        [_UserTask(returns=hand_distance), PostureTask(target=data.qpos, gain=0.2)],
+        active=["root"],
+    )
+    assert abs(hand_distance(model, moved(ik, data, 60))[0]) < 1e-9
 
 
 ONES = np.ones((1, 7))
@@ -394,12 +404,16 @@ MASKED, COMPLEX = (np.ma.masked_array([1.0], [True]), ONES * 1j)
 @pytest.mark.parametrize("what", ["error", "Jacobian"])
 def test_invalid_errors_and_jacobians_of_user_defined_tasks_are_rejected(what, wrong):
     """A list is as valid as an array."""
-    arm, says = model_of("arm"), (wrong, ONES) if what == "error" else ([0.1], wrong)
-    found = Ik(arm, [_Own(says=lambda *_: ([0.7], ONES.tolist()))], FREELY).step(assemble(arm), DT)
-    np.testing.assert_allclose(found, 0.7 / DT / 7)
-    with pytest.raises(ValueError, match=f"the {what} of _Own.* must (be|hold|have)") as refused:
-        Ik(arm, [_Own(says=lambda *_: says)]).step(assemble(arm), DT)
-    assert "\n" not in str(refused.value)
+    arm, returns = model_of("arm"), (wrong, ONES) if what == "error" else ([0.1], wrong)
+    rates = Ik(arm, [_UserTask(returns=lambda *_: ([0.7], ONES.tolist()))], FREELY).step(
+        assemble(arm), DT
+    )
+    np.testing.assert_allclose(rates, 0.7 / DT / 7)
+    with pytest.raises(
+        ValueError, match=f"the {what} of _UserTask.* must (be|hold|have)"
+    ) as rejection:
+        Ik(arm, [_UserTask(returns=lambda *_: returns)]).step(assemble(arm), DT)
+    assert "\n" not in str(rejection.value)
 
 
 def test_compatible_tasks_give_the_velocity_of_mink():
@@ -411,14 +425,14 @@ def test_compatible_tasks_give_the_velocity_of_mink():
     com = pose_of(model, data, CenterOfMass()).translation_m + 0.004
     center = mink.ComTask(cost=1.0)
     center.set_target(com)
-    theirs: list[mink.Task] = [center]
-    ours: list[TaskFunction] = [CenterOfMassTask(target=com)]
+    mink_tasks: list[mink.Task] = [center]
+    tasks: list[TaskFunction] = [CenterOfMassTask(target=com)]
     for name, target in targets.items():
         task = mink.FrameTask(name, "site", position_cost=1.0, orientation_cost=1.0)
         task.set_target(mink.SE3.from_matrix(target.matrix()))
-        theirs.append(task)
-        ours.append(FrameTask(name, target=target))
+        mink_tasks.append(task)
+        tasks.append(FrameTask(name, target=target))
     configuration = mink.Configuration(model, data.qpos)
-    v = mink.solve_ik(configuration, theirs, dt=DT, solver="daqp", limits=[], damping=1e-12)
-    ik = Ik(model, [ours], Limits(ranges=False), active=["root"])
+    v = mink.solve_ik(configuration, mink_tasks, dt=DT, solver="daqp", limits=[], damping=1e-12)
+    ik = Ik(model, [tasks], Limits(ranges=False), active=["root"])
     np.testing.assert_allclose(ik.step(data, DT), v, atol=2e-3 * np.abs(v).max())

@@ -11,7 +11,7 @@ import pytest
 from fjh.ik import Ik, Limits
 from prioritized import Status
 from sim import Array, Body, Distances, FrameTask, PostureTask, assemble, ranges
-from tests.fjh.ik.models import flight, model_of, moved
+from tests.fjh.ik.models import model_of, moved, run_ticks
 from tests.robots import TEST_MODELS
 from tests.scenes import arm_among, distances_of
 
@@ -27,14 +27,14 @@ SEEDS = pytest.mark.parametrize(
 def test_limits_hold_while_the_tool_follows_unreachable_targets(seed):
     rng, model = np.random.default_rng(seed), model_of("mobile")
     (low, high), tool = ranges(model).joint.T, FrameTask("tool")
-    speed, hard = rng.uniform(0.5, 3.0), rng.uniform(2.0, 20.0)
+    speed, most = rng.uniform(0.5, 3.0), rng.uniform(2.0, 20.0)
     posture = PostureTask(target=model.qpos0)
-    ik = Ik(model, [tool, posture], Limits(velocity=speed, acceleration=hard))
+    ik = Ik(model, [tool, posture], Limits(velocity=speed, acceleration=most))
     targets, at_limit = rng.normal(scale=2.0, size=(5, 3)), 0
     tool.target = targets[0]
-    for k, (data, qvel, change) in enumerate(flight(ik, mujoco.MjData(model), 120, DT), 1):
+    for k, (data, qvel, change) in enumerate(run_ticks(ik, mujoco.MjData(model), 120, DT), 1):
         tool.target = targets[k // 30]
-        assert (np.abs(qvel) <= speed).all() and change <= hard * DT * (1 + 1e-12)
+        assert (np.abs(qvel) <= speed).all() and change <= most * DT * (1 + 1e-12)
         assert (data.qpos >= low - 1e-12).all() and (data.qpos <= high + 1e-12).all()
         at_limit += (np.abs(qvel) > 0.999 * speed).sum()
     assert at_limit > 20
@@ -54,7 +54,7 @@ def test_limits_by_name_of_actuators_and_tendons(limits, expected):
     np.testing.assert_allclose(ik.step(mujoco.MjData(model), 1.0), expected)
 
 
-def asked(target: float) -> FrameTask:
+def task_to(target: float) -> FrameTask:
     return FrameTask("a", rows=[3], target=[target, 0.0, 0.0])
 
 
@@ -64,9 +64,9 @@ def test_a_joint_beyond_its_range_returns_within_its_velocity_limit(beyond):
     model = model_of("xy_table")
     data = mujoco.MjData(model)
     data.qpos[0] = beyond
-    at_once = Ik(model, [asked(2.0 * beyond)]).step(data, DT)[0]
+    at_once = Ik(model, [task_to(2.0 * beyond)]).step(data, DT)[0]
     np.testing.assert_allclose(beyond + DT * at_once, np.sign(beyond) * 0.5)
-    slow = Ik(model, [asked(2.0 * beyond)], Limits(velocity=0.1))
+    slow = Ik(model, [task_to(2.0 * beyond)], Limits(velocity=0.1))
     slowly = slow.step(data, DT)[0]
     np.testing.assert_allclose(slowly, -np.sign(beyond) * min(0.1, abs(at_once)))
     for locked in (["x"], ["x", "up"]):
@@ -97,7 +97,7 @@ def test_a_passive_joint_of_a_loop_stays_in_its_range_and_is_braked_before_it(
     """The crank has a target beyond the limit of the rocker, which no actuator moves."""
     model, rocker = model_of("four_bar"), []
     ik = Ik(model, [TURN_ON], Limits(velocity=1.0, acceleration=acceleration))
-    for data, _, change in flight(ik, assemble(model), round(3.0 / dt), dt):
+    for data, _, change in run_ticks(ik, assemble(model), round(3.0 / dt), dt):
         assert change <= (acceleration or np.inf) * dt * (1 + 1e-6)
         rocker.append(abs(data.joint("rocker").qpos[0]))
     assert 0.29 < max(rocker) < 0.3 + off
@@ -128,7 +128,7 @@ def winched() -> mujoco.MjModel:
 
 def travelled(model: mujoco.MjModel, limits: Limits, ticks: int) -> Array:
     """Return the positions of the block from the start on, with a distant target."""
-    ticks_of = flight(Ik(model, [asked(9.0)], limits), mujoco.MjData(model), ticks, DT)
+    ticks_of = run_ticks(Ik(model, [task_to(9.0)], limits), mujoco.MjData(model), ticks, DT)
     return np.array([0.0, *(data.qpos[0] for data, _, _ in ticks_of)])
 
 
@@ -166,16 +166,16 @@ def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(accelerati
     nose = FrameTask("nose", rows=[3, 4], gain=0.2, target=[6.0, 0.7, 0.0])
     limits = Limits(velocity=3.0, acceleration=acceleration)
     ik = Ik(model, [[tip, nose]], limits, active=["neck"])
-    for data, _, _ in flight(ik, start, 300, DT):
+    for data, _, _ in run_ticks(ik, start, 300, DT):
         mujoco.mj_fwdPosition(model, data)
         mujoco.mju_quat2Vel(turn, data.joint("neck").qpos, 1.0)
         assert 0.2 - 1e-6 < data.ten_length[0] < 0.95 + 1e-6 and np.linalg.norm(turn) < 0.5 + 1e-6
     assert np.linalg.norm(turn) > 0.499
-    way = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
-    left = np.linalg.norm(data.site("tip").xpos - tip.target)
-    assert left == pytest.approx(max(way - 0.95, 0.2 - way), abs=1e-3)
-    said = str(ik.solve(data, DT))
-    assert "tendon tether" in said and "joint neck" in said
+    reach = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
+    remaining = np.linalg.norm(data.site("tip").xpos - tip.target)
+    assert remaining == pytest.approx(max(reach - 0.95, 0.2 - reach), abs=1e-3)
+    text = str(ik.solve(data, DT))
+    assert "tendon tether" in text and "joint neck" in text
 
 
 def test_torque_limits_of_the_static_map_are_those_of_the_model():
@@ -202,16 +202,16 @@ def chased(
     allowed = np.minimum(distances_of(model, data.qpos, pairs, 0.1), 0.01)
     tip = FrameTask(Body(model.nbody - 1), rows=[3, 4, 5], target=rng.normal([0, 0, 0.5], 0.5))
     ik = Ik(model, [tip], Limits(distances=distances, **limits), active=True)
-    way = braking = 0.0
-    for now, qvel, change in flight(ik, data, ticks, dt):
+    moved_rad = braking = 0.0
+    for now, qvel, change in run_ticks(ik, data, ticks, dt):
         assert (allowed - distances_of(model, now.qpos, pairs, 0.1)).max() < 1e-6
-        way, braking = way + dt * np.abs(qvel).sum(), max(braking, change / dt)
-    return way, braking
+        moved_rad, braking = moved_rad + dt * np.abs(qvel).sum(), max(braking, change / dt)
+    return moved_rad, braking
 
 
 def part_that_moved(seeds: Iterable[int]) -> float:
-    ways = [chased(np.random.default_rng(seed), velocity=3.0)[0] for seed in seeds]
-    return float(np.mean(np.array(ways) > 0.05))
+    travels = [chased(np.random.default_rng(seed), velocity=3.0)[0] for seed in seeds]
+    return float(np.mean(np.array(travels) > 0.05))
 
 
 def test_arms_among_obstacles_keep_their_clearances():
@@ -251,8 +251,8 @@ def test_the_distance_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, g
     ik = Ik(model, [FrameTask("tip", rows=[3], target=[9, 0, 0])], Limits(distances=distances))
     for k in range(1, 6):
         data = moved(ik, data, 1, DT)
-        left = (1 - gain) ** k * (start_m - 0.01)
-        assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(left, abs=1e-9)
+        expected = (1 - gain) ** k * (start_m - 0.01)
+        assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("detection", [0.03, 0.5])
@@ -267,13 +267,13 @@ def test_the_distance_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, g
 )
 def test_a_cart_brakes_within_its_limits_and_stops_at_the_margin(scale, dt, detection):
     """The cart passes a post, in any units, for any detection distance."""
-    model, speed, hard, margin = cart(scale), 1.0 * scale, 2.0 * scale, 0.02 * scale
+    model, speed, most, margin = cart(scale), 1.0 * scale, 2.0 * scale, 0.02 * scale
     data, start = mujoco.MjData(model), mujoco.MjData(model)
     distances = Distances(model, margin_m=margin, detection_m=min(detection * scale, 100.0))
     task = FrameTask("tip", rows=[3, 4], target=[3.0 * scale, 0.9 * scale, 0.0])
-    ik = Ik(model, [task], Limits(velocity=speed, acceleration=hard, distances=distances))
-    for data, _, change in flight(ik, start, round(4.0 / dt), dt):
-        assert change <= hard * dt * (1 + 1e-9)
+    ik = Ik(model, [task], Limits(velocity=speed, acceleration=most, distances=distances))
+    for data, _, change in run_ticks(ik, start, round(4.0 / dt), dt):
+        assert change <= most * dt * (1 + 1e-9)
         assert distances_of(model, data.qpos, distances.geom_pairs, scale).min() > margin - 1e-6
     assert scale - data.qpos[0] - 0.1 * scale == pytest.approx(margin, rel=0.05)
 
@@ -282,9 +282,9 @@ def test_a_cart_brakes_within_its_limits_and_stops_at_the_margin(scale, dt, dete
 def test_no_joint_exceeds_its_acceleration_limit_among_obstacles(seed):
     """Random arms, periods and accelerations; MuJoCo measures the distances."""
     rng = np.random.default_rng(seed)
-    dt, hard = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
-    way, braking = chased(rng, 8, 0.05, 60, dt, acceleration=hard)
-    assert braking <= hard * (1 + 1e-9) and way > 0.01
+    dt, most = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
+    moved_rad, braking = chased(rng, 8, 0.05, 60, dt, acceleration=most)
+    assert braking <= most * (1 + 1e-9) and moved_rad > 0.01
 
 
 def test_a_start_too_fast_to_stop_is_braked_and_reported():
@@ -298,16 +298,16 @@ def test_a_start_too_fast_to_stop_is_braked_and_reported():
 
 
 @pytest.mark.parametrize(
-    ("limits", "said"),
+    ("limits", "text"),
     [
         ({"velocity": {"y": 1.0}}, '"y" stands for joint'),
         ({"velocity": {"pul": 1.0}}, 'tendon or .* mean "pull"'),
         ({"acceleration": {"both": 1.0}}, 'no actuator .*"both"'),
     ],
 )
-def test_invalid_limits_are_rejected_by_name(limits, said):
-    with pytest.raises(ValueError, match=said):
-        Ik(model_of("xy_table"), [asked(1)], Limits(**limits))
+def test_invalid_limits_are_rejected_by_name(limits, text):
+    with pytest.raises(ValueError, match=text):
+        Ik(model_of("xy_table"), [task_to(1)], Limits(**limits))
 
 
 def test_distances_of_another_model_are_rejected():

@@ -33,28 +33,28 @@ def test_a_classification_equals_that_of_the_failed_mechanism(seed, directions, 
     stiffness = np.diag(rng.uniform(0, 1, 6).round()) if springs else None
     system = ConstrainedSystem(J_T, J_C, range(4), stiffness=stiffness)
     major = list(range(directions))
-    found = classifications(failure_atlas(system, major))
-    assert np.sum([each.holds for each in found], axis=0).tolist() == [1] * 81
-    assert np.sum([each.by_failures for each in found], axis=0).tolist() == [1, 8, 24, 32, 16]
+    classes = classifications(failure_atlas(system, major))
+    assert np.sum([each.holds for each in classes], axis=0).tolist() == [1] * 81
+    assert np.sum([each.by_failures for each in classes], axis=0).tolist() == [1, 8, 24, 32, 16]
     rigid = ConstrainedSystem(J_T, J_C, range(4))
     for row in rng.choice(81, 5, replace=False):
-        codes, name = codes_of(every_condition(4)[row]), names_of(found)[row]
+        codes, name = codes_of(every_condition(4)[row]), names_of(classes)[row]
         kinds = {"locked": failed(codes, range(4), LOCKED), "free": failed(codes, range(4), FREE)}
         alone = rigid.with_failures(**kinds).kinematics().manipulability(major)
-        held = system.with_failures(**kinds).kinematics().manipulability(major)
-        possible = [not (one.unmanipulable or one.unstable_major) for one in (alone, held)]
-        left = directions - held.bases["unmanipulable"].shape[1]
+        elastic = system.with_failures(**kinds).kinematics().manipulability(major)
+        possible = [not (one.unmanipulable or one.unstable_major) for one in (alone, elastic)]
+        left = directions - elastic.bases["unmanipulable"].shape[1]
         assert (name in POSSIBLE) == any(possible)
         if springs:
             assert (name == "rigid") == possible[0]
         if not any(possible):
             directions_left = {0: "none", 1: "one_direction", 2: "two_directions"}
-            assert name == ("drifts" if held.unstable_major else directions_left[left])
+            assert name == ("drifts" if elastic.unstable_major else directions_left[left])
 
 
 def test_code_letters_give_failures():
-    found = [(each.actuator, each.kind, each.time_s) for each in failures_of("SLFSB", 0.5)]
-    assert found == [(1, "locked", 0.5), (2, "free", 0.5), (4, "loose", 0.5)]
+    failures = [(each.actuator, each.kind, each.time_s) for each in failures_of("SLFSB", 0.5)]
+    assert failures == [(1, "locked", 0.5), (2, "free", 0.5), (4, "loose", 0.5)]
 
 
 def test_conditions_are_in_the_order_of_an_atlas():
@@ -66,14 +66,18 @@ def test_conditions_are_in_the_order_of_an_atlas():
 
 
 @given(systems(actives=(2, 3), tasks=(1, 3)), st.data())
-def test_each_condition_equals_its_separate_analysis(drawn, data):
+def test_each_condition_equals_its_separate_analysis(random_system, data):
     """The reference are its own classification and attainable set; speed decides, and gains."""
-    system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
+    system, n, m = (
+        random_system.system,
+        len(random_system.system.active),
+        len(random_system.system.J_T),
+    )
     major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
-    limits = -drawn.rng.uniform(0.5, 2, n), drawn.rng.uniform(0.5, 2, n)
+    limits = -random_system.rng.uniform(0.5, 2, n), random_system.rng.uniform(0.5, 2, n)
     codes = few_failures(n)
-    examined = analyze_conditions(system, major, codes, rates=limits)
-    assert examined.classes.worst_speed is not None
+    analysis = analyze_conditions(system, major, codes, rates=limits)
+    assert analysis.classes.worst_speed is not None
     healthy = precision = 0.0
     for row, code in enumerate(codes):
         locked, free = (np.flatnonzero(code == kind) for kind in (LOCKED, FREE))
@@ -87,11 +91,11 @@ def test_each_condition_equals_its_separate_analysis(drawn, data):
         if healthy and not lost:
             share = min(radius / healthy, precision / report.largest_gain)
         if abs(share - LEAST_LEFT) > 1e-9:
-            assert examined.survived[row] == (share > LEAST_LEFT)
-        np.testing.assert_allclose(examined.classes.worst_speed[row], radius, rtol=1e-7, atol=1e-9)
+            assert analysis.survived[row] == (share > LEAST_LEFT)
+        np.testing.assert_allclose(analysis.classes.worst_speed[row], radius, rtol=1e-7, atol=1e-9)
         if not lost:
-            assert examined.largest_gain[row] == pytest.approx(1 / report.worst_gain, rel=1e-6)
-            assert examined.error_gain[row] == pytest.approx(report.largest_gain, rel=1e-6)
+            assert analysis.largest_gain[row] == pytest.approx(1 / report.worst_gain, rel=1e-6)
+            assert analysis.error_gain[row] == pytest.approx(report.largest_gain, rel=1e-6)
 
 
 @given(SEEDS, st.integers(1, 3), st.integers(0, 4), st.integers(1, 3))
@@ -101,8 +105,8 @@ def test_no_robot_exceeds_the_mean_square_over_all_sets_of_locks(seed, m, more, 
     system = ConstrainedSystem(np.random.default_rng(seed).normal(size=(m, n)), None, range(n))
     codes = np.vstack([with_failures(n, 0), with_failures(n, min(i, n))])
     codes = codes[~(codes == FREE).any(axis=1)]
-    examined = analyze_conditions(system, range(m), codes)
-    mean = (examined.relative_manipulability[1:] ** 2).mean()
+    analysis = analyze_conditions(system, range(m), codes)
+    mean = (analysis.relative_manipulability[1:] ** 2).mean()
     bound = comb(n - min(i, n), m) / comb(n, m)
     assert mean == pytest.approx(bound, rel=1e-9, abs=1e-12)
-    np.testing.assert_allclose(examined.best_possible[1:] ** 2, bound, atol=1e-12)
+    np.testing.assert_allclose(analysis.best_possible[1:] ** 2, bound, atol=1e-12)

@@ -72,9 +72,9 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
     rule = {"type": "eq", "fun": lambda x: 1e3 * (visited(x).pointing_rad[0] - wanted)}
     start = 1e3 * variant("constant", goal).displacements(wanted, NOMINAL)[free]
     options = {"ftol": 1e-10, "maxiter": 200}
-    found = minimize(cost, start, method="SLSQP", constraints=rule, options=options)
-    assert found.success
-    assert cost(1e3 * best.strut_m[0, free]) == pytest.approx(found.fun, rel=1e-3)
+    minimum = minimize(cost, start, method="SLSQP", constraints=rule, options=options)
+    assert minimum.success
+    assert cost(1e3 * best.strut_m[0, free]) == pytest.approx(minimum.fun, rel=1e-3)
     np.testing.assert_allclose(best.pointing_rad[0], wanted, atol=1e-12)
     np.testing.assert_array_equal(best.strut_m[0, list(goal.locked_at)], 0.0)
 

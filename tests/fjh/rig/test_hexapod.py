@@ -50,23 +50,23 @@ def test_the_loops_have_textbook_margins_at_the_specified_crossovers(model):
 @pytest.mark.parametrize("locked", [{}, {0: 0.0}, {3: 2e-4}])
 def test_commanded_displacements_point_at_the_demand(model, locked):
     """The exact geometry gives the pointing; a strut locked off center is a known offset."""
-    machine, asked = hexapod(model), np.array([8e-5, -5e-5])
+    machine, target = hexapod(model), np.array([8e-5, -5e-5])
     weighted, plain = (
         StrutMapping(machine, Goal(secondary_weight=weight, locked_at=locked), "analytic")
         for weight in ((10.0, 10.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0))
     )
     command, pose = np.zeros(6), NOMINAL
     for _ in range(4):  # the estimate settles in a tick or two
-        command = weighted.displacements(asked, pose)
+        command = weighted.displacements(target, pose)
         pose = weighted.estimate(command, pose)
     assert all(command[k] == 0.0 for k in locked)
     lengths = command + [locked.get(k, 0.0) for k in range(6)]
     np.testing.assert_allclose(machine.displacements(pose), lengths, atol=1e-12)
     # J(x) l against the true x: the difference is of second order in the displacement.
     scale = np.abs(lengths).max()
-    np.testing.assert_allclose(pointing_angles(pose.rotation), asked, atol=50 * scale**2 + 1e-9)
+    np.testing.assert_allclose(pointing_angles(pose.rotation), target, atol=50 * scale**2 + 1e-9)
     less, more = (
-        np.linalg.norm(m.estimate(m.displacements(asked, pose), pose).translation_m[:2])
+        np.linalg.norm(m.estimate(m.displacements(target, pose), pose).translation_m[:2])
         for m in (weighted, plain)
     )
     assert less <= more + 1e-12
@@ -77,11 +77,11 @@ def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
         StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), choice)
         for choice in ("analytic", "constant")
     )
-    moved, asked = NOMINAL.moved(np.array([0.01, 0, 0, 0.001, 0, 0])), np.array([1e-4, 2e-5])
-    nominal = constant.displacements(asked, NOMINAL)
-    np.testing.assert_array_equal(constant.displacements(asked, moved), nominal)
-    np.testing.assert_array_equal(analytic.displacements(asked, NOMINAL), nominal)
-    assert np.abs(analytic.displacements(asked, moved) - nominal).max() > 1e-8
+    moved, target = NOMINAL.moved(np.array([0.01, 0, 0, 0.001, 0, 0])), np.array([1e-4, 2e-5])
+    nominal = constant.displacements(target, NOMINAL)
+    np.testing.assert_array_equal(constant.displacements(target, moved), nominal)
+    np.testing.assert_array_equal(analytic.displacements(target, NOMINAL), nominal)
+    assert np.abs(analytic.displacements(target, moved) - nominal).max() > 1e-8
 
 
 def turned(*rotation_vector: float) -> np.ndarray:
@@ -135,7 +135,7 @@ def amplifier(model):
     return TestbedConfig().amplifier(model.actuator_gainprm[0, 0])
 
 
-def at_rest(model, amplifier, command_m):
+def settled_plant(model, amplifier, command_m):
     """Return a plant that has settled at the converted displacements of a command."""
     plant = Plant(model)
     plant.settle(0.5, amplifier.displacements(amplifier.inputs(command_m)))
@@ -173,7 +173,7 @@ def test_a_strut_at_its_limit_rests_there_with_the_stated_current(model, amplifi
     currents_a = [0.5, 1.0, 2.0, 3.0, 4.0, 9.0]
     limits = displacement_limits(model, amplifier, currents_a)[side]
     for strut, (limit_m, most_a) in enumerate(zip(limits, currents_a, strict=True)):
-        plant = at_rest(model, amplifier, limit_m * np.eye(6)[strut])
+        plant = settled_plant(model, amplifier, limit_m * np.eye(6)[strut])
         current_a = plant.coil_force_n()[strut] / amplifier.newton_per_a
         stated_a = (2 * side - 1) * min(most_a, amplifier.limit_a)
         assert plant.displacements()[strut] == pytest.approx(limit_m, rel=2e-3)
@@ -192,7 +192,7 @@ def test_a_shorter_stroke_is_the_limit(model, amplifier):
     assert -lower[0] == pytest.approx(amplifier.limit_a * 20.0 / 126e3)
     assert upper[2:] == pytest.approx(635e-6, rel=1e-4)
     for limit_m in (lower[1], upper[1]):
-        plant = at_rest(short, amplifier, 2 * limit_m * np.eye(6)[1])
+        plant = settled_plant(short, amplifier, 2 * limit_m * np.eye(6)[1])
         assert plant.displacements()[1] == pytest.approx(limit_m, rel=1e-2)
     np.testing.assert_array_equal(displacement_limits(model, amplifier, 0.0), np.zeros((2, 6)))
 
@@ -209,12 +209,12 @@ def machine() -> Hexapod:
 )
 def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shape):
     """Lengths 7 % away, fifty times the paper's stroke, or other nodes."""
-    rng, (moved_m, asked_m) = np.random.default_rng(seed), spreads_m
+    rng, (moved_m, range_m) = np.random.default_rng(seed), spreads_m
     bottom_m, top_m = rng.uniform(-moved_m, moved_m, (2, 6, 3))
     other = Hexapod(bottom_m=machine().bottom_m + bottom_m, top_m=machine().top_m + top_m)
-    asked = rng.uniform(-asked_m, asked_m, (*shape, 6))
-    pose = forward_kinematics(other, asked)
-    np.testing.assert_allclose(other.displacements(pose), asked, atol=1e-14)
+    target = rng.uniform(-range_m, range_m, (*shape, 6))
+    pose = forward_kinematics(other, target)
+    np.testing.assert_allclose(other.displacements(pose), target, atol=1e-14)
     assert pose.translation_m.shape == (*shape, 3)
     orthonormal = pose.rotation @ pose.rotation.swapaxes(-1, -2)
     np.testing.assert_allclose(orthonormal, np.broadcast_to(np.eye(3), (*shape, 3, 3)), atol=1e-14)
@@ -238,8 +238,8 @@ def test_any_unit_of_length_and_any_origin_are_valid(scale, away):
     other = Hexapod(
         bottom_m=scale * (machine().bottom_m + shift), top_m=scale * (machine().top_m + shift)
     )
-    asked = scale * np.random.default_rng(3).uniform(-6e-4, 6e-4, (50, 6))
-    off = np.abs(other.displacements(forward_kinematics(other, asked)) - asked).max()
+    target = scale * np.random.default_rng(3).uniform(-6e-4, 6e-4, (50, 6))
+    off = np.abs(other.displacements(forward_kinematics(other, target)) - target).max()
     assert off <= 16 * np.finfo(float).eps * scale * (2 + away)
 
 
@@ -253,16 +253,16 @@ def test_the_pose_equals_that_of_the_physics(model):
     assert np.abs(truth.translation_m).max() > 1e-5
 
 
-@pytest.mark.parametrize("asked", [[2.0, 0, 0, 0, 0, 0], 6 * [-0.41], 3 * [-0.38, 0.5]])
-def test_unreachable_lengths_are_rejected_and_the_others_solved(asked):
+@pytest.mark.parametrize("target", [[2.0, 0, 0, 0, 0, 0], 6 * [-0.41], 3 * [-0.38, 0.5]])
+def test_unreachable_lengths_are_rejected_and_the_others_solved(target):
     """Longer than the other struts permit, shorter than zero, and both."""
     many = np.zeros((4, 6))
-    many[2] = asked
-    with pytest.raises(UnreachableLengths, match=r"displacements_m: .*1 of 4 sets of") as refusal:
+    many[2] = target
+    with pytest.raises(UnreachableLengths, match=r"displacements_m: .*1 of 4 sets of") as rejection:
         forward_kinematics(machine(), many)
-    np.testing.assert_array_equal(refusal.value.reached, [True, True, False, True])
-    assert refusal.value.residual_m[2] > 0.1
-    forward_kinematics(machine(), many[refusal.value.reached])
+    np.testing.assert_array_equal(rejection.value.reached, [True, True, False, True])
+    assert rejection.value.residual_m[2] > 0.1
+    forward_kinematics(machine(), many[rejection.value.reached])
 
 
 def test_lengths_beyond_the_range_of_floats_are_rejected():
@@ -274,9 +274,9 @@ def test_a_singular_start_does_not_stop_a_batch():
     """A strut of zero length; all six struts in one plane, where the Jacobian has no inverse."""
     on_its_node = machine().bottom_m[0] - machine().top_m[0]
     both = Pose(np.stack([np.eye(3)] * 2), np.stack([on_its_node, np.zeros(3)]))
-    with pytest.raises(UnreachableLengths) as refusal:
+    with pytest.raises(UnreachableLengths) as rejection:
         forward_kinematics(machine(), np.zeros(6), start=both)
-    np.testing.assert_array_equal(refusal.value.reached, [False, True])
+    np.testing.assert_array_equal(rejection.value.reached, [False, True])
     flat = Pose(np.eye(3), np.array([0.0, 0.0, on_its_node[2]]))
     assert np.linalg.cond(machine().inverse_jacobian(flat)) > 1e10
     with pytest.raises(UnreachableLengths):

@@ -65,15 +65,15 @@ def folder(tmp_path_factory) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "pattern"),
     [
         ("../own:LQG", "must be package.module:factory"),
         ("page_unimportable:LQG", "importing page_unimportable raised ZeroDivisionError"),
         ("page_examples:np.pi", "has no function or class np.pi"),
     ],
 )
-def test_a_wrong_factory_name_is_rejected_with_the_reason(name, said):
-    with pytest.raises(WrongInput, match=said):
+def test_a_wrong_factory_name_is_rejected_with_the_reason(name, pattern):
+    with pytest.raises(WrongInput, match=pattern):
         controller_factory(name)
 
 
@@ -121,10 +121,10 @@ def test_another_controller_gets_the_same_noise():
     """Measured minus true angle at each tick is equal up to the angles' round-off."""
     path = TestbedConfig().spiral_rad(SHORT_S)
     one = rig("hexapod")
-    ours = one.fly(one.controller(), path, seed=3)
-    theirs, failure = simulate_with(one, "page_examples:PseudoInverse", path, seed=3)
+    reference = one.fly(one.controller(), path, seed=3)
+    other_run, failure = simulate_with(one, "page_examples:PseudoInverse", path, seed=3)
     assert failure is None
-    own, other = ours.measured - ours.true, theirs.measured - theirs.true
+    own, other = reference.measured - reference.true, other_run.measured - other_run.true
     assert own.std() > 2e-7
     np.testing.assert_allclose(other, own, atol=1e-12)
 
@@ -136,16 +136,24 @@ def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, t
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(CONFIGURATIONS, "calibrated", TestbedConfig(quick_duration_s=SHORT_S))
-        words = ["table1", "--quick", "--out", str(out), "--controller", "page_broken:Broken"]
-        assert main(words) == 1
-    found = json.loads((out / "table1.json").read_text())
-    assert {path.name for path in out.iterdir()} == set(found["files"])
-    theirs, page = found["columns"][-3:], (out / "table1.md").read_text()
-    assert [each["name"] for each in found["columns"][:-3]] == [each.name for each in COLUMNS]
-    assert [each["name"][:10] for each in theirs] == ["Broken_W_a", "Broken_W_d", "Broken_W_a"]
+        arguments = ["table1", "--quick", "--out", str(out), "--controller", "page_broken:Broken"]
+        assert main(arguments) == 1
+    summary = json.loads((out / "table1.json").read_text())
+    assert {path.name for path in out.iterdir()} == set(summary["files"])
+    other_columns, page = summary["columns"][-3:], (out / "table1.md").read_text()
+    assert [each["name"] for each in summary["columns"][:-3]] == [each.name for each in COLUMNS]
+    assert [each["name"][:10] for each in other_columns] == [
+        "Broken_W_a",
+        "Broken_W_d",
+        "Broken_W_a",
+    ]
     sentence = "page_broken:Broken raised RuntimeError: no strut left (page_broken.py, line 12), at"
-    assert [str(each["failure"]).startswith(sentence) for each in theirs] == [False, True, False]
-    for column in theirs:
+    assert [str(each["failure"]).startswith(sentence) for each in other_columns] == [
+        False,
+        True,
+        False,
+    ]
+    for column in other_columns:
         with np.load(out / column["data"]) as data:
             off_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
         stated = column["alpha_rms_urad"], column["beta_rms_urad"]
@@ -155,7 +163,7 @@ def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, t
     with np.load(out / "Broken_W_d.npz") as data:  # as last sent
         inputs = data["strut_input_percent"]
     assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
-    columns, further = (pd.DataFrame(found[name]) for name in ("columns", "further_runs"))
+    columns, further = (pd.DataFrame(summary[name]) for name in ("columns", "further_runs"))
     [failed] = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
     assert sentence in failed and sentence in page
 
@@ -165,8 +173,8 @@ def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, t
 def test_recover_includes_another_controller(folder, tmp_path, monkeypatch):
     """The smallest study writes JSON, dataset and recording."""
     monkeypatch.setattr(plan, "QUICK", LEAST)
-    words = ["--quick", "--quiet", "--out", str(tmp_path)]
-    main(["recover", *words, "--controller", "page_examples:LQG"])
+    arguments = ["--quick", "--quiet", "--out", str(tmp_path)]
+    main(["recover", *arguments, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
     [entry] = summary["controller"]
     assert entry["name"] == "page_examples:LQG" and entry["failed"] == 0

@@ -54,9 +54,9 @@ def test_the_linear_model_predicts_every_tick_of_a_run(name):
     path = BENCH.spiral_rad(0.5 if bench is BENCH else 1.0, begin_s=8.0)
     run = one.fly(one.controller(), path, failures=failures, seed=2)
     how = {"failures": failures, "start": start, "floor_m_per_s2": floor}
-    found = one.predict(path, told=False, noise=run.measured - run.true, **how)
-    assert np.abs(run.error - found.error).max() < 1e-8
-    np.testing.assert_allclose(found.rms, run.rms(), rtol=1e-3)
+    prediction = one.predict(path, told=False, noise=run.measured - run.true, **how)
+    assert np.abs(run.error - prediction.error).max() < 1e-8
+    np.testing.assert_allclose(prediction.rms, run.rms(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
@@ -92,11 +92,11 @@ def test_informing_late_is_predicted_between_onset_and_never():
     assert design is not None
     for dither in (None, design.dither):
         of = partial(one.predict, path, failures=failures, dither=dither)
-        whole = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
-        assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == whole[True]
-        assert np.linalg.norm(of(told=[None, None]).rms_after) == whole[False]
+        errors = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
+        assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == errors[True]
+        assert np.linalg.norm(of(told=[None, None]).rms_after) == errors[False]
         late = [np.linalg.norm(of(told=[t, None]).rms_after) for t in (0.55, 0.7, 0.9)]
-        assert whole[True] < late[0] < late[1] < late[2] < whole[False]
+        assert errors[True] < late[0] < late[1] < late[2] < errors[False]
 
 
 @pytest.mark.long
@@ -106,9 +106,9 @@ def test_a_supervisor_that_identifies_a_free_actuator_continues_as_predicted():
     dither = rig_dither(one, "default")
     assert dither is not None
     run = one.fly(one.supervisor(dither.dither), path, failures=failures)
-    (named,) = run.diagnoses
-    assert (named.actuator, named.kind) == (one.actuators[0], "free")
-    told = one.predict(path, failures=failures, told=[named.time_s], dither=dither.dither)
+    (diagnosis,) = run.diagnoses
+    assert (diagnosis.actuator, diagnosis.kind) == (one.actuators[0], "free")
+    told = one.predict(path, failures=failures, told=[diagnosis.time_s], dither=dither.dither)
     after = np.linalg.norm(run.rms(slice(round(1.2 / one.period_s), None)))
     assert after == pytest.approx(np.linalg.norm(told.rms_after), rel=0.1)
 
@@ -116,11 +116,11 @@ def test_a_supervisor_that_identifies_a_free_actuator_continues_as_predicted():
 def test_two_failures_of_one_tick_both_change_the_plant_in_either_order():
     one, path = rig("platform"), path_of("platform", 0.8)
     locks = [Failure(1, "locked", FAILED_S), Failure(2, "free", FAILED_S)]
-    one_way, other, single = (
+    forward, other, single = (
         one.predict(path, failures=f, told=False).rms_after for f in (locks, locks[::-1], locks[:1])
     )
-    np.testing.assert_array_equal(one_way, other)
-    assert np.abs(one_way - single).max() > 0.01 * np.abs(single).max()
+    np.testing.assert_array_equal(forward, other)
+    assert np.abs(forward - single).max() > 0.01 * np.abs(single).max()
 
 
 def test_a_loose_strut_leaves_its_range_and_nothing_is_predicted():

@@ -54,21 +54,21 @@ def holds(one: Rig) -> bool:
 @pytest.mark.long
 def test_servos_that_overshoot_in_a_physics_step_are_rejected_with_advice(tmp_path):
     """Euler's step h removes h d of a speed that decays at the rate d: above 2 it diverges."""
-    with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as refused:
+    with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as rejection:
         rig(tmp_path, kv=300)
-    found = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(refused.value))
-    assert found is not None
-    assert holds(rig(tmp_path, kv=300, option=f'timestep="{found[1]}"'))
-    assert holds(rig(tmp_path, kv=300, option=f'integrator="{found[2]}"'))
+    advised = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(rejection.value))
+    assert advised is not None
+    assert holds(rig(tmp_path, kv=300, option=f'timestep="{advised[1]}"'))
+    assert holds(rig(tmp_path, kv=300, option=f'integrator="{advised[2]}"'))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("bend", [1e-4, 5e-7])
 def test_a_nearly_singular_posture_is_rejected_with_the_row_to_omit(tmp_path, bend):
     """A straight arm hardly moves its end along itself."""
-    with pytest.raises(WrongInput, match="posture is nearly singular") as refused:
+    with pytest.raises(WrongInput, match="posture is nearly singular") as rejection:
         rig(tmp_path, bend)
-    assert "row 5" in str(refused.value)
+    assert "row 5" in str(rejection.value)
     assert holds(rig(tmp_path, bend, rows=(3,))) and holds(rig(tmp_path, 0.8))
 
 
@@ -96,8 +96,10 @@ BALL = '<body name="ball"><geom size="0.1"/></body><body>'
 @pytest.mark.parametrize(("bend", "collides"), [(2.9, True), (0.8, False)])
 def test_a_start_in_collision_gives_a_warning(tmp_path, bend, collides):
     """The folded second link ends inside a ball at the base."""
-    said = rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
-    assert any(each.startswith("the start is in collision: ball and") for each in said) == collides
+    pattern = rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
+    assert (
+        any(each.startswith("the start is in collision: ball and") for each in pattern) == collides
+    )
 
 
 @pytest.mark.long
@@ -105,9 +107,9 @@ def test_a_lost_task_is_reported(tmp_path):
     """A link without force hangs down, far from a path of a millimeter."""
     one = rig(tmp_path)
     path, failures = one.path("circle", duration_s=0.7), [Failure("b", "free", 0.2)]
-    run, sound = (one.fly(one.controller(), path, failures=each) for each in (failures, []))
+    run, healthy = (one.fly(one.controller(), path, failures=each) for each in (failures, []))
     assert np.abs(run.desired - run.true)[-100:].max() > 0.01
-    assert run.lost is not None and sound.lost is None
+    assert run.lost is not None and healthy.lost is None
 
 
 def reads(**parts: Any) -> Hook:
@@ -115,7 +117,7 @@ def reads(**parts: Any) -> Hook:
     return Hook(measured=lambda tick, reading: reading._replace(**parts))
 
 
-def flown(**given: Any) -> Any:
+def simulated(**given: Any) -> Any:
     """Simulate the hexapod with its plain controller, unless another is given."""
     one = known("hexapod")
     return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
@@ -123,15 +125,15 @@ def flown(**given: Any) -> Any:
 
 SENT = r"what events\.sent returns at tick 0 must"
 READ = r"what events\.measured returns at tick 0"
-STRUCK = [Failure(0, "locked", 0.001)]
+FAILURES = [Failure(0, "locked", 0.001)]
 NAN, ARM_FILE = np.nan, MODELS / "arm.xml"
 CALLS: dict[str, Callable[..., Any]] = {
     "made": Rig.hexapod,
     "loaded": lambda **given: Rig.of_mjcf(**{"file": ARM_FILE, "major": [0, 1]} | given),
-    "flown": flown,
+    "flown": simulated,
     "path": lambda **given: known("hexapod").path(**{"name": "circle", "duration_s": 0.01} | given),
     "predicted": lambda **given: known("hexapod").predict(
-        np.zeros((3, 2)), failures=STRUCK, **given
+        np.zeros((3, 2)), failures=FAILURES, **given
     ),
     "event": lambda name: Event(name, 0.1),
     "recorded": lambda **given: record(**{"path": "x.rrd", "run": None, "rig": None} | given),
@@ -179,10 +181,10 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
 """Error, function, argument, values of it, and pattern of the message."""
 
 
-@pytest.mark.parametrize(("error", "call", "name", "values", "said"), TABLE)
-def test_invalid_arguments_of_a_rig_are_rejected_by_name(error, call, name, values, said):
+@pytest.mark.parametrize(("error", "call", "name", "values", "pattern"), TABLE)
+def test_invalid_arguments_of_a_rig_are_rejected_by_name(error, call, name, values, pattern):
     for value in values:
-        with pytest.raises(error, match=said) as refusal:
+        with pytest.raises(error, match=pattern) as refusal:
             CALLS[call](**{name: value})
         assert refusal.type is error  # and no subclass
         assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
@@ -226,15 +228,15 @@ ADVICE: list[tuple[Callable[[], object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("ask", "said"), ADVICE, ids=[said for _, said in ADVICE])
-def test_invalid_combinations_are_rejected_with_advice(ask, said):
-    with pytest.raises((TypeError, ValueError, WrongInput), match=said):
+@pytest.mark.parametrize(("ask", "pattern"), ADVICE, ids=[pattern for _, pattern in ADVICE])
+def test_invalid_combinations_are_rejected_with_advice(ask, pattern):
+    with pytest.raises((TypeError, ValueError, WrongInput), match=pattern):
         ask()
 
 
 def test_public_objects_have_a_one_line_representation():
     one = known("arm")
-    pilot, run = one.supervisor(), one.fly(one.controller(), PATH)
+    diagnosing, run = one.supervisor(), one.fly(one.controller(), PATH)
     report = one.control.system.kinematics().manipulability([0, 1])
-    for held in (one, run, pilot, pilot.start(), report):
-        assert re.match("<[A-Z].*>$", repr(held))
+    for thing in (one, run, diagnosing, diagnosing.start(), report):
+        assert re.match("<[A-Z].*>$", repr(thing))

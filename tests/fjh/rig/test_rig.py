@@ -77,9 +77,9 @@ def test_feedforward_through_the_inverse_reduces_the_error(name):
 def test_every_controller_demands_the_path_through_the_inverse():
     """Without failures a supervisor and an oracle act as a plain controller."""
     one, path = rig("arm"), path_of("arm", 0.1)
-    pilot = one.controller()
-    plain = one.fly(pilot, path).inputs
-    for each in (one.supervisor("none"), OracleController(pilot, pilot, None)):
+    control = one.controller()
+    plain = one.fly(control, path).inputs
+    for each in (one.supervisor("none"), OracleController(control, control, None)):
         np.testing.assert_array_equal(one.fly(each, path).inputs, plain)
     assert one.feedforward_demands(path) is not None
     assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
@@ -135,7 +135,7 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
 
 
 @cache
-def pilot_of(name: str, made: str) -> Any:
+def controller_of(name: str, made: str) -> Any:
     return getattr(rig(name), made)()
 
 
@@ -143,7 +143,7 @@ def pickled(thing: Any) -> Any:
     return pickle.loads(pickle.dumps(thing))
 
 
-def flown(one: Rig, controller: Any, actuator: int = 0) -> Run:
+def simulated(one: Rig, controller: Any, actuator: int = 0) -> Run:
     """Simulate a run with an actuator that is weak from the start and locks halfway."""
     path = one.path("circle", duration_s=0.1, turn_s=0.1)
     failures = [Failure(actuator, "weak"), Failure(actuator, "locked", 0.05)]
@@ -163,10 +163,10 @@ def assert_same(run: Run, other: Run) -> None:
 @pytest.mark.parametrize("copied", [pickled, pytest.param(deepcopy, marks=pytest.mark.long)])
 def test_a_copy_gives_the_same_run_to_the_bit(copied, name, made):
     """Copies of the rig, the controller, both at once, and of a run with its state."""
-    one, pilot = rig(name), pilot_of(name, made)
-    run, both = flown(one, pilot), copied((one, pilot))
-    for a_rig, a_pilot in (both, (copied(one), pilot), (one, copied(pilot))):
-        assert_same(run, flown(a_rig, a_pilot))
+    one, control = rig(name), controller_of(name, made)
+    run, both = simulated(one, control), copied((one, control))
+    for a_rig, a_controller in (both, (copied(one), control), (one, copied(control))):
+        assert_same(run, simulated(a_rig, a_controller))
     assert_same(run, copied(run))
 
 
@@ -193,11 +193,11 @@ def test_a_machine_copied_during_a_run_continues_unchanged(copied, name):
 @pytest.mark.usefixtures("switching")
 @pytest.mark.parametrize("name", ["arm", "hand", "hexapod"])
 def test_threads_that_share_a_rig_and_a_controller_give_equal_runs(name):
-    one, pilot, actuators = rig(name), pilot_of(name, "supervisor"), [0, 1, 0, 1]
+    one, control, actuators = rig(name), controller_of(name, "supervisor"), [0, 1, 0, 1]
     with ThreadPoolExecutor(4) as pool:
-        runs = pool.map(lambda actuator: flown(one, pilot, actuator), actuators)
+        runs = pool.map(lambda actuator: simulated(one, control, actuator), actuators)
         for actuator, run in zip(actuators, list(runs), strict=True):
-            assert_same(run, flown(one, pilot, actuator))
+            assert_same(run, simulated(one, control, actuator))
 
 
 @given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
@@ -223,8 +223,8 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
 def test_rotary_actuators_move_by_angles_and_linear_ones_by_lengths(name):
     """A hinge, a slide, a tendon over both, a ball joint; a tendon of hinges, a rope, a rail."""
     units = {"limited": ["rad", "m", "m", "rad"], "gantry": ["rad", "m", "m"]}
-    found = [drive.unit for drive in drives(model(name))]
-    assert found[: len(units[name])] == units[name]
+    units_of_drives = [drive.unit for drive in drives(model(name))]
+    assert units_of_drives[: len(units[name])] == units[name]
 
 
 def test_the_hexapod_moves_by_lengths_and_points_by_angles():

@@ -15,7 +15,7 @@ from sim import Failure
 from sim.mjcf import drives
 from tests.fjh.rigs import rig, rig_of
 
-STRUCK, TICKS = 900, 1150
+ONSET, TICKS = 900, 1150
 """Onset of the failure, after the diagnosis has learned the plant for 800 ticks, and length of a
 run."""
 UNKNOWN = np.full(2, np.nan)
@@ -31,7 +31,7 @@ class Sensors:
 
     def measured(self, tick: int, reading: Any) -> Any:
         """Return the changed reading, as an `events` hook of a rig."""
-        changed = reading if tick < STRUCK else self.change(tick - STRUCK, reading, self.last)
+        changed = reading if tick < ONSET else self.change(tick - ONSET, reading, self.last)
         self.last = reading if changed is None else changed
         return changed
 
@@ -60,22 +60,22 @@ CHANGES: dict[str, Change] = {
 
 
 @cache
-def flown(name: str, what: str, sense: Any = "both", pilot: str = "supervisor") -> Run:
+def simulated(name: str, what: str, sense: Any = "both", kind: str = "supervisor") -> Run:
     one = rig(name, "all") if name == "hexapod" else rig(name, sense=sense)
     path = one.path("circle", duration_s=TICKS * one.period_s, turn_s=0.5)
     inner = one.controller()
-    flies = {
+    controllers = {
         "supervisor": lambda: one.supervisor("default" if name == "hexapod" else "none"),
         "guarded": lambda: GuardedController("my:own", lambda task: inner, one.task),
     }
-    return one.fly(flies[pilot](), path, events=Sensors(CHANGES[what]), seed=1)
+    return one.fly(controllers[kind](), path, events=Sensors(CHANGES[what]), seed=1)
 
 
 def error(run: Run) -> np.ndarray:
     return np.linalg.norm(run.desired - run.true, axis=1)
 
 
-def rms(run: Run, since: int = STRUCK) -> float:
+def rms(run: Run, since: int = ONSET) -> float:
     return float(np.sqrt((error(run)[since:] ** 2).mean()))
 
 
@@ -84,17 +84,17 @@ IN_SHORT = [(LOST[0], "supervisor"), (LOST[3], "guarded")]
 
 
 @pytest.mark.parametrize(
-    ("what", "pilot"),
+    ("what", "kind"),
     [
         pytest.param(*each, marks=() if each in IN_SHORT else pytest.mark.long)
         for each in product(LOST, ("supervisor", "guarded"))
     ],
 )
-def test_without_readings_the_commands_are_held(what, pilot):
+def test_without_readings_the_commands_are_held(what, kind):
     """Commands are constant from 50 ms after the last changed reading; so are the integrators."""
-    run = flown("hexapod", what, pilot=pilot)
-    held = run.inputs[STRUCK + 50 :]
-    assert (held == held[0]).all()
+    run = simulated("hexapod", what, kind=kind)
+    constant = run.inputs[ONSET + 50 :]
+    assert (constant == constant[0]).all()
     assert error(run).max() < 2.1 * np.linalg.norm(run.desired, axis=1).max()
     assert not run.diagnoses
     assert "since 0.90" in run.status and "the commands are held" in run.status
@@ -108,14 +108,14 @@ def test_without_readings_the_commands_are_held(what, pilot):
     ],
 )
 def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
-    run, sound = flown("hexapod", what), flown("hexapod", "none")
+    run, healthy = simulated("hexapod", what), simulated("hexapod", "none")
     if what == "50 ms":  # and then as without
-        np.testing.assert_allclose(error(run)[-50:], error(sound)[-50:], atol=3e-6)
+        np.testing.assert_allclose(error(run)[-50:], error(healthy)[-50:], atol=3e-6)
     elif what == "one NaN":
-        assert (run.inputs[STRUCK] == run.inputs[STRUCK - 1]).all()
-        assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
+        assert (run.inputs[ONSET] == run.inputs[ONSET - 1]).all()
+        assert abs(rms(run) - rms(healthy)) < rig("hexapod").noise
     else:
-        assert rms(run) < 1.2 * rms(sound)
+        assert rms(run) < 1.2 * rms(healthy)
     assert not run.state.watch.alarm_ticks and not run.diagnoses
     sensors = run.state.sensors.task
     assert sensors.missing + sensors.repeated > 0 and sensors.usable
@@ -126,17 +126,21 @@ def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
 @pytest.mark.parametrize("what", ["stuck", "another shape"])
 def test_encoders_replace_a_failed_task_sensor(what):
     """With the task sensor alone the commands are held."""
-    sound = rms(flown("arm", "none"))
-    assert rms(flown("arm", what)) < 10 * sound < 0.05 * rms(flown("arm", what, "task"))
-    said = "the task is estimated from the encoders"
-    assert said in flown("arm", what).status and said not in flown("arm", what, "task").status
+    healthy = rms(simulated("arm", "none"))
+    assert rms(simulated("arm", what)) < 10 * healthy < 0.05 * rms(simulated("arm", what, "task"))
+    text = "the task is estimated from the encoders"
+    assert (
+        text in simulated("arm", what).status and text not in simulated("arm", what, "task").status
+    )
 
 
 @pytest.mark.long
 def test_failed_encoders_do_not_affect_a_controller_without_them():
     """A stuck encoder is not diagnosed as a locked actuator."""
-    np.testing.assert_array_equal(flown("arm", "encoders").inputs, flown("arm", "none").inputs)
-    run = flown("arm", "encoder stuck")
+    np.testing.assert_array_equal(
+        simulated("arm", "encoders").inputs, simulated("arm", "none").inputs
+    )
+    run = simulated("arm", "encoder stuck")
     assert not run.diagnoses
     assert "the set of encoders repeats one value since 0.90" in run.status
 
@@ -200,11 +204,13 @@ def test_a_varying_loss_of_force_costs_no_more_than_without_diagnosis(name, part
     one = rig(name, crossover=0.7) if name == "arm" else rig(name)
     one = one.with_mismatch("all", 4)
     path = one.path("circle", duration_s=3.2, turn_s=1.5)
-    pilot, inner = one.supervisor(), one.controller()
-    unaware = OracleController(inner, inner, None, secondary=pilot.secondary)
-    ours, theirs = (
-        one.fly(each, path, events=Strength(one, 1, parts)) for each in (pilot, unaware)
+    diagnosing, inner = one.supervisor(), one.controller()
+    uninformed = OracleController(inner, inner, None, secondary=diagnosing.secondary)
+    with_diagnosis, without_diagnosis = (
+        one.fly(each, path, events=Strength(one, 1, parts)) for each in (diagnosing, uninformed)
     )
     for since_s in parts:
-        error, bound = (rms(run, round(since_s / one.period_s)) for run in (ours, theirs))
+        error, bound = (
+            rms(run, round(since_s / one.period_s)) for run in (with_diagnosis, without_diagnosis)
+        )
         assert error < max(1.05 * bound, bound + one.noise)

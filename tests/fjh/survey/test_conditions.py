@@ -187,6 +187,6 @@ def test_every_check_fails_on_spoilt_numbers(tmp_path):
     start, left = found.start, found.start.classes
     assert [each.passed for each in checks(found.subject, start)] == [True, True]
     verdicts = replace(start, classes=replace(left, possible=~left.possible))
-    numbers = replace(start, left=replace(left, worst_speed=speeds(start) * (1 + 1e-5)))
+    numbers = replace(start, classes=replace(left, worst_speed=speeds(start) * (1 + 1e-5)))
     for k, spoilt in enumerate((verdicts, numbers)):
         assert [each.passed for each in checks(found.subject, spoilt)] == [k != 0, k != 1]
