@@ -145,7 +145,7 @@ class IkSolution:
         if exceeded := self.exceeded:
             sentences.append(f"Beyond a limit, or too fast to stop before it: {listed(exceeded)}.")
         if not self.is_led_back:
-            sentences.append("What is beyond its limit cannot return at the specified rate.")
+            sentences.append("A quantity beyond its limit cannot return at the specified rate.")
         if self.fraction < 1.0 and self.problem.limits.braking is not None:
             sentences.append(f"All joints brake; only {self.fraction:g} of the step is taken.")
         elif self.fraction < 1.0:

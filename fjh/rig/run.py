@@ -355,7 +355,7 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
         return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
     if state.is_learning:
         return f"it assumes that nothing fails in the first {LEARNING_S:g} s"
-    return "the sensors read what the model without a failure predicts"
+    return "the sensors agree with the prediction of the model without a failure"
 
 
 def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> str:

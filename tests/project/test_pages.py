@@ -121,7 +121,7 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
         assert float(last.split()[0]) < 0.5 * 1e6 * names["rig"].size
     else:
         assert names["rig"].actuators == ("beam", "car", "fine")
-        assert "Nothing was diagnosed; the sensors read what the model without" in last
+        assert "Nothing was diagnosed; the sensors agree with the prediction of" in last
 
 
 def test_the_tick_of_the_page_takes_its_general_way_where_a_rank_is_in_doubt(capsys):

@@ -364,7 +364,7 @@ supply_event("blackout", "no actuator has force for 50 ms", off_s=0.05, everywhe
 def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
     """Push the payload at its centre of mass in a random direction, by 1/54 parts of its weight.
 
-    A push of finite time has the same impulse whatever the control period is.
+    A push of finite time has the same impulse for any control period.
     """
     body, ends = target.rig.payload_body, target.ticks(for_s)
     newton = parts / 54 * GRAVITY * float(target.rig.model.body_mass[body])
