@@ -102,27 +102,23 @@ class Ik:
             ValueError: A task has no target, or does not fit the model.
         """
         period_s = check.number("dt", dt, *check.SECONDS)
-        jacobians = self._reader.read(data)
-        requested = self._at(data, period_s)
-        velocities = self._compiled_solution(
-            data, jacobians.J_T, jacobians.J_C, jacobians.error_bound, requested
-        )
-        if velocities is None or not self._approaches(
-            data, jacobians.J_T, requested[1], velocities, period_s
-        ):
-            return self._solution(data, period_s, self._reader.at(data), requested, velocities).qvel
-        qvel, fraction = self._limited(data, velocities, requested[0], None)
-        if fraction < 1.0 and requested[0].braking is not None and len(jacobians.J_C):
-            return self._solution(data, period_s, self._reader.at(data), requested, velocities).qvel
+        jac = self._reader.read(data)
+        demand = self._at(data, period_s)
+        v = self._compiled_solution(data, jac.J_T, jac.J_C, jac.error_bound, demand)
+        if v is None or not self._approaches(data, jac.J_T, demand[1], v, period_s):
+            return self._solution(data, period_s, self._reader.at(data), demand, v).qvel
+        qvel, fraction = self._limited(data, v, demand[0], None)
+        if fraction < 1.0 and demand[0].braking is not None and len(jac.J_C):
+            return self._solution(data, period_s, self._reader.at(data), demand, v).qvel
         return qvel
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
         """Return the velocity with its status and the residual of each level; see :meth:`step`."""
         period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
-        requested = self._at(data, period_s)
-        velocities = self._compiled_solution(data, jac.J_T, jac.J_C, jac.error_bound, requested)
-        return self._solution(data, period_s, jac, requested, velocities)
+        demand = self._at(data, period_s)
+        v = self._compiled_solution(data, jac.J_T, jac.J_C, jac.error_bound, demand)
+        return self._solution(data, period_s, jac, demand, v)
 
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
@@ -149,8 +145,8 @@ class Ik:
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
         self._step_test = StepTest(self._model, *self._scratch, self._targets, system)
-        requested, units = self._targets.of_rows(), system.geometry.velocity_units
-        self._rows = requested, 1.0 / system.geometry.task_units[: len(requested)], 1.0 / units
+        demand, units = self._targets.of_rows(), system.geometry.velocity_units
+        self._rows = demand, 1.0 / system.geometry.task_units[: len(demand)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
         parts = [part for level in self._targets.levels for part in level]
         has_rates = any(part.among is not None for part in parts)
@@ -168,30 +164,26 @@ class Ik:
         J_T: Array,
         J_C: Array,
         error_bound: float,
-        requested: tuple[VelocityLimits, Array],
+        demand: tuple[VelocityLimits, Array],
     ) -> Array | None:
         """Return all velocities from one compiled call; None if it cannot certify the result."""
         if self._tick is None:
             return None
-        limits, targets = requested
-        velocities = self._tick(J_T, J_C, targets, limits.box, error_bound)
-        if velocities is None or not limits.are_satisfied_by(velocities):
+        limits, targets = demand
+        v = self._tick(J_T, J_C, targets, limits.box, error_bound)
+        if v is None or not limits.are_satisfied_by(v):
             return None
-        return velocities if self._limits.tightened(data, limits, velocities) is None else None
+        return v if self._limits.tightened(data, limits, v) is None else None
 
     def _approaches(
-        self, data: mujoco.MjData, J_T: Array, requested: Array, velocities: Array, period_s: float
+        self, data: mujoco.MjData, J_T: Array, demand: Array, v: Array, period_s: float
     ) -> bool:
         """Return True if a step reduces the errors of all tasks, to second order or in a test.
 
         Joint tasks in the null space are not counted if no loops couple it.
         """
         rows, weight, of_rates = self._rows
-        J, y, target = (
-            J_T[: len(rows)] * self._scale,
-            of_rates * velocities,
-            weight * requested[rows],
-        )
+        J, y, target = (J_T[: len(rows)] * self._scale, of_rates * v, weight * demand[rows])
         flat, moved = J.ravel(), J.dot(y)
         residual, h = target - moved, 0.25 * period_s * sqrt(flat.dot(flat))
         spare = (
@@ -204,26 +196,24 @@ class Ik:
             with suppress(np.linalg.LinAlgError):  # if singular, a test step decides
                 if 0.0 <= h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare:
                     return True
-        return self._step_test.comes_nearer(
-            data, period_s * moved, period_s * requested, period_s * velocities
-        )
+        return self._step_test.comes_nearer(data, period_s * moved, period_s * demand, period_s * v)
 
     def _solution(
         self,
         data: mujoco.MjData,
         period_s: float,
         jac: Jacobians,
-        requested: tuple[VelocityLimits, Array],
+        demand: tuple[VelocityLimits, Array],
         compiled: Array | None,
     ) -> IkSolution:
         """Return the solution with its diagnostics, from compiled velocities if there are any."""
-        limits, targets = requested[0], self._targets.of_levels(requested[1])
+        limits, targets = demand[0], self._targets.of_levels(demand[1])
         problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
         if compiled is None:
             problem = self._tightened(data, problem)
         velocities = problem.velocities if compiled is None else compiled
-        if not self._approaches(data, jac.J_T, requested[1], velocities, period_s):
-            displacement, motion = period_s * requested[1], period_s * velocities
+        if not self._approaches(data, jac.J_T, demand[1], velocities, period_s):
+            displacement, motion = period_s * demand[1], period_s * velocities
             rows = self._step_test.damping_rows(
                 data, self._hierarchy, problem.kinematics, displacement, motion
             )

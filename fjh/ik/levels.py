@@ -111,7 +111,7 @@ class Part(NamedTuple):
         size: Number of components of its error.
         rows: Their positions among those of all tasks.
         among: Components that count; None is all.
-        positions: Positions of the target's components, zeros for other rates included.
+        slot: Positions of the target's components, zeros for other rates included.
     """
 
     task: TaskFunction
@@ -119,7 +119,7 @@ class Part(NamedTuple):
     size: int
     rows: slice | Indices
     among: Indices | None
-    positions: slice
+    slot: slice
 
 
 class Targets(NamedTuple):
@@ -151,11 +151,11 @@ class Targets(NamedTuple):
     def of_rows(self) -> Indices:
         """Return the positions of each row of J_T among the targets, shape (m,)."""
         parts = [part for level in self.levels for part in level if part.among is None]
-        return np.concatenate([*(np.arange(self.size)[part.positions] for part in parts), _NO_ROWS])
+        return np.concatenate([*(np.arange(self.size)[part.slot] for part in parts), _NO_ROWS])
 
     def of_levels(self, requested: Array) -> list[Array | list[Array]]:
         """Return targets by level as a hierarchy takes them: an array, or a list of arrays."""
-        by_level = [[requested[part.positions] for part in level] for level in self.levels]
+        by_level = [[requested[part.slot] for part in level] for level in self.levels]
         return [level if len(level) > 1 else level[0] for level in by_level]
 
 

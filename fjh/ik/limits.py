@@ -22,8 +22,7 @@ _ROUND_OFF = 1e-9
 _BENT = 1e-6
 """Tolerance of tendon limits at the end of a step, relative to the step."""
 RETURNING = (1.0, 0.25, 0.0625, 0.0)
-"""Fractions of the specified return from beyond a limit, tested in turn if the full return is
-infeasible."""
+"""Fractions of the specified return from beyond a limit, in order, while it is infeasible."""
 
 
 @dataclass(frozen=True)
@@ -92,14 +91,14 @@ class Limits:
         N = len(jac.names.velocities)
         positions = Positions.of(model, jac) if self.ranges else Positions.free(N)
         meanings = _meanings(model, jac)
-        velocity, of_tendons = _by_velocity("velocity", self.velocity, meanings, N, model.ntendon)
-        acceleration, tendon_acceleration = _by_velocity(
+        velocity, of_tendons = _limit_of("velocity", self.velocity, meanings, N, model.ntendon)
+        acceleration, on_tendons = _limit_of(
             "acceleration", self.acceleration, meanings, N, model.ntendon
         )
         driven = [d.tendon for d in jac.drives if d.tendon is not None]
         of_tendons[driven] = np.inf
-        tendon_acceleration[driven] = np.inf
-        for k in np.flatnonzero(np.isfinite(tendon_acceleration)):
+        on_tendons[driven] = np.inf
+        for k in np.flatnonzero(np.isfinite(on_tendons)):
             name = name_of(model.tendon(k))
             raise ValueError(f'acceleration: no actuator drives the tendon "{name}"')
         coupled = Coupled.of(model, driven, of_tendons, stated=self.ranges)
@@ -189,11 +188,9 @@ class Braking(NamedTuple):
 
     def excess(self, velocities: Array) -> Array:
         """Return how far positions and rows exceed their limits if braking follows this tick."""
-        displacement = self.period_s * self.ticks(velocities) * velocities
-        sinks = self.rows @ displacement[: self.rows.shape[1]] if len(self.rows) else self.margin
-        ends = np.concatenate(
-            [self.below + displacement, self.above - displacement, self.margin + sinks]
-        )
+        shift = self.period_s * self.ticks(velocities) * velocities
+        sinks = self.rows @ shift[: self.rows.shape[1]] if len(self.rows) else self.margin
+        ends = np.concatenate([self.below + shift, self.above - shift, self.margin + sinks])
         return np.maximum(-ends, 0.0)
 
     def tolerance(self, velocities: Array) -> Array:
@@ -217,12 +214,8 @@ class Braking(NamedTuple):
 
 def stopping_ticks(ticks: float) -> float:
     """Return the displacement to rest over that of a tick, for a rate held for one tick."""
-    full_ticks = np.floor(ticks)
-    return (
-        float(1.0 + full_ticks - full_ticks * (full_ticks + 1.0) / (2.0 * ticks))
-        if full_ticks
-        else 1.0
-    )
+    stop = np.floor(ticks)
+    return float(1.0 + stop - stop * (stop + 1.0) / (2.0 * ticks)) if stop else 1.0
 
 
 class RateLimits(NamedTuple):
@@ -333,11 +326,8 @@ class VelocityLimits(NamedTuple):
         least = np.where(least <= of_first, np.minimum(least, braked), least)
         most = np.where(most >= of_first, np.maximum(most, braked), most)
         required = least, most
-        rate_limits = lower[kinematics.active], upper[kinematics.active]
-        below, above = (
-            np.where(R > 0, rate_limits[0], rate_limits[1]),
-            np.where(R > 0, rate_limits[1], rate_limits[0]),
-        )
+        low, high = lower[kinematics.active], upper[kinematics.active]
+        below, above = np.where(R > 0, low, high), np.where(R > 0, high, low)
         with np.errstate(invalid="ignore"):
             least = np.minimum(least, np.where(R, R * above, 0.0).sum(axis=1))
             most = np.maximum(most, np.where(R, R * below, 0.0).sum(axis=1))
@@ -561,7 +551,7 @@ def _meanings(model: mujoco.MjModel, jac: Jacobians) -> dict[str, list[Meaning]]
     return meanings
 
 
-def _by_velocity(
+def _limit_of(
     argument: str, value: Limited, meanings: dict[str, list[Meaning]], N: int, tendons: int
 ) -> tuple[Array, Array]:
     """Return the limit of every velocity, (N,), and of tendons by name; infinite without limit."""

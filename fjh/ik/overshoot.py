@@ -10,8 +10,7 @@ from prioritized import ConstrainedSystem, Hierarchy, Kinematics
 from sim import Array, JacobianReader
 
 MISSED = 0.5
-"""Largest accepted fraction of the predicted error reduction, or of the target, that a step may
-miss."""
+"""Largest fraction of the predicted error reduction, or of the target, that a step may miss."""
 NEGLIGIBLE = 1e-14
 """Error in natural units that need not be reduced."""
 _FAR = 1.0
@@ -68,16 +67,16 @@ class StepTest(NamedTuple):
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
-        for k, (parts, targets) in enumerate(
+        for k, (parts, level) in enumerate(
             zip(hierarchy.asked.levels, self.targets.levels, strict=True)
         ):
             tasks = [
-                (p.matrix, p.S, q) for p, q in zip(parts, targets, strict=True) if p.S is not None
+                (p.matrix, p.S, q) for p, q in zip(parts, level, strict=True) if p.S is not None
             ]
             if not tasks:
                 continue
             S = np.vstack([W @ S for W, S, _ in tasks])
-            target_rows = np.concatenate([W @ target[q.positions] for W, _, q in tasks])
+            target_rows = np.concatenate([W @ target[q.slot] for W, _, q in tasks])
             A, size = S @ J, float(np.linalg.norm(target_rows))
             h = float(np.linalg.norm(A, axis=0).sum())
             if h and size and not any(q.task.damping is not None for *_, q in tasks):
@@ -85,8 +84,7 @@ class StepTest(NamedTuple):
                 level_motion = units * np.linalg.lstsq(stack, stack @ step)[0]
                 self._move(at, kinematics.velocities(level_motion))
                 errors = [
-                    self._error(q) - (1.0 / q.task.gain - 1.0) * target[q.positions]
-                    for *_, q in tasks
+                    self._error(q) - (1.0 / q.task.gain - 1.0) * target[q.slot] for *_, q in tasks
                 ]
                 residual = np.concatenate([W @ e for (W, *_), e in zip(tasks, errors, strict=True)])
                 if np.linalg.norm(residual) <= MISSED * (size + h * allowed):
@@ -128,7 +126,7 @@ class StepTest(NamedTuple):
             sizes = np.zeros(3)
             for part in (part for part in level if part.among is None):
                 rows = slice(first, first := first + part.size)
-                error = target[part.positions] / part.task.gain / geometry.task_units[rows]
+                error = target[part.slot] / part.task.gain / geometry.task_units[rows]
                 remaining = self._error(part) / geometry.task_units[rows]
                 sizes += [e.dot(e) for e in (error, error - moved[rows], remaining)]
             before, predicted, after = np.sqrt(sizes)

@@ -43,9 +43,7 @@ class Compromise:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Return the active joint rates, shape (n,); None counts as zero."""
-        return self.equals(
-            [], joint_velocity, self._secondary_velocity(v_major, secondary_velocity)
-        )
+        return self.equals([], joint_velocity, self._reference(v_major, secondary_velocity))
 
     def solve(
         self,
@@ -54,13 +52,9 @@ class Compromise:
         secondary_velocity: ArrayLike | None = None,
     ) -> VelocitySolution:
         """Return the rates with their status, as :meth:`prioritized.VelocityMapping.solve`."""
-        return self.equals.solve(
-            [], joint_velocity, self._secondary_velocity(v_major, secondary_velocity)
-        )
+        return self.equals.solve([], joint_velocity, self._reference(v_major, secondary_velocity))
 
-    def _secondary_velocity(
-        self, v_major: ArrayLike, secondary_velocity: ArrayLike | None
-    ) -> Array:
+    def _reference(self, v_major: ArrayLike, secondary_velocity: ArrayLike | None) -> Array:
         v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
         return np.concatenate([v_s, v_major])
 

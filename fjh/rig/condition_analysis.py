@@ -18,8 +18,7 @@ from sim import Array
 Limits = tuple[Array, Array]
 
 LEAST_LEFT = 0.01
-"""Fraction of the healthy robot's speed, force or effect that must remain for a failure to count as
-survived."""
+"""Fraction of the healthy robot's speed, force or effect that a survived failure leaves."""
 
 
 @dataclass(frozen=True, eq=False)

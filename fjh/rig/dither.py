@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
-"""Candidate frequencies [Hz], used above the crossovers of the loops, which would suppress the
-response of a failure. No actuator is identified before a period has passed: a tenth of a second at
-most by default."""
+"""Candidate frequencies [Hz] above the crossovers of the loops, which would suppress the response.
+No actuator is identified before one period: by default a tenth of a second at most."""
 
 MEASURED_S = 0.5
 """Time [s] in which failures are to be separated."""
@@ -101,9 +100,7 @@ def _frequencies(rig: "Rig", requested: str) -> list[float]:
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
     candidates = FREQUENCIES_HZ.get(requested, ())
     if candidates:
-        candidates = [
-            hz for hz in candidates if hz >= max(loop.crossover_hz for loop in rig.margins)
-        ]
+        candidates = [hz for hz in candidates if hz >= max(m.crossover_hz for m in rig.margins)]
     else:
         with suppress(ValueError, OverflowError):
             candidates = (float(requested),)
@@ -142,9 +139,8 @@ def not_isolable(
 ) -> list[Failure]:
     """Return the failures that neither the dither nor the path isolates, by the linear model.
 
-    A failure is isolated if it is separated from no failure and from those of other actuators, with
-    the uncertainty that the diagnosis assumes; by the dither in half a second, by the path in a
-    period of its strongest sinusoid.
+    They are not separated from health or from failures of other actuators, with the uncertainty
+    that the diagnosis assumes; by the dither in half a second, by the path in its strongest period.
     """
     remaining = [
         failure

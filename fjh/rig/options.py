@@ -233,11 +233,9 @@ def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
     """
     row_names = names or (ROWS, ROW_NAMES)
     numbers = [str(k) for k in range(len(row_names[0]))]
-    numbers_by_name = {
-        label: k for labels in (numbers, *row_names) for k, label in enumerate(labels)
-    }
+    number = {label: k for labels in (numbers, *row_names) for k, label in enumerate(labels)}
     parts = _parts(given)
-    rows = tuple(numbers_by_name[part] for part in parts if part in numbers_by_name)
+    rows = tuple(number[part] for part in parts if part in number)
     if not rows or len(set(rows)) < len(parts):
         listed = ",".join(row_names[-1])
         expected = f"different rows from 0 to {len(numbers) - 1} or of {listed:.80}"

@@ -51,8 +51,7 @@ class Prediction:
 
 
 InformedAt = bool | Sequence[float | None]
-"""Times at which a controller is informed of failures: at onset, never, or one time [s] each, None
-for never."""
+"""Times [s] at which a controller is informed of each failure; True is at onset, False never."""
 
 
 def predicted(

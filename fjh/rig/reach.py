@@ -30,8 +30,7 @@ def check_reachable(rig: Rig, path: Array) -> None:
     """Raise unless the healthy robot can follow a path within its limits.
 
     Raises:
-        WrongInput: The path leaves the reachable set; the message says when and which limits are
-            active.
+        WrongInput: The path leaves the reachable set; with the time and the active limits.
     """
     mapping = rig.mapping(rig.goal)
     pose, commanded = mapping.nominal, np.zeros(mapping.actuators)
@@ -65,10 +64,9 @@ def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
         deviation.append(mapping.reached(pose) - path[tick])
     ticks = np.arange(len(path))
     along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(deviation)])
-    errors = (
-        predicted(rig, path, (), goal=rig.goal, noise=noise, deviation=by) for by in (0.0, along)
-    )
-    linear, curved = (float(np.linalg.norm(prediction.rms_before)) for prediction in errors)
+    model = partial(predicted, rig, path, (), goal=rig.goal, noise=noise)
+    predictions = model(deviation=0.0), model(deviation=along)
+    linear, curved = (float(np.linalg.norm(one.rms_before)) for one in predictions)
     if not (1 + AGREES) * linear < curved > ratio * linear:
         return None
     unit = "m" if "m" in rig.row_units else "rad"
@@ -85,10 +83,7 @@ def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
 
 def diagnosed_at_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
     """Return the time [s] of the first diagnosis of each failed actuator; None is never."""
-    return [
-        next((diagnosis.time_s for diagnosis in diagnosed_since(rig, run, failure)), None)
-        for failure in failures
-    ]
+    return [next((d.time_s for d in diagnosed_since(rig, run, each)), None) for each in failures]
 
 
 def uncompared(rig: Rig, run: Run, model: Prediction) -> str | None:
@@ -106,9 +101,7 @@ def uncompared(rig: Rig, run: Run, model: Prediction) -> str | None:
     for failure in failures:
         if failure.kind == "locked" and failure.number in rig.soft_locks:
             return f"the lock of {rig.actuators[failure.number]} is compliant"
-    correct = {
-        diagnosis for failure in failures for diagnosis in diagnosed_since(rig, run, failure)
-    }
+    correct = {d for failure in failures for d in diagnosed_since(rig, run, failure)}
     for diagnosis in run.diagnoses:
         if diagnosis not in correct or diagnosis.withdrawn_s is not None:
             name, kind = diagnosis.actuator, diagnosis.kind
@@ -166,10 +159,8 @@ def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
     most = "Before the failure most" if run.failures else "Most"
     half, noise = squared(run.error[:cut]) / 2, run.measured - run.true
     for cause, (other, scale) in alternatives.items():
-        remaining = other.predict(
-            run.desired, failures=run.failures, noise=scale * noise
-        ).rms_before
-        if squared(remaining) < half < squared(predicted.rms_before):
+        rms = other.predict(run.desired, failures=run.failures, noise=scale * noise).rms_before
+        if squared(rms) < half < squared(predicted.rms_before):
             return f"{most} of the error is from {cause}."
     return None
 

@@ -78,9 +78,8 @@ class Rig:
         task: Description of the task for controllers of other packages.
         warnings: Parts left out of the model, clamped or settled starts, dry friction.
         payload_body: Number of the body that carries the task frame.
-        control: Control loops and nominal model of the diagnosis: a :class:`ftc.tracking.Tracking`,
-            or for the hexapod `HexapodControl` of `fjh.rig.hexapod.rig`, which has the same
-            members.
+        control: Loops and nominal model of the diagnosis: a :class:`ftc.tracking.Tracking`, or the
+            hexapod's `HexapodControl` of `fjh.rig.hexapod.rig`, with the same members.
         machine: Plant with sensors and drives: its `bench` creates one for a run, its
             `with_mismatch` changes the plant. `RobotMachine` of `fjh.rig.robot_machine`, or for the
             hexapod `HexapodMachine` of `fjh.rig.hexapod.machine`.
@@ -423,14 +422,13 @@ class Rig:
             begin_s: Time of the first tick [s].
             lead_in_s: Time [s] for which the loop is closed about zero before the path starts,
                 which is not logged; failures at the first tick occur at the start of the lead-in.
-            events: Further events: a sequence of :class:`fjh.rig.events.Event`, whose random sizes
-                come from `seed`, or an object with hooks as for :class:`sim.Bench`, or a sequence
-                of both.
+            events: Further events: a sequence of :class:`fjh.rig.events.Event`, random sizes by
+                `seed`, or an object with hooks as for :class:`sim.Bench`, or a sequence of both.
             on_tick: Called with the number of completed ticks.
 
         Raises:
             WrongInput: A failure of an actuator that the robot does not have, or an event that does
-                not apply to it.
+                not apply.
             sim.SimulationDiverged: The simulated state became non-finite.
         """
         check.attributes("controller", controller, "start", "step")
@@ -442,9 +440,7 @@ class Rig:
             check.function("on_tick", on_tick)
         around = {"begin_s": begin_s, "lead_in_s": lead_in_s, "seed": seed}
         hooks, caused = events_of(self, events, **around)
-        all_failures = sorted(
-            (*self._numbered(failures), *caused), key=lambda failure: failure.time_s
-        )
+        all_failures = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
         run = simulate(
             self,

@@ -23,8 +23,7 @@ from sim.scene import Scene, robot_scene
 _SIZE = 1e-3
 """Radius of the default path, in radians or extents of the model: the linear model holds there."""
 _SPRING_SHARE = 0.5
-"""Share of an actuator's stiffness that its own spring must provide so that it counts as locked
-without force."""
+"""Share of an actuator's stiffness from which its own spring fixes it without force."""
 _NOISE = 1e-2
 """Default sensor noise as a fraction of the signal's amplitude on the default path: of a row its
 size, of all actuators the largest displacement. Longer paths do not change it."""
@@ -158,17 +157,10 @@ def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:
     """Return sentences about what the linear model and the mapping leave out."""
-    scene, unconstrained = robot.scene, robot.linear.idle
+    scene, free = robot.scene, robot.linear.idle
     return (
         *left_out_of(robot),
-        *(
-            [
-                f"motions of {listed(unconstrained)} have no restoring force and no effect on the "
-                "task"
-            ]
-            if unconstrained
-            else ()
-        ),
+        *([f"no force restores, and no task depends on, {listed(free)}"] if free else ()),
         *scene.moved,
         *robot.mechanism.nominal.warnings,
         *beyond_linear(scene.own, scene.own_start),

@@ -219,8 +219,7 @@ def run_of(
 
 
 _LOST = 5.0
-"""RMS error in path sizes beyond which the task is lost: standing still would cost one path size.
-"""
+"""RMS error in path sizes beyond which the task is lost: standing still would cost one."""
 
 
 def _lost(
@@ -284,9 +283,7 @@ def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[DiagnosedFailur
             float(time_s[withdrawn[diagnosis]]) if diagnosis in withdrawn else None,
             float(time_s[diagnosis.tick]) if diagnosis in state.acted else None,
         )
-        last = next(
-            (earlier for earlier in diagnosed[::-1] if earlier.actuator == failure.actuator), None
-        )
+        last = next((d for d in diagnosed[::-1] if d.actuator == failure.actuator), None)
         if diagnosis.fault.is_sound:  # returned to service, once a confirmation shows it
             if last is not None and last.withdrawn_s is None and diagnosis.confirmed:
                 diagnosed[diagnosed.index(last)] = replace(last, withdrawn_s=failure.time_s)
@@ -303,21 +300,15 @@ def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[DiagnosedFailur
 def diagnosed_since(rig: "Rig", run: Run, failure: Failure) -> list[DiagnosedFailure]:
     """Return the diagnoses of a failure's actuator since onset."""
     name, since = rig.actuators[failure.number], failure.time_s - 1e-9
-    return [
-        diagnosis
-        for diagnosis in run.diagnoses
-        if diagnosis.actuator == name and diagnosis.time_s >= since
-    ]
+    return [d for d in run.diagnoses if d.actuator == name and d.time_s >= since]
 
 
-def entry_of(rig: "Rig", occurrence: Failure | Event) -> dict[str, Any]:
+def entry_of(rig: "Rig", item: Failure | Event) -> dict[str, Any]:
     """Return the JSON entry of a failure or an event, its actuator by name."""
-    actuator = occurrence.actuator
+    actuator = item.actuator
     name = None if actuator is None else rig.actuators[rig.number(actuator)]
-    kind = (
-        {"kind": occurrence.kind} if isinstance(occurrence, Failure) else {"name": occurrence.name}
-    )
-    return {"actuator": name, **kind, "time_s": occurrence.time_s}
+    kind = {"kind": item.kind} if isinstance(item, Failure) else {"name": item.name}
+    return {"actuator": name, **kind, "time_s": item.time_s}
 
 
 def failure_text(rig: "Rig", failure: Failure) -> str:
@@ -332,9 +323,7 @@ def diagnosis_entries(rig: "Rig", run: Run) -> list[dict[str, Any]]:
         for cause in (*run.events, *run.failures)
         if cause.actuator is not None
     }
-    delays_s = [
-        diagnosis.time_s - since_s.get(diagnosis.actuator, np.inf) for diagnosis in run.diagnoses
-    ]
+    delays_s = [d.time_s - since_s.get(d.actuator, np.inf) for d in run.diagnoses]
     return [
         asdict(diagnosis) | {"delay_s": delay_s if delay_s >= 0 else None}
         for diagnosis, delay_s in zip(run.diagnoses, delays_s, strict=True)

@@ -21,11 +21,7 @@ def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
     for unit in dict.fromkeys(units):
         selected = value
         if isinstance(value, list):
-            selected = [
-                number
-                for number, number_unit in zip(value, units, strict=True)
-                if number_unit == unit
-            ]
+            selected = [v for v, u in zip(value, units, strict=True) if u == unit]
         entries[f"{name}_{unit}"] = selected
     return entries
 
@@ -33,9 +29,7 @@ def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
 def norms_text(values: Iterable[float], units: Sequence[str]) -> str:
     """Return the norms of the values of each unit as text: "3.2 µrad and 1.5 mm"."""
     entries = by_unit("", list(values), units)
-    return " and ".join(
-        quantity_text(hypot(*numbers), unit[1:]) for unit, numbers in entries.items()
-    )
+    return " and ".join(quantity_text(hypot(*v), unit[1:]) for unit, v in entries.items())
 
 
 def quantity_text(value: float, unit: str) -> str:

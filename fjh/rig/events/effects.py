@@ -33,8 +33,7 @@ FULL = 20.0
 """Full displacement of an actuator without limits, as a multiple of the path's amplitude."""
 _LOCKED: "tuple[FailureKind, ...]" = ("locked",)
 _UNMOVED: "tuple[FailureKind, ...]" = ("free", "locked")
-"""Diagnoses of an actuator that follows no input: free if a spring bears the load, locked if a
-servo does."""
+"""Diagnoses of an actuator that follows no input: free under a spring, locked under a servo."""
 
 
 class Effect(NamedTuple):
@@ -57,8 +56,7 @@ class Kind:
 
     Attributes:
         sentence: Description with sizes.
-        of: Part it acts on: one actuator, which the event states, a supply, the machine or its
-            sensors.
+        of: Part it acts on: one actuator, given in the event, a supply, the machine or its sensors.
         correct_kinds: Kinds of failure that are a correct diagnosis of its actuators; empty: none.
         failures: Kinds of `sim.Failure` that the event includes or causes: of its own actuator, or
             of as many random others.
@@ -178,9 +176,7 @@ machine_event = partial(event, "machine")
 sensor_event = partial(event, "sensor")
 
 
-@actuator_event(
-    "loose", "the actuator loses its force and its own spring", ("loose", "free"), ("loose",)
-)
+@actuator_event("loose", "the actuator loses force and spring", ("loose", "free"), ("loose",))
 @actuator_event("weak", "the actuator keeps half of its force", ("weak",), ("weak",))
 @actuator_event("free", "the actuator loses its force", ("free",), ("free",))
 @actuator_event("locked", "the actuator locks where it is", _LOCKED, _LOCKED)
@@ -189,9 +185,7 @@ def no_effect(_: "Target") -> Effect:
     return Effect()
 
 
-@actuator_event(
-    "spring_lost", "the actuator loses its own spring, not its force", ("loose", "free")
-)
+@actuator_event("spring_lost", "the actuator loses its spring alone", ("loose", "free"))
 def lost_spring(target: "Target") -> Effect:
     """Remove the actuator's own spring and its preload."""
     stiffness = target.moved("stiffness")
@@ -201,9 +195,7 @@ def lost_spring(target: "Target") -> Effect:
 
 
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
-@actuator_event(
-    "hard_over", "full input from then on, at a random end of the range", _UNMOVED, part=1.0
-)
+@actuator_event("hard_over", "full input from then on, at a random end", _UNMOVED, part=1.0)
 def constant_input(target: "Target", part: float) -> Effect:
     """Set the input to a constant part of the full one, at a random end of the range."""
     end = target.limits[target.rng.integers(2)]
@@ -286,7 +278,7 @@ actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(sca
 
 @actuator_event(
     "lock_released",
-    "the actuator locks, and moves again after 100 ms",
+    "a lock that opens after 100 ms",
     _LOCKED,
     _LOCKED,
     opens_s=0.1,
@@ -304,7 +296,7 @@ def released_lock(target: "Target", opens_s: float) -> Effect:
     return Effect(plant)
 
 
-actuator_event("free_returns", "no force for 0.5 s, then full force again", ("free",), off_s=0.5)(
+actuator_event("free_returns", "no force for 0.5 s, then full force", ("free",), off_s=0.5)(
     no_force
 )
 

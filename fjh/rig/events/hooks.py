@@ -83,8 +83,7 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
         failing = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
     time_s = event.time_s + kind.after_s
     return effect, [
-        Failure(k, failure_kind, time_s)
-        for k, failure_kind in zip(failing, kind.failures, strict=True)
+        Failure(k, mode, time_s) for k, mode in zip(failing, kind.failures, strict=True)
     ]
 
 

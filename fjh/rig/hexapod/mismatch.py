@@ -44,17 +44,15 @@ ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in A
 """Mismatches with a single size of :data:`ALL` each."""
 
 SAMPLED = ("gain", "stiffness", "damping", "inertia")
-"""Sizes sampled for each part, for which the diagnosis has a prior: `ftc.fdi.uncertainty.TYPICAL`.
-"""
+"""Sizes sampled for each part, with a prior in the diagnosis: `ftc.fdi.uncertainty.TYPICAL`."""
 
 OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in SAMPLED})
-"""Mismatch of another family than the prior's: log-normal, correlated between parts, twice as wide.
+"""Mismatch of another family than the prior's: log-normal, correlated between parts, twice as wide
 """
 
 SLIP_M = (0.3e-6, 30e-6)
-"""Range of the stretch at which an element of the hysteresis slips, sampled with a uniform
-logarithm: from less than the dither of a diagnosis, 0.5 um, to more than the struts move on the
-spiral."""
+"""Range of the stretch at which an element of the hysteresis slips, sampled log-uniformly: from
+less than the dither of a diagnosis, 0.5 um, to more than the struts move on the spiral."""
 
 ELEMENTS = 4
 """Number of elements in the hysteresis of each suspension, equally stiff."""
@@ -67,8 +65,7 @@ class Differences:
     Attributes:
         model: Model of the plant: springs, dampers, inertias, gains of the coils, physics step;
             None is the controllers' model.
-        hysteresis: Hysteresis of the suspensions, parallel to the springs of the model; None is
-            none.
+        hysteresis: Hysteresis parallel to the model's suspension springs, or None.
         gain_drift_per_s: Relative drift rate of each coil's gain from the start of a run.
         delay_ticks: Delay of commands in control ticks.
         floor_m_per_s: RMS velocity of the floor in each third octave.
