@@ -1,4 +1,4 @@
-"""Named events, each declared once by a decorator of the function of its effect.
+"""Declarations of the named events, by a decorator of the function of each effect.
 
 Imports neither `sim` nor SciPy: the command line rejects misspelt events before these are loaded.
 """

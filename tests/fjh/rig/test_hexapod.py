@@ -222,7 +222,7 @@ def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shap
 
 @given(SEEDS)
 def test_the_lengths_of_a_pose_give_back_the_pose(seed):
-    """In the range of the assembled machine a set of lengths has one pose."""
+    """A set of lengths has one pose in the range of the assembled machine."""
     twist = np.random.default_rng(seed).uniform(-1, 1, (4, 6)) * np.repeat([0.05, 0.02], 3)
     there = NOMINAL.moved(twist)
     pose = forward_kinematics(machine(), machine().displacements(there))

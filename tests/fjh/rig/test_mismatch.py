@@ -149,7 +149,7 @@ def test_an_inapplicable_size_is_rejected_by_name():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_controls_are_those_of_the_controllers_model(seed):
-    """For all sampled gains the controls change as much as without a mismatch."""
+    """Controls change as much as without a mismatch, for all sampled gains."""
     gain, command = Mismatch(gain=ROBOTS.gain), 1e-4 * np.array([1.0, -2.0, 3.0])
     changes, moved = [], []
     for sizes in (EXACT, gain, ROBOTS):
@@ -179,7 +179,7 @@ def simulated(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[B
 
 
 def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
-    """Its encoders are those of `JointSensors` with its seed."""
+    """Encoders are those of `JointSensors` with the same seed."""
     model = load_model(ARM, add_locks=True)
     plant = Plant(model, base=None, start=mujoco.MjData(model))
     sensors = JointSensors(Mechanism(model), ROWS["arm"], 1e-5, 3)
@@ -254,7 +254,7 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(one, seed):
-    """All sizes at once, after the converters' hold, with fine integrator steps."""
+    """Mismatch of all kinds, after the converters' hold, with fine integrator steps."""
     plant_rig = one.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
     bench, _ = commanded(plant_rig, commands)
@@ -295,7 +295,7 @@ def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
 
 
 def test_the_floor_moves_the_payload_as_in_the_linear_model(one):
-    """Without control the pointing is that of B_floor under the same floor motion."""
+    """Pointing without control is that of B_floor under the same floor motion."""
     linear = linearize(one.model, Plant(one.model).data)
     plant_rig = one.with_mismatch(hexapod.ALONE["floor_um_per_s"], 2)
     bench, _ = commanded(plant_rig, np.zeros((600, 6)))
@@ -308,7 +308,7 @@ def test_the_floor_moves_the_payload_as_in_the_linear_model(one):
 
 
 def test_hysteresis_balances_its_chain_along_a_complete_loop(one):
-    """Under a slow triangle of commands the forces of coil, spring and chain balance."""
+    """Forces of coil, spring and chain balance under a slow triangle of commands."""
     fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))
     plant_rig = fine.with_mismatch(hexapod.ALONE["hysteresis"].scaled(10), 1)
     up = np.linspace(0, 3e-5, 400)

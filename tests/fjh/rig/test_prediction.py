@@ -101,7 +101,7 @@ def test_informing_late_is_predicted_between_onset_and_never():
 
 @pytest.mark.long
 def test_a_supervisor_that_identifies_a_free_actuator_continues_as_predicted():
-    """From its diagnosis on: closed loops carry the free actuator without a jump."""
+    """Closed loops carry the free actuator from its diagnosis on, without a jump."""
     one, path, failures = rig("hand"), path_of("hand", 2.4), [Failure(0, "free", 1.2)]
     dither = rig_dither(one, "default")
     assert dither is not None

@@ -1,4 +1,4 @@
-"""One rig for every robot: names, units, paths, files, copies, threads and texts."""
+"""Rigs of all robots: names, units, paths, files, copies, threads and texts."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -48,7 +48,7 @@ def test_rows_are_called_by_name_or_by_number(major, rows):
 
 @pytest.mark.long
 def test_both_rigs_of_the_hexapod_treat_a_free_strut_equally():
-    """Its spring holds it: both rigs count it as locked, and the task as possible."""
+    """Both rigs count the strut as locked by its spring, and the task as possible."""
     failures = [Failure("strut1", "free", 1.2)]  # the diagnosis learns until 0.8 s
     for name in ("hexapod", "fjh"):
         one = rig(name)
@@ -75,7 +75,7 @@ def test_feedforward_through_the_inverse_reduces_the_error(name):
 
 
 def test_every_controller_demands_the_path_through_the_inverse():
-    """Without failures a supervisor and an oracle act as a plain controller."""
+    """Supervisor and oracle act as a plain controller without failures."""
     one, path = rig("arm"), path_of("arm", 0.1)
     control = one.controller()
     plain = one.fly(control, path).inputs
@@ -113,7 +113,7 @@ def test_a_robot_among_other_objects_moves_as_predicted():
 
 @pytest.mark.long
 def test_a_finger_on_one_cable_moves_as_its_springs_determine():
-    """One cable moves two joints, whose springs determine the ratio."""
+    """Springs determine the ratio of two joints that one cable moves."""
     one = rig_of("finger", site="tip", major=(5,))
     run = one.fly(one.controller(), one.path("circle", duration_s=2.0))
     assert run.rms() < 2e-3 * one.size

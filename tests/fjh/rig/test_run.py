@@ -125,7 +125,7 @@ def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
 @pytest.mark.long
 @pytest.mark.parametrize("what", ["stuck", "another shape"])
 def test_encoders_replace_a_failed_task_sensor(what):
-    """With the task sensor alone the commands are held."""
+    """Commands are held if there is only the task sensor."""
     healthy = rms(simulated("arm", "none"))
     assert rms(simulated("arm", what)) < 10 * healthy < 0.05 * rms(simulated("arm", what, "task"))
     text = "the task is estimated from the encoders"
@@ -147,7 +147,7 @@ def test_failed_encoders_do_not_affect_a_controller_without_them():
 
 @pytest.mark.long
 def test_a_healthy_robot_with_dry_friction_raises_no_alarm():
-    """No alarm from the first test of the residuals on, at 0.8 s."""
+    """The residuals are tested from 0.8 s on."""
     one = rig_of("rubbing_arm", major=(3, 5))
     run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
     assert not run.diagnoses
