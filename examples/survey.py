@@ -11,19 +11,21 @@ import numpy as np
 
 import fjh
 from fjh.rig import conditions  # pyright: ignore[reportMissingImports]
-from fjh.rig.examined import examine  # pyright: ignore[reportMissingImports]
+from fjh.rig.condition_analysis import analyze_conditions  # pyright: ignore[reportMissingImports]
 
 model = fjh.load_model(fjh.MODELS / "arm.xml")
 system = fjh.ConstrainedSystem.of(fjh.jacobians(model, fjh.assemble(model), site="payload"))
 n, names = 7, [model.actuator(k).name for k in range(7)]
 codes = conditions.few_failures(n)  # none, then each one, then each two: locked and free
-found = examine(system, [3, 4, 5], codes, rates=(-np.ones(n), np.ones(n)))  # x, y, z; 1 rad/s
+found = analyze_conditions(
+    system, [3, 4, 5], codes, rates=(-np.ones(n), np.ones(n))
+)  # x, y, z; 1 rad/s
 locked, free = found.singles.T
 for kind, rows in (("locked", locked), ("free", free)):
     kept = [names[k] for k in range(n) if found.survived[rows[k]]]
     print(f"The tool still moves in x, y, z with any of {len(kept)} joints {kind}")
 worst = min(locked, key=lambda row: found.speed_left[row])
-said = f"{conditions.in_words(codes[worst], names)}: {100 * found.speed_left[worst]:.0f} %"
+said = f"{conditions.condition_text(codes[worst], names)}: {100 * found.speed_left[worst]:.0f} %"
 print(f"Least speed left after one lock, {said}")
 
 pairs = np.diag(found.speed_left[locked])

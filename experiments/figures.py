@@ -13,15 +13,15 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from fjh.rig.conditions import LETTERS
+from fjh.rig.classification import Classification
+from fjh.rig.conditions import CODE_LETTERS
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
-from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
+from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_classifications
 from fjh.rig.hexapod.metrics import loop_measures, plant_constants
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.options import MachineFile
-from fjh.rig.verdicts import Verdict
 from fjh.study.option import OnProgress
 from fjh.study.palette import BLACK, BLUE, ORANGE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure
@@ -56,7 +56,7 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
     geometry, (plant, pointing) = hexapod(machine), nominal_plant(machine)
     loops = design(plant, pointing, bench)
     poles = np.linalg.eigvals(plant.A)
-    found = pointing_verdicts(failure_atlas(elastic_system(machine), MAJOR))
+    found = pointing_classifications(failure_atlas(elastic_system(machine), MAJOR))
     margins = pd.DataFrame(map(loop_measures, loops)).drop(columns="sentence")
     margins.insert(0, "angle", ANGLES)
     settings = origin(0) | {
@@ -88,7 +88,7 @@ def open_loop(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> Open
     return OpenLoop(loop, frequency_hz, P, P * C)
 
 
-def counted(found: Sequence[Verdict]) -> pd.DataFrame:
+def counted(found: Sequence[Classification]) -> pd.DataFrame:
     """In how many conditions each verdict holds, in all and by the number of failed struts."""
     rows = [
         {"verdict": verdict.name, "pointing": verdict.label, "conditions": int(verdict.holds.sum())}
@@ -117,7 +117,7 @@ def shown(margins: pd.DataFrame, verdicts: pd.DataFrame) -> list[Shown]:
     ]
 
 
-def pictures(loops: Mapping[str, OpenLoop], found: Sequence[Verdict]) -> list[Picture]:
+def pictures(loops: Mapping[str, OpenLoop], found: Sequence[Classification]) -> list[Picture]:
     """Both figures and their captions."""
     return [
         Picture(
@@ -180,7 +180,7 @@ def _margin(
     axes.annotate(said, (hz, span[0]), (-4, -6), **place, bbox=paper)
 
 
-def figure_atlas(every: Sequence[Verdict]) -> Figure:
+def figure_atlas(every: Sequence[Classification]) -> Figure:
     """Map of all 3^6 conditions, and the share of each verdict over the number of failures."""
     figure, found = new_figure(PAGE_IN, 4.9), [each for each in every if each.holds.any()]
     count = {verdict.name: verdict.holds.sum() for verdict in every}
@@ -199,7 +199,7 @@ def figure_atlas(every: Sequence[Verdict]) -> Figure:
     return figure
 
 
-def _map(axes: Axes, found: Sequence[Verdict]) -> None:
+def _map(axes: Axes, found: Sequence[Classification]) -> None:
     """Struts 1 to 3 down the rows, 4 to 6 along the columns: the order of the atlas itself."""
     number = np.argmax([verdict.holds for verdict in found], axis=0)  # noqa: TID251 - truth values
     axes.pcolormesh(
@@ -219,14 +219,14 @@ def _map(axes: Axes, found: Sequence[Verdict]) -> None:
     for level in range(3):
         span, out = 3 ** (2 - level), -3 + level
         for k in range(3 ** (level + 1)):
-            middle, letter = (k + 0.5) * span, LETTERS[k % 3]
+            middle, letter = (k + 0.5) * span, CODE_LETTERS[k % 3]
             axes.text(middle, out + 0.5, letter, ha="center", va="center")
             axes.text(out + 0.5, middle, letter, ha="center", va="center")
         axes.text(27.3, out + 0.5, f"strut {4 + level}", va="center")
         axes.text(out + 0.5, 27.3, f"strut {1 + level}", va="top", ha="center", rotation=90)
 
 
-def _by_failures(axes: Axes, found: Sequence[Verdict]) -> None:
+def _by_failures(axes: Axes, found: Sequence[Classification]) -> None:
     """How many failures until the task is lost."""
     conditions = np.sum([verdict.by_failures for verdict in found], axis=0)
     left, rows = np.zeros(len(conditions)), range(len(conditions))

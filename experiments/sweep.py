@@ -16,6 +16,7 @@ from argument_checks.ties import ascending, greatest, ranks
 from experiments.study import HERE, Row, Where, basis_of, rows_of
 from experiments.sweep_design import CHOICES, MOST_RUNS, Design, SweepRun, read_design, runs_of
 from fjh.rig.checks import CLOSURE_LIMIT_M
+from fjh.rig.classification import POSSIBLE, names_of
 from fjh.rig.conditions import every_condition
 from fjh.rig.hexapod import fault_tolerance
 from fjh.rig.hexapod.closed_form import hexapod
@@ -27,7 +28,6 @@ from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.prediction import MARGINAL, open_loop, pole_radius
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, rms
-from fjh.rig.verdicts import KEPT, names_of
 from fjh.study.errors import WrongInput
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
@@ -467,7 +467,7 @@ def classified() -> pd.DataFrame:
     elastic = atlas.elastic
     assert elastic is not None  # the hexapod has springs
     columns = {
-        "verdict": names_of(fault_tolerance.pointing_verdicts(atlas)),
+        "verdict": names_of(fault_tolerance.pointing_classifications(atlas)),
         "failures": (atlas.codes != 0).sum(axis=1),
         "rigid_possible": atlas.possible,
         "rigid_unstable_major": atlas.unstable_major,
@@ -510,7 +510,7 @@ def disagreements(beside: pd.DataFrame) -> pd.DataFrame:
     # Runs that did not end, or have no prediction, are off as well.
     agree = (beside.off_over_allowed < 1) & beside.compared
     off = ~agree | ((beside.status == "exact") != beside.elastic_possible)
-    explained = ~beside.verdict.isin(KEPT) & (beside.jacobian == "analytic")
+    explained = ~beside.verdict.isin(POSSIBLE) & (beside.jacobian == "analytic")
     found = beside.assign(explained=explained)[off]
     columns = ["case", "struts", "weight", "jacobian", "verdict", "status"]
     columns += [*PREDICTED, *RMS, "off_over_allowed", "explained"]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from argument_checks import shown
-from fjh.rig.conditions import LETTERS, failures_of
+from fjh.rig.conditions import CODE_LETTERS, failures_of
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
 from fjh.rig.hexapod.testbed import TestbedConfig
@@ -252,8 +252,8 @@ def _checked(name: str, value: Any) -> Any:
         check_within(name, value, *LIMITS[name])
         return value if _is_whole(name) else float(value)
     if name == "struts":
-        expected = f"six letters out of {LETTERS}"
-        valid = isinstance(value, str) and len(value) == 6 and set(value) <= set(LETTERS)
+        expected = f"six letters out of {CODE_LETTERS}"
+        valid = isinstance(value, str) and len(value) == 6 and set(value) <= set(CODE_LETTERS)
     else:
         expected = f"one of {', '.join(map(json.dumps, CHOICES[name]))}"
         valid = (type(value), value) in [(type(each), each) for each in CHOICES[name]]

@@ -18,9 +18,9 @@ from fjh.recording.plane import Plane
 from fjh.recording.properties import checked, constants
 from fjh.recording.scene import Scene, condition_scene
 from fjh.recording.signals import Plot
-from fjh.rig.conditions import FREE, LOCKED, codes_of, failed, failures_of, in_words
+from fjh.rig.classification import classify
+from fjh.rig.conditions import FREE, LOCKED, codes_of, condition_text, failed, failures_of
 from fjh.rig.units import ROWS
-from fjh.rig.verdicts import left_of
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, LINES
 from fjh.study.plotting import PAGE_IN, new_figure
@@ -332,11 +332,11 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         "constrained_active": (len(bases["constrained_active"]), len(active) - rank(active)),
     }
     # The system's failures are part of every condition of its atlas.
-    [verdict] = left_of(failure_atlas(system, major, codes=np.zeros((1, model.nu))))
+    [verdict] = classify(failure_atlas(system, major, codes=np.zeros((1, model.nu))))
     row = {
         "mechanism": mechanism.name,
         "index": mechanism.conditions.index(condition),
-        "condition": in_words(codes, [str(k + 1) for k in numbers]),
+        "condition": condition_text(codes, [str(k + 1) for k in numbers]),
         "locked": failed(codes, numbers, LOCKED),
         "free": failed(codes, numbers, FREE),
         "major": [ROWS[row] for row in mechanism.rows],

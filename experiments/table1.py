@@ -27,7 +27,7 @@ from fjh.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
 from fjh.rig.hexapod.rig import hexapod_rig, pursuing
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.options import Controller, JacobianChoice, MachineFile
-from fjh.rig.other_controller import controller_factory, controller_label, fly_with
+from fjh.rig.other_controller import controller_factory, controller_label, simulate_with
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, rms
 from fjh.study.option import OnProgress, Option, seed_of
@@ -125,7 +125,7 @@ def table1(
         for name, column in BY_NAME.items()
     }
     own = {name: rigs["own", name] for name in BY_NAME}
-    _ = rig.machine.rest  # settled once for all processes
+    _ = rig.machine.equilibrium  # settled once for all processes
     mismatched = mismatched_rigs(own, seed, quick=quick)
     rigs["next seed", "W_a"] = own["W_a"]
     rigs |= {("controller", name): own[name] for name in REPRESENTATIVE if controller}
@@ -188,7 +188,7 @@ def _flown(
 ) -> tuple[Run, str | None]:
     """A run, and the failure of its controller if it is another one."""
     if controller is not None:
-        return fly_with(rig, controller, path, failures=column.failures, seed=seed)
+        return simulate_with(rig, controller, path, failures=column.failures, seed=seed)
     return rig.fly(rig.controller(), path, failures=column.failures, seed=seed), None
 
 
@@ -199,7 +199,7 @@ def mismatched_rigs(rigs: Mapping[str, Rig], seed: int, *, quick: bool) -> dict[
     """
     names = [name for name in REPRESENTATIVE if has_suspensions(rigs[name].model)]
     chosen = names[: 1 if quick else None]
-    return {name: rigs[name].drawn("all", seed + k) for k, name in enumerate(chosen)}
+    return {name: rigs[name].with_mismatch("all", seed + k) for k, name in enumerate(chosen)}
 
 
 def predicted_rad(

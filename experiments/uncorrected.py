@@ -28,7 +28,7 @@ from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.prediction import MARGINAL, loop_peak, open_loop, pole_radius
 from fjh.rig.rig import Rig
-from fjh.rig.run import Run, after_rest, rms
+from fjh.rig.run import Run, rms, zero_padded
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLUE, GREEN, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
@@ -215,14 +215,14 @@ def predicted_error_rad(
     if pole_radius(open_loop(rig, rig.goal, faults_of(column))) > MARGINAL:
         return None
     rest, floor = round(lead_in_s / bench.control_period_s), rig.machine.floor_m_per_s2
-    path = after_rest(rest, bench.spiral_rad(duration_s))
+    path = zero_padded(rest, bench.spiral_rad(duration_s))
     return rig.predict(
         path,
         failures=EXPERIMENTS[column].failures,
         told=False,
         noise=detector_noise_rad(bench, seed, len(path)),
         start=rig.machine.start_m,
-        floor_m_per_s2=None if floor is None else after_rest(rest, floor),
+        floor_m_per_s2=None if floor is None else zero_padded(rest, floor),
     ).error[rest:]
 
 

@@ -1,4 +1,4 @@
-"""Fault-tolerant control of redundant mechanisms in MuJoCo: what a user needs, under one name.
+"""Fault-tolerant control of redundant mechanisms in MuJoCo: all names that a script needs.
 
 import fjh
 
@@ -7,8 +7,8 @@ run = rig.fly(rig.supervisor(), rig.path("circle", duration_s=4.0),
               failures=[fjh.Failure("joint4", "locked", 2.0)])
 print(run.status)
 
-Whatever is not among these names is behind them, in `fjh.prioritized` (mappings), `fjh.ftc`
-(control, diagnosis), `fjh.sim` (MuJoCo) and `fjh.experiments` (the paper).
+All other names are in the subpackages `fjh.prioritized` (mappings), `fjh.ftc` (control, diagnosis),
+`fjh.sim` (MuJoCo) and `fjh.experiments` (the paper).
 """
 
 import ast
@@ -70,7 +70,7 @@ _PLACES = {
     for name in node.names
     if name.asname
 }
-"""Where each name above is. `import fjh` waits for none: the mappings work without MuJoCo."""
+"""Module and attribute of each name above, imported on first use: mappings work without MuJoCo."""
 
 __all__ = [name for name in _PLACES if not name.startswith("_")]  # pyright: ignore[reportUnsupportedDunderAll]
 
@@ -78,9 +78,9 @@ __all__ = [name for name in _PLACES if not name.startswith("_")]  # pyright: ign
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, own = _PLACES[name]
-    found = import_module(str(module))
-    return getattr(found, own) if own else found
+    module_name, attribute = _PLACES[name]
+    module = import_module(str(module_name))
+    return getattr(module, attribute) if attribute else module
 
 
 def __dir__() -> list[str]:

@@ -22,11 +22,11 @@ from fjh.rig.dither import dither_entry, not_isolable, rig_dither
 from fjh.rig.events import EVENTS, Event
 from fjh.rig.events.hooks import events_of
 from fjh.rig.mjcf import rig_of
-from fjh.rig.other_controller import controller_factory, controller_label, fly_with
+from fjh.rig.other_controller import controller_factory, controller_label, simulate_with
 from fjh.rig.prediction import Prediction
 from fjh.rig.rig import Rig
-from fjh.rig.run import Run, called, diagnosis_entries, entry_of
-from fjh.rig.units import ROWS, by_unit, norms_said, prefixed, said
+from fjh.rig.run import Run, diagnosis_entries, entry_of, failure_text
+from fjh.rig.units import ROWS, by_unit, norms_text, prefixed, quantity_text
 from fjh.study.errors import WrongInput
 from fjh.study.interrupts import notice
 from fjh.study.option import OnProgress, Option, seed_of
@@ -133,7 +133,7 @@ def track(
     rig = rig_of(model, robot)
     desired = rig.path(path, duration_s=scale * duration, turn_s=turn)
     announced, events, failures = happening(rig, failed, other_events, scale, seed)
-    reach.check_reach(rig, desired)
+    reach.check_reachable(rig, desired)
     for warning in rig.warnings:
         notice(warning)
     design = rig_dither(rig, dither if told else "none")
@@ -141,7 +141,7 @@ def track(
         raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
     advised = partial(advice, rig, model, robot, dither)
     for each in not_isolable(rig, design, desired, failures) if told else ():
-        notice(f"{called(rig, each)} may not be found: {advised(each)}")
+        notice(f"{failure_text(rig, each)} may not be found: {advised(each)}")
 
     compares = told and bool(failures or events)
     runs, met = 1 + compares + (controller is not None), NonlinearityMonitor(rig.model, rig.part)
@@ -160,9 +160,11 @@ def track(
         with suppress(SimulationDiverged):
             undiagnosed = rig.fly(rig.controller(), desired, on_tick=partial(on_tick, 1), **how)
     if controller is not None:
-        other, _ = fly_with(rig, controller, desired, on_tick=partial(on_tick, runs - 1), **how)
+        other, _ = simulate_with(
+            rig, controller, desired, on_tick=partial(on_tick, runs - 1), **how
+        )
 
-    learnt, predict = reach.learnt_s(rig, run, failures), reach.predictor(rig, run, moving)
+    learnt, predict = reach.diagnosed_at_s(rig, run, failures), reach.predictor(rig, run, moving)
     predicted = predict(told=told)
     comparable = predict(told=learnt) if failures and not events else predicted
     flown = Flown(rig, run, undiagnosed, other, list(met.sentences), predicted, comparable)
@@ -177,7 +179,7 @@ def track(
         "diagnoses": named,
         "status": run.status,
         "advice": [
-            f"{called(rig, failure)} was not diagnosed: {advised(failure)}"
+            f"{failure_text(rig, failure)} was not diagnosed: {advised(failure)}"
             for failure, learnt_at_s in zip(failures, learnt, strict=True)
             if told and learnt_at_s is None
         ],
@@ -313,7 +315,7 @@ def happened(flown: Flown, reports: Sequence[Any], found: Sequence[Any]) -> list
     stated, left, named = stated_of(flown.rig, flown.run), dict[str, str](), list[Any]()
     for failure, report in zip(flown.run.failures, reports, strict=True):
         can = "possible" if is_possible(report) else "not possible"
-        left[called(flown.rig, failure)] = f"major task {can}: {deciding_sentence(report)}"
+        left[failure_text(flown.rig, failure)] = f"major task {can}: {deciding_sentence(report)}"
     struck = [(each.time_s, stated.text(each), each.kind) for each in stated.incidents]
     struck = [(at, what, left.get(what) or EVENTS[kind].sentence) for at, what, kind in struck]
     for one in found:
@@ -328,7 +330,7 @@ def verdict(found: Mapping[str, Any], struck: pd.DataFrame, named: pd.DataFrame)
     """One sentence: what happened, what it cost, what is left, and what was diagnosed."""
     robot, units = found["robot"], found["units"]
     before, after, predicted = (
-        norms_said(found[key], units) if found[key] else "unknown"
+        norms_text(found[key], units) if found[key] else "unknown"
         for key in ("rms_before", "rms_after", "predicted_rms_before")
     )
     if struck.empty:
@@ -373,7 +375,7 @@ ERRORS = {
 def shown(rows: pd.DataFrame, log: pd.DataFrame, found: Mapping[str, Any]) -> list[Shown]:
     """The errors by major row with their units; and what happened and was diagnosed."""
     cells = {
-        name: [said(value, unit) for value, unit in zip(rows[key], rows.unit, strict=True)]
+        name: [quantity_text(value, unit) for value, unit in zip(rows[key], rows.unit, strict=True)]
         for key, name in ERRORS.items()
         if rows[key].notna().all() and (name != "at_once" or found["diagnosis"] == "on")
     }
@@ -468,7 +470,7 @@ def actuator_panel(axes: Axes, flown: Flown, broken: set[str | None]) -> None:
         color, width = (VERMILION, 1.4) if name in broken else ("0.4", 0.8)
         row = k - run.displacement[:, k] / (spans[unit] or 1.0)
         axes.plot(run.time_s, row, color=color, lw=width)
-    high = " or ".join(said(span, unit) for unit, span in spans.items())
+    high = " or ".join(quantity_text(span, unit) for unit, span in spans.items())
     axes.set_yticks(range(len(names)), names)
     axes.set(title=f"Displacement of each actuator:\na row is {high} high")
     axes.invert_yaxis()

@@ -230,7 +230,7 @@ GAINED = 0.97
 def events() -> str:
     """Each event that `fjh track --event` takes, what it does, and what diagnoses it correctly."""
     rows = [
-        [f"`{name}`", kind.of, kind.sentence, ", ".join(kind.named_as) or kind.cause or "none"]
+        [f"`{name}`", kind.of, kind.sentence, ", ".join(kind.correct_kinds) or kind.cause or "none"]
         for name, kind in EVENTS.items()
     ]
     head = ["event", "of", "what happens", "correct diagnosis"]

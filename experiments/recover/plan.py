@@ -19,7 +19,7 @@ from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.mismatch import EXACT, Mismatch
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions, Sensing
-from fjh.rig.reach import check_reach
+from fjh.rig.reach import check_reachable
 from fjh.rig.rig import Rig
 from ftc.fdi import KINDS, Dither, DitherDesign, Fault
 from sim import Array, Failure
@@ -71,7 +71,7 @@ class Case:
     def rig(self) -> Rig:
         """The robot with the plant of this case, for all its controllers."""
         rig = exact_rig(self.model, self.options)
-        return rig.drawn(sizes_of(rig, self.mismatch).scaled(self.factor), self.plant_seed)
+        return rig.with_mismatch(sizes_of(rig, self.mismatch).scaled(self.factor), self.plant_seed)
 
     def path(self, rig: Rig) -> Array:
         """Desired displacements of the major rows, shape (N, m1)."""
@@ -358,7 +358,7 @@ def robot_cases(
         else:
             cases += robot_failures(first, design, seed, quick)
     for case in {(case.options, case.plane_seed, case.duration_s): case for case in cases}.values():
-        check_reach(rig := exact_rig(file, case.options), case.path(rig))
+        check_reachable(rig := exact_rig(file, case.options), case.path(rig))
     return numbered(cases), dithers
 
 

@@ -12,7 +12,7 @@ from experiments.study import Row
 from fjh.rig.events import EVENTS
 from fjh.rig.events.hooks import events_of
 from fjh.rig.hexapod.fault_tolerance import STILL, fault_text
-from fjh.rig.other_controller import fly_with
+from fjh.rig.other_controller import simulate_with
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, tick_of
 from fjh.study.errors import WrongInput
@@ -91,7 +91,7 @@ def fly_other(case: Case, controller: str) -> tuple[Row, Run]:
     Only in the main thread of a process, where a controller that takes too long can be stopped.
     """
     rig = case.rig()
-    run, failure = fly_with(rig, controller, case.path(rig), **_how(case))
+    run, failure = simulate_with(rig, controller, case.path(rig), **_how(case))
     return errors(rig, case, run, "other") | {"controller_failure": failure}, run
 
 
@@ -162,9 +162,9 @@ def _expected(rig: Rig, case: Case, failures: tuple[Failure, ...]) -> Expected:
     [event] = case.events
     kind = EVENTS[event.name]
     onset = tick_at(rig, case, event.time_s + kind.after_s)
-    if kind.named_as and event.actuator is not None:
-        expected[rig.actuators[rig.number(event.actuator)]] = onset, kind.named_as
-    return dict.fromkeys(expected, (onset, kind.named_as))
+    if kind.correct_kinds and event.actuator is not None:
+        expected[rig.actuators[rig.number(event.actuator)]] = onset, kind.correct_kinds
+    return dict.fromkeys(expected, (onset, kind.correct_kinds))
 
 
 def _is_kind(expected: Expected, actuator: str, found: Diagnosis) -> bool:
@@ -324,7 +324,7 @@ def dither_cost(case: Case, duration_s: float) -> list[Row]:
     On the exact plant. `moved` is how far the dither moves all major rows together on a plant that
     is not the model: there the actuators do not cancel. In sizes of the path.
     """
-    rig, mixed = exact_rig(), exact_rig().drawn("all", case.plant_seed)
+    rig, mixed = exact_rig(), exact_rig().with_mismatch("all", case.plant_seed)
     case = replace(case, begin_s=0.0, duration_s=duration_s, failures=())
     still = replace(case, dither=replace(case.dither or STILL, amplitude=0.0))
     quiet, moved = (unaware(mixed, each) for each in (still, case))

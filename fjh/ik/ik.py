@@ -1,4 +1,4 @@
-"""Inverse kinematics: the velocity that meets tasks in strict levels, under limits."""
+"""Inverse kinematics: joint velocities that achieve tasks in strict levels, under limits."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -13,17 +13,17 @@ import numpy as np
 import argument_checks as check
 from fjh.ik.levels import Levels
 from fjh.ik.limits import Limits, VelocityLimits
-from fjh.ik.overshoot import MISSED, NEGLIGIBLE, Trial
+from fjh.ik.overshoot import MISSED, NEGLIGIBLE, StepTest
 from fjh.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
 from sim import FRACTIONS, Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
 
 
 class Ik:
-    """The velocity of a robot that does several things at once, the important ones exactly.
+    """Solver for the velocity of a robot with several tasks in strict levels.
 
-    Each level of tasks is met as far as limits, loops and the levels before it let. All that does
-    not change from tick to tick is looked up once::
+    Each level of tasks is achieved as far as limits, loops and the levels before it permit.
+    Everything that does not depend on the pose is prepared once::
 
         hand = FrameTask("hand")
         ik = Ik(model, [hand, PostureTask(target=data.qpos)], Limits(velocity=2.0))
@@ -31,9 +31,9 @@ class Ik:
             hand.target = pose
             ik.advance(data, ik.step(data, dt), dt, into=data)
 
-    The tasks hold their targets and gains, which the loop may set. Everything else stays as it is
-    when the object is made: :meth:`with_failures` gives another one. Both of them are for one
-    thread, because a step overwrites the Jacobians of the one before; solutions keep their own.
+    The tasks store their targets and gains, which the loop may set. Everything else is fixed at
+    construction: :meth:`with_failures` returns another object. Both share Jacobians that a step
+    overwrites, so they must be used in one thread; solutions have their own.
     """
 
     def __init__(
@@ -45,36 +45,36 @@ class Ik:
         active: bool | Iterable[str | int] = (),
         pinned: Iterable[str | Body | Pin] = (),
     ) -> None:
-        """Look up what no pose changes.
+        """Prepare all pose-independent data.
 
         Args:
-            model: Any model.
-            tasks: Of each level a task, or a list of tasks that are weighed against each other.
-            limits: None is `Limits()`: the ranges that the model states.
-            active: Joints that are variables though they have no actuator, by name or number, as
-                for :func:`sim.jacobians`: the base of a robot that walks.
-            pinned: Frames that stay where they are, as for :func:`sim.jacobians`: feet that stand.
+            model: Any MuJoCo model.
+            tasks: For each level a task, or a list of tasks that are weighted against each other.
+            limits: Limits; None is `Limits()`: the ranges that the model states.
+            active: Joints without actuator that are variables, by name or number, as for
+                :func:`sim.jacobians`: the base of a walking robot.
+            pinned: Fixed frames, as for :func:`sim.jacobians`: feet on the ground.
 
         Raises:
-            ModelError: A name that does not exist; a task that nothing active moves; or as
+            ModelError: A name does not exist; no active joint moves a task; or as
                 :func:`sim.jacobians`.
-            ValueError: No level, an empty one, or one task twice.
+            ValueError: No level, an empty level, or a task twice.
         """
         self._model = check.instance("model", model, mujoco.MjModel)
         self._levels = Levels.of(model, tasks)
         self._pinned = tuple(pinned) if isinstance(pinned, Iterable) else pinned
         read = {"pinned": self._pinned, "active": active}
         self._reader = JacobianReader(model, self._levels.read, **read)
-        anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
-        self._there = anywhere, mujoco.MjData(model)
-        jac = anywhere.at(self._there[1])
+        reader = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
+        self._scratch = reader, mujoco.MjData(model)
+        jac = reader.at(self._scratch[1])
         for sentence in jac.structure.left_out:
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
-        given = Limits() if limits is None else check.instance("limits", limits, Limits)
-        self._limits = given.of(model, jac)
+        user_limits = Limits() if limits is None else check.instance("limits", limits, Limits)
+        self._limits = user_limits.of(model, jac)
         system = ConstrainedSystem.of(jac)
-        self._asked = self._levels.levels(system)
-        self._take(system)
+        self._levels_of_tasks = self._levels.levels(system)
+        self._prepare(system)
 
     def with_failures(
         self,
@@ -82,145 +82,149 @@ class Ik:
         free: Iterable[int | str] = (),
         locked_passive: Iterable[int | str] = (),
     ) -> "Ik":
-        """The same after (further) failures, as of :class:`prioritized.ConstrainedSystem`.
+        """Return the solver after further failures, as :class:`prioritized.ConstrainedSystem`.
 
         The tasks are the same objects, with their targets.
         """
         failed = copy(self)
-        failed._take(self._system.with_failures(locked, free, locked_passive))
+        failed._prepare(self._system.with_failures(locked, free, locked_passive))
         return failed
 
     def step(self, data: mujoco.MjData, dt: float) -> Array:
-        """The velocity of all joints until the next tick, shape (nv,), as `data.qvel`.
+        """Return the velocity of all joints until the next tick, shape (nv,), as `data.qvel`.
 
         Args:
-            data: The state, whose loops are closed; frames in it are brought up to date.
+            data: State with closed loops; its frames are updated.
             dt: Time until the next tick [s].
 
         Raises:
             ClosureError: A loop is open: see :func:`sim.assemble`.
-            ValueError: A task without a target, or one that does not fit the model.
+            ValueError: A task has no target, or does not fit the model.
         """
         period_s = check.number("dt", dt, *check.SECONDS)
-        here = self._reader.read(data)
-        asked = self._asked_at(data, period_s)
-        met = self._met(data, here.J_T, here.J_C, here.error_bound, asked)
-        if met is None or not self._approaches(data, here.J_T, asked[1], met, period_s):
-            return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
-        qvel, fraction = self._kept(data, met, asked[0], None)
-        if fraction < 1.0 and asked[0].braking is not None and len(here.J_C):
-            return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
+        jac = self._reader.read(data)
+        demand = self._at(data, period_s)
+        v = self._compiled_solution(data, jac.J_T, jac.J_C, jac.error_bound, demand)
+        if v is None or not self._approaches(data, jac.J_T, demand[1], v, period_s):
+            return self._solution(data, period_s, self._reader.at(data), demand, v).qvel
+        qvel, fraction = self._limited(data, v, demand[0], None)
+        if fraction < 1.0 and demand[0].braking is not None and len(jac.J_C):
+            return self._solution(data, period_s, self._reader.at(data), demand, v).qvel
         return qvel
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
-        """The same with its status, and what each task lacks; see :meth:`step`."""
+        """Return the velocity with its status and the residual of each level; see :meth:`step`."""
         period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
-        asked = self._asked_at(data, period_s)
-        met = self._met(data, jac.J_T, jac.J_C, jac.error_bound, asked)
-        return self._solved(data, period_s, jac, asked, met)
+        demand = self._at(data, period_s)
+        v = self._compiled_solution(data, jac.J_T, jac.J_C, jac.error_bound, demand)
+        return self._solution(data, period_s, jac, demand, v)
 
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
     ) -> mujoco.MjData:
-        """The state after this velocity, all loops closed again, as :func:`sim.advance`.
+        """Return the state after this velocity with all loops closed again, as :func:`sim.advance`.
 
-        A new one, or `into`, which may be `data`: that takes a tenth of the time. Joints that are
-        stuck rest whatever `qvel` says. The state's `qvel` is the velocity with which it got there,
-        and its `time` says how far it came. What the step misses of the targets is left to the
-        next tick.
+        It is a new state, or `into`, which may be `data`: that takes a tenth of the time. Locked
+        joints rest for any `qvel`. The state's `qvel` is the velocity of the motion, and its `time`
+        shows how far the motion got. Remaining errors of the targets are left to the next tick.
         """
         stuck = self._system.stuck
-        taken = check.array("qvel", qvel, self._model.nv).copy()
-        taken[stuck[stuck < len(taken)]] = 0.0
-        check.array("qvel times dt", taken * check.number("dt", dt, check.SMALLEST))
-        rest = {"held": stuck.tolist(), "pinned": self._pinned}
-        moved = advance(self._model, data, taken, dt, **rest, warn_of_misses=False, into=into)
-        moved.qvel[:] = taken
+        velocity = check.array("qvel", qvel, self._model.nv).copy()
+        velocity[stuck[stuck < len(velocity)]] = 0.0
+        check.array("qvel times dt", velocity * check.number("dt", dt, check.SMALLEST))
+        options = {"held": stuck.tolist(), "pinned": self._pinned}
+        moved = advance(self._model, data, velocity, dt, **options, warn_of_misses=False, into=into)
+        moved.qvel[:] = velocity
         return moved
 
-    def _take(self, system: ConstrainedSystem) -> None:
-        """Keep a system, and what its tasks ask for at any pose."""
-        self._system, self._anywhere = system, (actuated := system.kinematics())
-        self._hierarchy = actuated.hierarchy(self._asked)
+    def _prepare(self, system: ConstrainedSystem) -> None:
+        """Store a system, and the pose-independent targets of its tasks."""
+        self._system, self._nominal_kinematics = system, (actuated := system.kinematics())
+        self._hierarchy = actuated.hierarchy(self._levels_of_tasks)
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
-        self._trial = Trial(self._model, *self._there, self._targets, system)
-        asked, units = self._targets.of_rows(), system.geometry.velocity_units
-        self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
+        self._step_test = StepTest(self._model, *self._scratch, self._targets, system)
+        demand, units = self._targets.of_rows(), system.geometry.velocity_units
+        self._rows = demand, 1.0 / system.geometry.task_units[: len(demand)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
         parts = [part for level in self._targets.levels for part in level]
         has_rates = any(part.among is not None for part in parts)
         self._has_free_rates = has_rates and not len(actuated.system.joints.moving)
 
-    def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
-        """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
+    def _at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
+        """Return the limits of all velocities at an updated state, and the targets of the tasks."""
         check.array("data.qvel", data.qvel)
-        limits = self._limits.at(data, period_s, self._anywhere)
+        limits = self._limits.at(data, period_s, self._nominal_kinematics)
         return limits, self._targets.at(data, period_s)
 
-    def _met(
+    def _compiled_solution(
         self,
         data: mujoco.MjData,
         J_T: Array,
         J_C: Array,
         error_bound: float,
-        asked: tuple[VelocityLimits, Array],
+        demand: tuple[VelocityLimits, Array],
     ) -> Array | None:
-        """All velocities in one compiled call; None where something is in doubt."""
+        """Return all velocities from one compiled call; None if it cannot certify the result."""
         if self._tick is None:
             return None
-        limits, targets = asked
-        met = self._tick(J_T, J_C, targets, limits.box, error_bound)
-        if met is None or not limits.are_kept_by(met):
+        limits, targets = demand
+        v = self._tick(J_T, J_C, targets, limits.box, error_bound)
+        if v is None or not limits.are_satisfied_by(v):
             return None
-        return met if self._limits.tightened(data, limits, met) is None else None
+        return v if self._limits.tightened(data, limits, v) is None else None
 
     def _approaches(
-        self, data: mujoco.MjData, J_T: Array, asked: Array, met: Array, period_s: float
+        self, data: mujoco.MjData, J_T: Array, demand: Array, v: Array, period_s: float
     ) -> bool:
-        """Whether a step lowers the errors of all tasks: by its second order, or as it is tried.
+        """Return True if a step reduces the errors of all tasks, to second order or in a test.
 
-        What tasks of joints do in the null space does not count, where no loops tie it.
+        Joint tasks in the null space are not counted if no loops couple it.
         """
         rows, weight, of_rates = self._rows
-        J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
+        J, y, target = (J_T[: len(rows)] * self._scale, of_rates * v, weight * demand[rows])
         flat, moved = J.ravel(), J.dot(y)
-        rest, h = wanted - moved, 0.25 * period_s * sqrt(flat.dot(flat))
-        spare = MISSED * (sqrt(wanted.dot(wanted)) - sqrt(rest.dot(rest))) + NEGLIGIBLE / period_s
+        residual, h = target - moved, 0.25 * period_s * sqrt(flat.dot(flat))
+        spare = (
+            MISSED * (sqrt(target.dot(target)) - sqrt(residual.dot(residual)))
+            + NEGLIGIBLE / period_s
+        )
         if h * y.dot(y) <= spare:
             return True
         if self._has_free_rates:
-            with suppress(np.linalg.LinAlgError):  # a singular one is tried
+            with suppress(np.linalg.LinAlgError):  # if singular, a test step decides
                 if 0.0 <= h * moved.dot(np.linalg.solve(J.dot(J.T), moved)) <= spare:
                     return True
-        return self._trial.comes_nearer(data, period_s * moved, period_s * asked, period_s * met)
+        return self._step_test.comes_nearer(data, period_s * moved, period_s * demand, period_s * v)
 
-    def _solved(
+    def _solution(
         self,
         data: mujoco.MjData,
         period_s: float,
         jac: Jacobians,
-        asked: tuple[VelocityLimits, Array],
-        met: Array | None,
+        demand: tuple[VelocityLimits, Array],
+        compiled: Array | None,
     ) -> IkSolution:
-        """The solution with its findings, where the compiled one is known or none."""
-        limits, targets = asked[0], self._targets.of_levels(asked[1])
+        """Return the solution with its diagnostics, from compiled velocities if there are any."""
+        limits, targets = demand[0], self._targets.of_levels(demand[1])
         problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
-        if met is None:
+        if compiled is None:
             problem = self._tightened(data, problem)
-        velocities = problem.velocities if met is None else met
-        if not self._approaches(data, jac.J_T, asked[1], velocities, period_s):
-            way, motion = period_s * asked[1], period_s * velocities
-            held = self._trial.held_back(data, self._hierarchy, problem.kinematics, way, motion)
-            if held:
-                problem, met = self._tightened(data, replace(problem, held_back=held)), None
+        velocities = problem.velocities if compiled is None else compiled
+        if not self._approaches(data, jac.J_T, demand[1], velocities, period_s):
+            displacement, motion = period_s * demand[1], period_s * velocities
+            rows = self._step_test.damping_rows(
+                data, self._hierarchy, problem.kinematics, displacement, motion
+            )
+            if rows:
+                problem, compiled = self._tightened(data, replace(problem, damping_rows=rows)), None
                 velocities = problem.velocities
-        qvel, fraction = self._kept(data, velocities, limits, problem.braking)
-        return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
+        qvel, fraction = self._limited(data, velocities, limits, problem.braking)
+        return IkSolution(qvel, fraction, compiled is not None or problem.solved[1], problem)
 
     def _tightened(self, data: mujoco.MjData, problem: IkProblem) -> IkProblem:
-        """The problem with limits corrected for tendons that turn on the way of its solution."""
+        """Return the problem with limits corrected for tendons that rotate during the step."""
         for _ in range(_BENDS):
             tighter = self._limits.tightened(data, problem.limits, problem.velocities)
             if tighter is None:
@@ -228,13 +232,14 @@ class Ik:
             problem = replace(problem, limits=tighter)
         return problem
 
-    def _kept(
+    def _limited(
         self, data: mujoco.MjData, velocities: Array, limits: VelocityLimits, braked: Array | None
     ) -> tuple[Array, float]:
-        """Of velocities (N,) those of joints, (nv,), and the part left to keep distances.
+        """Return joint velocities (nv,) and the fraction of the step that keeps distances.
 
-        With accelerations that is the part of the way to them from `braked`; None is that without
-        loops. Braking from there keeps all limits that it can.
+        With accelerations it is the fraction of the way from the braking velocities `braked` to the
+        given ones; None are those without loops. Braking from there keeps all limits that can be
+        kept.
         """
         nv, distances, braking = self._model.nv, self._limits.limits.distances, limits.braking
         if braking is None:
@@ -249,14 +254,16 @@ class Ik:
             partly = first + fraction * (velocities - first)
             if not braking.keeps(partly, least):
                 return None
-            return [(partly[:nv], duration_s) for duration_s in braking.way(partly)]
+            return [(partly[:nv], duration_s) for duration_s in braking.durations(partly)]
 
         if distances is None:
-            fraction = next((each for each in FRACTIONS if steps(each) is not None), 0.0)
+            fraction = next(
+                (fraction for fraction in FRACTIONS if steps(fraction) is not None), 0.0
+            )
         else:
             fraction = distances.largest_fraction(data, steps)
         return (first + fraction * (velocities - first))[:nv], fraction
 
 
 _BENDS = 3
-"""How often a step is corrected for tendons that turn on its way."""
+"""Largest number of corrections of a step for tendons that rotate during it."""

@@ -1,4 +1,4 @@
-"""Levels of task functions as the hierarchy of a mechanism takes them."""
+"""Levels of task functions as inputs of a mechanism's hierarchy."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from sim.tasks import LocatedFunction, LocatedRates
 
 
 class Levels(NamedTuple):
-    """Tasks of each level, with their names looked up.
+    """Tasks of each level, located in a model.
 
     Attributes:
-        model: Where.
-        tasks: Of each level.
-        located: The same in the model.
-        read: Those whose rows are to be read from it, one at least.
+        model: The model.
+        tasks: Tasks of each level.
+        located: Tasks of each level with names resolved.
+        read: Tasks with rows in the task Jacobian, at least one.
     """
 
     model: mujoco.MjModel
@@ -32,25 +32,25 @@ class Levels(NamedTuple):
     def of(
         cls, model: mujoco.MjModel, levels: Sequence[TaskFunction | Sequence[TaskFunction]]
     ) -> "Levels":
-        """The levels in a model.
+        """Return the levels located in a model.
 
         Raises:
-            ModelError: A name that does not exist.
-            ValueError: No level, an empty one, or one task twice.
+            ModelError: A name does not exist.
+            ValueError: No level, an empty level, or a task twice.
         """
         if not isinstance(levels, Sequence) or isinstance(levels, str) or not len(levels):
             raise ValueError(f"tasks must be a list of tasks, got {check.shown(levels)}")
         tasks = tuple(
-            (each,)
-            if isinstance(each, TaskFunction)
-            else check.members(f"tasks[{k}]", each, TaskFunction)
-            for k, each in enumerate(levels)
+            (level,)
+            if isinstance(level, TaskFunction)
+            else check.members(f"tasks[{k}]", level, TaskFunction)
+            for k, level in enumerate(levels)
         )
-        every = [task for level in tasks for task in level]
-        if not all(tasks) or len(set(every)) < len(every):
-            raise ValueError("tasks must have one at least in each level, and none twice")
+        all_tasks = [task for level in tasks for task in level]
+        if not all(tasks) or len(set(all_tasks)) < len(all_tasks):
+            raise ValueError("tasks must have at least one task in each level, and no task twice")
         located = tuple(tuple(task.on(model) for task in level) for level in tasks)
-        for task in every:
+        for task in all_tasks:
             task.fix()
         rows = [
             task
@@ -58,10 +58,10 @@ class Levels(NamedTuple):
             for task, place in zip(level, places, strict=True)
             if not isinstance(place, LocatedRates)
         ]
-        return cls(model, tasks, located, rows or every[:1])
+        return cls(model, tasks, located, rows or all_tasks[:1])
 
     def levels(self, system: ConstrainedSystem) -> list[list[Task]]:
-        """What the hierarchy of a mechanism minimizes."""
+        """Return the tasks of a mechanism's hierarchy."""
         first, levels = 0, []
         of_rows, of_rates = system.geometry.task_units, system.geometry.velocity_units
         for tasks, places in zip(self.tasks, self.located, strict=True):
@@ -69,21 +69,23 @@ class Levels(NamedTuple):
             for task, place in zip(tasks, places, strict=True):
                 if isinstance(place, LocatedRates):
                     rates = np.zeros(len(of_rates))
-                    natural = 1.0 / of_rates[place.velocities]
-                    rates[place.velocities] = natural if is_natural else _weight(task, len(natural))
+                    unit_weights = 1.0 / of_rates[place.velocities]
+                    rates[place.velocities] = (
+                        unit_weights if is_natural else _weight(task, len(unit_weights))
+                    )
                     W = np.diag(rates[system.active])
                     level.append(Task(None, W[W.any(axis=1)], damping=task.damping or 0.0))
                     continue
                 rows = slice(first, first + len(place.angular))
-                natural = 1.0 / of_rows[rows]
-                W = natural if is_natural else _weight(task, len(natural))
+                unit_weights = 1.0 / of_rows[rows]
+                W = unit_weights if is_natural else _weight(task, len(unit_weights))
                 level.append(Task(rows, W, damping=task.damping or 0.0))
                 first = rows.stop
             levels.append(level)
         return levels
 
     def targets(self, kinematics: Kinematics) -> "Targets":
-        """What asks for velocities at any state, for joints for the rates of the survivors."""
+        """Return the targets of all tasks; joint tasks have targets for the remaining rates."""
         parts, start = list[list[Part]](), 0
         for tasks, places in zip(self.tasks, self.located, strict=True):
             level = []
@@ -101,15 +103,15 @@ class Levels(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What one task asks for.
+    """Velocity target of one task.
 
     Attributes:
-        task: With its gain.
-        located: The same in the model.
-        size: How many numbers its error has.
-        rows: Where they are among those of all tasks.
-        among: Which of them count; None is all.
-        own: Where its numbers and zeros are, of rates that it does not ask for.
+        task: The task, with its gain.
+        located: The task located in the model.
+        size: Number of components of its error.
+        rows: Their positions among those of all tasks.
+        among: Components that count; None is all.
+        slot: Positions of the target's components, zeros for other rates included.
     """
 
     task: TaskFunction
@@ -117,16 +119,16 @@ class Part(NamedTuple):
     size: int
     rows: slice | Indices
     among: Indices | None
-    own: slice
+    slot: slice
 
 
 class Targets(NamedTuple):
-    """Velocities that tasks ask for.
+    """Velocity targets of all tasks.
 
     Attributes:
-        model: Where.
-        levels: The tasks of each.
-        size: How many numbers they ask for.
+        model: The model.
+        levels: Targets of each level.
+        size: Number of components.
     """
 
     model: mujoco.MjModel
@@ -134,36 +136,36 @@ class Targets(NamedTuple):
     size: int
 
     def at(self, data: mujoco.MjData, period_s: float) -> Array:
-        """Those at a state, one task after the other, shape (t,)."""
-        asked = np.zeros(self.size)
+        """Return the velocity targets at a state, one task after the other, shape (t,)."""
+        requested = np.zeros(self.size)
         for level in self.levels:
             for task, located, size, rows, among, _ in level:
                 error = located.error(self.model, data)
                 is_plain = check.is_plain(error) and error.shape == (size,)
-                if not (is_plain and check.is_moderate(error)):  # of a user's own task
+                if not (is_plain and check.is_moderate(error)):  # of a user-defined task
                     error = check.array(f"the error of {check.shown(task)}", error, size)
                 velocity = task.gain / period_s * error
-                asked[rows] = velocity if among is None else velocity[among]
-        return check.array("what the errors of the tasks ask for in dt", asked)
+                requested[rows] = velocity if among is None else velocity[among]
+        return check.array("velocity targets from the errors of the tasks in dt", requested)
 
     def of_rows(self) -> Indices:
-        """Where those of each row of J_T are among them, shape (m,)."""
+        """Return the positions of each row of J_T among the targets, shape (m,)."""
         parts = [part for level in self.levels for part in level if part.among is None]
-        return np.concatenate([*(np.arange(self.size)[part.own] for part in parts), _NO_ROWS])
+        return np.concatenate([*(np.arange(self.size)[part.slot] for part in parts), _NO_ROWS])
 
-    def of_levels(self, asked: Array) -> list[Array | list[Array]]:
-        """The same as a hierarchy takes them: of each level an array, or a list of arrays."""
-        every = [[asked[part.own] for part in level] for level in self.levels]
-        return [level if len(level) > 1 else level[0] for level in every]
+    def of_levels(self, requested: Array) -> list[Array | list[Array]]:
+        """Return targets by level as a hierarchy takes them: an array, or a list of arrays."""
+        by_level = [[requested[part.slot] for part in level] for level in self.levels]
+        return [level if len(level) > 1 else level[0] for level in by_level]
 
 
 _NO_ROWS = np.zeros(0, dtype=np.intp)
 
 
 def _weight(task: TaskFunction, size: int) -> Array:
-    """Of each row, shape (k,)."""
+    """Return the weight of each row, shape (k,)."""
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
-        task_named = check.shown(task)
-        raise ValueError(f"weight of {task_named} must be one number or {size}, got {len(weight)}")
+        label = check.shown(task)
+        raise ValueError(f"weight of {label} must be one number or {size}, got {len(weight)}")
     return np.broadcast_to(weight, (size,))

@@ -1,4 +1,4 @@
-"""Limits of a robot in one call: ranges, velocities, accelerations, distances."""
+"""Limits of a robot: ranges, velocities, accelerations, distances."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,42 +15,42 @@ from sim import Array, Distances, Jacobians, ranges
 from sim.mjcf import Coupled, Drive, drive_rows, joint_name, name_of
 
 Limited = float | Mapping[str, float] | None
-"""One number for every velocity, one for each joint by its name, or no limit."""
+"""Limit of velocities: one number for all, one by joint name, or none."""
 
 _ROUND_OFF = 1e-9
-"""Part of a position, or of a way to a limit, by which a stop may miss it."""
+"""Relative tolerance of a position, or of a distance to a limit, at a stop."""
 _BENT = 1e-6
-"""Part of a step by which the end of a tendon may miss what it is to keep."""
+"""Tolerance of tendon limits at the end of a step, relative to the step."""
 RETURNING = (1.0, 0.25, 0.0625, 0.0)
-"""Parts of the wanted return from beyond a limit that are tried where all of it is impossible."""
+"""Fractions of the specified return from beyond a limit, in order, while it is infeasible."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a robot may do, whatever its tasks ask for.
+    """Limits of a robot's motion, which hold for all tasks.
 
     Without accelerations, ranges, velocities and distances hold at every tick. With accelerations
-    the rates are such that they hold at this tick and at every later one: each joint that an
-    actuator drives keeps to :func:`prioritized.viable_rates`, and where several joints together
-    move what is limited (distances, tendons, balls, passive joints) all of them could be braked in
-    proportion, on a straight way, from each rate that is taken. Geoms are measured along that way,
-    farther than `detection_m` where it is longer; the others count to first order in it.
+    the rates are such that they hold at this tick and at every later one: each actuated joint
+    satisfies :func:`prioritized.viable_rates`, and where several joints together move a limited
+    quantity (distances, tendons, balls, passive joints) all of them could brake in proportion, on a
+    straight line, from each rate that is taken. Geoms are measured along that line, beyond
+    `detection_m` if it is longer; the other quantities count to first order in it.
 
-    Where the start is too fast for that, or limits move, accelerations hold first: all joints
-    brake, and the solution names what is not kept (:attr:`IkSolution.exceeded`).
-    A joint beyond its range returns as fast as the other limits allow; geoms nearer than their
-    margin part by a share of what is missing in each tick (:class:`sim.Distances`). Where loops and
-    limits together do not let it return so fast, it returns more slowly, or goes no farther.
+    If the start is too fast for that, or limits move, accelerations have priority: all joints
+    brake, and the solution lists the violated limits (:attr:`IkSolution.exceeded`). A joint beyond
+    its range returns as fast as the other limits permit; geoms nearer than their margin separate by
+    a share of the missing distance in each tick (:class:`sim.Distances`). If loops and limits
+    together do not permit that rate, the return is slower, or the violation at least does not grow.
 
     Attributes:
-        ranges: Whether joints and tendons stay within the ranges that the model states, driven or
-            not; of a ball joint that is its angle. Ranges of controls are no positions.
+        ranges: Whether joints and tendons, actuated or not, stay within the ranges that the model
+            states; of a ball joint that is its angle. Control ranges are not positions.
         velocity: Largest rate of a joint [rad]/[s] or [m]/[s]: one number for all, or by name of
-            joint, tendon or actuator, which stands for what it drives. If there are two for one
-            joint, both hold.
-        acceleration: Likewise, of joints [rad]/[s^2] or [m]/[s^2]; `data.qvel` is the rate before.
-            Of tendons only where an actuator drives them.
-        distances: Geoms that keep their distance, or None.
+            joint, tendon or actuator, which stands for the joint or tendon that it drives. If there
+            are two for one joint, both hold.
+        acceleration: Largest acceleration of a joint [rad]/[s^2] or [m]/[s^2], in the same forms;
+            `data.qvel` is the previous rate. Of tendons only if an actuator drives them.
+        distances: Geoms that keep a distance, or None.
 
     Raises:
         ValueError: A limit that is not positive.
@@ -67,36 +67,38 @@ class Limits:
         for name in ("velocity", "acceleration"):
             value = getattr(self, name)
             if isinstance(value, Mapping):
-                own = {
+                numbers = {
                     check.instance(f"{name}: a name", key, str): check.number(
-                        f'{name}["{key}"]', each, check.SMALLEST
+                        f'{name}["{key}"]', limit, check.SMALLEST
                     )
-                    for key, each in value.items()
+                    for key, limit in value.items()
                 }
-                object.__setattr__(self, name, own)
+                object.__setattr__(self, name, numbers)
             elif value is not None:
                 object.__setattr__(self, name, check.number(name, value, check.SMALLEST))
         if self.distances is not None:
             check.instance("distances", self.distances, Distances)
 
     def of(self, model: mujoco.MjModel, jac: Jacobians) -> "LimitsOf":
-        """The same by the numbers of a mechanism's velocities.
+        """Return the limits by the velocity indices of a mechanism.
 
         Raises:
-            ValueError: A name that the mechanism does not have, with the nearest, or that means two
-                things; or distances of another model.
+            ValueError: A name that the mechanism does not have (with the nearest one), or an
+                ambiguous one; or distances of another model.
         """
         if self.distances is not None and not self.distances.fits(model):
             raise ValueError("distances must be of this model, got those of another model")
         N = len(jac.names.velocities)
         positions = Positions.of(model, jac) if self.ranges else Positions.free(N)
         meanings = _meanings(model, jac)
-        velocity, of_tendons = _each("velocity", self.velocity, meanings, N, model.ntendon)
-        acceleration, wrong = _each("acceleration", self.acceleration, meanings, N, model.ntendon)
+        velocity, of_tendons = _limit_of("velocity", self.velocity, meanings, N, model.ntendon)
+        acceleration, on_tendons = _limit_of(
+            "acceleration", self.acceleration, meanings, N, model.ntendon
+        )
         driven = [d.tendon for d in jac.drives if d.tendon is not None]
         of_tendons[driven] = np.inf
-        wrong[driven] = np.inf
-        for k in np.flatnonzero(np.isfinite(wrong)):
+        on_tendons[driven] = np.inf
+        for k in np.flatnonzero(np.isfinite(on_tendons)):
             name = name_of(model.tendon(k))
             raise ValueError(f'acceleration: no actuator drives the tendon "{name}"')
         coupled = Coupled.of(model, driven, of_tendons, stated=self.ranges)
@@ -105,8 +107,8 @@ class Limits:
             self,
             model,
             positions,
-            _both_ways(velocity),
-            _both_ways(acceleration),
+            _symmetric(velocity),
+            _symmetric(acceleration),
             coupled,
             (*(joint_name(model, k) for k in model.dof_jntid), *(d.name for d in extra)),
             extra,
@@ -115,12 +117,12 @@ class Limits:
 
 
 class Positions(NamedTuple):
-    """Positions of slides, hinges and tendons, of which ranges are stated.
+    """Positions of slides, hinges and tendons with ranges.
 
     Attributes:
-        ranges: Lower and upper position of each velocity, infinite where there is none, (N,) each.
-        joints: Velocities of slides and hinges, and their places in `qpos`.
-        tendons: Velocities of tendons, and their numbers.
+        ranges: Lower and upper position of each velocity, infinite without range, (N,) each.
+        joints: Velocity indices of slides and hinges, and their indices in `qpos`.
+        tendons: Velocity indices of tendons, and their numbers.
     """
 
     ranges: tuple[Array, Array]
@@ -129,7 +131,7 @@ class Positions(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, jac: Jacobians) -> "Positions":
-        """Those of a mechanism's velocities."""
+        """Return the ranges of a mechanism's velocities."""
         stated, extra = ranges(model), [d for d in jac.drives if d.joint is None]
         bounds = np.tile([[-np.inf], [np.inf]], (1, model.nv + len(extra)))
         bounds[:, : model.nv] = stated.joint.T
@@ -142,12 +144,12 @@ class Positions(NamedTuple):
 
     @classmethod
     def free(cls, N: int) -> "Positions":
-        """Those of velocities without ranges."""
+        """Return N velocities without ranges."""
         none = np.zeros(0, dtype=np.intp)
-        return cls(_both_ways(np.full(N, np.inf)), (none, none), (none, none))
+        return cls(_symmetric(np.full(N, np.inf)), (none, none), (none, none))
 
     def at(self, data: mujoco.MjData) -> Array:
-        """Position of each velocity, zero where none is limited, (N,)."""
+        """Return the position of each velocity, zero without range, (N,)."""
         (velocities, places), (lengths, tendons) = self.joints, self.tendons
         x = np.zeros(len(self.ranges[0]))
         x[velocities] = data.qpos[places]
@@ -157,19 +159,19 @@ class Positions(NamedTuple):
 
 
 class Braking(NamedTuple):
-    """How all velocities are brought to rest in proportion, as fast as accelerations allow.
+    """Proportional braking of all velocities to rest, as fast as accelerations permit.
 
-    It keeps the limits of all that several joints move together, because each of these comes to
-    rest on its way there, too.
+    It keeps the limits of quantities that several joints move together, because each quantity comes
+    to rest on its way to the limit, too.
 
     Attributes:
-        first: Velocities of the next tick if it brakes, (N,).
+        first: Velocities of the next tick under braking, (N,).
         per_rate: Ticks that one unit of each velocity takes to stop, (N,).
-        period_s: Of a tick.
-        below: How far each position may sink, (N,), and how far it may rise.
-        above: Likewise.
-        rows: R (r, nv) of what may sink.
-        room: By how much, (r,).
+        period_s: Duration of a tick [s].
+        below: Largest decrease of each position, (N,).
+        above: Largest increase of each position, (N,).
+        rows: Rows R (r, nv) of the other limited quantities.
+        margin: Largest decrease of these, (r,).
     """
 
     first: Array
@@ -178,31 +180,31 @@ class Braking(NamedTuple):
     below: Array
     above: Array
     rows: Array
-    room: Array
+    margin: Array
 
     def ticks(self, velocities: Array) -> float:
-        """Way to rest from these velocities, by the way of one tick; they hold for the first."""
-        return ticks_to_rest(float((np.abs(velocities) * self.per_rate).max()))
+        """Return the displacement to rest of velocities held for a tick, over that of a tick."""
+        return stopping_ticks(float((np.abs(velocities) * self.per_rate).max()))
 
     def excess(self, velocities: Array) -> Array:
-        """How far positions and rows end beyond their limits if it brakes after this tick."""
-        way = self.period_s * self.ticks(velocities) * velocities
-        sinks = self.rows @ way[: self.rows.shape[1]] if len(self.rows) else self.room
-        ends = np.concatenate([self.below + way, self.above - way, self.room + sinks])
+        """Return how far positions and rows exceed their limits if braking follows this tick."""
+        shift = self.period_s * self.ticks(velocities) * velocities
+        sinks = self.rows @ shift[: self.rows.shape[1]] if len(self.rows) else self.margin
+        ends = np.concatenate([self.below + shift, self.above - shift, self.margin + sinks])
         return np.maximum(-ends, 0.0)
 
-    def slack(self, velocities: Array) -> Array:
-        """What round-off may make of each excess."""
-        known = np.concatenate([self.below, self.above, self.room])
-        size = np.where(np.isfinite(known), np.abs(known), 0.0)
+    def tolerance(self, velocities: Array) -> Array:
+        """Return the round-off tolerance of each excess."""
+        distances = np.concatenate([self.below, self.above, self.margin])
+        size = np.where(np.isfinite(distances), np.abs(distances), 0.0)
         return _ROUND_OFF * (size + self.period_s * float(np.abs(velocities).max(initial=0.0)))
 
     def keeps(self, velocities: Array, least: Array) -> bool:
-        """Whether no limit is exceeded farther than it must be."""
-        return bool((self.excess(velocities) <= least + self.slack(velocities)).all())
+        """Return True if no limit is exceeded by more than the unavoidable `least`."""
+        return bool((self.excess(velocities) <= least + self.tolerance(velocities)).all())
 
-    def way(self, velocities: Array, most: int = 8) -> Iterator[float]:
-        """Durations at these velocities that end on the way to rest, the last one at its end."""
+    def durations(self, velocities: Array, most: int = 8) -> Iterator[float]:
+        """Yield durations at these velocities that end on the way to rest, the last at its end."""
         total = self.ticks(velocities)
         parts = min(most, int(np.ceil(total)))
         yield self.period_s
@@ -210,10 +212,10 @@ class Braking(NamedTuple):
             yield self.period_s * (1.0 + (total - 1.0) * part / (parts - 1))
 
 
-def ticks_to_rest(ticks: float) -> float:
-    """Way of a rate that is kept for a tick and takes so many ticks to be braked, in its ticks."""
-    whole = np.floor(ticks)
-    return float(1.0 + whole - whole * (whole + 1.0) / (2.0 * ticks)) if whole else 1.0
+def stopping_ticks(ticks: float) -> float:
+    """Return the displacement to rest over that of a tick, for a rate held for one tick."""
+    stop = np.floor(ticks)
+    return float(1.0 + stop - stop * (stop + 1.0) / (2.0 * ticks)) if stop else 1.0
 
 
 class RateLimits(NamedTuple):
@@ -221,36 +223,36 @@ class RateLimits(NamedTuple):
 
     Attributes:
         box: Lower and upper limit of each actuator's rate, (n,) each.
-        rows: R, lower and upper of lower <= R rates <= upper, for those that survive.
-        rest: What rates (n,) and rows are if all brake: zero without accelerations.
-        is_cut: Whether a row asks for no more than its own best, which is not what it should.
+        rows: R, lower and upper limit of R rates, for the remaining actuators.
+        braked: Rates (n,) and rows under braking: zero without accelerations.
+        is_cut: True if a row's required rate was reduced to its largest feasible one.
     """
 
     box: tuple[Array, Array]
     rows: tuple[Array, Array, Array]
-    rest: tuple[Array, Array]
+    braked: tuple[Array, Array]
     is_cut: bool
 
     @property
-    def excludes_rest(self) -> bool:
-        """Whether something must move otherwise than by braking."""
-        sides = [(*self.box, self.rest[0])]
+    def excludes_braking(self) -> bool:
+        """Return True if braking violates a limit."""
+        sides = [(*self.box, self.braked[0])]
         if len(self.rows[0]):
-            sides.append((*self.rows[1:], self.rest[1]))
+            sides.append((*self.rows[1:], self.braked[1]))
         return any(
-            np.count_nonzero(lower > rest) or np.count_nonzero(upper < rest)
-            for lower, upper, rest in sides
+            np.count_nonzero(lower > braked) or np.count_nonzero(upper < braked)
+            for lower, upper, braked in sides
         )
 
     def returning(self, part: float) -> "RateLimits":
-        """The same where what is beyond a limit need return by a part only."""
+        """Return the limits with the required return from violations scaled by a fraction."""
         R, *sides = self.rows
         box, rows = (
             (
-                np.minimum(lower, rest + part * np.maximum(lower - rest, 0.0)),
-                np.maximum(upper, rest + part * np.minimum(upper - rest, 0.0)),
+                np.minimum(lower, braked + part * np.maximum(lower - braked, 0.0)),
+                np.maximum(upper, braked + part * np.minimum(upper - braked, 0.0)),
             )
-            for (lower, upper), rest in zip((self.box, sides), self.rest, strict=True)
+            for (lower, upper), braked in zip((self.box, sides), self.braked, strict=True)
         )
         return self._replace(box=box, rows=(R, *rows))
 
@@ -259,14 +261,14 @@ class VelocityLimits(NamedTuple):
     """Limits of all velocities at one tick.
 
     Attributes:
-        of: What they follow from.
+        of: Pose-independent limits.
         pairs: Geoms that are near, (p, 2): rows after those of tendons and balls.
         box: Lower and upper limit of every velocity, (N,) each.
         rows: R of least <= R qvel, shape (r, nv), of tendons, balls, and distances.
-        least: Shape (r,).
-        braking: What is left to brake; None where accelerations need not be thought of.
-        viable: Whether each velocity can keep its own limits for ever, (N,).
-        period_s: Until the next tick.
+        least: Lower limits of the rows, (r,).
+        braking: Braking of all velocities; None without coupled quantities or accelerations.
+        viable: True for velocities that can keep their own limits for ever, (N,).
+        period_s: Time until the next tick [s].
     """
 
     of: "LimitsOf"
@@ -279,35 +281,35 @@ class VelocityLimits(NamedTuple):
     period_s: float
 
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What each velocity and each row is called."""
+        """Return the names of all velocities and of all rows."""
         geoms = tuple(f"geoms {' and '.join(self.of.geom(k) for k in pair)}" for pair in self.pairs)
         return self.of.names, (*self.of.coupled.names, *geoms)
 
-    def are_kept_by(self, velocities: Array) -> bool:
-        """Whether the rows are; the box is left to whoever asks."""
+    def are_satisfied_by(self, velocities: Array) -> bool:
+        """Return True if velocities satisfy the rows; the box is not checked."""
         return not len(self.rows) or bool(
             (self.rows @ velocities[: self.rows.shape[1]] >= self.least).all()
         )
 
     def exceeded(self) -> tuple[str, ...]:
-        """What cannot be kept: it is beyond its limit, or too fast to be stopped before it."""
+        """Return the names of violated limits, or of velocities too fast to stop in time."""
         of_velocities, of_rows = self.names()
         late = ~self.viable
         if self.braking is None:
-            return _each_once(of_velocities, late)
-        N, limit = len(late), self.braking.slack(self.braking.first)
+            return _unique(of_velocities, late)
+        N, limit = len(late), self.braking.tolerance(self.braking.first)
         beyond = self.braking.excess(self.braking.first) > limit
         late = late | beyond[:N] | beyond[N : 2 * N]
-        return _each_once(of_velocities, late) + _each_once(of_rows, beyond[2 * N :])
+        return _unique(of_velocities, late) + _unique(of_rows, beyond[2 * N :])
 
-    def held_by(self, kinematics: Kinematics) -> tuple[str, ...]:
-        """What the rows of :meth:`of_rates` are of."""
+    def row_names(self, kinematics: Kinematics) -> tuple[str, ...]:
+        """Return the names of the rows of :meth:`of_rates`."""
         of_velocities, of_rows = self.names()
         passive = [of_velocities[k] for k in np.flatnonzero(self.limited(kinematics))]
         return (*of_rows, *passive)
 
     def of_rates(self, active: Indices, kinematics: Kinematics) -> RateLimits:
-        """The same for the rates of these velocities, which move all others."""
+        """Return the limits of the rates of the active velocities, which move all others."""
         (lower, upper), rows, least = self.box, self.rows, self.least
         n, box = len(kinematics.actuators), (lower[active], upper[active])
         first = np.zeros(len(lower)) if self.braking is None else self.braking.first
@@ -319,21 +321,21 @@ class VelocityLimits(NamedTuple):
         R = np.vstack([rows @ motions[: rows.shape[1]], motions[limited]])
         least, most = np.append(least, lower[limited]), np.append(most, upper[limited])
         of_first = np.append(rows @ first[: rows.shape[1]], first[limited])
-        rest = R @ first[kinematics.active]
-        # Loops turn on the way: what braking was allowed is allowed as it is here.
-        least = np.where(least <= of_first, np.minimum(least, rest), least)
-        most = np.where(most >= of_first, np.maximum(most, rest), most)
-        asked = least, most
-        own = lower[kinematics.active], upper[kinematics.active]
-        below, above = np.where(R > 0, own[0], own[1]), np.where(R > 0, own[1], own[0])
+        braked = R @ first[kinematics.active]
+        # Loops rotate during the step: a braking motion that was feasible must remain feasible.
+        least = np.where(least <= of_first, np.minimum(least, braked), least)
+        most = np.where(most >= of_first, np.maximum(most, braked), most)
+        required = least, most
+        low, high = lower[kinematics.active], upper[kinematics.active]
+        below, above = np.where(R > 0, low, high), np.where(R > 0, high, low)
         with np.errstate(invalid="ignore"):
             least = np.minimum(least, np.where(R, R * above, 0.0).sum(axis=1))
             most = np.maximum(most, np.where(R, R * below, 0.0).sum(axis=1))
-        is_cut = bool((least < asked[0]).any() or (most > asked[1]).any())
-        return RateLimits(box, (R, least, most), (first[active], rest), is_cut)
+        is_cut = bool((least < required[0]).any() or (most > required[1]).any())
+        return RateLimits(box, (R, least, most), (first[active], braked), is_cut)
 
     def limited(self, kinematics: Kinematics) -> Array:
-        """Which velocities are limited though no working actuator moves them, and not stuck."""
+        """Return True for limited velocities that no working actuator drives, unless locked."""
         lower, upper = self.box
         limited = (lower > -np.inf) | (upper < np.inf)
         limited[kinematics.active] = False
@@ -342,18 +344,18 @@ class VelocityLimits(NamedTuple):
 
 
 class LimitsOf(NamedTuple):
-    """Limits by the numbers of a mechanism's velocities.
+    """Limits by the velocity indices of a mechanism.
 
     Attributes:
-        limits: What is limited.
-        model: Of which.
-        positions: Of joints and tendons with ranges.
-        velocity: Least and largest rate of each velocity, (N,) each.
-        acceleration: Least and largest acceleration, (N,) each.
-        coupled: Tendons and balls with limits that no velocity of their own stands for.
-        names: Of each velocity.
+        limits: Limits as given by the user.
+        model: Model of the mechanism.
+        positions: Positions of joints and tendons with ranges.
+        velocity: Lowest and highest rate of each velocity, (N,) each.
+        acceleration: Lowest and highest acceleration, (N,) each.
+        coupled: Limited tendons and balls without a velocity of their own.
+        names: Name of each velocity.
         extra: Drives that are no joint, whose velocities follow those of joints.
-        without: No rows, (0, nv), and no least products, (0,).
+        without: Empty rows, (0, nv), with empty lower limits, (0,).
     """
 
     limits: Limits
@@ -368,15 +370,15 @@ class LimitsOf(NamedTuple):
 
     @property
     def has_rows(self) -> bool:
-        """Whether several joints together may move what is limited."""
+        """Return True if several joints together may move a limited quantity."""
         return self.limits.distances is not None or len(self.coupled.names) > 0
 
     def at(self, data: mujoco.MjData, period_s: float, kinematics: Kinematics) -> VelocityLimits:
-        """Limits of the velocities that are constant until the next tick.
+        """Return the limits of the velocities, which are constant until the next tick.
 
         Args:
-            data: The state, up to date.
-            period_s: Until then.
+            data: The state, updated.
+            period_s: Time until the next tick [s].
             kinematics: The mechanism at any pose.
         """
         x, most = self.positions.at(data), self.acceleration[1]
@@ -404,11 +406,11 @@ class LimitsOf(NamedTuple):
                 *(None, box.viable, period_s),
             )
         ticks = float((np.abs(v) / most).max()) / period_s if braked else 0.0
-        span_s = period_s * ticks_to_rest(ticks + 1.0) if braked else period_s
-        rows, room, gain, pairs = self._rows(data, v, span_s)
-        least = np.where(room > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
+        span_s = period_s * stopping_ticks(ticks + 1.0) if braked else period_s
+        rows, margin, gain, pairs = self._rows(data, v, span_s)
+        least = np.where(margin > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
         with np.errstate(invalid="ignore"):
-            least = np.maximum(-least * room, self._least_rates(len(rows)))
+            least = np.maximum(-least * margin, self._least_rates(len(rows)))
         limits = VelocityLimits(
             self, pairs, (box.lower, box.upper), rows, least, None, box.viable, period_s
         )
@@ -416,20 +418,20 @@ class LimitsOf(NamedTuple):
             return limits
         first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v
         low, high = self.positions.ranges
-        braking = Braking(first, 1.0 / (most * period_s), period_s, x - low, high - x, rows, room)
+        braking = Braking(first, 1.0 / (most * period_s), period_s, x - low, high - x, rows, margin)
         return limits._replace(
             box=self._of_passive(limits.box, limits.limited(kinematics), v, span_s, braking),
-            least=np.where(room >= 0.0, np.minimum(least, rows @ first[: self.model.nv]), least),
+            least=np.where(margin >= 0.0, np.minimum(least, rows @ first[: self.model.nv]), least),
             braking=braking,
         )
 
     def tightened(
         self, data: mujoco.MjData, limits: VelocityLimits, velocities: Array
     ) -> VelocityLimits | None:
-        """Limits for what tendons and balls lack to stay in their ranges; None if they stay.
+        """Return limits corrected by the violations of tendon and ball ranges; None without any.
 
-        Rows are right at the start of a step; on its way tendons turn. `data` is moved and put
-        back.
+        The rows hold at the start of a step; tendons rotate during it. `data` is moved and
+        restored.
         """
         model, count, braking = self.model, len(self.coupled.names), limits.braking
         if not count:
@@ -447,11 +449,11 @@ class LimitsOf(NamedTuple):
             mujoco.mj_tendon(model, data)
             ends.append(self.coupled.slack(data))
         data.qpos[:] = start
-        lacking = np.minimum(ends[1], 0.0) - ends[0]
-        if (lacking <= _BENT * period_s * float(np.abs(qvel).max()) + _ROUND_OFF**2).all():
+        violation = np.minimum(ends[1], 0.0) - ends[0]
+        if (violation <= _BENT * period_s * float(np.abs(qvel).max()) + _ROUND_OFF**2).all():
             return None
         least = limits.least.copy()
-        least[:count] += np.maximum(lacking, 0.0) / span_s
+        least[:count] += np.maximum(violation, 0.0) / span_s
         return limits._replace(least=least)
 
     def _of_passive(
@@ -462,7 +464,7 @@ class LimitsOf(NamedTuple):
         span_s: float,
         braking: Braking,
     ) -> tuple[Array, Array]:
-        """The box where velocities that others move have room to brake with these."""
+        """Return the box in which passive velocities can brake with the active ones."""
         step = self.acceleration[1] * braking.period_s
         least, most = (np.clip(side, v - step, v + step) for side in self.velocity)
         below, above, first = braking.below, braking.above, braking.first
@@ -478,47 +480,47 @@ class LimitsOf(NamedTuple):
     def _rows(
         self, data: mujoco.MjData, v: Array, span_s: float
     ) -> tuple[Array, Array, Array, Indices]:
-        """R of what several joints move, its room, the part that a tick may take, and geoms."""
-        rows, room, pairs = self.coupled.rows(data), self.coupled.slack(data), _NO_PAIRS
-        gain, distances = np.ones(len(room)), self.limits.distances
+        """Return R of coupled quantities, their margins, gains per tick, and pairs of geoms."""
+        rows, margin, pairs = self.coupled.rows(data), self.coupled.slack(data), _NO_PAIRS
+        gain, distances = np.ones(len(margin)), self.limits.distances
         if distances is not None:
             qvel = v[: self.model.nv]
-            way = 2.0 * distances.farthest(data, qvel, span_s) if qvel.any() else 0.0
-            near = distances.at(data, distances.margin_m + way)
+            travel_m = 2.0 * distances.farthest(data, qvel, span_s) if qvel.any() else 0.0
+            near = distances.at(data, distances.margin_m + travel_m)
             rows = np.vstack([rows, near.rows])
-            room = np.append(room, near.distance_m - distances.margin_m)
+            margin = np.append(margin, near.distance_m - distances.margin_m)
             gain, pairs = np.append(gain, np.full(len(near.rows), distances.gain)), near.pairs
-        return rows, room, gain, pairs
+        return rows, margin, gain, pairs
 
     def _least_rates(self, count: int) -> Array:
-        """Of each row, from limits of velocity: those of tendons."""
+        """Return the lower limit of each row from velocity limits: those of tendons."""
         least = np.full(count, -np.inf)
         least[: len(self.coupled.velocity)] = -self.coupled.velocity
         return least
 
     def geom(self, number: int) -> str:
-        """Name of a geom; without one its number, and its body."""
+        """Return the name of a geom, or its number and the name of its body."""
         geom = self.model.geom(number)
         return geom.name or f"{number} of {name_of(self.model.body(geom.bodyid[0]))}"
 
 
-def _both_ways(most: Array) -> tuple[Array, Array]:
-    """The least and the most, (N,) each, of limits that are the same in both directions."""
+def _symmetric(most: Array) -> tuple[Array, Array]:
+    """Return lower and upper limits, (N,) each, that are equal in both directions."""
     return _pair(np.array([-most, most]))
 
 
 def _pair(both: Array) -> tuple[Array, Array]:
-    """Rows of an array (2, N), as plain vectors: a tick takes no views."""
+    """Return the rows of an array (2, N) as read-only vectors."""
     lower, upper = check.read_only(both)
     return lower, upper
 
 
 class Meaning(NamedTuple):
-    """What a name stands for: all velocities of a joint, or one more drive.
+    """Referent of a name: all velocities of a joint, or one more drive.
 
     Attributes:
-        what: Kind and number: an actuator is what it drives.
-        velocities: Their numbers; none of a tendon without an actuator.
+        what: Kind and number; an actuator is replaced by its joint or tendon.
+        velocities: Velocity indices; none for a tendon without an actuator.
     """
 
     what: tuple[str, int]
@@ -526,46 +528,48 @@ class Meaning(NamedTuple):
 
 
 def _meanings(model: mujoco.MjModel, jac: Jacobians) -> dict[str, list[Meaning]]:
-    """By each name of a joint, tendon or actuator that moves something what it stands for."""
-    found: dict[str, list[Meaning]] = {}
+    """Return the referents of each name of a joint, tendon or actuator that moves something."""
+    meanings: dict[str, list[Meaning]] = {}
     for k in range(model.njnt):
         own = np.flatnonzero(model.dof_jntid == k).tolist()
-        found.setdefault(model.joint(k).name, []).append(Meaning(("joint", k), own))
+        meanings.setdefault(model.joint(k).name, []).append(Meaning(("joint", k), own))
     for k in range(model.ntendon):
-        found.setdefault(model.tendon(k).name, []).append(Meaning(("tendon", k), []))
+        meanings.setdefault(model.tendon(k).name, []).append(Meaning(("tendon", k), []))
     for drive, velocity in zip(jac.drives, jac.active.tolist(), strict=False):
         first = drive.ids[0]
         what = ("actuator", first)
         if drive.tendon is not None:
             what = ("tendon", drive.tendon)
-            found.setdefault(model.tendon(drive.tendon).name, []).append(Meaning(what, [velocity]))
+            meanings.setdefault(model.tendon(drive.tendon).name, []).append(
+                Meaning(what, [velocity])
+            )
         elif int(model.actuator_trntype[first]) in _ON_JOINT:
             what = ("joint", int(model.actuator_trnid[first, 0]))
         for k in drive.ids:
-            found.setdefault(model.actuator(k).name, []).append(Meaning(what, [velocity]))
-    found.pop("", None)
-    return found
+            meanings.setdefault(model.actuator(k).name, []).append(Meaning(what, [velocity]))
+    meanings.pop("", None)
+    return meanings
 
 
-def _each(
+def _limit_of(
     argument: str, value: Limited, meanings: dict[str, list[Meaning]], N: int, tendons: int
 ) -> tuple[Array, Array]:
-    """The limit of every velocity, (N,), and of tendons by name; infinite where there is none."""
+    """Return the limit of every velocity, (N,), and of tendons by name; infinite without limit."""
     by_name = isinstance(value, Mapping)
     limits = np.full(N, np.inf if value is None or by_name else value)
     of_tendons = np.full(tendons, np.inf)
     for name, limit in value.items() if by_name else ():
-        own = meanings.get(name, [])
-        if not own:
+        matches = meanings.get(name, [])
+        if not matches:
             near = get_close_matches(name, meanings, 1)
             hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(meanings)}"
             raise ValueError(
                 f'{argument}: the model has no joint, tendon or actuator "{name}"; {hint}'
             )
-        if len(every := {meaning.what for meaning in own}) > 1:
-            both = " and ".join(f"{kind} {k}" for kind, k in sorted(every))
+        if len(referents := {meaning.what for meaning in matches}) > 1:
+            both = " and ".join(f"{kind} {k}" for kind, k in sorted(referents))
             raise ValueError(f'{argument}: "{name}" stands for {both}: use another name of one')
-        for what, velocities in own:
+        for what, velocities in matches:
             limits[velocities] = np.minimum(limits[velocities], limit)
             if what[0] == "tendon":
                 of_tendons[what[1]] = min(of_tendons[what[1]], limit)
@@ -576,5 +580,5 @@ _ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPAREN
 _NO_PAIRS = np.zeros((0, 2), dtype=np.intp)
 
 
-def _each_once(names: tuple[str, ...], chosen: Array) -> tuple[str, ...]:
+def _unique(names: tuple[str, ...], chosen: Array) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names[k] for k in np.flatnonzero(chosen)))

@@ -9,7 +9,7 @@ from fjh.rig import Rig, Run
 from fjh.rig.events import Event
 from fjh.rig.events.effects import Effect
 from fjh.rig.events.hooks import Hooks, effect_of
-from fjh.rig.run import SOUND, run_of
+from fjh.rig.run import HEALTHY, run_of
 from ftc import LoopRun, SupervisorState, one_tick
 from ftc.fdi import LEARNING_S
 from sim import Array, Failure, Pose
@@ -75,7 +75,7 @@ class Flight:
         Raises:
             sim.ModelError: It is to lock and has no lock.
         """
-        if kind == SOUND:
+        if kind == HEALTHY:
             self._bench.plant.repair(actuator)
         else:
             Failure(actuator, kind, self.now_s).inject(self._bench.plant)
@@ -87,7 +87,7 @@ class Flight:
         event = Event(name, self.now_s)
         before = sum(each.name == name for each in self.events)
         self._effects[name], _ = effect_of(self.rig, event, self._seed, before)
-        self._hooks.begin(self.tick, self._effects[name])
+        self._hooks.start(self.tick, self._effects[name])
         self.events.append(event)
 
     def end(self, name: str) -> None:
@@ -140,7 +140,7 @@ class Flight:
         failures = [
             Failure(actuator, kind, at_s)
             for at_s, actuator, kind in self.changes
-            if kind != SOUND and (at_s >= begin_s or last[actuator] == at_s)
+            if kind != HEALTHY and (at_s >= begin_s or last[actuator] == at_s)
         ]
         around = looped, self._time_s, self.desired, failures, ticks, self._since
         run = run_of(self.rig, self._bench, *around)

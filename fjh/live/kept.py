@@ -10,7 +10,7 @@ from fjh.live.stage import NAMES
 from fjh.recording.record import About, write_views
 from fjh.recording.view import Change, RunView, in_order, view_of
 from fjh.rig import Rig, Run
-from fjh.rig.run import SOUND
+from fjh.rig.run import HEALTHY
 from fjh.study.files import published
 from fjh.study.provenance import version_properties, versions
 
@@ -41,9 +41,9 @@ def _view(rig: Rig, flight: Flight, run: Run) -> RunView:
     """A run with what was repaired in it."""
     view = view_of(rig, run)
     repairs = [
-        Change(rig.actuators[k], SOUND, at_s)
+        Change(rig.actuators[k], HEALTHY, at_s)
         for at_s, k, kind in flight.changes
-        if kind == SOUND and at_s >= run.time_s[0]
+        if kind == HEALTHY and at_s >= run.time_s[0]
     ]
     incidents = in_order([*view.stated.incidents, *repairs])
     return replace(view, stated=replace(view.stated, incidents=incidents))

@@ -14,8 +14,8 @@ from fjh.live.gate import NOW
 from fjh.live.session import Session
 from fjh.live.stage import COLORS, NAMES, Stage
 from fjh.rig.events import EVENTS
-from fjh.rig.run import SOUND, rms
-from fjh.rig.units import norms_said
+from fjh.rig.run import HEALTHY, rms
+from fjh.rig.units import norms_text
 from sim import Array
 
 _KINDS: dict[str, Kind] = {"sound": "sound", "lock": "locked", "free": "free", "weak": "weak"}
@@ -131,10 +131,10 @@ class Panel:
                 group.options = now
         second = round(1.0 / rig.period_s)
         broken = [f"{n} {s}" for n, s in zip(rig.actuators, session.states, strict=True)
-                  if s != SOUND]  # fmt: skip
+                  if s != HEALTHY]  # fmt: skip
         happens = [*broken, *(EVENTS[name].sentence for name in sorted(session.going_on))]
         rows = [
-            f"<b style='color:{color}'>{name}</b> {norms_said(error, rig.row_units)} RMS<br>"
+            f"<b style='color:{color}'>{name}</b> {norms_text(error, rig.row_units)} RMS<br>"
             f"{escape(flight.belief)}"
             for name, color, error, flight in zip(
                 NAMES, COLORS, self._rms(second), session.flights, strict=True

@@ -10,7 +10,7 @@ import numpy as np
 from fjh.live.course import COURSES, course
 from fjh.live.flight import Flight, Kind
 from fjh.rig import Rig, Run
-from fjh.rig.run import SOUND
+from fjh.rig.run import HEALTHY
 from ftc import Supervisor, SupervisorState
 
 LONGEST_S = 300.0
@@ -43,7 +43,7 @@ class Session:
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
         pilot = self._supervisor if self.diagnoses else self._unaware
         self.flights = [Flight(rig, each, ticks, self._seed) for each in (pilot, self._unaware)]
-        self.states: list[Kind] = [SOUND] * len(rig.actuators)
+        self.states: list[Kind] = [HEALTHY] * len(rig.actuators)
         self.going_on = set[str]()
         self.course, self._since = course(rig, path or self.course.name), 0
         self.advance(1)
@@ -79,7 +79,7 @@ class Session:
         if self.states[actuator] == kind:
             return
         self._learn()
-        steps: tuple[Kind, ...] = (SOUND, kind)
+        steps: tuple[Kind, ...] = (HEALTHY, kind)
         for each in steps:
             if each != self.states[actuator]:
                 for flight in self.flights:

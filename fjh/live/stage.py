@@ -16,7 +16,7 @@ from fjh.recording.motion import Motion, mover
 from fjh.recording.view import stated_of
 from fjh.rig import Rig
 from fjh.rig.bodies import body_name
-from fjh.rig.run import SOUND
+from fjh.rig.run import HEALTHY
 from fjh.study.palette import BLUE, FAILED, VERMILION
 from sim import Array
 
@@ -159,7 +159,7 @@ class Actor:
 
     def color(self, states: Sequence[str]) -> None:
         """What has failed."""
-        bad = {b for bodies, each in zip(self._bodies, states, strict=True) if each != SOUND
+        bad = {b for bodies, each in zip(self._bodies, states, strict=True) if each != HEALTHY
                for b in bodies}  # fmt: skip
         for body in self._failed:
             self._failed[body].visible = body in bad

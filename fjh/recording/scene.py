@@ -21,12 +21,12 @@ from fjh.recording.motion import displacement, magnification, magnified, motion_
 from fjh.recording.plane import Plane, log_plane
 from fjh.recording.signals import Line, Plot, Range, axis_of, log_lines, log_plot
 from fjh.recording.view import RunView
-from fjh.rig.run import SOUND
+from fjh.rig.run import HEALTHY
 from fjh.study.palette import FAILED, GREEN, ORANGE, SKY
 
 _LINES = 1.9
 """Side of the square over the extent of the curves where the label has three lines."""
-_STATES = {SOUND: [150] * 3, "free": rgb(ORANGE), "weak": rgb(SKY), "loose": rgb(GREEN)}
+_STATES = {HEALTHY: [150] * 3, "free": rgb(ORANGE), "weak": rgb(SKY), "loose": rgb(GREEN)}
 """Colours of what actuators are, or are taken for; of any other failure that of what has failed."""
 FEW = 3
 """Runs that leave room for the robot next to the plots; of more it has a page of its own."""

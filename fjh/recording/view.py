@@ -22,8 +22,8 @@ from fjh.recording.motion import (
 )
 from fjh.recording.signals import Line, Plot
 from fjh.rig import Rig, Run
-from fjh.rig.run import SOUND
-from fjh.rig.units import ROWS, said
+from fjh.rig.run import HEALTHY
+from fjh.rig.units import ROWS, quantity_text
 from fjh.study.palette import BLACK, FAILED, GREEN, ORANGE
 from sim.mjcf import model_sha256
 
@@ -125,7 +125,7 @@ def _incidents(rig: Rig, run: Run) -> list[Change]:
 def _diagnoses(run: Run) -> list[Change]:
     found = [Change(each.actuator, each.kind, each.time_s) for each in run.diagnoses]
     found += [
-        Change(each.actuator, SOUND, each.withdrawn_s)
+        Change(each.actuator, HEALTHY, each.withdrawn_s)
         for each in run.diagnoses
         if each.withdrawn_s is not None
     ]
@@ -205,7 +205,7 @@ class RunView:
         found = []
         for when, ticks in self.parts.items():
             named = zip(self.rows, self.rms(ticks), self.stated.row_units, strict=True)
-            each = ", ".join(f"{row} {said(value, unit)}" for row, value, unit in named)
+            each = ", ".join(f"{row} {quantity_text(value, unit)}" for row, value, unit in named)
             found.append(f"{each} {when}" if self.stated.incidents else each)
         return "; ".join(found)
 
@@ -216,14 +216,14 @@ class RunView:
             for each in self.stated.diagnoses
             if each.actuator == incident.actuator
             and each.time_s >= incident.time_s - _SOON_S
-            and each.kind != SOUND
+            and each.kind != HEALTHY
         )
         return next(since, None)
 
     @property
     def failures(self) -> list[Change]:
         """Incidents of actuators, but for repairs."""
-        return [each for each in self.stated.incidents if each.actuator and each.kind != SOUND]
+        return [each for each in self.stated.incidents if each.actuator and each.kind != HEALTHY]
 
     @property
     def failing(self) -> list[Failing]:
@@ -248,7 +248,7 @@ class RunView:
             for each in happened
         ] + [
             Line(each.time_s, f"{each.actuator} cleared", GREEN)
-            if each.kind == SOUND
+            if each.kind == HEALTHY
             else Line(each.time_s, f"diagnosis: {each.actuator} {each.kind}", BLACK)
             for each in found
         ]
@@ -268,7 +268,7 @@ class RunView:
             for words, history in (("is", its.incidents), ("taken for", its.diagnoses)):
                 changes = [(each.time_s, each.kind) for each in history if each.actuator == name]
                 if changes or (its.diagnoses and words != "is"):
-                    lane = [] if changes and changes[0][0] <= begin_s else [(begin_s, SOUND)]
+                    lane = [] if changes and changes[0][0] <= begin_s else [(begin_s, HEALTHY)]
                     lanes[f"{name} {words}"] = [*lane, *changes]
         return lanes
 

@@ -1,4 +1,4 @@
-"""A robot with its loops, ready to fly: the testbed's hexapod, or any robot of an MJCF file.
+"""A robot with its control loops, ready to simulate: the testbed's hexapod, or any MJCF robot.
 
 from fjh.rig import Rig
 from sim import Failure
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from fjh.rig.mismatch import Mismatch as Mismatch
     from fjh.rig.prediction import Prediction as Prediction
     from fjh.rig.rig import Rig as Rig
-    from fjh.rig.run import Diagnosed as Diagnosed
+    from fjh.rig.run import DiagnosedFailure as DiagnosedFailure
     from fjh.rig.run import Run as Run
 
 _OF = {
     "Mismatch": "fjh.rig.mismatch",
-    "Diagnosed": "fjh.rig.run",
+    "DiagnosedFailure": "fjh.rig.run",
     "Prediction": "fjh.rig.prediction",
     "Rig": "fjh.rig.rig",
     "Run": "fjh.rig.run",
 }
-"""Read when asked for: the command line has its choices from here, and its help is not to wait."""
+"""Module of each name, imported on first use: the command line's help must not wait for MuJoCo."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Options of a command that would let the diagnosis tell a failure apart."""
+"""Advice on command-line options that let the diagnosis isolate a failure."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -16,16 +16,16 @@ from sim import Failure
 def advice(
     rig: Rig, model: Path | None, options: RobotOptions, dither: str, failure: Failure
 ) -> str:
-    """Name sensors or a dither that would tell a failure apart, as options of the command."""
+    """Return options of the command, sensors or a dither, that would isolate a failure."""
     senses = dict.fromkeys([options.sense, *([] if model is None else ["both"])])
     for sense, designed in product(senses, ("default", "designed")):
-        own = sense == options.sense
-        if own and designed == dither:
+        same_sensors = sense == options.sense
+        if same_sensors and designed == dither:
             continue
         with suppress(WrongInput):
-            sensing = rig if own else rig_of(model, replace(options, sense=sense))
+            sensing = rig if same_sensors else rig_of(model, replace(options, sense=sense))
             design = rig_dither(sensing, designed)
             if design and design.separations.isolates(failure.number, failure.kind):
-                added = "" if own else f"--sense {sense} "
-                return f"by the linear model {added}--dither {designed} tells it apart"
-    return "by the linear model no --sense and no designed --dither tells it apart"
+                added = "" if same_sensors else f"--sense {sense} "
+                return f"by the linear model {added}--dither {designed} isolates it"
+    return "by the linear model no --sense and no designed --dither isolates it"

@@ -1,4 +1,4 @@
-"""The arm of `models/arm.xml`, whose camera points: its task rows, its axes, and eased motion."""
+"""The arm of `models/arm.xml` that points a camera: task rows, axes, smooth motion."""
 
 import mujoco
 import numpy as np
@@ -7,16 +7,17 @@ from sim import HEXAPOD_MJCF, Array
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
 POINTING, SECONDARY = [0, 1], [2, 3, 4, 5]
-"""Task rows in payload axes: turns of the camera across its line of sight, and the rest."""
+"""Task rows in payload axes: rotations of the camera across its line of sight, and the other rows.
+"""
 
 
 def camera_axes(data: mujoco.MjData) -> Array:
-    """Axes of the camera in those of the base, shape (3, 3); the line of sight is the last."""
+    """Return the axes of the camera in those of the base, (3, 3); the last is the line of sight."""
     base, payload = (data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
     return base.T @ payload
 
 
 def smooth_step(progress: Array | float) -> Array:
-    """From 0 to 1 with the least jerk, as progress goes from 0 to 1; constant outside."""
+    """Return the minimum-jerk step from 0 to 1 for progress from 0 to 1; constant outside."""
     s = np.clip(progress, 0.0, 1.0)
     return s**3 * (10 - 15 * s + 6 * s**2)

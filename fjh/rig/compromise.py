@@ -1,4 +1,4 @@
-"""The conventional weighted pseudo-inverse: over all rows, no task before another."""
+"""The conventional weighted pseudo-inverse over all rows, without priorities, as a baseline."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from sim import Array
 
 @dataclass(frozen=True)
 class Compromise:
-    """Rates that compromise between all tasks."""
+    """Mapping whose rates are a weighted compromise of all tasks."""
 
     equals: VelocityMapping
-    """The mapping with nothing major; its secondary task is [v_s; v_m]."""
+    """Mapping without major rows; its secondary task is [v_s; v_m]."""
     secondary_count: int
-    """Rows of v_s."""
+    """Number of rows of v_s."""
 
     @property
     def major(self) -> Array:
@@ -33,7 +33,7 @@ class Compromise:
 
     @property
     def status(self) -> Status:
-        """Never exact: the major task is one reference among others."""
+        """Status DAMPED, never exact: the major task is one weighted reference of several."""
         return Status.DAMPED
 
     def __call__(
@@ -42,8 +42,8 @@ class Compromise:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
-        """Active joint rates, shape (n,); what is None counts as zero."""
-        return self.equals([], joint_velocity, self._stacked(v_major, secondary_velocity))
+        """Return the active joint rates, shape (n,); None counts as zero."""
+        return self.equals([], joint_velocity, self._reference(v_major, secondary_velocity))
 
     def solve(
         self,
@@ -51,10 +51,10 @@ class Compromise:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> VelocitySolution:
-        """As :meth:`prioritized.VelocityMapping.solve`."""
-        return self.equals.solve([], joint_velocity, self._stacked(v_major, secondary_velocity))
+        """Return the rates with their status, as :meth:`prioritized.VelocityMapping.solve`."""
+        return self.equals.solve([], joint_velocity, self._reference(v_major, secondary_velocity))
 
-    def _stacked(self, v_major: ArrayLike, secondary_velocity: ArrayLike | None) -> Array:
+    def _reference(self, v_major: ArrayLike, secondary_velocity: ArrayLike | None) -> Array:
         v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
         return np.concatenate([v_s, v_major])
 
@@ -67,11 +67,11 @@ def weighted_pseudo_inverse(
     joint_weight: ArrayLike | None = None,
     secondary_weight: ArrayLike | None = None,
 ) -> Compromise:
-    """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2, all at once.
+    """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2.
 
-    The sum of eq. (24) with the major task as one more term instead of a constraint, eq. (23). It
-    is the library's own mapping with no row declared major: its answer compromises the major
-    task "in accordance with the weight" (section 3).
+    This is the sum of eq. (24) with the major task as one more term instead of a constraint, eq.
+    (23): the library's own mapping without major rows, which satisfies the major task only "in
+    accordance with the weight" (section 3).
 
     `major` and `secondary` are rows of the task Jacobian J (m, n); the weights W1 (n,) and W2 (m2,)
     are diagonals, None is zero.
@@ -89,9 +89,9 @@ def weighted_pseudo_inverse(
 def compromising(
     goal: Goal, major: Sequence[int], secondary: Sequence[int], major_weight: float
 ) -> Callable[[Kinematics], Compromise]:
-    """A weighted pseudo-inverse of the survivors at any posture, with the goal's weights.
+    """Return an `allocate` of :class:`ftc.PrioritizedMapping`: a weighted pseudo-inverse.
 
-    It is the `allocate` of a :class:`ftc.PrioritizedMapping`; arguments as
+    It maps the remaining actuators at any posture with the goal's weights; arguments as for
     :func:`weighted_pseudo_inverse`.
     """
 

@@ -1,4 +1,4 @@
-"""Failure conditions of actuators as codes, a letter each, in words, and as lists of names."""
+"""Failure conditions of actuators as codes, as code letters, as text, and as lists of names."""
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
@@ -11,62 +11,63 @@ from numpy.typing import NDArray
 from sim import Failure
 from sim.plant import FailureKind
 
-SOUND, LOCKED, FREE, LOOSE = 0, 1, 2, 3
+HEALTHY, LOCKED, FREE, LOOSE = 0, 1, 2, 3
 """Codes of actuators; the first three as in :class:`prioritized.FailureAtlas`."""
 
-LETTERS = "SLFB"
-"""Of each code, as files and command lines have it."""
+CODE_LETTERS = "SLFB"
+"""Letter of each code in files and on command lines."""
 
 Name = TypeVar("Name", str, int)
 
 Codes = NDArray[np.int8]
-"""Of C conditions of n actuators, 0 sound, 1 locked, 2 free, shape (C, n)."""
+"""Codes of C conditions of n actuators, 0 healthy, 1 locked, 2 free, shape (C, n)."""
 
 KINDS: dict[int, FailureKind] = {LOCKED: "locked", FREE: "free"}
-"""Failures that an atlas knows."""
+"""Kinds of failure in an atlas, by code."""
 _KINDS: dict[int, FailureKind] = {**KINDS, LOOSE: "loose"}
 
 
 def with_failures(n: int, count: int) -> Codes:
-    """All conditions with exactly so many failures, C(n, count) 2^count of them.
+    """Return all conditions with exactly `count` failures, C(n, count) 2^count of them.
 
-    In the order of the actuators; of one set of them locked comes before free.
+    They are in the order of the actuators; for one set of failed actuators locked comes before
+    free.
     """
-    found = np.full((comb(n, count), len(KINDS) ** count, n), SOUND, dtype=np.int8)
+    every = np.full((comb(n, count), len(KINDS) ** count, n), HEALTHY, dtype=np.int8)
     kinds = np.array(list(product(KINDS, repeat=count)), dtype=np.int8)
-    for conditions, failed in zip(found, combinations(range(n), count), strict=True):
+    for conditions, failed in zip(every, combinations(range(n), count), strict=True):
         conditions[:, failed] = kinds
-    return found.reshape(-1, n)
+    return every.reshape(-1, n)
 
 
 def few_failures(n: int, most: int = 2) -> Codes:
-    """The sound condition, then all with one failure, and so on up to so many."""
+    """Return the healthy condition, then all with one failure, and so on up to `most`."""
     return np.vstack([with_failures(n, count) for count in range(min(most, n) + 1)])
 
 
 def every_condition(n: int) -> tuple[str, ...]:
-    """All 3^n conditions of n actuators in letters, in the order of a failure atlas."""
-    return tuple(map("".join, product(LETTERS[: FREE + 1], repeat=n)))
+    """Return all 3^n conditions of n actuators in letters, in the order of a failure atlas."""
+    return tuple(map("".join, product(CODE_LETTERS[: FREE + 1], repeat=n)))
 
 
-def codes_of(letters: str) -> tuple[int, ...]:
-    """The code of each actuator, from its letter."""
-    return tuple(LETTERS.index(letter) for letter in letters)
+def codes_of(condition: str) -> tuple[int, ...]:
+    """Return the code of each actuator from its letter."""
+    return tuple(CODE_LETTERS.index(letter) for letter in condition)
 
 
-def failures_of(letters: str, time_s: float = 0.0) -> tuple[Failure, ...]:
-    """What happens to a plant at a time, in the order of the actuators."""
-    codes = enumerate(codes_of(letters))
-    return tuple(Failure(k, _KINDS[code], time_s) for k, code in codes if code != SOUND)
+def failures_of(condition: str, time_s: float = 0.0) -> tuple[Failure, ...]:
+    """Return the failures of a condition in letters at a time [s], in order of the actuators."""
+    codes = enumerate(codes_of(condition))
+    return tuple(Failure(k, _KINDS[code], time_s) for k, code in codes if code != HEALTHY)
 
 
 def failed(condition: Iterable[int], names: Iterable[Name], kind: int) -> list[Name]:
-    """Names, or numbers, of the actuators that failed so."""
+    """Return the names, or numbers, of the actuators with a kind of failure."""
     return [name for name, code in zip(names, condition, strict=True) if code == kind]
 
 
-def in_words(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) -> str:
-    """A condition for people: "knee locked, hip and ankle free", or "sound"."""
+def condition_text(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) -> str:
+    """Return a condition as text: "knee locked, hip and ankle free", or "sound"."""
     parts = []
     for kind, word in _KINDS.items():
         if some := failed(condition, names, kind):
@@ -75,12 +76,12 @@ def in_words(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) 
 
 
 def listed(names: Sequence[str], joined: str = "and", most: int = 6) -> str:
-    """Names in a sentence; of many the first, and how many more there are."""
+    """Return names joined as in a sentence; of many the first ones, and the number of others."""
     if len(names) > most:
         return f"{', '.join(names[: most - 1])} {joined} {len(names) - most + 1} more"
     return f" {joined} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def counted(number: int, noun: str) -> str:
-    """A number with its noun: "1 actuator", "1,683 actuators"."""
+    """Return a number with its noun: "1 actuator", "1,683 actuators"."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

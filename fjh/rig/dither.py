@@ -1,4 +1,4 @@
-"""A dither for a rig, by which its diagnosis tells failures apart, and what it costs."""
+"""Dithers of a rig by which its diagnosis isolates failures, and their cost."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -28,49 +28,49 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
-"""To choose from, above the crossovers of the loops: these would suppress what a failure leaves. No
-actuator is named before a period has passed; by default it is a tenth of a second at most."""
+"""Candidate frequencies [Hz] above the crossovers of the loops, which would suppress the response.
+No actuator is identified before one period: by default a tenth of a second at most."""
 
 MEASURED_S = 0.5
-"""So long failures are measured: they are to be told apart in half a second."""
+"""Time [s] in which failures are to be separated."""
 
-_WORDS = ("none", "default", "designed")
+_CHOICES = ("none", "default", "designed")
 
 _SAMPLES = 4
-"""Of the diagnosis in a period of the dither, at the least."""
+"""Smallest number of samples of the diagnosis in a period of the dither."""
 
-_NOTHING = 1e-9
-"""Part of a reference that is no motion but round-off."""
+_ROUND_OFF = 1e-9
+"""Part of a reference that counts as round-off."""
 
 
-def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
-    """The dither that is asked for: "none", "default", "designed", or a frequency in Hz.
+def rig_dither(rig: "Rig", requested: str) -> DitherDesign | None:
+    """Return the requested dither: "none", "default", "designed", or a frequency in Hz.
 
-    The least separation of two failures is the largest found, by the linear model with the
-    uncertainty that the diagnosis assumes, of a size that :data:`DITHER_SIZE` says; "default" is
-    designed at 10 or 20 Hz, of a size that :data:`COST_PART` says. None is none, or that the major
-    task leaves no motion; by default also that no frequency serves, or separates any failure.
+    A designed dither maximizes the least separation of two failures by the linear model with the
+    uncertainty that the diagnosis assumes, with an amplitude of :data:`DITHER_SIZE`; "default" is
+    designed at 10 or 20 Hz, limited by :data:`COST_PART`. None for "none", or if the major task
+    leaves no motion; for "default" also if no frequency is possible or separates any failure.
 
     Raises:
-        WrongInput: Something else is asked for, or a frequency that the diagnosis does not see.
+        WrongInput: The request is invalid, or a frequency that the diagnosis cannot use.
     """
-    if asked == "none":
+    if requested == "none":
         return None
     try:
-        frequencies, size = _frequencies(rig, asked), DITHER_SIZE * rig.size
-        if asked != "default":
+        frequencies, size = _frequencies(rig, requested), DITHER_SIZE * rig.size
+        if requested != "default":
             return _designed(rig, frequencies, size)
         design = _designed(rig, frequencies, min(size, COST_PART * rig.noise))
     except ValueError as error:  # an undamped mode at that frequency
-        raise WrongInput(f"dither {asked}: {error}") from None
+        raise WrongInput(f"dither {requested}: {error}") from None
     return design if design is not None and design.separations.isolable() else None
 
 
 def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> DitherDesign | None:
-    """The best of these frequencies that moves no major row further; None: there is no motion."""
+    """Return the best dither of these frequencies within the cost; None if there is no motion."""
     mapping = rig.mapping(rig.goal)
     freedom = mapping.secondary_gain()
-    freedom = np.where(np.abs(freedom) < _NOTHING, 0.0, freedom)
+    freedom = np.where(np.abs(freedom) < _ROUND_OFF, 0.0, freedom)
     if not frequencies or not freedom.any():
         return None
     displacement = DITHER_SIZE * rig.size * np.abs(mapping.major_gain()).max()
@@ -80,13 +80,13 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
     )
 
 
-def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
-    """The dither of :meth:`fjh.rig.Rig.supervisor`; `default` is that of the robot.
+def dither_of(rig: "Rig", requested: str | Dither | None, default: str | Dither) -> Dither | None:
+    """Return the dither of :meth:`fjh.rig.Rig.supervisor`; `default` is that of the robot.
 
     Raises:
         WrongInput: As :func:`rig_dither`.
     """
-    chosen = default if isinstance(asked, str) and asked == "default" else asked
+    chosen = default if isinstance(requested, str) and requested == "default" else requested
     if chosen is None or isinstance(chosen, Dither):
         return chosen
     check.instance("dither", chosen, str, int, float, Dither)
@@ -94,27 +94,28 @@ def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> 
     return None if design is None else design.dither
 
 
-def _frequencies(rig: "Rig", asked: str) -> list[float]:
-    """Those asked for that the diagnosis sees; of the designed ones those that no loop follows."""
+def _frequencies(rig: "Rig", requested: str) -> list[float]:
+    """Return the requested frequencies in the diagnosis band; designed ones above crossovers."""
     slowest = 1 / MEASURED_S
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
-    tried = FREQUENCIES_HZ.get(asked, ())
-    if tried:
-        tried = [hz for hz in tried if hz >= max(each.crossover_hz for each in rig.margins)]
+    candidates = FREQUENCIES_HZ.get(requested, ())
+    if candidates:
+        candidates = [hz for hz in candidates if hz >= max(m.crossover_hz for m in rig.margins)]
     else:
         with suppress(ValueError, OverflowError):
-            tried = (float(asked),)
-    seen = [hz for hz in tried if slowest <= hz <= fastest]
-    if not seen and asked != "default":
+            candidates = (float(requested),)
+    in_band = [hz for hz in candidates if slowest <= hz <= fastest]
+    if not in_band and requested != "default":
         raise WrongInput(
             "dither must be none, default, designed, or a frequency from "
-            f"{slowest:g} to {fastest:g} Hz, got {asked!s:.80}{nearest(str(asked), _WORDS)}"
+            f"{slowest:g} to {fastest:g} Hz, got {requested!s:.80}"
+            f"{nearest(str(requested), _CHOICES)}"
         )
-    return seen
+    return in_band
 
 
 def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | None:
-    """A dither, what it costs and what it separates, ready for JSON."""
+    """Return a dither, its cost and the failures that it isolates, ready for JSON."""
     if design is None:
         return None
     displacement, task_motion = design.displacement.tolist(), design.task_motion.tolist()
@@ -136,28 +137,28 @@ def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | No
 def not_isolable(
     rig: "Rig", design: DitherDesign | None, path: Array, failures: Sequence[Failure]
 ) -> list[Failure]:
-    """Failures that neither the dither nor the path tells from others, by the linear model.
+    """Return the failures that neither the dither nor the path isolates, by the linear model.
 
-    From no failure and from those of other actuators, with the uncertainty that the diagnosis
-    assumes; by the dither in half a second, by the path in a period of its strongest sinusoid.
+    They are not separated from health or from failures of other actuators, with the uncertainty
+    that the diagnosis assumes; by the dither in half a second, by the path in its strongest period.
     """
-    left = [
-        each
-        for each in failures
-        if design is None or not design.separations.isolates(each.number, each.kind)
+    remaining = [
+        failure
+        for failure in failures
+        if design is None or not design.separations.isolates(failure.number, failure.kind)
     ]
-    if not left:
+    if not remaining:
         return []
     by_path = _path_separations(rig, path)
-    return [each for each in left if not by_path.isolates(each.number, each.kind)]
+    return [failure for failure in remaining if not by_path.isolates(failure.number, failure.kind)]
 
 
 def _path_separations(rig: "Rig", path: Array) -> Separations:
-    """Separations by the path's strongest sinusoid in a period of it; the actuators follow it."""
+    """Return the separations by the path's strongest sinusoid, over one period of it."""
     phasors = np.fft.rfft(path, axis=0)[1:] * 2 / len(path)
     strongest = greatest((np.abs(phasors) ** 2).sum(axis=1))
     frequency_hz = np.array([(1 + strongest) / (len(path) * rig.period_s)])
     measured_s = max(MEASURED_S, 1 / float(frequency_hz[0]))
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
-    known = measured_s, DEFAULT_CONFIG.uncertainty
-    return separations_at(fault_responses(rig.watched, frequency_hz, *known), 0, commanded)
+    arguments = measured_s, DEFAULT_CONFIG.uncertainty
+    return separations_at(fault_responses(rig.watched, frequency_hz, *arguments), 0, commanded)

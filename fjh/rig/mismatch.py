@@ -1,4 +1,4 @@
-"""How far a plant is from its controller's model: sizes written down beforehand, and samples."""
+"""Mismatch between a plant and its controller's model: sizes, and sampled plants."""
 
 import copy
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.rig.draw import Draw, Family
+from fjh.rig.random_streams import Family, RandomStreams
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
 from sim import Array
@@ -34,32 +34,34 @@ LIMITS: dict[str, tuple[float, float]] = {
 class Mismatch:
     """Sizes of all differences between plant and model; zero is none.
 
-    Relative ones are half widths of uniform distributions, drawn anew for each flight. Those that a
-    robot does not have are refused: a file tells nothing of a floor, a hysteresis, or springs that
-    are preloaded anew.
+    Relative sizes are half widths of uniform distributions, sampled anew for each run. Sizes that
+    do not apply to a robot are rejected: an MJCF file states no floor, hysteresis or preload of
+    springs.
 
     Attributes:
-        gain: Of each actuator's force: of a servo's feedback, too.
-        stiffness: Of each suspension spring and each flexure spring of the hexapod.
-        damping: Of each joint's damper, and of each servo's; of each suspension of the hexapod.
-        inertia: Of the mass, and apart from it of the inertia, of each body.
-        delay_ticks: Control ticks by which each command comes late; not drawn.
+        gain: Force of each actuator, and feedback of each servo.
+        stiffness: Stiffness of each suspension spring and each flexure spring of the hexapod.
+        damping: Damping of each joint and each servo; of each suspension of the hexapod.
+        inertia: Mass, and independently inertia, of each body.
+        delay_ticks: Delay of each command in control ticks; not sampled.
         floor_um_per_s: RMS velocity of the hexapod's floor in each third octave from 8 to 80 Hz;
-            not drawn.
-        drift_urad_per_s: Half width of the rate at which the hexapod's detector's zero moves in
-            (alpha, beta), in a direction that is drawn.
-        gain_drift_per_s: Half width of the relative rate at which each coil's gain changes.
-        hysteresis: Part of the suspensions' stiffness that slips, as a Maxwell-slip chain
-            (:class:`sim.plant.MaxwellSlip`); not drawn, but for where its elements slip.
-        timestep_s: Of the physics; None is the model's.
-        drift_per_s: Half width of the rate at which each sensor's zero moves, in standard
-            deviations of one sample, of robots but the hexapod.
-        steps: Physics steps for each of the model's, of robots but the hexapod; not drawn.
-        family: Of the relative sizes that are drawn of a machine's parts, "lognormal" with the
-            standard deviation of the uniform distribution.
+            not sampled.
+        drift_urad_per_s: Half width of the drift rate of the zero of the hexapod's detector in
+            (alpha, beta), in a sampled direction.
+        gain_drift_per_s: Half width of the relative drift rate of each coil's gain.
+        hysteresis: Fraction of the suspensions' stiffness that slips, as a Maxwell-slip chain
+            (:class:`sim.plant.MaxwellSlip`); only the slips of its elements are sampled.
+        timestep_s: Physics step; None is the model's.
+        drift_per_s: Half width of the drift rate of each sensor's zero, in standard deviations of
+            one sample, for robots other than the hexapod.
+        steps: Physics steps for each of the model's, for robots other than the hexapod; not
+            sampled.
+        family: Distribution of the sampled relative sizes; "lognormal" has the standard deviation
+            of the uniform distribution.
 
     Raises:
-        ValueError: A size is no number or outside its `LIMITS`, or no such physics step.
+        ValueError: A size is no number or outside its `LIMITS`, or the physics step is out of
+            range.
     """
 
     gain: float = 0.0
@@ -85,9 +87,9 @@ class Mismatch:
             check_within("timestep_s", self.timestep_s, 1e-6, 1e-2)
 
     def scaled(self, factor: float) -> "Mismatch":
-        """All sizes times a factor, the delay rounded.
+        """Return all sizes times a factor, the delay rounded.
 
-        A physics step has no size: it stays, but for a factor of zero, which is :data:`EXACT`.
+        The physics step is not scaled, except for a factor of zero, which gives :data:`EXACT`.
 
         Raises:
             ValueError: The factor is negative, or takes a size beyond its `LIMITS`.
@@ -101,25 +103,25 @@ class Mismatch:
 
 
 EXACT = Mismatch()
-"""The plant is the model."""
+"""Mismatch of zero: the plant equals the model."""
 
 Known = Literal["exact", "all"]
-"""A plant that is the controller's model, or one that differs by all that is drawn."""
+"""Names of mismatches: none, or all that apply to a robot."""
 
 
 def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence[str]) -> Mismatch:
-    """The sizes that are asked for, of a robot that does not have some.
+    """Return the sizes of a mismatch, by name or as given, for a robot.
 
     Args:
-        mismatch: By name, or themselves.
-        everything: What "all" stands for.
-        unknown: Names of sizes that the robot does not have.
+        mismatch: Name, or sizes.
+        everything: Sizes that "all" stands for.
+        unknown: Names of sizes that do not apply to the robot.
 
     Raises:
-        WrongInput: Neither a name nor sizes; or one that the robot does not have.
+        WrongInput: The name is unknown, or a size does not apply to the robot.
     """
-    named = {"exact": EXACT, "all": everything}
-    sizes = named.get(mismatch) if isinstance(mismatch, str) else mismatch
+    by_name = {"exact": EXACT, "all": everything}
+    sizes = by_name.get(mismatch) if isinstance(mismatch, str) else mismatch
     if not isinstance(sizes, Mismatch):
         raise WrongInput(
             f'mismatch must be "exact", "all" or a Mismatch, got {check.shown(mismatch)}'
@@ -131,32 +133,32 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
 
 
 def without(sizes: Sequence[str]) -> tuple[str, ...]:
-    """Names of all sizes but these and the family: what a robot with these does not have."""
-    return tuple(each.name for each in fields(Mismatch) if each.name not in (*sizes, "family"))
+    """Return the names of all sizes except these and the family: those that do not apply."""
+    return tuple(field.name for field in fields(Mismatch) if field.name not in (*sizes, "family"))
 
 
 def sampled_model(
     model: mujoco.MjModel,
     drives: Sequence[Drive],
     sizes: Mismatch,
-    draw: Draw,
+    streams: RandomStreams,
     damped: Array | None = None,
 ) -> tuple[mujoco.MjModel, Array]:
-    """A copy of a model whose gains, dampers and inertias differ, and the gains (n,).
+    """Return a copy of a model with sampled gains, dampers and inertias, and the gains (n,).
 
-    Each size has a stream of its own: the same seed gives the same value of one, whatever the
-    others are.
+    Each size has its own random stream: the same seed gives the same samples of one size for any
+    values of the others.
 
     Args:
-        model: Of the controller.
+        model: Model of the controller.
         drives: Its actuators; all outputs of one have the same gain.
-        sizes: How far they may be off.
-        draw: Random numbers.
-        damped: Joints whose dampers differ; None is all.
+        sizes: Sizes of the mismatch.
+        streams: Random streams.
+        damped: Joints whose damping differs; None is all.
     """
     model = copy.copy(model)
-    gains = draw.factors("gain", len(drives), sizes.gain)
-    servos = draw.factors("servo", len(drives), sizes.damping)
+    gains = streams.factors("gain", len(drives), sizes.gain)
+    servos = streams.factors("servo", len(drives), sizes.damping)
     for drive, gain, servo in zip(drives, gains, servos, strict=True):
         ids = list(drive.ids)
         model.actuator_gainprm[ids, :3] *= gain
@@ -164,11 +166,11 @@ def sampled_model(
         model.actuator_biasprm[ids, 2] *= servo
     joints = np.arange(model.njnt) if damped is None else damped
     factors = np.ones(model.njnt)
-    factors[joints] = draw.factors("damping", len(joints), sizes.damping)
+    factors[joints] = streams.factors("damping", len(joints), sizes.damping)
     model.dof_damping[:] *= factors[model.dof_jntid]
     if sizes.inertia:
-        model.body_mass[:] *= draw.factors("mass", model.nbody, sizes.inertia)
-        model.body_inertia[:] *= draw.factors("inertia", model.nbody, sizes.inertia)[:, None]
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
+        model.body_mass[:] *= streams.factors("mass", model.nbody, sizes.inertia)
+        model.body_inertia[:] *= streams.factors("inertia", model.nbody, sizes.inertia)[:, None]
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # constants derived from masses
     model.opt.timestep /= sizes.steps
     return model, gains

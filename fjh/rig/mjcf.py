@@ -19,44 +19,44 @@ from sim.mjcf import located, names_of
 
 
 def rig_of(model: Path | None, options: RobotOptions) -> Rig:
-    """The rig that a command's options ask for.
+    """Return the rig that a command's options request.
 
     Args:
         model: MJCF; None is the hexapod, which has its own frame, loops and sensors.
-        options: Of the robot.
+        options: Options of the robot.
 
     Raises:
-        WrongInput: Something that the robot does not have or cannot do.
-        sim.ModelError: The file, or what it says.
+        WrongInput: The robot lacks a named part, or cannot perform the task.
+        sim.ModelError: The file cannot be read, or its model is unsuitable.
     """
     if model is not None:
         return robot_rig(check_file(model), options)
     for option in fields(options):
-        its_own = option.name not in ("size", "feedforward")
-        if its_own and getattr(options, option.name) != option.default:
+        robot_only = option.name not in ("size", "feedforward")
+        if robot_only and getattr(options, option.name) != option.default:
             flag = f"--{option.name.replace('_', '-')}"
             raise WrongInput(f"{flag} needs a MODEL.xml: the hexapod of the testbed has its own")
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
 def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig:
-    """Any robot from its MJCF file, on its exact plant; `at` are joint positions (nq,) to start at.
+    """Return the rig of an MJCF file on its exact plant; `at` are positions (nq,) of the start.
 
     Raises:
-        WrongInput: A weight or keyframe that the robot does not have; or it cannot do the task.
-        sim.ModelError: The file, or what it says.
+        WrongInput: The robot lacks a named part, or cannot perform the task.
+        sim.ModelError: The file cannot be read, or its model is unsuitable.
     """
     robot, rows = robot_of(file, options, at), options.major
-    plant = robot.alone
+    plant = robot.task_plant
     names, limits = names_of(plant.drives), plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
     track = _tracking(robot, plant, limits if limited else None, file)
     return Rig(
         title=model_name(robot.model, file),
         model=robot.model,
-        actuators=tuple(own for own, *_ in names),
+        actuators=tuple(name for name, *_ in names),
         aliases=tuple(tuple(others) for _, *others in names),
-        bodies=tuple(_body(robot.model, drive.joint) for drive in robot.known.drives),
+        bodies=tuple(_body(robot.model, drive.joint) for drive in robot.nominal_plant.drives),
         units=tuple(drive.unit for drive in plant.drives),
         major=rows,
         size=robot.size,
@@ -79,14 +79,14 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig
         coordinates=Pose.displacement,
         part=robot.scene.part,
         file=file,
-        soft_locks=frozenset(robot.known.soft_locks),
+        soft_locks=frozenset(robot.nominal_plant.soft_locks),
     )
 
 
 def _tracking(
     robot: Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
 ) -> Tracking:
-    """The loops of a plant at its start."""
+    """Return the control loops of a plant at its start."""
     options = robot.options
     try:
         return tracking(
@@ -104,7 +104,7 @@ def _tracking(
             springs=robot.springs_count,
             unused=robot.unused,
             feedforward=options.feedforward != "off",
-            names=[own for own, *_ in names_of(plant.drives)],
+            names=[name for name, *_ in names_of(plant.drives)],
         )
     except TaskLost as error:
         advice = "; try other rows (major) or another start (keyframe)" * error.elsewhere

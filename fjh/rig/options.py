@@ -1,6 +1,6 @@
-"""How a robot is controlled: each option declared, checked and parsed once, for commands and code.
+"""Options of a robot's control, declared, checked and parsed once for commands and code.
 
-Nothing is imported that takes time: the help text does not wait for it.
+Only modules that load fast are imported, because the help text waits for this one.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,28 +15,28 @@ from fjh.study.option import Option
 from fjh.study.spelling import short
 
 Sensing = Literal["task", "joints", "both"]
-"""A sensor of the task frame; encoders of the actuators and forward kinematics; or both sensors."""
+"""Sensors: of the task frame; encoders of the actuators with forward kinematics; or both."""
 
 Limited = Literal["stated", "none"]
-"""Limits of the displacements: those that the file states, or none."""
+"""Limits of the displacements: those of the file, or none."""
 
 Feedforward = Literal["default", "on", "off"]
-"""Whether the path is demanded through the inverse of the linear model; by default on, but for the
+"""Demand of the path through the inverse of the linear model; "default" is on, except for the
 hexapod, as in the paper."""
 
 JacobianChoice = Literal["analytic", "constant"]
-"""Jacobian of the hexapod's mapping: of the estimated pose at every control tick, or of the nominal
+"""Jacobian of the hexapod's mapping: at the estimated pose at every control tick, or at the nominal
 pose as eq. (39)."""
 
 Switch = Literal["on", "off"]
 
 DITHER_SIZE = 0.1
-"""Largest dither as a part of the path: of what it moves an actuator, and of its size for a major
-row. A failed actuator leaves its part of the dither uncancelled."""
+"""Largest dither as a fraction of the path's motion of an actuator, and of the path's size for a
+major row. A failed actuator leaves its part of the dither uncompensated."""
 
 COST_PART = 0.5
-"""Largest motion of a major row by the default dither while nothing has failed, as a part of one
-standard deviation of a sample of its sensor."""
+"""Largest motion of a major row by the default dither without failures, in standard deviations of
+one sample of its sensor."""
 
 LARGEST_WEIGHT = 1e12
 
@@ -49,7 +49,7 @@ BOUNDS = {
     "turn": (1e-3, 1e6),
     "duration": (1e-6, 1e4),
 }
-"""Least and largest value of each number, in its unit."""
+"""Smallest and largest value of each number, in its unit."""
 
 Model = Annotated[
     Path | None,
@@ -81,8 +81,8 @@ Pinned = Annotated[
     tuple[str, ...] | None,
     Option(
         metavar="NAME,...",
-        help="Sites or bodies that stand, such as feet: welded where the robot starts, or "
-        "NAME:point, which may turn.",
+        help="Sites or bodies fixed to the world, such as feet: welded at the robot's start, or "
+        "NAME:point, which may rotate.",
     ),
 ]
 Turn = Annotated[
@@ -112,10 +112,10 @@ Controller = Annotated[
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """How a robot is controlled; `major`, weights and `pinned` may be text with commas between.
+    """Options of a robot's control; `major`, weights and `pinned` may be comma-separated text.
 
     Raises:
-        WrongInput: A value that no robot can have; what a robot lacks is found when it is read.
+        WrongInput: A value is invalid for every robot; names are checked when the robot is loaded.
     """
 
     site: Site = "payload"
@@ -196,8 +196,8 @@ class RobotOptions:
         """Check all values, and parse text."""
         parsed: dict[str, Any] = {"major": rows_of("major", self.major)}
         for name in ("joint_weight", "secondary_weight"):
-            if (given := getattr(self, name)) is not None:
-                parsed[name] = weights_of(name, given)
+            if (value := getattr(self, name)) is not None:
+                parsed[name] = weights_of(name, value)
         parsed["pinned"] = pinned_of(self.pinned)
         for name, value in parsed.items():
             object.__setattr__(self, name, value)
@@ -213,7 +213,7 @@ class RobotOptions:
 
 
 def check_bounds(name: str, value: Any, of: str | None = None) -> None:
-    """Raise a `WrongInput` unless a value is a number within :data:`BOUNDS` of its option."""
+    """Raise `WrongInput` unless a value is a number within :data:`BOUNDS` of its option."""
     try:
         check_within(name, value, *BOUNDS[of or name])
     except ValueError as error:
@@ -221,33 +221,33 @@ def check_bounds(name: str, value: Any, of: str | None = None) -> None:
 
 
 def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
-    """Major rows by name or number, as a sequence or as text with commas between.
+    """Parse major rows by name or number, from a sequence or comma-separated text.
 
     Args:
-        name: Of the argument, for messages.
+        name: Name of the argument, for messages.
         given: The rows.
-        names: Of all rows, in lists if they have several; those of a twist if there are none.
+        names: Lists of names of all rows; by default those of a twist.
 
     Raises:
-        WrongInput: There are none, others, or one twice.
+        WrongInput: There is no row, an unknown one, or one twice.
     """
-    every = names or (ROWS, ROW_NAMES)
-    numbers = [str(k) for k in range(len(every[0]))]
-    known = {each: k for own in (numbers, *every) for k, each in enumerate(own)}
+    row_names = names or (ROWS, ROW_NAMES)
+    numbers = [str(k) for k in range(len(row_names[0]))]
+    number = {label: k for labels in (numbers, *row_names) for k, label in enumerate(labels)}
     parts = _parts(given)
-    found = tuple(known[part] for part in parts if part in known)
-    if not found or len(set(found)) < len(parts):
-        listed = ",".join(every[-1])
+    rows = tuple(number[part] for part in parts if part in number)
+    if not rows or len(set(rows)) < len(parts):
+        listed = ",".join(row_names[-1])
         expected = f"different rows from 0 to {len(numbers) - 1} or of {listed:.80}"
         raise WrongInput(f"{name} must be {expected}, got {short(given)}")
-    return found
+    return rows
 
 
 def weights_of(name: str, given: Any) -> tuple[float, ...]:
-    """Weights, as a number, a sequence, or text with commas between.
+    """Parse weights from a number, a sequence, or comma-separated text.
 
     Raises:
-        WrongInput: They are no numbers, negative, or larger than :data:`LARGEST_WEIGHT`.
+        WrongInput: A weight is no number, negative, or larger than :data:`LARGEST_WEIGHT`.
     """
     try:
         values = tuple(float(part) for part in _parts(given))
@@ -261,10 +261,12 @@ def weights_of(name: str, given: Any) -> tuple[float, ...]:
 
 
 def pinned_of(given: Any) -> tuple[str, ...] | None:
-    """Frames that stand, NAME or NAME:point, likewise; None of none.
+    """Parse pinned frames, NAME or NAME:point, from a sequence or comma-separated text.
+
+    Returns None for an empty list.
 
     Raises:
-        WrongInput: One has no name.
+        WrongInput: A name is empty.
     """
     names = () if given is None else tuple(_parts(given))
     if not all(name.removesuffix(":point") for name in names):
@@ -278,4 +280,4 @@ def _parts(given: Any) -> list[str]:
 
 
 DEFAULT_OPTIONS = RobotOptions()
-"""Those of a command that is given none."""
+"""Options of a command without arguments."""

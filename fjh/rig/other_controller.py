@@ -1,4 +1,4 @@
-"""Controllers that a user brings along: named on the command line, found where Python looks."""
+"""Controllers of users, named on the command line and imported from Python's path."""
 
 import hashlib
 import importlib
@@ -18,50 +18,52 @@ from ftc import GuardedController
 
 
 def controller_label(name: str) -> str:
-    """A short name for tables and files: that of the factory."""
+    """Return a short name for tables and files: that of the factory."""
     return re.sub(r"\W", "_", name.partition(":")[2])
 
 
 def controller_factory(name: str) -> Callable[..., Any]:
-    """The factory of this name, "package.module:factory".
+    """Import the factory "package.module:factory" of a controller.
 
-    Worker processes that are started afterwards find it, too.
+    The current folder is appended to the import path, for worker processes as well.
 
     Raises:
-        WrongInput: There is none.
+        WrongInput: There is no such factory.
     """
     module_name, _, path = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), *path.split("."))):
         raise WrongInput(f"--controller must be package.module:factory, got {name}")
-    # Last: no module of the user's may hide one that this project imports.
+    # Appended last, so that no module of the user hides one that this project imports.
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
     try:
-        found = module = importlib.import_module(module_name)
-    except Exception as error:  # whatever the module does when it is imported
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise WrongInput(f"--controller {name}: importing {module_name} raised {said}") from error
+        factory = module = importlib.import_module(module_name)
+    except Exception as error:  # importing a user's module can raise anything
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        raise WrongInput(
+            f"--controller {name}: importing {module_name} raised {message}"
+        ) from error
     for part in path.split("."):
-        found = getattr(found, part, None)
-    if not callable(found):
+        factory = getattr(factory, part, None)
+    if not callable(factory):
         place = getattr(module, "__file__", None) or module_name
         near = nearest(path, dir(module))
         raise WrongInput(f"--controller {name}: {place} has no function or class {path}{near}")
-    return found
+    return factory
 
 
 def controller_sha256(name: str) -> str | None:
-    """SHA-256 of the module of a controller that can be imported; None if it has no file."""
+    """Return the SHA-256 of a controller's module; None if it has no file."""
     file = importlib.import_module(name.partition(":")[0]).__file__
     return None if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
-def fly_with(rig: Rig, name: str, path: ArrayLike, **flight: Any) -> tuple[Run, str | None]:
-    """A flight with the controller of this name, and what went wrong with it, in a sentence.
+def simulate_with(rig: Rig, name: str, path: ArrayLike, **arguments: Any) -> tuple[Run, str | None]:
+    """Simulate a run with the controller of this name; return it and an error message or None.
 
-    Failures it is told only where the goal of the rig has them. `flight` is as of
+    The controller is informed only of failures in the goal of the rig. `arguments` are those of
     :meth:`fjh.rig.Rig.fly`.
     """
-    pilot = GuardedController(name, controller_factory(name), rig.task)
-    run = rig.fly(pilot, path, **flight)
+    controller = GuardedController(name, controller_factory(name), rig.task)
+    run = rig.fly(controller, path, **arguments)
     return run, run.state.failure

@@ -1,4 +1,4 @@
-"""Paths of the major task: displacements from the start, row by row."""
+"""Paths of the major task: displacements from the start in each row."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from fjh.study.spelling import nearest
 from sim import Array
 
 PATHS = ("spiral", "circle", "steps")
-"""Paths that have a name."""
+"""Names of the built-in paths."""
 
 _SOFT_START_S = 0.5
 
@@ -20,20 +20,28 @@ _SOFT_START_S = 0.5
 def path_of(
     name: str, rows: int, size: float, time_s: Array, turn_s: float, period_s: float
 ) -> Array:
-    """Desired major displacements, tick by tick, shape (N, rows), in [rad] or [m].
+    """Return desired major displacements at each tick, shape (N, rows), in [rad] or [m].
 
     A spiral or circle is in the first two rows, or a sine in the only one; the others stay at zero.
-    A circle begins at rest at the start, and steps go out and back along one row after the other.
+    A circle starts at rest at the start, and steps go out and back along one row after the other.
+
+    Args:
+        name: One of `PATHS`, or FILE.npz with `time_s` and `desired`.
+        rows: Number of major rows.
+        size: Radius or step, [rad] or [m].
+        time_s: Times of the ticks, (N,) [s].
+        turn_s: Time of one turn, or of four steps [s].
+        period_s: Control period [s].
 
     Raises:
-        WrongInput: No such path, or a file that holds none.
+        WrongInput: There is no such path, or the file has no valid one.
     """
     path = np.zeros((len(time_s), rows))
     if name == "spiral":
         duration_s = float(time_s[-1] + period_s)
         plane = spiral(time_s, size, duration_s / turn_s, duration_s)
     elif name == "circle":
-        # The phase starts at rest, so that the start of the motion is no jump of the velocity.
+        # The phase starts at rest, so that the velocity does not jump at the start.
         ramp = np.minimum(time_s, _SOFT_START_S)
         phase = time_s - ramp + ramp**2 / (2 * _SOFT_START_S)
         angle = 2 * np.pi * phase / turn_s
@@ -50,7 +58,7 @@ def path_of(
 
 
 def _from_file(file: Path, rows: int, time_s: Array) -> Array:
-    """A path from `time_s` (K,) and `desired` (K, rows) in an .npz file, between them linear."""
+    """Interpolate a path from `time_s` (K,) and `desired` (K, rows) of an .npz file linearly."""
     if file.suffix != ".npz":
         near = nearest(str(file), PATHS)
         raise WrongInput(f"path must be {', '.join(PATHS)} or FILE.npz, got {file!s:.80}{near}")

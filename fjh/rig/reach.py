@@ -1,4 +1,4 @@
-"""Whether a path is within reach, and what the linear model says of a run of it."""
+"""Check that a path is reachable, and comparison of a run with the linear model."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,22 +15,22 @@ from ftc.fdi import Dither
 from sim import Array, Failure
 
 _POINTS = 100
-"""Of the path that are tried, in its order."""
+"""Number of points of the path that are checked, in its order."""
 _STEPS = 4
-"""Gauss-Newton steps to each."""
+"""Gauss-Newton steps to each point."""
 _SHORT = 0.02
-"""Of the path's size: as much may be lacking."""
+"""Tolerance of the reachability check, as a fraction of the path size."""
 AGREES = 0.2
-"""Relative error of the linear model's prediction of an RMS error, all major rows together."""
+"""Accepted relative error of the predicted RMS error, over all major rows."""
 _OFTEN = 0.01
-"""Part of the time in which an actuator that gives its largest force is said to saturate."""
+"""Fraction of the time at the largest force from which an actuator counts as saturated."""
 
 
-def check_reach(rig: Rig, path: Array) -> None:
-    """Refuse a path that the sound robot cannot follow within its limits.
+def check_reachable(rig: Rig, path: Array) -> None:
+    """Raise unless the healthy robot can follow a path within its limits.
 
     Raises:
-        WrongInput: Where it leaves the reach, and what holds it back.
+        WrongInput: The path leaves the reachable set; with the time and the active limits.
     """
     mapping = rig.mapping(rig.goal)
     pose, commanded = mapping.nominal, np.zeros(mapping.actuators)
@@ -38,96 +38,96 @@ def check_reach(rig: Rig, path: Array) -> None:
         for _ in range(_STEPS):
             commanded, _ = mapping.tick(path[tick], pose, commanded)
             pose = mapping.estimate(commanded, pose)
-        lacking = path[tick] - mapping.reached(pose)
-        if np.abs(lacking).max() > _SHORT * rig.size:
-            row = greatest(np.abs(lacking))
+        error = path[tick] - mapping.reached(pose)
+        if np.abs(error).max() > _SHORT * rig.size:
+            row = greatest(np.abs(error))
             raise WrongInput(
                 f"the path is out of reach at {tick * rig.period_s:.3g} s: row {rig.major[row]} "
-                f"stays {np.abs(lacking[row]):.3g} {rig.row_units[row]} short"
+                f"stays {np.abs(error[row]):.3g} {rig.row_units[row]} short"
                 f"{_at_limits(rig, commanded)}; choose a smaller size, or another start"
             )
 
 
 def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
-    """Why the linear model, which is that of the start, is not held to a run's path; None: it is.
+    """Return a sentence if a path leaves the range of the linear model at the start, else None.
 
-    The task deviates from the linear model where its geometry is curved. An error that is `ratio`
-    times the predicted one is the path's, and not the machine's, if this deviation explains it.
+    The task deviates from the linear model because its geometry is curved. An error of `ratio`
+    times the predicted one is attributed to the path if this deviation explains it.
     """
     path, noise = run.desired, np.nan_to_num(run.measured - run.true)
     mapping = rig.mapping(rig.goal)
-    pose, gain, bent = mapping.nominal, mapping.major_gain(), []
+    pose, gain, deviation = mapping.nominal, mapping.major_gain(), []
     points = np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int))
     for tick in points:
         for _ in range(2):
             pose = mapping.estimate(gain @ path[tick], pose)
-        bent.append(mapping.reached(pose) - path[tick])
+        deviation.append(mapping.reached(pose) - path[tick])
     ticks = np.arange(len(path))
-    along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(bent)])
-    errors = (predicted(rig, path, (), goal=rig.goal, noise=noise, bent=by) for by in (0.0, along))
-    linear, whole = (float(np.linalg.norm(each.rms_before)) for each in errors)
-    if not (1 + AGREES) * linear < whole > ratio * linear:
+    along = np.column_stack([np.interp(ticks, points, row) for row in np.transpose(deviation)])
+    model = partial(predicted, rig, path, (), goal=rig.goal, noise=noise)
+    predictions = model(deviation=0.0), model(deviation=along)
+    linear, curved = (float(np.linalg.norm(one.rms_before)) for one in predictions)
+    if not (1 + AGREES) * linear < curved > ratio * linear:
         return None
     unit = "m" if "m" in rig.row_units else "rad"
-    said = (
+    sentence = (
         f"a path of {1e3 * rig.size:.3g} m{unit} is beyond the range of the linear model, which is "
-        f"that of the start: its geometry alone may make the error {whole / linear:.2g} times the "
-        "predicted one, so that the two are not compared"
+        f"that of the start: its geometry alone may make the error {curved / linear:.2g} times the "
+        "predicted one, so that measured and predicted errors are not compared"
     )
     if ratio < 1 + AGREES:
-        return said
+        return sentence
     holds = rig.size * np.sqrt(((1 + AGREES) ** 2 - 1) / (ratio**2 - 1))  # an error of second order
-    return f"{said}; it holds up to a size of about {1e3 * holds:.1g} m{unit}"
+    return f"{sentence}; it holds up to a size of about {1e3 * holds:.1g} m{unit}"
 
 
-def learnt_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
-    """When the controller first diagnosed each failed actuator; None is never."""
-    return [
-        next((each.time_s for each in diagnosed_since(rig, run, one)), None) for one in failures
-    ]
+def diagnosed_at_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
+    """Return the time [s] of the first diagnosis of each failed actuator; None is never."""
+    return [next((d.time_s for d in diagnosed_since(rig, run, each)), None) for each in failures]
 
 
 def uncompared(rig: Rig, run: Run, model: Prediction) -> str | None:
-    """Why a prediction by the linear model is not held to what a controller did; None: it is."""
+    """Return the reason why a run is not compared with its prediction, None if it is."""
     failures = run.failures
     if model.leaves is not None:
         return f"in the linear model {model.leaves} leaves its range"
     if run.events:
-        names = ", ".join(dict.fromkeys(each.name for each in run.events))
-        return f"the linear model does not have {names}"
+        names = ", ".join(dict.fromkeys(event.name for event in run.events))
+        return f"the linear model does not include {names}"
     if run.task_lost:
-        return "the controller gave the task up"
+        return "the controller's diagnosis leaves the major task not fully reachable"
     if run.lost is not None:
         return "the task is lost"
-    for each in failures:
-        if each.kind == "locked" and each.number in rig.soft_locks:
-            return f"the lock of {rig.actuators[each.number]} gives way"
-    right = {each for failure in failures for each in diagnosed_since(rig, run, failure)}
-    for each in run.diagnoses:
-        if each not in right or each.withdrawn_s is not None:
-            return f"{each.actuator} was diagnosed {each.kind} wrongly, or was cleared again"
+    for failure in failures:
+        if failure.kind == "locked" and failure.number in rig.soft_locks:
+            return f"the lock of {rig.actuators[failure.number]} is compliant"
+    correct = {d for failure in failures for d in diagnosed_since(rig, run, failure)}
+    for diagnosis in run.diagnoses:
+        if diagnosis not in correct or diagnosis.withdrawn_s is not None:
+            name, kind = diagnosis.actuator, diagnosis.kind
+            return f"{name} was incorrectly identified as {kind}, or cleared again"
     for failure in failures:
         for last in diagnosed_since(rig, run, failure)[-1:]:
             if last.kind != failure.kind:
-                return f"{last.actuator} was taken for {last.kind}"
+                return f"{last.actuator} was identified as {last.kind}, not as {failure.kind}"
     return None
 
 
 def first_s(run: Run) -> float:
-    """Time of the first failure or event; infinite where there is none."""
-    return min((each.time_s for each in (*run.failures, *run.events)), default=np.inf)
+    """Return the time [s] of the first failure or event; infinite without any."""
+    return min((occurrence.time_s for occurrence in (*run.failures, *run.events)), default=np.inf)
 
 
 def first_tick(run: Run) -> int:
-    """Tick of the first failure or event; of the end where there is none."""
+    """Return the tick of the first failure or event; the number of ticks without any."""
     return int(np.searchsorted(run.time_s, first_s(run) - 1e-9))
 
 
 def predictor(rig: Rig, run: Run, dither: Dither | None) -> Callable[..., Prediction]:
-    """Predictions of a run with the noise that its sensors had, samples that are missing without.
+    """Return a predictor of a run with its actual sensor noise, zero for missing samples.
 
-    Of a run with events what is predicted ends with the first thing that happens: there a failure
-    is put that changes nothing.
+    For a run with events, the prediction before the first event is valid: a failure without effect
+    marks its time.
     """
     failures: Sequence[Failure] = run.failures
     if run.events:
@@ -137,9 +137,9 @@ def predictor(rig: Rig, run: Run, dither: Dither | None) -> Callable[..., Predic
 
 
 def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
-    """Name what most of the squared error comes from; None: nothing that is known here.
+    """Return a sentence that names the largest source of squared error, if it is known.
 
-    Saturation is seen in the run, all else by comparison with the linear model without it.
+    Saturation is read from the run, the other sources from the linear model without them.
     """
     cut, often = first_tick(run), run.saturated.mean(axis=0)
     often[[failure.number for failure in run.failures]] = 0.0
@@ -152,21 +152,21 @@ def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
 
     if run.failures and squared(predicted.rms_after) < squared(run.error[cut:]) / 2:
         return "After the failure most of the error is from the time until it was diagnosed."
-    without = {"noise of the sensors, which the loops pass on": (rig, 0.0)}
+    alternatives = {"noise of the sensors, which the loops pass on": (rig, 0.0)}
     if rig.nominal.friction is not None:
         smooth = replace(rig.control, nominal=replace(rig.nominal, friction=None))
-        without["dry friction in the joints"] = replace(rig, control=smooth), 1.0
+        alternatives["dry friction in the joints"] = replace(rig, control=smooth), 1.0
     most = "Before the failure most" if run.failures else "Most"
     half, noise = squared(run.error[:cut]) / 2, run.measured - run.true
-    for cause, (other, scale) in without.items():
-        left = other.predict(run.desired, failures=run.failures, noise=scale * noise).rms_before
-        if squared(left) < half < squared(predicted.rms_before):
+    for cause, (other, scale) in alternatives.items():
+        rms = other.predict(run.desired, failures=run.failures, noise=scale * noise).rms_before
+        if squared(rms) < half < squared(predicted.rms_before):
             return f"{most} of the error is from {cause}."
     return None
 
 
 def _at_limits(rig: Rig, commanded: Array) -> str:
-    """Which actuators are at a limit, in words."""
+    """Return a clause that names the actuators at a limit, empty if there are none."""
     if rig.limits is None:
         return ""
     lower, upper = rig.limits

@@ -1,4 +1,4 @@
-"""A robot with its loops: fly it, predict it, let it fail."""
+"""A robot with its control loops: simulate runs, predict their errors, inject failures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from fjh.rig.options import (
     rows_of,
 )
 from fjh.rig.paths import path_of
-from fjh.rig.prediction import Learns, Prediction, predicted
+from fjh.rig.prediction import InformedAt, Prediction, predicted
 from fjh.rig.run import Run, simulate, tick_of
 from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
@@ -46,51 +46,49 @@ from sim import Array, Bench, Body, Failure, Pose
 from sim.mjcf import Part, model_sha256, number_of
 
 _TURNS = 3
-"""First rows of a twist."""
+"""Number of rotational rows, the first ones of a twist."""
 
 _LOOPS = ("crossover", "period", "size", "joint_weight", "secondary_weight", "limits")
-"""What :meth:`Rig.of_mjcf` takes besides its own arguments."""
+"""Further options of :meth:`Rig.of_mjcf`, passed to :class:`fjh.rig.options.RobotOptions`."""
 
 LARGEST_DISPLACEMENT = 1e4
-"""Of a path, [rad] or [m]: MuJoCo takes controls beyond 1e10 for zeros."""
+"""Largest displacement of a path, [rad] or [m]: MuJoCo replaces controls beyond 1e10 by zeros."""
 
 MOST_TICKS = 100_000_000
-"""Of a path: more would fill the memory."""
+"""Largest number of ticks of a path: more would exceed the memory."""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A robot with its loops.
+    """A robot with its plant, control loops and diagnosis.
 
     Attributes:
-        title: For people.
-        model: Of all that the file holds; the controller has what belongs to the task.
-        actuators: Their names: the file's own; of several on one joint or tendon, or of one
-            without a name, that of the joint or tendon.
-        aliases: Other names of each, of its joint for one.
-        bodies: The body that each moves, for the eye; None of what is no joint.
-        units: Of their displacements, "rad" or "m".
-        major: Rows of the twist.
-        size: Of the path, [rad] or [m].
-        noise: Of the sensors of the major rows, [rad] or [m].
-        encoder_noise: Of the sensors of the actuators, [rad] or [m].
+        title: Name for people.
+        model: Model of the complete file; the controller has a model of the task's part.
+        actuators: Names of the actuators: those of the file; for several on one joint or tendon, or
+            one without a name, the name of the joint or tendon.
+        aliases: Other names of each actuator, such as the name of its joint.
+        bodies: Body that each actuator moves, for display; None if it drives no joint.
+        units: Unit of each actuator's displacement, "rad" or "m".
+        major: Rows of the twist that form the major task.
+        size: Radius of the default path, [rad] or [m].
+        noise: Standard deviation of the sensors of the major rows, [rad] or [m].
+        encoder_noise: Standard deviation of the sensors of the actuators, [rad] or [m].
         travel: Lower and upper displacements (n,) at which the plant's actuators can rest.
-        task: What somebody else's controller is told.
-        warnings: What was left out of the model, and what a user would not expect.
-        payload_body: The body that carries the task frame.
-        control: Its loops, and what the diagnosis knows of the robot: a
-            :class:`ftc.tracking.Tracking`, or what has the same members for the hexapod,
-            `HexapodControl` of `fjh.rig.hexapod.rig`.
-        machine: Its plant with sensors and drives: `bench` makes one for a run, `drawn` is the same
-            machine on a plant that differs from the model; of a file
-            `RobotMachine` of `fjh.rig.robot_machine`, of the hexapod `HexapodMachine` of
-            `fjh.rig.hexapod.machine`.
-        coordinates: Task coordinates (N, 6) of poses of the task frame: rotation vector and
-            translation, or the hexapod's angles and translation.
-        dither: What "default" stands for in :meth:`supervisor`.
-        part: What of the model the task involves; None is everything.
-        file: The MJCF as the user named it; None is the hexapod's own.
-        soft_locks: Actuators by number whose lock gives way, which a warning says.
+        task: Description of the task for controllers of other packages.
+        warnings: Parts left out of the model, clamped or settled starts, dry friction.
+        payload_body: Number of the body that carries the task frame.
+        control: Loops and nominal model of the diagnosis: a :class:`ftc.tracking.Tracking`, or the
+            hexapod's `HexapodControl` of `fjh.rig.hexapod.rig`, with the same members.
+        machine: Plant with sensors and drives: its `bench` creates one for a run, its
+            `with_mismatch` changes the plant. `RobotMachine` of `fjh.rig.robot_machine`, or for the
+            hexapod `HexapodMachine` of `fjh.rig.hexapod.machine`.
+        coordinates: Function from poses of the task frame to task coordinates (N, 6): rotation
+            vector and translation, or the hexapod's angles and translation.
+        dither: Dither that "default" stands for in :meth:`supervisor`.
+        part: Part of the model that the task involves; None is the complete model.
+        file: MJCF file as given by the user; None is the hexapod's own.
+        soft_locks: Numbers of actuators whose lock is compliant; a warning says so.
     """
 
     title: str
@@ -123,25 +121,25 @@ class Rig:
         mismatch: Known | Mismatch = "exact",
         seed: int = 0,
     ) -> "Rig":
-        """The testbed's own machine: detector, amplifiers, closed-form kinematics, goal W_a.
+        """Return the testbed's hexapod: detector, amplifiers, closed-form kinematics, goal W_a.
 
         Args:
             size: Radius of its path, [rad]; None is that of the testbed's spiral.
-            feedforward: Whether the path is demanded as of :meth:`feedforward_demands`; in the
+            feedforward: Whether the path is demanded through :meth:`feedforward_demands`; in the
                 paper it is not.
             mismatch: How the plant differs from the controller's model.
-            seed: Of what is drawn of the plant.
+            seed: Seed of the sampled plant.
         """
-        from fjh.rig.hexapod.rig import hexapod_rig  # which makes one of these
+        from fjh.rig.hexapod.rig import hexapod_rig  # late: that module imports this one
 
         check.flag("feedforward", feedforward)
         check.integer("seed", seed)
         if size is not None:
             check_bounds("size", size)
-        return hexapod_rig(size=size, feedforward=feedforward).drawn(mismatch, seed)
+        return hexapod_rig(size=size, feedforward=feedforward).with_mismatch(mismatch, seed)
 
     def __repr__(self) -> str:
-        """One line, for interactive use: the model's own numbers fill pages."""
+        """Return one line: the default representation would print pages of arrays."""
         rows = ", ".join(ROWS[row] for row in self.major)
         return f"<Rig {self.title}: {', '.join(self.actuators)}; major rows {rows}>"
 
@@ -162,36 +160,36 @@ class Rig:
         seed: int = 0,
         **loops: Any,
     ) -> "Rig":
-        """Any robot.
+        """Return the rig of any MJCF robot.
 
         Args:
-            file: MJCF.
+            file: MJCF file.
             major: Rows of the twist [rx, ry, rz, x, y, z], turns about the axes and then motions
                 along them, that are controlled exactly: names, or numbers 0 to 5.
             site: Task frame: a site, or a body; by its number where it has no name.
             axes: Site that gives the axes; None is the world.
-            start: Keyframe by name or number, or joint positions (nq,); None is the first
-                keyframe, or qpos0. Beyond a joint's range it begins inside, and a warning says so,
-                as of a collision.
-            sense: What the diagnosis looks at: a sensor of the task, encoders, or both.
+            start: Keyframe by name or number, or joint positions (nq,); None is the first keyframe,
+                or qpos0. Positions outside a joint's range are moved inside, which a warning says;
+                a collision gives a warning, too.
+            sense: Sensors of the diagnosis: a sensor of the task, encoders, or both.
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
-                hundredth of what a path of the default size moves it: of a row 0.01 mrad, or a
-                hundred-thousandth of the model's extent.
-            servo_hz: Natural frequency of the position servos that torque motors get.
-            feedforward: Whether the path is demanded as of :meth:`feedforward_demands`, and the
-                loops add to it.
-            pinned: Frames that stand, such as feet: names of sites or bodies, welded to the world,
-                or "NAME:point" where they may turn.
+                hundredth of the sensor's amplitude on a path of the default size: 0.01 mrad for a
+                row, or 1e-5 of the model's extent.
+            servo_hz: Natural frequency of the position servos that are added to torque motors.
+            feedforward: Whether the path is demanded through :meth:`feedforward_demands`, in
+                addition to the loops' feedback.
+            pinned: Frames fixed to the world, such as feet: names of sites or bodies, welded, or
+                "NAME:point" for those that may rotate.
             mismatch: How the plant differs from the controller's model.
-            seed: Of what is drawn of the plant.
-            loops: Others of :class:`fjh.rig.options.RobotOptions`: `crossover` [Hz],
+            seed: Seed of the sampled plant.
+            loops: Further options of :class:`fjh.rig.options.RobotOptions`: `crossover` [Hz],
                 `period` [s], `size`, `joint_weight`, `secondary_weight`, `limits`.
 
         Raises:
-            WrongInput: Something that the robot does not have, or cannot do.
-            sim.ModelError: The file, or what it says.
+            WrongInput: The robot lacks a named part, or cannot perform the task.
+            sim.ModelError: The file cannot be read, or its model is unsuitable.
         """
-        from fjh.rig.mjcf import robot_rig  # which makes one of these
+        from fjh.rig.mjcf import robot_rig  # late: that module imports this one
 
         check.instance("file", file, str, Path)
         check.instance("site", site, str, int, Body)
@@ -220,21 +218,21 @@ class Rig:
         at = None
         if start is not None and not isinstance(start, str | int):
             at = check.array("start", start)
-        return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+        return robot_rig(Path(file), options, at).with_mismatch(mismatch, seed)
 
     @property
     def row_units(self) -> tuple[str, ...]:
-        """Of the major rows, "rad" or "m"."""
+        """Units of the major rows, "rad" or "m"."""
         return tuple("rad" if row < _TURNS else "m" for row in self.major)
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Joints of the model, or bodies, that are no part of the task, by name."""
+        """Names of the model's joints or bodies that the task does not involve."""
         return () if self.part is None else self.part.left_out
 
     @property
     def period_s(self) -> float:
-        """Of control."""
+        """Control period [s]."""
         return self.nominal.period_s
 
     @cached_property
@@ -243,10 +241,10 @@ class Rig:
         return model_sha256(self.file)
 
     def number(self, actuator: int | str) -> int:
-        """The number of an actuator, by it, by its name, or by that of its joint.
+        """Return the number of an actuator given by number, by name, or by its joint's name.
 
         Raises:
-            WrongInput: There is none; the nearest is named.
+            WrongInput: There is no such actuator; the message suggests the nearest name.
         """
         try:
             if isinstance(actuator, str):
@@ -258,7 +256,7 @@ class Rig:
 
     @property
     def goal(self) -> Goal:
-        """What the controller pursues while all actuators work."""
+        """Goal of the controller without failures."""
         return self.control.goal
 
     @property
@@ -268,12 +266,12 @@ class Rig:
 
     @property
     def watched(self) -> NominalModel:
-        """Linear model from displacements to what the diagnosis looks at."""
+        """Linear model from displacements to the measurements of the diagnosis."""
         return self.control.watched
 
     @property
     def loops(self) -> Sequence[Channel]:
-        """One compensator for each major row."""
+        """Compensators, one for each major row."""
         return self.control.loops
 
     @property
@@ -283,39 +281,42 @@ class Rig:
 
     @property
     def limits(self) -> tuple[Array, Array] | None:
-        """Lower and upper displacements (n,) that the mapping respects; None is none."""
+        """Lower and upper displacements (n,) that the mapping respects; None without limits."""
         return self.control.limits
 
     @property
     def feedforward(self) -> bool:
-        """Whether a path is demanded through the inverse of the linear model."""
+        """Return True if a path is demanded through the inverse of the linear model."""
         return self.control.feedforward
 
     @property
     def unused(self) -> Unused:
-        """What an actuator without force counts as: its own spring holds it, or not."""
+        """Behavior of an actuator without force: "locked" by its own spring, or "free"."""
         return self.control.unused
 
-    def drawn(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
-        """The same rig with a plant that differs so from the controller's model.
+    def with_mismatch(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
+        """Return the same rig with a plant that differs from the controller's model.
 
         Raises:
-            WrongInput: A size that this robot does not have.
+            WrongInput: The robot has no mismatch of one of these kinds.
         """
         machine = self.machine
         sizes = sizes_of(mismatch, machine.everything, machine.unknown)
-        return replace(self, machine=machine.drawn(sizes, check.integer("seed", seed)))
+        return replace(self, machine=machine.with_mismatch(sizes, check.integer("seed", seed)))
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
-        """The mapping for a goal, failures that it knows included."""
+        """Return the mapping for a goal, including the failures that the goal states."""
         return self.control.mapping(check.instance("goal", goal, Goal))
 
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Any]:
-        """A controller that does not diagnose; None is the goal of the rig."""
+        """Return a controller without diagnosis; a goal of None is that of the rig."""
         return self.control.controller(self._goal(goal))
 
     def reconfigured(self, before: Goal, after: Goal, time_s: float) -> OracleController:
-        """A controller that goes over to another goal at a time of the run, as if it were told."""
+        """Return a controller that switches from one goal to another at a given time [s].
+
+        It is an oracle: the time is that at which the failures of the second goal become known.
+        """
         check.instance("before", before, Goal)
         check.instance("after", after, Goal)
         check.number("time_s", time_s, 0.0, 1e9)
@@ -325,42 +326,42 @@ class Rig:
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
-        """A controller that diagnoses failures and reconfigures itself.
+        """Return a controller that diagnoses failures and reconfigures itself.
 
         Args:
-            dither: "default" is 20 Hz of heave on the hexapod, as `fjh paper recover` uses it, and
-                that of `fjh track` elsewhere; another as of
-                :func:`fjh.rig.dither.rig_dither`; None is none.
-            goal: While all actuators work; None is that of the rig.
+            dither: "default" is 20 Hz of heave on the hexapod, as in `fjh paper recover`, and the
+                dither of `fjh track` on other robots; other values as for
+                :func:`fjh.rig.dither.rig_dither`; None is no dither.
+            goal: Goal without failures; None is that of the rig.
         """
-        chosen = dither_of(self, dither, self.dither)
+        design = dither_of(self, dither, self.dither)
         control = self.control
         if goal is not None:
             control = replace(control, goal=self._goal(goal))
-        return control.supervisor(dither=chosen)
+        return control.supervisor(dither=design)
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
-        """The simulated machine for times (N,); noise of this seed."""
+        """Return the simulated machine for times (N,), with sensor noise of this seed."""
         time_s, seed = check.array("time_s", time_s, None), check.integer("seed", seed)
         return self.machine.bench(time_s, failures, seed, events)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
-        """What the actuators that are left can do with these faults."""
+        """Return the manipulability of the remaining actuators with these faults."""
         return self.control.classified(faults)
 
     def reached(self, pose: Pose) -> Array:
-        """The major rows (N, m1) of poses of the task frame, as the task's sensors have them."""
+        """Return the major rows (N, m1) of poses of the task frame, as its sensors measure them."""
         return self.coordinates(check.instance("pose", pose, Pose))[:, list(self.major)]
 
     def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
-        """Desired displacements of the major rows at each tick, shape (N, m1).
+        """Return desired displacements of the major rows at each tick, shape (N, m1).
 
         Args:
-            name: As of :func:`fjh.rig.paths.path_of`.
-            duration_s: Of it.
-            turn_s: Time of one turn.
+            name: Path as for :func:`fjh.rig.paths.path_of`.
+            duration_s: Duration of the path [s].
+            turn_s: Time of one turn [s].
         """
         check.instance("name", name, str, Path)
         ticks = self._ticks("duration_s", duration_s, BOUNDS["duration"][0])
@@ -373,7 +374,7 @@ class Rig:
         return round(check.number(name, seconds, least, most) / self.period_s)
 
     def _checked_path(self, path: ArrayLike) -> Array:
-        """A path (N, m1) of at least one tick, of displacements that a machine can be asked for."""
+        """Check a path (N, m1): at least one tick, displacements within `LARGEST_DISPLACEMENT`."""
         desired = check.array("path", path, None, len(self.major))
         if not len(desired):
             raise ValueError(f"path must have a row for each tick, got shape {desired.shape}")
@@ -384,14 +385,14 @@ class Rig:
         return desired
 
     def _goal(self, goal: Goal | None) -> Goal:
-        """A goal, or that of the rig."""
+        """Return the given goal, or that of the rig for None."""
         return self.goal if goal is None else check.instance("goal", goal, Goal)
 
     def feedforward_demands(self, path: Array) -> Array | None:
-        """What the sound machine is to be demanded to do a path (N, m1), of the same shape.
+        """Return the demands with which the healthy machine follows a path (N, m1), shape (N, m1).
 
-        By the inverse of the linear model; None where :attr:`feedforward` is off. After a failure
-        they are demanded on, and the compensators make up for the difference.
+        They are the inverse of the linear model; None if :attr:`feedforward` is off. After a
+        failure they are not changed; the compensators correct the difference.
         """
         path = self._checked_path(path)
         if not self.feedforward:
@@ -410,25 +411,25 @@ class Rig:
         events: object = None,
         on_tick: Callable[[int], None] | None = None,
     ) -> Run:
-        """Simulate a path with a controller.
+        """Simulate a run along a path with a controller.
 
         Args:
-            controller: As of :meth:`supervisor` or :meth:`controller`; any
+            controller: Controller of :meth:`supervisor` or :meth:`controller`, or any
                 :class:`ftc.Controller`.
             path: Desired displacements of the major rows, tick by tick, shape (N, m1).
-            failures: What happens, actuators by name or number.
-            seed: Of the noise of all sensors.
-            begin_s: Time of the first tick.
-            lead_in_s: So long the loop is closed about zero before the path starts, which is not
-                kept; what fails at the first tick has failed by then.
-            events: What else happens: a sequence of :class:`fjh.rig.events.Event`, whose
-                sizes are drawn from `seed`; or an object as of :class:`sim.Bench`; or both in it.
-            on_tick: Told of the number of ticks so far.
+            failures: Failures that occur, actuators by name or number.
+            seed: Seed of the noise of all sensors.
+            begin_s: Time of the first tick [s].
+            lead_in_s: Time [s] for which the loop is closed about zero before the path starts,
+                which is not logged; failures at the first tick occur at the start of the lead-in.
+            events: Further events: a sequence of :class:`fjh.rig.events.Event`, random sizes by
+                `seed`, or an object with hooks as for :class:`sim.Bench`, or a sequence of both.
+            on_tick: Called with the number of completed ticks.
 
         Raises:
-            WrongInput: A failure of an actuator that the robot does not have, or an event that it
-                cannot have.
-            sim.SimulationDiverged: The physics left the finite numbers.
+            WrongInput: A failure of an actuator that the robot does not have, or an event that does
+                not apply.
+            sim.SimulationDiverged: The simulated state became non-finite.
         """
         check.attributes("controller", controller, "start", "step")
         desired = self._checked_path(path)
@@ -439,81 +440,83 @@ class Rig:
             check.function("on_tick", on_tick)
         around = {"begin_s": begin_s, "lead_in_s": lead_in_s, "seed": seed}
         hooks, caused = events_of(self, events, **around)
-        struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
+        all_failures = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
         run = simulate(
             self,
             controller,
             time_s,
             desired,
-            struck,
+            all_failures,
             seed=seed,
             lead_in=lead_in,
             events=hooks,
             on_tick=on_tick,
         )
-        return replace(run, events=self._named(events))
+        return replace(run, events=self._events_by_time(events))
 
     def predict(
         self,
         path: ArrayLike,
         *,
         failures: Sequence[Failure] = (),
-        told: Learns = True,
+        told: InformedAt = True,
         noise: ArrayLike | None = None,
         dither: Dither | None = None,
         goal: Goal | None = None,
         start: ArrayLike | None = None,
         floor_m_per_s2: ArrayLike | None = None,
     ) -> Prediction:
-        """RMS errors of a path that begins at time 0 by the linear model.
+        """Predict the RMS errors of a path that starts at time 0 with the linear model.
 
         Args:
-            path: As of :meth:`fly`.
-            failures: Likewise.
-            told: Whether the controller is told of each failure at once, or never; or when it is
-                told of each [s], one time a failure, None for never.
-            noise: What the sensors of the major rows add at each tick, of the shape of the path,
-                such as `run.measured - run.true`; None: white noise, in the mean of many runs.
-            dither: That the controller adds; None is none.
-            goal: Of the controller from the first tick on, with failures that it knows of then;
-                None is that of the rig.
-            start: Displacements (n,) that the actuators hold when the run begins; None is zero.
-            floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3), where the linear
-                model knows its effect, as of the hexapod; None is at rest.
+            path: Desired displacements as for :meth:`fly`.
+            failures: Failures as for :meth:`fly`.
+            told: True if the controller is informed of each failure at onset, False if never; or
+                one time [s] for each failure at which it is informed, None for never.
+            noise: Noise of the sensors of the major rows at each tick, of the shape of the path,
+                such as `run.measured - run.true`; None is white noise, averaged over many runs.
+            dither: Dither that the controller adds; None is no dither.
+            goal: Goal of the controller from the first tick on, including failures that are known
+                by then; None is that of the rig.
+            start: Displacements (n,) of the actuators when the run starts; None is zero.
+            floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3), if the linear
+                model includes the floor, as for the hexapod; None is at rest.
 
         Raises:
-            ValueError: Another number of times than of failures, or a time before its failure; or
-                arrays of another shape.
+            ValueError: The numbers of times and failures differ, a time is before its failure, or
+                an array has a wrong shape.
         """
         desired, n = self._checked_path(path), len(self.actuators)
         if dither is not None:
             check.array("dither.direction", check.instance("dither", dither, Dither).direction, n)
-        given = {"noise": (noise, desired.shape), "start": (start, (n,))}
-        given["floor_m_per_s2"] = floor_m_per_s2, (len(desired), 3)
+        arguments = {"noise": (noise, desired.shape), "start": (start, (n,))}
+        arguments["floor_m_per_s2"] = floor_m_per_s2, (len(desired), 3)
         arrays: dict[str, Any] = {
             name: None if value is None else check.array(name, value, *shape)
-            for name, (value, shape) in given.items()
+            for name, (value, shape) in arguments.items()
         }
         if floor_m_per_s2 is not None and self.nominal.floor is None:
-            raise ValueError("floor_m_per_s2 must be None: this model knows no floor")
-        struck, goal = self._numbered(failures), self._goal(goal)
-        return predicted(self, desired, struck, told=told, dither=dither, goal=goal, **arrays)
+            raise ValueError("floor_m_per_s2 must be None: this robot's model has no floor input")
+        numbered, goal = self._numbered(failures), self._goal(goal)
+        return predicted(self, desired, numbered, informed=told, dither=dither, goal=goal, **arrays)
 
-    def _named(self, events: object) -> tuple[Event, ...]:
-        """Those events that have a name, in the order of time, actuators by number."""
-        named = (
-            [each for each in events if isinstance(each, Event)]
+    def _events_by_time(self, events: object) -> tuple[Event, ...]:
+        """Return the named events in order of time, actuators by number."""
+        events_with_name = (
+            [event for event in events if isinstance(event, Event)]
             if isinstance(events, Sequence)
             else []
         )
-        known = (
-            each if each.actuator is None else replace(each, actuator=self.number(each.actuator))
-            for each in named
+        numbered = (
+            event
+            if event.actuator is None
+            else replace(event, actuator=self.number(event.actuator))
+            for event in events_with_name
         )
-        return tuple(sorted(known, key=lambda one: one.time_s))
+        return tuple(sorted(numbered, key=lambda event: event.time_s))
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         check.instance("failures", failures, list, tuple)
-        given = [check.instance("failures", each, Failure) for each in failures]
-        return [replace(each, actuator=self.number(each.actuator)) for each in given]
+        checked = [check.instance("failures", failure, Failure) for failure in failures]
+        return [replace(failure, actuator=self.number(failure.actuator)) for failure in checked]

@@ -1,4 +1,4 @@
-"""A robot of an MJCF file at its start: model, sensors, goal, machine."""
+"""A robot of an MJCF file at its start: model, sensors, goal, control period."""
 
 import math
 from collections.abc import Sequence
@@ -21,18 +21,17 @@ from sim.plant import beyond_linear
 from sim.scene import Scene, robot_scene
 
 _SIZE = 1e-3
-"""Of a path, in radians or extents of the model: so small that the linear model holds."""
-_HELD = 0.5
-"""Part of the stiffness with which an actuator is held that its own spring must give: it then
-stands nearly still without force."""
+"""Radius of the default path, in radians or extents of the model: the linear model holds there."""
+_SPRING_SHARE = 0.5
+"""Share of an actuator's stiffness from which its own spring fixes it without force."""
 _NOISE = 1e-2
-"""Of a sensor, in what a path of the default size moves it: a row by that size, an actuator as far
-as it moves any. A longer path has no worse sensors."""
+"""Default sensor noise as a fraction of the signal's amplitude on the default path: of a row its
+size, of all actuators the largest displacement. Longer paths do not change it."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot at its start; the frame of its task, its control period, goal, path and sensors."""
+    """A robot at its start: scene, options, control period, goal and size of its path."""
 
     scene: Scene
     options: RobotOptions
@@ -42,14 +41,14 @@ class Robot:
 
     @property
     def noise(self) -> float:
-        """Of a sample of each major row."""
+        """Standard deviation of one sample of each major row, [rad] or [m]."""
         if self.options.noise is not None:
             return self.options.noise
         return _NOISE * _usual_size(self.model, self.options.major)
 
     @cached_property
     def encoder_noise(self) -> float:
-        """Of a sample of each actuator."""
+        """Standard deviation of one sample of each actuator's sensor, [rad] or [m]."""
         if self.options.noise is not None:
             return self.options.noise
         gain = mapping_for(self.mechanism, self.goal, self.options.major).major_gain()
@@ -57,7 +56,7 @@ class Robot:
 
     @property
     def deviations(self) -> Array:
-        """Of what the diagnosis looks at: major rows, then actuators."""
+        """Standard deviations of the diagnosis' measurements: major rows, then actuators."""
         of_task = [self.noise] * len(self.options.major) * (self.options.sense != "joints")
         actuators = len(self.mechanism.nominal.displacements)
         of_encoders = [self.encoder_noise] * actuators * (self.options.sense != "task")
@@ -65,51 +64,51 @@ class Robot:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """Of all that the file holds."""
+        """Model of the complete file."""
         return self.scene.model
 
     def plant(self, model: mujoco.MjModel) -> Plant:
-        """With this model of all that the file holds."""
+        """Return the plant for a model of the complete file."""
         scene, axes = self.scene, self.options.axes
         return Plant(model, base=axes, payload=scene.frame, start=scene.start, part=scene.part)
 
     @cached_property
-    def known(self) -> Plant:
-        """Of all, as the file has it, at the start: never flown."""
+    def nominal_plant(self) -> Plant:
+        """Nominal plant of the complete file at the start; used for gains, never stepped."""
         return self.plant(self.model)
 
     @cached_property
-    def alone(self) -> Plant:
-        """Of what the task involves, as its controller has it, at the start: never flown."""
+    def task_plant(self) -> Plant:
+        """Nominal plant of the task's part of the model at the start; never stepped."""
         scene, axes = self.scene, self.options.axes
         if scene.part is None:
-            return self.known
+            return self.nominal_plant
         return Plant(scene.task_model, base=axes, payload=scene.frame, start=scene.task_start)
 
     @cached_property
     def linear(self) -> LinearPlant:
-        """About the start."""
-        return self.alone.linear()
+        """Linear model of the task's part about the start."""
+        return self.task_plant.linear()
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The controller's own model, which knows no state: all readers share it."""
-        return self._mechanism(springs=True) if self.springs_hold else self.rigid
+        """The controller's own model, shared by all readers because it has no state."""
+        return self._mechanism(springs=True) if self.springs_determine else self.rigid
 
     @cached_property
     def unused(self) -> Unused:
-        """What happens to actuators that are out of use: their springs hold them, or nothing."""
-        return "locked" if (self.alone.spring_share > _HELD).all() else "free"
+        """Behavior of unused actuators: "locked" if all springs hold them, else "free"."""
+        return "locked" if (self.task_plant.spring_share > _SPRING_SHARE).all() else "free"
 
     @property
     def springs_count(self) -> bool:
-        """Whether the classification is that of the elastic mechanism."""
-        # Without them a strut that is let go would be lost, or a finger on one cable.
-        return self.unused == "locked" or self.springs_hold
+        """Return True if the classification is that of the elastic mechanism."""
+        # Without springs, a free strut or a finger on one cable would count as lost.
+        return self.unused == "locked" or self.springs_determine
 
     @cached_property
-    def springs_hold(self) -> bool:
-        """Whether springs, and neither actuators nor loops, decide how the major rows move."""
+    def springs_determine(self) -> bool:
+        """Return True if springs, rather than actuators and loops, fix the major rows."""
         jac, major = self.rigid.nominal, list(self.options.major)
         rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
         if not rigid.unstable_major or jac.stiffness is None:
@@ -118,7 +117,7 @@ class Robot:
 
     @cached_property
     def rigid(self) -> Mechanism:
-        """The same without springs."""
+        """The controller's own model without springs."""
         return self._mechanism(springs=False)
 
     def _mechanism(self, *, springs: bool) -> Mechanism:
@@ -129,19 +128,19 @@ class Robot:
 def robot_of(
     file: Path, options: RobotOptions, at: Array | None = None, *, settle: bool = True
 ) -> Robot:
-    """The robot of a file; `at` are joint positions (nq,) to start at, None is the keyframe.
+    """Return the robot of a file; `at` are positions (nq,) of the start, None is the keyframe.
 
-    `settle` as of :func:`sim.scene.robot_scene`.
+    `settle` is that of :func:`sim.scene.robot_scene`.
 
     Raises:
-        WrongInput: A weight or keyframe that the robot does not have.
-        sim.ModelError: The file, or what it says.
+        WrongInput: The robot lacks the keyframe, or has another number of weights.
+        sim.ModelError: The file cannot be read, or its model is unsuitable.
     """
-    begin = partial(_start, keyframe=options.keyframe, at=at)
+    start = partial(_start, keyframe=options.keyframe, at=at)
     names = [(name, name.removesuffix(":point")) for name in options.pinned or ()]
     pins, servo_hz = [Pin(frame, weld=name == frame) for name, frame in names], options.servo
     try:
-        scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz, settle)
+        scene = robot_scene(file, options.site, options.axes, start, pins, servo_hz, settle)
     except ClosureError as error:
         raise ModelError(f"{file}: {error}") from None
     model = scene.model
@@ -152,33 +151,33 @@ def robot_of(
 
 
 def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
-    """Of a path in these rows, [rad] if all of them turn, else [m]."""
+    """Return the default path size in these rows, [rad] if all are rotations, else [m]."""
     return _SIZE if all(row < 3 for row in rows) else _SIZE * float(model.stat.extent)
 
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:
-    """What the linear model and the mapping leave out."""
-    scene, idle = robot.scene, robot.linear.unobservable_joints
+    """Return sentences about what the linear model and the mapping leave out."""
+    scene, free = robot.scene, robot.linear.unobservable_joints
     return (
         *left_out_of(robot),
-        *([f"nothing holds, and no task feels, a motion of {listed(idle)}"] if idle else ()),
+        *([f"no force restores, and no task depends on, {listed(free)}"] if free else ()),
         *scene.start_warnings,
         *robot.mechanism.nominal.warnings,
         *beyond_linear(scene.task_model, scene.task_start),
-        *robot.known.soft_locks.values(),
+        *robot.nominal_plant.soft_locks.values(),
     )
 
 
 def left_out_of(robot: Robot) -> tuple[str, ...]:
-    """What of the file the task does not involve, in words; none where it involves all."""
+    """Return a sentence that names the joints or bodies outside the task, if there are any."""
     part = robot.scene.part
     if part is None or not part.left_out:
         return ()
-    return (f"no part of the task, and left to itself: {listed(part.left_out)}",)
+    return (f"not part of the task, and not controlled: {listed(part.left_out)}",)
 
 
 def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> mujoco.MjData:
-    """Joint positions (nq,), or a keyframe by name or number; neither is the first, or qpos0."""
+    """Return the state at positions (nq,), at a keyframe by name or number, or at the default."""
     data = start_of(model) if at is None else mujoco.MjData(model)
     if at is not None:
         data.qpos[:] = check.array("start", at, model.nq)
@@ -194,7 +193,7 @@ def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> 
 
 
 def _goal(actuators: int, options: RobotOptions) -> Goal:
-    """W1 and W2; with neither of them all joints weigh alike."""
+    """Return the goal with weights W1 and W2; without either, all joint weights are one."""
     joint, others = options.joint_weight, options.secondary_weight
     if joint is None and others is None:
         joint = (1.0,)
@@ -206,7 +205,7 @@ def _goal(actuators: int, options: RobotOptions) -> Goal:
 
 
 def _weights(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...] | None:
-    """One weight each, as many as are wanted; one alone is that of all."""
+    """Return `count` weights; a single one is repeated."""
     if values is None or len(values) == count:
         return values
     if len(values) != 1:

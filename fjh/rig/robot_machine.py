@@ -1,4 +1,4 @@
-"""The plant of any MJCF robot with its sensors and drives, as it differs from the model."""
+"""The plant of any MJCF robot with sensors and drives, with a mismatch to the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,27 +7,28 @@ from typing import ClassVar
 
 import numpy as np
 
-from fjh.rig.draw import Draw
 from fjh.rig.mismatch import EXACT, Mismatch, sampled_model, without
+from fjh.rig.random_streams import RandomStreams
 from fjh.rig.robot import Robot
 from sim import Array, Bench, Failure, Pose
 from sim.plant import JointSensors, Reading, Sensors, TaskSensor
 
 ALL = Mismatch(gain=0.03, damping=0.2, inertia=0.02, delay_ticks=1, drift_per_s=0.1, steps=2)
-"""Everything at once: gains, dampers, inertias and delay as of the hexapod's testbed."""
+"""Mismatch of all kinds at once: gains, dampers, inertias and delay as for the hexapod's testbed.
+"""
 
 SIZES = ("gain", "damping", "inertia", "delay_ticks", "drift_per_s", "steps")
-"""Sizes that a robot of a file has: it tells nothing of a floor, or of springs preloaded anew."""
+"""Sizes that apply to a robot of a file, which states no floor and no preload of springs."""
 
 
 @dataclass(frozen=True)
 class RobotMachine:
-    """A robot at its start, and how its plant differs from it.
+    """A robot at its start, and the mismatch of its plant.
 
     Attributes:
         robot: The robot.
-        sizes: How far the plant is from the model.
-        seed: Of what is sampled of it.
+        sizes: Sizes of the differences between plant and model.
+        seed: Seed of the sampled plant.
     """
 
     everything: ClassVar[Mismatch] = ALL
@@ -37,24 +38,24 @@ class RobotMachine:
     sizes: Mismatch = EXACT
     seed: int = 0
 
-    def drawn(self, sizes: Mismatch, seed: int) -> "RobotMachine":
-        """The same robot on another plant."""
+    def with_mismatch(self, sizes: Mismatch, seed: int) -> "RobotMachine":
+        """Return the same robot with another plant."""
         return replace(self, sizes=sizes, seed=seed)
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
-        """The machine for times (N,), with noise of this seed.
+        """Return the machine for times (N,), with sensor noise of this seed.
 
-        A plant is commanded by displacements, and balances its own gains and springs; the controls
-        of a robot are made by the model that its controller has. At the start both stand still: a
+        A plant is commanded by displacements, and compensates its own gains and springs; here the
+        controls are those of the controller's model. Plant and model are at rest at the start: a
         robot is held there before a run.
         """
         robot, sizes = self.robot, self.sizes
-        draw = Draw(self.seed, sizes.family)
-        model, gains = sampled_model(robot.model, robot.known.drives, sizes, draw)
+        streams = RandomStreams(self.seed, sizes.family)
+        model, gains = sampled_model(robot.model, robot.nominal_plant.drives, sizes, streams)
         plant = robot.plant(model)
-        per_command = gains * robot.known.stiffness / plant.stiffness
+        per_command = gains * robot.nominal_plant.stiffness / plant.stiffness
         return Bench(
             plant,
             self._sensors(seed),
@@ -68,12 +69,14 @@ class RobotMachine:
         )
 
     def _sensors(self, seed: int) -> Sensors:
-        """Of the task, or encoders alone; zeros drift up to so many standard deviations."""
-        robot, rows, draw = self.robot, self.robot.options.major, Draw(self.seed)
+        """Return task sensors or encoders alone, with zeros that drift at sampled rates."""
+        robot, rows, streams = self.robot, self.robot.options.major, RandomStreams(self.seed)
         per_tick = self.sizes.drift_per_s * robot.period_s
         noise, encoder_noise = robot.noise, robot.encoder_noise
-        of_task = per_tick * noise * draw.uniform("task drift", len(rows))
-        of_encoders = per_tick * encoder_noise * draw.uniform("drift", len(robot.known.drives))
+        of_task = per_tick * noise * streams.uniform("task drift", len(rows))
+        of_encoders = (
+            per_tick * encoder_noise * streams.uniform("drift", len(robot.nominal_plant.drives))
+        )
         sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seed)
         if robot.options.sense == "joints":
             # The task is computed from the encoders, and drifts with them.
@@ -85,14 +88,14 @@ class RobotMachine:
 
 
 class DriftingSensors:
-    """Sensors whose zeros move at constant rates from the first reading on."""
+    """Sensors whose zeros drift at constant rates from the first reading on."""
 
     def __init__(self, sensors: Sensors, of_task: Array, of_encoders: Array) -> None:
-        """Take the sensors, and how far each zero moves in a tick, (m1,) and (n,)."""
+        """Take the sensors, and the drift of their zeros per tick, (m1,) and (n,)."""
         self._sensors, self._rates, self._ticks = sensors, (of_task, of_encoders), 0
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """What they read, their zeros where they are by now."""
+        """Return the reading with zeros shifted by the drift so far."""
         of_task, of_encoders = (rate * self._ticks for rate in self._rates)
         self._ticks += 1
         reading = self._sensors.read(pose, displacements + of_encoders)

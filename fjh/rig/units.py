@@ -1,4 +1,4 @@
-"""Rows of a twist, their units and those of actuators, in published numbers and in sentences."""
+"""Rows of a twist and units of rows and actuators, in published numbers and in sentences."""
 
 from collections.abc import Iterable, Sequence
 from math import hypot
@@ -7,38 +7,38 @@ from typing import Any
 ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
 """Names of the rows of a twist."""
 ROW_NAMES = ("rx", "ry", "rz", "x", "y", "z")
-"""The same as they are typed."""
+"""Short names of the rows of a twist, as typed on the command line."""
 _PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
 
 
 def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
-    """The entries `name_rad` and `name_m`, of those units that there are.
+    """Return entries `name_rad` and `name_m`, one for each unit that occurs.
 
-    A list has one value for each of the units, and each entry has those in its unit, in their
-    order. One number, or None, is in every unit that there is.
+    A list has one value for each of the units, and each entry has the values in its unit, in their
+    order. A single number, or None, is repeated in each entry.
     """
     entries = {}
     for unit in dict.fromkeys(units):
-        own = value
+        selected = value
         if isinstance(value, list):
-            own = [each for each, its in zip(value, units, strict=True) if its == unit]
-        entries[f"{name}_{unit}"] = own
+            selected = [v for v, u in zip(value, units, strict=True) if u == unit]
+        entries[f"{name}_{unit}"] = selected
     return entries
 
 
-def norms_said(values: Iterable[float], units: Sequence[str]) -> str:
-    """The norm of the values of each unit together: "3.2 µrad and 1.5 mm"."""
+def norms_text(values: Iterable[float], units: Sequence[str]) -> str:
+    """Return the norms of the values of each unit as text: "3.2 µrad and 1.5 mm"."""
     entries = by_unit("", list(values), units)
-    return " and ".join(said(hypot(*own), unit[1:]) for unit, own in entries.items())
+    return " and ".join(quantity_text(hypot(*v), unit[1:]) for unit, v in entries.items())
 
 
-def said(value: float, unit: str) -> str:
-    """A number of three digits in a unit with a prefix: "131 mm", "2.27 µrad"."""
+def quantity_text(value: float, unit: str) -> str:
+    """Return a number of three digits with a prefixed unit: "131 mm", "2.27 µrad"."""
     factor, prefix = (1.0, "") if unit == "%" else prefixed(abs(float(f"{value:.3g}")))
     return f"{float(f'{factor * value:.3g}'):g} {prefix}{unit}"
 
 
 def prefixed(size: float) -> tuple[float, str]:
-    """A factor and its prefix, such that numbers of this size are from 1 to 1000."""
-    large = (each for each in _PREFIXES.items() if size * each[0] >= 1.0 or not size > 0.0)
-    return next(large, list(_PREFIXES.items())[-1])
+    """Return the factor and prefix that scale numbers of this size to 1..1000."""
+    entries = (entry for entry in _PREFIXES.items() if size * entry[0] >= 1.0 or not size > 0.0)
+    return next(entries, list(_PREFIXES.items())[-1])

@@ -1,20 +1,20 @@
-"""Numbers within limits; only the standard library, as long as they are."""
+"""Check of numbers against limits, with the standard library alone."""
 
 from numbers import Integral, Real
 from typing import Any
 
 
 def check_within(name: str, value: Any, low: float, high: float) -> None:
-    """Whether a value is a number in these limits; a whole one, if they are.
+    """Raise unless a value is a number within limits; a whole number if the limits are integers.
 
     Raises:
-        ValueError: It is not.
+        ValueError: The value is no number, or outside the limits.
     """
-    whole = isinstance(low, int)
-    kind: type = Integral if whole else Real
-    # To Python a truth value is a whole number. Of NaN neither comparison holds.
+    is_integer = isinstance(low, int)
+    kind: type = Integral if is_integer else Real
+    # In Python a bool is an Integral. For NaN both comparisons are false.
     if not isinstance(value, kind) or isinstance(value, bool) or not low <= value <= high:
         from argument_checks import shown  # late: the help text does not wait for NumPy
 
-        said = "a whole number" if whole else "a number"
-        raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {shown(value)}")
+        expected = "a whole number" if is_integer else "a number"
+        raise ValueError(f"{name} must be {expected} from {low:g} to {high:g}, got {shown(value)}")

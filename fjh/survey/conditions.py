@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from argument_checks.ties import exceeds, least
-from fjh.rig.conditions import FREE, KINDS, LOCKED, SOUND, failed, few_failures, in_words
-from fjh.rig.examined import Examined, directions_in_words, examine
+from fjh.rig.condition_analysis import ConditionAnalysis, analyze_conditions, directions_text
+from fjh.rig.conditions import FREE, HEALTHY, KINDS, LOCKED, condition_text, failed, few_failures
 from fjh.rig.robot import Robot, robot_of
 from fjh.study.option import OnProgress
 from fjh.study.result import Check, check
@@ -50,7 +50,7 @@ class Survey(NamedTuple):
     """
 
     subject: Subject
-    start: Examined
+    start: ConditionAnalysis
     rows: pd.DataFrame
     postures: pd.DataFrame
     counts: pd.DataFrame
@@ -63,7 +63,7 @@ class Survey(NamedTuple):
             if self.rows.condition.iloc[-1] < len(self.start.codes) - 1:
                 few += ", at other postures than the start with one,"
             yield f"Of the {len(KINDS) + 1}^{n} conditions those with {few} were examined."
-        left = self.start.left
+        left = self.start.classes
         worst = {self.subject.measure: left.worst_speed}
         worst |= {} if self.subject.torques is None else {"force": left.worst_force}
         if missing := " and ".join(what for what, values in worst.items() if values is None):
@@ -75,7 +75,11 @@ class Survey(NamedTuple):
 
 def surveyed(subject: Subject, postures: int, seed: int, on_progress: OnProgress) -> Survey:
     """Examine a subject at its start, and a robot at so many postures that are drawn."""
-    most, found, qpos = most_failures(len(subject.actuators)), list[Examined](), list[Array]()
+    most, found, qpos = (
+        most_failures(len(subject.actuators)),
+        list[ConditionAnalysis](),
+        list[Array](),
+    )
     at_start = of_conditions(subject, min(most, 2))
     start = at_start(subject.system, on_progress=on_progress)
     if (robot := subject.robot) is not None and postures > 0:
@@ -110,7 +114,7 @@ def conditions_up_to(n: int, failures: int) -> int:
     return sum(comb(n, count) * len(KINDS) ** count for count in range(failures + 1))
 
 
-def of_conditions(subject: Subject, failures: int) -> partial[Examined]:
+def of_conditions(subject: Subject, failures: int) -> partial[ConditionAnalysis]:
     """A function of a system: what all conditions with at most so many failures leave of it.
 
     What is left in the worst direction is computed where that takes seconds.
@@ -125,7 +129,7 @@ def of_conditions(subject: Subject, failures: int) -> partial[Examined]:
     )
     codes = few_failures(n, failures)
     return partial(
-        examine,
+        analyze_conditions,
         major=subject.major,
         codes=codes,
         rates=subject.limits_about_rest(codes) if speed else None,
@@ -136,7 +140,7 @@ def of_conditions(subject: Subject, failures: int) -> partial[Examined]:
 
 def examined_elsewhere(
     subject: Subject, robot: Robot, count: int, seed: int, on_progress: OnProgress
-) -> tuple[list[Array], list[Examined]]:
+) -> tuple[list[Array], list[ConditionAnalysis]]:
     """The first conditions of the start at other postures of a robot, as far as these close.
 
     Args:
@@ -154,7 +158,7 @@ def examined_elsewhere(
     systems = [{"system": subject.system.at_pose(reader.at(data))} for data in closed]
     n = len(subject.actuators)
     examined_at = of_conditions(subject, min(most_failures(n), 2 if n <= BOTH_UP_TO else 1))
-    found, begun = list[Examined](), perf_counter()
+    found, begun = list[ConditionAnalysis](), perf_counter()
     for done, system in enumerate(systems):  # in parallel once those so far show that it takes long
         on_progress(done, len(systems))
         if done and (perf_counter() - begun) * (len(systems) / done - 1) > _ALONE_S:
@@ -213,7 +217,7 @@ def at_posture(subject: Subject, robot: Robot, qpos: Array, said: str) -> Subjec
     return replace(subject, robot=moved, system=system, instead=said)
 
 
-def numbers_of(subject: Subject, at: Examined) -> pd.DataFrame:
+def numbers_of(subject: Subject, at: ConditionAnalysis) -> pd.DataFrame:
     """What each condition leaves at a posture; NaN where it is infinite or there is none.
 
     Columns have the units of the subject.
@@ -223,15 +227,15 @@ def numbers_of(subject: Subject, at: Examined) -> pd.DataFrame:
     speed, force = _WORST[major]
     found = {
         "survived": at.survived,
-        speed: at.left.worst_speed,
+        speed: at.classes.worst_speed,
         f"{subject.measure}_left": at.speed_left,
-        force: at.left.worst_force,
+        force: at.classes.worst_force,
         "force_left": at.force_left,
         "relative_manipulability": at.relative_manipulability,
         "best_possible": at.best_possible,
         _ratio("largest_gain", units, major): at.largest_gain,
         _ratio("error_gain", major, units): at.error_gain,
-        "rank_gap": at.left.gap,
+        "rank_gap": at.classes.gap,
     }
     if subject.torques is None:
         del found[force], found["force_left"]
@@ -259,13 +263,13 @@ def condition_frame(found: Survey) -> pd.DataFrame:
     subject, start, codes = found.subject, found.start, found.start.codes
     names, secondary = subject.actuators, [subject.rows[row] for row in subject.secondary]
     words = {
-        "failed": [in_words(code, names) for code in codes],
+        "failed": [condition_text(code, names) for code in codes],
         "failures": start.failures,
         "locked": [failed(code, names, LOCKED) for code in codes],
         "free": [failed(code, names, FREE) for code in codes],
-        "major_task": [start.verdict(row) for row in range(len(codes))],
+        "major_task": [start.classification(row) for row in range(len(codes))],
         "lost_secondary": [
-            directions_in_words(start.lost(row), secondary) if secondary and survived else None
+            directions_text(start.lost(row), secondary) if secondary and survived else None
             for row, survived in enumerate(start.survived)
         ],
     }
@@ -309,7 +313,7 @@ def actuator_frame(found: Survey) -> pd.DataFrame:
     left = kept.reindex(start.singles.ravel()).to_numpy().reshape(-1, 2)
     frame["left_locked"], frame["left_free"] = left.T
     pairs = start.failures == 2
-    has = start.codes[pairs] != SOUND
+    has = start.codes[pairs] != HEALTHY
     doubles = pd.Series((has & start.survived[pairs, None]).sum(axis=0)) / has.sum(axis=0)
     frame["doubles_survived"] = doubles
     loss, doubles = 1.0 - left.mean(axis=1), doubles.fillna(1.0).to_numpy()
@@ -319,7 +323,7 @@ def actuator_frame(found: Survey) -> pd.DataFrame:
     return frame.replace([np.inf, -np.inf], np.nan)
 
 
-def checks(subject: Subject, start: Examined) -> list[Check]:
+def checks(subject: Subject, start: ConditionAnalysis) -> list[Check]:
     """Some conditions each classified alone: verdicts that differ, and what is left."""
     codes, differ, off = start.codes, 0, [0.0]
     limits = [np.broadcast_to(side, codes.shape) for side in subject.limits_about_rest(codes)]
@@ -328,8 +332,8 @@ def checks(subject: Subject, start: Examined) -> list[Check]:
         if not start.are_joints:
             locked, free = np.flatnonzero(codes[row]), free[:0]
         kin = subject.system.with_failures(locked.tolist(), free.tolist()).kinematics()
-        differ += start.left.possible[row] != is_possible(kin.manipulability(subject.major))
-        if (speeds := start.left.worst_speed) is not None:
+        differ += start.classes.possible[row] != is_possible(kin.manipulability(subject.major))
+        if (speeds := start.classes.worst_speed) is not None:
             alone = kin.attainable(subject.major, (limits[0][row], limits[1][row])).radius
             if alone != speeds[row]:
                 off.append(abs(alone - speeds[row]) / max(alone, speeds[row]))

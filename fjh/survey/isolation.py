@@ -161,7 +161,7 @@ def further_sensors(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
     linear, model = rig.machine.robot.linear, rig.machine.robot.scene.task_model
     assert linear.motion is not None  # that of a plant
     encoders, moves = linear.C_active, linear.motion
-    driven = {drive.joint for drive in rig.machine.robot.alone.drives}
+    driven = {drive.joint for drive in rig.machine.robot.task_plant.drives}
     free = [k for k in range(model.njnt) if k not in driven and model.jnt_type[k] in _ONE_VELOCITY]
     passive = {
         linear.joints[k]: np.append(moves[k], 0.0 * moves[k]) for k in model.jnt_dofadr[free]

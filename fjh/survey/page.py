@@ -10,8 +10,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fjh.rig.condition_analysis import NO_MARGIN, ConditionAnalysis
 from fjh.rig.conditions import FREE, KINDS, LOCKED, counted, listed
-from fjh.rig.examined import NO_ROOM, Examined
 from fjh.study.page import named_versions, rendered
 from fjh.study.palette import BLACK, BLUE, ORANGE, VERMILION
 from fjh.study.plotting import COLOR_MAP, PAGE_IN, new_figure, one_legend
@@ -73,7 +73,7 @@ _TOLD_APART = (
 )
 
 
-def headline(subject: Subject, start: Examined) -> str:
+def headline(subject: Subject, start: ConditionAnalysis) -> str:
     """What single failures do to the major task; where it is not possible without, what helps."""
     rows = listed([subject.rows[row] for row in subject.major])
     task = f"{counted(len(subject.actuators), 'actuator')}, major task {rows}: it"
@@ -83,19 +83,19 @@ def headline(subject: Subject, start: Examined) -> str:
     advice = "drop major rows (--major)"
     if subject.robot is not None:
         advice += ", take another start (--keyframe), or pin what stands (--pinned)"
-    elif start.verdict(0) == NO_ROOM:
+    elif start.classification(0) == NO_MARGIN:
         rest = "where inputs are one-sided, say what they exert at rest (--hold)"
         advice = rest if subject.hold is None else "widen the limits, or hold less"
     return f"{task} is not possible even without failures, because {start.reason(0)}: {advice}."
 
 
 def notes(
-    subject: Subject, start: Examined, actuators: pd.DataFrame, settings: Mapping[str, Any]
+    subject: Subject, start: ConditionAnalysis, actuators: pd.DataFrame, settings: Mapping[str, Any]
 ) -> Iterator[str]:
     """What the tables do not say: what numbers rest on, and what they leave out."""
     if subject.instead is not None:
         yield subject.instead
-    if near := int((start.left.gap < _NEAR).sum()):
+    if near := int((start.classes.gap < _NEAR).sum()):
         yield f"{near:,} verdicts would change with a tolerance of ranks within {_NEAR:g} times it."
     costly = actuators.actuator[actuators.costs_most].tolist()
     if 0 < len(costly) < len(actuators):
@@ -150,7 +150,7 @@ _MARK: dict[str, Any] = {"ls": "", "marker": "x", "color": VERMILION, "ms": 4, "
 _MOST_NAMES = 16  # names along an axis; of more actuators, some of the names
 
 
-def figure_survey(subject: Subject, start: Examined) -> Figure:
+def figure_survey(subject: Subject, start: ConditionAnalysis) -> Figure:
     """Bars of the singles, and the map of the doubles where these are examined."""
     names, doubles = subject.actuators, bool((start.failures == 2).any())
     widths = [1.0, 2.0][: 1 + doubles]
@@ -165,7 +165,7 @@ def figure_survey(subject: Subject, start: Examined) -> Figure:
     return figure
 
 
-def _bars(axes: Axes, names: tuple[str, ...], start: Examined) -> None:
+def _bars(axes: Axes, names: tuple[str, ...], start: ConditionAnalysis) -> None:
     for (kind, word), rows, aside in zip(KINDS.items(), start.singles.T, (-0.2, 0.2), strict=True):
         at, lost = np.arange(len(names)) + aside, ~start.survived[rows]
         axes.barh(at, np.nan_to_num(start.speed_left[rows]), 0.36, color=_COLORS[kind], label=word)
@@ -198,7 +198,7 @@ def _pairs(axes: Axes, names: tuple[str, ...], left: Array) -> None:
     axes.figure.colorbar(shown, ax=axes, shrink=0.8, pad=0.08)
 
 
-def pair_table(start: Examined) -> Array:
+def pair_table(start: ConditionAnalysis) -> Array:
     """What is left of each pair, locked ones first, shape (2 n, 2 n); singles on the diagonal."""
     n = start.codes.shape[1]
     table, left = np.full((2 * n, 2 * n), np.nan), np.where(start.survived, start.speed_left, 0.0)

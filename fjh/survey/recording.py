@@ -15,8 +15,8 @@ from fjh.recording.layout import write_scenes
 from fjh.recording.scene import Scene, condition_scene
 from fjh.recording.signals import Plot
 from fjh.rig.bodies import body_name
-from fjh.rig.conditions import KINDS, in_words, listed
-from fjh.rig.examined import Examined, directions_in_words
+from fjh.rig.condition_analysis import ConditionAnalysis, directions_text
+from fjh.rig.conditions import KINDS, condition_text, listed
 from fjh.study.result import literal
 from fjh.survey.subject import Subject, common
 from prioritized import Kinematics
@@ -46,7 +46,7 @@ class Loss:
         return self.drifts == other.drifts and min(apart) < _SAME
 
 
-def losses(subject: Subject, start: Examined) -> list[Loss]:
+def losses(subject: Subject, start: ConditionAnalysis) -> list[Loss]:
     """Each direction once, with all single failures that cost it, in the order of these."""
     found = list[Loss]()
     if subject.robot is None or not start.survived[0]:
@@ -61,7 +61,7 @@ def losses(subject: Subject, start: Examined) -> list[Loss]:
     return found
 
 
-def _of_condition(subject: Subject, start: Examined, row: int) -> list[Loss]:
+def _of_condition(subject: Subject, start: ConditionAnalysis, row: int) -> list[Loss]:
     """Lost major directions, lost secondary ones if the major task is kept, and self-motions."""
     major, secondary = list(subject.major), list(subject.secondary)
     failures = {word: np.flatnonzero(start.codes[row] == kind) for kind, word in KINDS.items()}
@@ -93,7 +93,7 @@ def self_motion(kin: Kinematics, J_T: Array, direction: Array) -> Array:
 
 
 def write_losses(
-    subject: Subject, start: Examined, command: str, verdict: str, folder: Path
+    subject: Subject, start: ConditionAnalysis, command: str, verdict: str, folder: Path
 ) -> None:
     """Write `survey.rrd`, and `survey_2.rrd` and so on where a screen is too small for all.
 
@@ -113,14 +113,14 @@ def write_losses(
         write_scenes(folder / f"survey{number}.rrd", about, scenes, pages=False)
 
 
-def title(subject: Subject, start: Examined, loss: Loss, most: int = 3) -> str:
+def title(subject: Subject, start: ConditionAnalysis, loss: Loss, most: int = 3) -> str:
     """The failures, of many the first, and the direction."""
-    failures = [in_words(start.codes[row], subject.actuators) for row in loss.rows]
-    what = directions_in_words(loss.direction[:, None], subject.rows)
+    failures = [condition_text(start.codes[row], subject.actuators) for row in loss.rows]
+    what = directions_text(loss.direction[:, None], subject.rows)
     return f"{listed(failures, 'or', most)}: {what} {'drifts' if loss.drifts else 'is lost'}"
 
 
-def _scene(subject: Subject, start: Examined, loss: Loss) -> Scene:
+def _scene(subject: Subject, start: ConditionAnalysis, loss: Loss) -> Scene:
     """All joints swing slowly about the start; bodies that failed actuators move are named."""
     assert subject.robot is not None  # a matrix has no losses
     model, nominal = subject.robot.scene.task_model, np.array(subject.robot.scene.task_start.qpos)

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from fjh.rig.bodies import model_name
-from fjh.rig.conditions import FREE, SOUND, Codes
-from fjh.rig.examined import Limits
+from fjh.rig.condition_analysis import Limits
+from fjh.rig.conditions import FREE, HEALTHY, Codes
 from fjh.rig.options import RobotOptions, rows_of
 from fjh.rig.robot import Robot, left_out_of, robot_of
 from fjh.rig.units import ROWS
@@ -79,7 +79,7 @@ class Subject:
             joint_weight=np.ones(len(self.actuators)),  # of least norm within the limits
             rate_limits=self.rates,
         )
-        B, works = self.system.J_T[list(self.major)], codes == SOUND
+        B, works = self.system.J_T[list(self.major)], codes == HEALTHY
         stuck = np.where(works | (codes == FREE), 0.0, at_rest(self.hold))
         missing = self.hold - stuck @ B.T
         inverse = np.linalg.pinv(B * works[:, None, :], rcond=self.system.rank_tolerance)
@@ -154,7 +154,7 @@ def robot_subject(
     try:
         springs_count = robot.springs_count
     except ModelError:  # without position servos nothing says how stiff they would have to be
-        springs_count = robot.springs_hold
+        springs_count = robot.springs_determine
     return Subject(
         file=path,
         title=printable(model_name(robot.model, path)),

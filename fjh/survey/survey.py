@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from fjh.rig.examined import LEAST_LEFT
+from fjh.rig.condition_analysis import LEAST_LEFT
 from fjh.rig.options import (
     DEFAULT_OPTIONS,
     MAJOR,

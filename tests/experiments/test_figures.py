@@ -8,7 +8,7 @@ import pytest
 from experiments.figures import OpenLoop, counted, open_loop
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import ANGLES, design, nominal_plant
-from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
+from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_classifications
 from fjh.rig.hexapod.metrics import loop_measures
 from fjh.rig.hexapod.testbed import TestbedConfig
 from prioritized import failure_atlas
@@ -39,7 +39,7 @@ def test_the_published_compensator_has_the_published_margins(model, row):
 
 def test_the_map_counts_what_the_atlas_counts(model):
     atlas = failure_atlas(elastic_system(model), MAJOR)
-    found = pointing_verdicts(atlas)
+    found = pointing_classifications(atlas)
     table = counted(found)
     assert atlas.elastic is not None
     assert (atlas.possible.sum(), atlas.elastic.possible.sum()) == (54, 54 + 371)

@@ -11,10 +11,10 @@ import pytest
 
 from experiments.recover import hexapod_basis, plan
 from experiments.recover.plan import BENCH, Case, exact_rig, healthy_for, sizes_of
-from fjh.rig.draw import CORRELATION, Draw
 from fjh.rig.events import EVENTS
-from fjh.rig.hexapod.mismatch import ALL, ALONE, DRAWN, OTHER
+from fjh.rig.hexapod.mismatch import ALL, ALONE, OTHER, SAMPLED
 from fjh.rig.options import RobotOptions
+from fjh.rig.random_streams import CORRELATION, RandomStreams
 from sim import HEXAPOD_MJCF
 from sim.plant import FailureKind
 
@@ -89,16 +89,16 @@ def test_every_event_has_cases_and_those_of_one_draw_differ_in_it_alone():
 
 def test_the_other_family_is_log_normal_correlated_and_twice_as_wide():
     draws, width = range(1500), 0.06
-    logs = np.log([Draw(k, "lognormal").factors("gain", 2, width) for k in draws])
+    logs = np.log([RandomStreams(k, "lognormal").factors("gain", 2, width) for k in draws])
     assert logs.std() == pytest.approx(width / sqrt(3), rel=0.06)
     assert logs.mean() == pytest.approx(0, abs=4 * width / sqrt(3 * 1500))
     assert np.asarray(np.corrcoef(logs.T))[0, 1] == pytest.approx(CORRELATION, abs=0.08)
-    assert all(getattr(OTHER, name) == 2 * getattr(ALL, name) for name in DRAWN)
+    assert all(getattr(OTHER, name) == 2 * getattr(ALL, name) for name in SAMPLED)
 
 
 @pytest.mark.long
 def test_a_robot_has_the_same_cases_with_every_sensing(monkeypatch):
-    monkeypatch.setattr(plan, "check_reach", lambda *_: None)
+    monkeypatch.setattr(plan, "check_reachable", lambda *_: None)
     options = RobotOptions(major=(3, 4), sense="both", crossover=0.7)
     given = (HEXAPOD_MJCF.with_name("platform.xml"), options, 4.0)
     [locked], _ = plan.robot_cases(*given, "designed", (), seed=0, quick=True)

@@ -11,7 +11,7 @@ from experiments.recover import plan
 from experiments.recover import row as rows
 from experiments.recover.plan import Case, exact_rig
 from fjh.rig.events import Event
-from fjh.rig.run import Diagnosed
+from fjh.rig.run import DiagnosedFailure
 from ftc import Measurement
 from ftc.fdi import Cause, Diagnosis, Fault
 from sim import Failure, SimulationDiverged
@@ -75,7 +75,9 @@ def columns_of(
     alarms = tuple(tick - 10 for _, _, tick in named)
     watch = SimpleNamespace(alarm_ticks=alarms, causes=causes, unexplained=False)
     run: Any = SimpleNamespace(
-        diagnoses=[Diagnosed(f"strut{k + 1}", kind, t / 1e3, withdrawn_s) for k, kind, t in named],
+        diagnoses=[
+            DiagnosedFailure(f"strut{k + 1}", kind, t / 1e3, withdrawn_s) for k, kind, t in named
+        ],
         state=SimpleNamespace(watch=watch, standing=list(map(Diagnosis.told, faults.values()))),
         task_lost=False,
         status="",

@@ -128,7 +128,7 @@ def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(name):
 
 def test_drift_of_the_detectors_zero_is_not_charged_to_the_controller():
     one, path = shared_rig("hexapod"), TestbedConfig().spiral_rad(0.3)
-    drawn, run = one.drawn("all", 3), one.fly(one.controller(), path)
+    drawn, run = one.with_mismatch("all", 3), one.fly(one.controller(), path)
     perfect = replace(run, true=path - drawn.machine.zero_rad(300))
     found = mismatched_errors(drawn, COLUMNS[0], perfect, 7)
     flown, predicted = (

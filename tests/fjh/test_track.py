@@ -16,7 +16,7 @@ from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
 from fjh.rig.paths import path_of
 from fjh.rig.reach import limited_by, predictor, uncompared
-from fjh.rig.run import Diagnosed
+from fjh.rig.run import DiagnosedFailure
 from fjh.study.errors import WrongInput
 from fjh.study.result import Result
 from fjh.track import Flown, agreement, rows_of, track
@@ -162,7 +162,7 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
     """With the option that would, which then does: half a second is enough for it."""
     unseen: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
     one = tracked(PLATFORM, **unseen)
-    advised = "motor1 locked may not be found: by the linear model --dither default tells it apart"
+    advised = "motor1 locked may not be found: by the linear model --dither default isolates it"
     assert capfd.readouterr().err == f"fjh: {advised}\n"
     assert one.found["advice"] == [advised.replace("may not be found", "was not diagnosed")]
     with_it = tracked(PLATFORM, **unseen, dither="default").settings["dither"]
@@ -175,10 +175,19 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
 @pytest.mark.parametrize(
     ("named", "why"),
     [
-        (Diagnosed("motor4", "locked", 0.2, None), None),
-        (Diagnosed("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
-        (Diagnosed("motor2", "locked", 0.2, None), "motor2 was diagnosed locked wrongly"),
-        (Diagnosed("motor4", "locked", 0.2, 0.3), "motor4 was diagnosed locked wrongly, or"),
+        (DiagnosedFailure("motor4", "locked", 0.2, None), None),
+        (
+            DiagnosedFailure("motor4", "weak", 0.2, None),
+            "motor4 was identified as weak, not as locked",
+        ),
+        (
+            DiagnosedFailure("motor2", "locked", 0.2, None),
+            "motor2 was incorrectly identified as locked",
+        ),
+        (
+            DiagnosedFailure("motor4", "locked", 0.2, 0.3),
+            "motor4 was incorrectly identified as locked, or",
+        ),
     ],
 )
 def test_a_run_that_named_what_had_not_failed_is_not_compared(named, why):
@@ -273,7 +282,7 @@ def test_events_are_said_and_held_to_no_linear_model():
     np.testing.assert_allclose(found["rms_before"], np.sqrt((before**2).mean(axis=0)))
     assert found["prediction_off_before"] < 0.1
     assert found["predicted_rms_after"] is found["predicted_rms_after_when_named"] is None
-    assert found["uncompared"].startswith("the linear model does not have bump")
+    assert found["uncompared"].startswith("the linear model does not include bump")
     assert found["rms_after"][0] > 10 * found["rms_before"][0]
 
 
@@ -282,7 +291,7 @@ ASKED = {
     "--fail joint2:locked@9": "--fail must be before the run ends at",
     "--fail joint2:locked@0.1 --fail joint2:free@0.2": "each actuator once",
     "--fail motor2:free@0.2 --event bump_then_lock:joint2@0.1": "--fail and --event must name each",
-    "--event hard_over@0.3": "hard_over is of an actuator, which must be named",
+    "--event hard_over@0.3": "hard_over acts on one actuator, which must be given",
     "--dither 10 --diagnosis off": "which is off",
     "--size 9": "the path is out of reach",
     "--site hand --major 1,3,5 --size 0.05 --turn 8": "with actuator2 at a limit; choose a smaller",

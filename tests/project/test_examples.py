@@ -99,7 +99,7 @@ def test_the_arm_turns_its_camera_as_fast_as_a_linear_program_says(tmp_path):
 
 def test_the_lock_of_the_arm_is_found_and_costs_a_tenth_of_what_it_costs_unnoticed(tmp_path):
     lines = printed("own_arm", tmp_path)
-    assert 0.8 < numbers(lines, r"motor4 was named locked at ([\d.]+) s")[0] < 1.3
+    assert 0.8 < numbers(lines, r"motor4 was identified as locked at ([\d.]+) s")[0] < 1.3
     unaware, supervised = numbers(lines, r"RMS error ([\d.]+) mrad")
     assert supervised < 0.1 * unaware
 
@@ -107,7 +107,7 @@ def test_the_lock_of_the_arm_is_found_and_costs_a_tenth_of_what_it_costs_unnotic
 def test_both_controllers_fly_and_the_supervisor_names_the_strut(tmp_path):
     lines = printed("other_controller", tmp_path)
     mine, supervisor = numbers(lines, r"([\d.]+) µrad RMS")
-    assert supervisor < mine < 100 and "strut1 was named locked at 1.0" in lines[1]
+    assert supervisor < mine < 100 and "strut1 was identified as locked at 1.0" in lines[1]
 
 
 def test_of_the_recorded_arm_only_the_locked_motor_stands(tmp_path):

@@ -107,11 +107,11 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
     exec(own.replace('major=["x", "y", "z"]', rig), names)
     printed = capsys.readouterr().out
     if robot == "unknown_arm":
-        assert printed.startswith("m2 was named locked at 2.")
+        assert printed.startswith("m2 was identified as locked at 2.")
         assert names["error"] < 0.5 * names["rig"].size
     else:
         assert names["rig"].actuators == ("beam", "car", "fine")
-        assert "Nothing was diagnosed; the sensors read what the model without" in printed
+        assert "Nothing was diagnosed; the sensors agree with the prediction of" in printed
 
 
 def test_the_tick_of_the_page_takes_its_general_way_where_a_rank_is_in_doubt(capsys):

@@ -22,7 +22,7 @@ import numpy as np
 from argument_checks.ties import ascending
 from fjh.rig import Rig
 from fjh.rig.dither import dither_of
-from fjh.rig.reach import learnt_s, uncompared
+from fjh.rig.reach import diagnosed_at_s, uncompared
 from fjh.rig.run import rms
 from fjh.study.errors import WrongInput
 from fjh.study.provenance import commit
@@ -147,7 +147,7 @@ def _simulated(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
     path = rig.path("circle", duration_s=RUN_S, turn_s=RUN_S)
     dither = dither_of(rig, "default", "default")
     run = rig.fly(rig.supervisor(dither), path, failures=failures)
-    told, noise = learnt_s(rig, run, failures), run.measured - run.true
+    told, noise = diagnosed_at_s(rig, run, failures), run.measured - run.true
     predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
     of_model = predicted.rms_after if failures else predicted.rms_before
     measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])

@@ -1,9 +1,9 @@
-"""Events by name: what can happen to a machine during a run besides a sudden failure.
+"""Events of a machine during a run, by name, besides sudden failures.
 
     rig.fly(controller, path, events=[Event("hard_over", 1.3, "strut1"), Event("bump", 0.5)])
 
-`effects` declares each event on the function of its effect, and `hooks` makes of the events of a
-run what :class:`sim.Bench` calls.
+`effects` declares each event on the function of its effect, and `hooks` turns the events of a run
+into hooks of :class:`sim.Bench`.
 """
 
 from fjh.rig.events.effects import EVENTS as EVENTS

@@ -1,6 +1,6 @@
-"""Every event that has a name, declared once: by a decorator of the function of its effect.
+"""Declarations of the named events, by a decorator of the function of each effect.
 
-Imports neither `sim` nor SciPy: the command line refuses misspelt events before these are loaded.
+Imports neither `sim` nor SciPy: the command line rejects misspelt events before these are loaded.
 """
 
 import math
@@ -30,10 +30,10 @@ LATEST_S = 1e9
 GRAVITY = 9.81
 """Acceleration that gives weights [m/s^2], also in a model without gravity."""
 FULL = 20.0
-"""Full displacement of an actuator without limits, as a multiple of the path's reach."""
+"""Full displacement of an actuator without limits, as a multiple of the path's amplitude."""
 _LOCKED: "tuple[FailureKind, ...]" = ("locked",)
 _UNMOVED: "tuple[FailureKind, ...]" = ("free", "locked")
-"""What obeys no input: free where a spring takes the load, locked where a servo does."""
+"""Diagnoses of an actuator that follows no input: free under a spring, locked under a servo."""
 
 
 class Effect(NamedTuple):
@@ -41,8 +41,8 @@ class Effect(NamedTuple):
 
     Attributes:
         plant: Called before the physics; adds forces on bodies to `data.xfrc_applied`.
-        measured: From the major rows (m1,) that would be read to those that are.
-        sent: From the inputs (n,) that the controller sends to those that the drives get.
+        measured: Maps the major rows (m1,) before the event to those that are measured.
+        sent: Maps the inputs (n,) that the controller sends to those that the drives receive.
     """
 
     plant: Callable[[int, mujoco.MjModel, mujoco.MjData], None] | None = None
@@ -52,22 +52,22 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of event.
+    """Declaration of an event.
 
     Attributes:
-        sentence: What happens, with sizes.
-        of: Of an actuator, which an event then names, a supply, the machine or its sensors.
-        named_as: What its actuators may rightly be taken for; empty: no actuator may be named.
-        failures: Of actuators, as of `sim.Failure`, that the event consists of or brings: of
-            its own actuator, or of as many others, at random.
-        after_s: How long after the event these strike.
-        cause: What a diagnosis can say of it that is no failure; None: it has no name for it.
-        effect: What it does besides to a target, sizes bound.
+        sentence: Description with sizes.
+        of: Part it acts on: one actuator, given in the event, a supply, the machine or its sensors.
+        correct_kinds: Kinds of failure that are a correct diagnosis of its actuators; empty: none.
+        failures: Kinds of `sim.Failure` that the event includes or causes: of its own actuator, or
+            of as many random others.
+        after_s: Time from the event to these failures [s].
+        cause: Correct diagnosis that is no failure; None: there is none.
+        effect: Function of its further effect on a target, sizes bound.
     """
 
     sentence: str
     of: Of
-    named_as: "tuple[FailureKind, ...]"
+    correct_kinds: "tuple[FailureKind, ...]"
     failures: "tuple[FailureKind, ...]"
     after_s: float
     cause: Cause | None
@@ -75,21 +75,21 @@ class Kind:
 
 
 EVENTS: dict[str, Kind] = {}
-"""Every event by name, in the order of declaration, which studies and pages follow."""
+"""Events by name, in the order of declaration, which studies and pages follow."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something happens to a machine at one time.
+    """An event of a machine at one time.
 
     Attributes:
         name: One of `EVENTS`.
-        time_s: When; what happens at the first tick of a run has begun before it.
-        actuator: By number or name, where the event is of one; else None.
+        time_s: Time [s]; an event at the first tick of a run starts before it.
+        actuator: Number or name of the actuator, for events of one; else None.
 
     Raises:
-        ValueError, TypeError: No such event; an actuator is missing, superfluous or no name or
-            number; a time that is none, or negative.
+        ValueError, TypeError: There is no such event; an actuator is missing, superfluous or
+            invalid; the time is invalid or negative.
     """
 
     name: str
@@ -105,27 +105,27 @@ class Event:
             )
         is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
         if not (is_time and 0.0 <= self.time_s <= LATEST_S):
-            said = (
+            requirement = (
                 f"a time from zero on, got {check.shown(self.time_s)}, and at most {LATEST_S:g} s"
             )
-            raise ValueError(f"time_s must be {said}")
+            raise ValueError(f"time_s must be {requirement}")
         is_number = isinstance(self.actuator, Integral) and not isinstance(self.actuator, bool)
         if not (isinstance(self.actuator, str | None) or (is_number and self.actuator >= 0)):
-            said = f"a name, or a number from 0 on, got {check.shown(self.actuator)}"
-            raise ValueError(f"actuator must be {said}")
+            requirement = f"a name, or a number from 0 on, got {check.shown(self.actuator)}"
+            raise ValueError(f"actuator must be {requirement}")
         if self.kind.of == "actuator" and self.actuator is None:
-            raise ValueError(f"{self.name} is of an actuator, which must be named")
+            raise ValueError(f"{self.name} acts on one actuator, which must be given")
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(
-                f"{self.name} is of no single actuator, got {check.shown(self.actuator)}"
+                f"{self.name} acts on no single actuator, got {check.shown(self.actuator)}"
             )
 
     @classmethod
     def parse(cls, text: str) -> "Event":
-        """Parse NAME@SECONDS or, of what happens to an actuator, NAME:ACTUATOR@SECONDS.
+        """Parse NAME@SECONDS or, for an event of an actuator, NAME:ACTUATOR@SECONDS.
 
         Raises:
-            ValueError, TypeError: Another form; or as of an event that is made.
+            ValueError, TypeError: The text has another form, or the event is invalid.
         """
         if not isinstance(text, str):
             raise TypeError(f"text must be that of an event, got {check.shown(text)}")
@@ -140,7 +140,7 @@ class Event:
 
     @property
     def kind(self) -> Kind:
-        """What `EVENTS` says of it."""
+        """Declaration of the event in `EVENTS`."""
         return EVENTS[self.name]
 
 
@@ -148,23 +148,23 @@ def event(
     of: Of,
     name: str,
     sentence: str,
-    named_as: "tuple[FailureKind, ...]" = (),
+    correct_kinds: "tuple[FailureKind, ...]" = (),
     failures: "tuple[FailureKind, ...]" = (),
     *,
     after_s: float = 0.0,
     cause: Cause | None = None,
     **sizes: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Declare an event on the function of its effect; arguments as of :class:`Kind`.
+    """Declare an event on the function of its effect; arguments as for :class:`Kind`.
 
-    `sizes` are the function's arguments besides the target; it raises WrongInput where the target
-    cannot have the event. Of several decorators the lowest declares first; an event that comes
-    after those of other functions is declared by a call.
+    `sizes` are the function's arguments besides the target; it raises WrongInput if the event does
+    not apply to the target. The lowest of several decorators declares first; an event that follows
+    those of other functions is declared by a call.
     """
 
     def declare(effect: Callable[..., Effect]) -> Callable[..., Effect]:
         bound = partial(effect, **sizes)
-        EVENTS[name] = Kind(sentence, of, named_as, failures, after_s, cause, bound)
+        EVENTS[name] = Kind(sentence, of, correct_kinds, failures, after_s, cause, bound)
         return effect
 
     return declare
@@ -176,37 +176,37 @@ machine_event = partial(event, "machine")
 sensor_event = partial(event, "sensor")
 
 
-@actuator_event("loose", "force and own spring are lost", ("loose", "free"), ("loose",))
+@actuator_event("loose", "the actuator loses force and spring", ("loose", "free"), ("loose",))
 @actuator_event("weak", "the actuator keeps half of its force", ("weak",), ("weak",))
 @actuator_event("free", "the actuator loses its force", ("free",), ("free",))
-@actuator_event("locked", "the actuator stays where it is", _LOCKED, _LOCKED)
+@actuator_event("locked", "the actuator locks where it is", _LOCKED, _LOCKED)
 def no_effect(_: "Target") -> Effect:
-    """No effect besides the failures that the event consists of."""
+    """Return no effect besides the failures of the event."""
     return Effect()
 
 
-@actuator_event("spring_lost", "the own spring is lost, not the force", ("loose", "free"))
+@actuator_event("spring_lost", "the actuator loses its spring alone", ("loose", "free"))
 def lost_spring(target: "Target") -> Effect:
-    """Take the actuator's own spring away, and with it its preload."""
+    """Remove the actuator's own spring and its preload."""
     stiffness = target.moved("stiffness")
     if stiffness(target.rig.model) == 0.0:
-        raise target.refused("has no spring of its own")
+        raise target.unsupported("has no spring of its own")
     return _once(lambda model: stiffness(model).fill(0.0))
 
 
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
-@actuator_event("hard_over", "full input from then on, at a drawn end", _UNMOVED, part=1.0)
+@actuator_event("hard_over", "full input from then on, at a random end", _UNMOVED, part=1.0)
 def constant_input(target: "Target", part: float) -> Effect:
-    """Hold the input at a part of the full one, at a random end of the range."""
+    """Set the input to a constant part of the full one, at a random end of the range."""
     end = target.limits[target.rng.integers(2)]
-    full = end if math.isfinite(end) else math.copysign(FULL * target.reach, end)
+    full = end if math.isfinite(end) else math.copysign(FULL * target.amplitude, end)
     constant = target.input(part * full)
     return _own_input(target, lambda _, __: constant)
 
 
-@actuator_event("stuck_input", "the input stays as it is", _UNMOVED, lag_s=math.inf)
+@actuator_event("stuck_input", "the input freezes", _UNMOVED, lag_s=math.inf)
 def lagging(target: "Target", lag_s: float) -> Effect:
-    """Pass the input through a first-order lag; an infinite lag keeps it as it is."""
+    """Pass the input through a first-order lag; an infinite lag freezes it."""
     follows, state = -math.expm1(-target.rig.period_s / lag_s), 0.0
 
     def lagged(tick: int, own: float) -> float:
@@ -222,10 +222,10 @@ def lagging(target: "Target", lag_s: float) -> Effect:
 )
 @actuator_event("offset", "an offset of three times what the path moves", cause="offset", size=3.0)
 def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effect:
-    """Add a displacement of random sign, and its rate per second, in reaches of the path."""
-    per_reach = float(target.rng.choice([-1.0, 1.0])) * target.input(target.reach)
+    """Add a displacement of random sign, and its rate per second, in amplitudes of the path."""
+    per_amplitude = float(target.rng.choice([-1.0, 1.0])) * target.input(target.amplitude)
     grows = rate * target.rig.period_s
-    return _own_input(target, lambda tick, own: own + per_reach * (size + grows * tick))
+    return _own_input(target, lambda tick, own: own + per_amplitude * (size + grows * tick))
 
 
 @actuator_event(
@@ -234,7 +234,7 @@ def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effe
 def no_force(
     target: "Target", off_s: float, every_s: float = math.inf, *, everywhere: bool = False
 ) -> Effect:
-    """Switch the actuator, or all, off for some time, once or at the beginning of every period."""
+    """Switch the actuator, or all, off for some time, once or at the start of every period."""
     drives = target.drives if everywhere else [target.drive]
     ids, groups = [k for drive in drives for k in drive.ids], None
 
@@ -245,7 +245,7 @@ def no_force(
             groups = model.actuator_group[ids]
             for drive in drives:
                 target.switch_off(model, drive)
-        elif is_on and groups is not None:  # what was off before stays off
+        elif is_on and groups is not None:  # actuators that were off before stay off
             model.actuator_group[ids], groups = groups, None
 
     return Effect(plant)
@@ -253,7 +253,7 @@ def no_force(
 
 @actuator_event("fading", "the force decays, time constant 1 s", ("weak", "free"), decay_s=1.0)
 def scaled_force(target: "Target", gain: float = 1.0, decay_s: float = math.inf) -> Effect:
-    """Multiply the actuator's force by a gain, and let it decay exponentially."""
+    """Multiply the actuator's force by a gain that decays exponentially."""
     ids, decays = list(target.drive.ids), math.exp(-target.rig.period_s / decay_s)
 
     def plant(tick: int, model: mujoco.MjModel, _: mujoco.MjData) -> None:
@@ -276,12 +276,18 @@ actuator_event("slow", "the input lags by a first order of 30 ms", ("weak", "loc
 actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(scaled_force)
 
 
-@actuator_event("lock_released", "locks, moves again after 100 ms", _LOCKED, _LOCKED, opens_s=0.1)
+@actuator_event(
+    "lock_released",
+    "a lock that opens after 100 ms",
+    _LOCKED,
+    _LOCKED,
+    opens_s=0.1,
+)
 def released_lock(target: "Target", opens_s: float) -> Effect:
-    """Open the lock that the event brings, some time after it."""
+    """Open the lock that the event closes after some time."""
     lock, opens = target.lock, target.ticks(opens_s)
     if lock < 0:
-        raise target.refused("has no lock")
+        raise target.unsupported("has no lock")
 
     def plant(tick: int, _: mujoco.MjModel, data: mujoco.MjData) -> None:
         if tick == opens:
@@ -290,26 +296,28 @@ def released_lock(target: "Target", opens_s: float) -> Effect:
     return Effect(plant)
 
 
-actuator_event("free_returns", "no force for 0.5 s, then all again", ("free",), off_s=0.5)(no_force)
+actuator_event("free_returns", "no force for 0.5 s, then full force", ("free",), off_s=0.5)(
+    no_force
+)
 
 
 @actuator_event(
-    "rubbing", "dry friction: half of what the path takes", ("locked", "weak"), part=0.5
+    "rubbing", "dry friction: half of the force that the path takes", ("locked", "weak"), part=0.5
 )
-def rubbing(target: "Target", part: float) -> Effect:
-    """Add dry friction, as a part of the force that the path takes against spring and servo."""
+def dry_friction(target: "Target", part: float) -> Effect:
+    """Add dry friction, as a fraction of the force of spring and servo on the path."""
     stiffness, friction = target.moved("stiffness"), target.moved("frictionloss")
 
-    def rub(model: mujoco.MjModel) -> None:
+    def add_friction(model: mujoco.MjModel) -> None:
         holds = stiffness(model) + _feedback(target, model, 1)
-        friction(model)[:] += part * target.reach * holds
+        friction(model)[:] += part * target.amplitude * holds
 
-    return _once(rub)
+    return _once(add_friction)
 
 
 @actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
 def damped(target: "Target", times: float) -> Effect:
-    """Multiply the actuator's damping, the servo's included."""
+    """Multiply the actuator's damping, including the servo's."""
     damping = target.moved("damping")
 
     def damp(model: mujoco.MjModel) -> None:
@@ -318,7 +326,7 @@ def damped(target: "Target", times: float) -> Effect:
     return _once(damp)
 
 
-@supply_event("ripple", "all inputs rise and fall by 20 % at 100 Hz", ripple=0.2)
+@supply_event("ripple", "all inputs vary by 20 % at 100 Hz", ripple=0.2)
 @supply_event("sag", "all inputs times 0.8", cause="supply", mean=0.8)
 def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float = 100.0) -> Effect:
     """Multiply all inputs by a mean and a ripple, of a quarter of the control rate at most."""
@@ -326,13 +334,13 @@ def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float =
     return Effect(sent=lambda tick, inputs: (mean + ripple * math.sin(omega * tick)) * inputs)
 
 
-supply_event("two_locked", "two actuators lock at once, drawn", _LOCKED, 2 * _LOCKED)(no_effect)
+supply_event("two_locked", "two random actuators lock at once", _LOCKED, 2 * _LOCKED)(no_effect)
 supply_event("blackout", "no actuator has force for 50 ms", off_s=0.05, everywhere=True)(no_force)
 
 
 @actuator_event(
     "bump_then_lock",
-    "the same; 0.4 s later a lock",
+    "a bump; 0.4 s later the actuator locks",
     _LOCKED,
     _LOCKED,
     after_s=0.4,
@@ -348,7 +356,7 @@ supply_event("blackout", "no actuator has force for 50 ms", off_s=0.05, everywhe
 def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
     """Push the payload at its centre of mass in a random direction, by 1/54 parts of its weight.
 
-    A push of finite time has the same impulse whatever the control period is.
+    A push of finite time has the same impulse for any control period.
     """
     body, ends = target.rig.payload_body, target.ticks(for_s)
     newton = parts / 54 * GRAVITY * float(target.rig.model.body_mass[body])
@@ -363,7 +371,7 @@ def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
     return Effect(plant)
 
 
-@machine_event("tone", "the floor swings at 20 Hz, 100 um/s RMS", hz=20.0, rms_m_per_s=1e-4)
+@machine_event("tone", "the floor vibrates at 20 Hz, 100 um/s RMS", hz=20.0, rms_m_per_s=1e-4)
 def swinging_floor(target: "Target", hz: float, rms_m_per_s: float) -> Effect:
     """Let the floor swing along a random direction."""
     omega = 2 * math.pi * hz
@@ -387,7 +395,7 @@ def scaled_mass(target: "Target", factor: float) -> Effect:
     def scale(model: mujoco.MjModel) -> None:
         model.body_mass[body] *= factor
         model.body_inertia[body] *= factor
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # constants derived from masses
 
     return _once(scale)
 
@@ -399,21 +407,21 @@ def biased(target: "Target", sigmas: float, samples: float = math.inf) -> Effect
     return Effect(measured=lambda tick, output: output + off if tick < samples else output)
 
 
-@sensor_event("scale", "1.2 of the truth is read", cause="scale", factor=1.2)
+@sensor_event("scale", "readings are 1.2 times the true values", cause="scale", factor=1.2)
 def scaled(_: "Target", factor: float) -> Effect:
-    """Multiply what is read."""
+    """Multiply the measurement."""
     return Effect(measured=lambda _, output: factor * output)
 
 
-@sensor_event("all_stuck", "all rows stay as they are", part=1.0)
-@sensor_event("stuck", "one row stays as it is", part=1.0, one_row=True)
+@sensor_event("all_stuck", "all rows of readings freeze", part=1.0)
+@sensor_event("stuck", "one row of readings freezes", part=1.0, one_row=True)
 def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
-    """Repeat what was read last, in a part of the samples; of all rows, or of a random one."""
-    draw, m1 = target.rng.random, len(target.rig.major)
+    """Repeat the last measurement, of all rows or a random one, in a fraction of the samples."""
+    uniform, m1 = target.rng.random, len(target.rig.major)
     rows, last = target.rng.integers(m1) if one_row else slice(None), np.empty(m1)
 
     def measured(tick: int, output: "Array") -> "Array":
-        if tick == 0 or draw() >= part:
+        if tick == 0 or uniform() >= part:
             last[:] = output
         seen = output.copy()
         seen[rows] = last[rows]
@@ -422,25 +430,25 @@ def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
     return Effect(measured=measured)
 
 
-sensor_event("silent", "zeros are read", factor=0.0)(scaled)
+sensor_event("silent", "all readings are zero", factor=0.0)(scaled)
 
 
 @sensor_event("noisy", "the noise is five times as high", times=5.0)
 def noisy(target: "Target", times: float) -> Effect:
     """Multiply the standard deviation of the noise."""
-    added, draw = target.rig.noise * math.sqrt(times**2 - 1.0), target.rng.standard_normal
-    return Effect(measured=lambda _, output: output + added * draw(len(output)))
+    added, normal = target.rig.noise * math.sqrt(times**2 - 1.0), target.rng.standard_normal
+    return Effect(measured=lambda _, output: output + added * normal(len(output)))
 
 
 @sensor_event("dropped", "a tenth of the samples is NaN", part=0.1)
 @sensor_event("nan_for_50ms", "samples are NaN for 50 ms", duration_s=0.05)
 @sensor_event("nan", "one sample is NaN", duration_s=0.0)
 def missing(target: "Target", part: float = 1.0, duration_s: float = math.inf) -> Effect:
-    """Make a part of the samples NaN for some time, that of one sample at least."""
-    draw, ends = target.rng.random, target.ticks(duration_s)
+    """Replace a fraction of the samples by NaN for some time, at least one sample."""
+    uniform, ends = target.rng.random, target.ticks(duration_s)
 
     def measured(tick: int, output: "Array") -> "Array":
-        return output * np.nan if tick < ends and draw() < part else output
+        return output * np.nan if tick < ends and uniform() < part else output
 
     return Effect(measured=measured)
 
@@ -474,7 +482,7 @@ def hum(target: "Target", sigmas: float, hz: float) -> Effect:
 
 
 def _own_input(target: "Target", change: Callable[[int, float], float]) -> Effect:
-    """Change the input of the event's own actuator, within the range of its drive."""
+    """Return an effect that changes the input of the event's actuator within its drive's range."""
     k = target.actuator
     low, high = (target.input(end) if math.isfinite(end) else end for end in target.limits)
 
@@ -487,18 +495,18 @@ def _own_input(target: "Target", change: Callable[[int, float], float]) -> Effec
 
 
 def _once(change: Callable[[mujoco.MjModel], None]) -> Effect:
-    """Change the plant's model at the first tick, to stay."""
+    """Return an effect that changes the plant's model permanently at the first tick."""
     return Effect(lambda tick, model, _: change(model) if tick == 0 else None)
 
 
 def _feedback(target: "Target", model: mujoco.MjModel, order: int) -> float:
-    """Force of an actuator's servos per displacement (order 1) or velocity (2) of it."""
+    """Return an actuator's servo force per displacement (order 1) or velocity (order 2)."""
     gains = model.actuator_biasprm[list(target.drive.ids), order]
     return -float(np.square(target.drive.gear) @ gains)
 
 
 def _on_floor(along: "Array | list[float]", acceleration: Callable[[int], float]) -> Effect:
-    """Accelerate the floor by a: seen from it, every mass m feels -m a."""
+    """Return an effect that accelerates the floor by a: a mass m gets the inertial force -m a."""
 
     def plant(tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         for axis, part in enumerate(along):

@@ -1,4 +1,4 @@
-"""The events of a run, as what a :class:`sim.Bench` calls tick by tick."""
+"""Events of a run as hooks of a :class:`sim.Bench`."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.rig.draw import Draw
 from fjh.rig.events.effects import EVENTS, Effect, Event
+from fjh.rig.random_streams import RandomStreams
 from fjh.rig.run import tick_of
 from fjh.study.errors import WrongInput
 from sim import Array, Failure
@@ -25,41 +25,42 @@ if TYPE_CHECKING:
 def events_of(
     rig: "Rig", events: object, *, begin_s: float = 0.0, lead_in_s: float = 0.0, seed: int = 0
 ) -> tuple[object, list[Failure]]:
-    """What a bench calls, None for nothing, and the failures that belong to events.
+    """Return the hooks of a bench for events, None without any, and the failures that they cause.
 
     Args:
         rig: The machine.
-        events: A sequence of :class:`Event` and of objects as of :class:`sim.Bench`; or one such
-            object alone; None is nothing.
-        begin_s: Time of the first tick of the path.
-        lead_in_s: How long the loop has been closed by then; what happens at the first tick of the
-            path happens at the first of the lead-in, as with failures.
-        seed: Of random directions, actuators and samples; the same of the first event of a name
-            whatever else happens.
+        events: A sequence of :class:`Event` and of objects with hooks as for :class:`sim.Bench`, or
+            one such object; None is no event.
+        begin_s: Time of the first tick of the path [s].
+        lead_in_s: Time [s] for which the loop is closed before; events at the first tick of the
+            path occur at the first tick of the lead-in, as failures do.
+        seed: Seed of random directions, actuators and samples; the first event of a name is the
+            same for any other events.
 
     Raises:
-        TypeError: An event without a list, its name alone, or an object without such functions.
-        WrongInput: An actuator that the robot does not have, or that cannot have this event.
+        TypeError: An event is not in a list or is given by its name alone, or an object has no
+            hooks.
+        WrongInput: An actuator that the robot does not have, or to which the event does not apply.
     """
     listed = [events] if isinstance(events, str | Event) else events
     if not isinstance(listed, Sequence):
         return events, []
-    for each in listed:
-        if isinstance(each, str) or listed is not events:
-            raise TypeError(f"events must be a list of events, as {_written(each)}")
-    hooks = Hooks([each for each in listed if not isinstance(each, Event)])
+    for event in listed:
+        if isinstance(event, str) or listed is not events:
+            raise TypeError(f"events must be a list of events, as {_written(event)}")
+    hooks = Hooks([event for event in listed if not isinstance(event, Event)])
     failures, lead_in, names = list[Failure](), round(lead_in_s / rig.period_s), list[str]()
-    for event in (each for each in listed if isinstance(each, Event)):
+    for event in (event for event in listed if isinstance(event, Event)):
         effect, caused = effect_of(rig, event, seed, names.count(event.name))
         after = tick_of(event.time_s - begin_s, rig.period_s)
-        hooks.begin(lead_in + after if after > 0 else 0, effect)
+        hooks.start(lead_in + after if after > 0 else 0, effect)
         failures += caused
         names.append(event.name)
     return (None if hooks.is_empty else hooks), failures
 
 
 def _written(event: str | Event) -> str:
-    """How an event is given in a list."""
+    """Return an example of how an event is written in a list."""
     if isinstance(event, Event):
         return f"[{event}], got it without a list"
     actuator = ', "ACTUATOR"' if EVENTS.get(event, EVENTS["bump"]).of == "actuator" else ""
@@ -68,30 +69,32 @@ def _written(event: str | Event) -> str:
 
 
 def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Effect, list[Failure]]:
-    """What an event does after so many of its name, and the failures that belong to it.
+    """Return the effect of an event after `before` others of its name, and the failures it causes.
 
     Raises:
-        WrongInput: An actuator that the robot does not have, or that cannot have this event.
+        WrongInput: An actuator that the robot does not have, or to which the event does not apply.
     """
-    rng = np.random.default_rng(Draw(seed).seed(f"{event.name} {before}"))
+    rng = np.random.default_rng(RandomStreams(seed).seed(f"{event.name} {before}"))
     target, kind = Target(rig, event, rng), event.kind
     effect = kind.effect(target)
     if kind.of == "actuator":
-        struck = [target.actuator] * len(kind.failures)
+        failing = [target.actuator] * len(kind.failures)
     else:
-        struck = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
+        failing = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
     time_s = event.time_s + kind.after_s
-    return effect, [Failure(k, each, time_s) for k, each in zip(struck, kind.failures, strict=True)]
+    return effect, [
+        Failure(k, mode, time_s) for k, mode in zip(failing, kind.failures, strict=True)
+    ]
 
 
 class Hooks:
-    """Everything that happens to a machine: hooks of others first, then effects in their order."""
+    """Hooks of all events of a machine: hooks of others first, then effects in their order."""
 
     def __init__(self, others: Iterable[object] = ()) -> None:
-        """Begin with hooks as of :class:`sim.Bench`, without effects.
+        """Take hooks as for :class:`sim.Bench`; effects follow by `start`.
 
         Raises:
-            TypeError: One has no such function.
+            TypeError: An object has no such hooks.
         """
         self._effects, self._readers, self._pushes = list[tuple[int, Effect]](), list[Any](), False
         for plant, measured, sent in map(hooks_of, others):
@@ -99,54 +102,54 @@ class Hooks:
             self._readers += [measured] if measured else []
 
     def __getstate__(self) -> dict[str, Any]:
-        raise TypeError("events in a run cannot be copied: what they did so far would be shared")
+        raise TypeError("events in a run cannot be copied: the copies would share their state")
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing of either."""
+        """Return True without hooks and effects."""
         return not self._effects
 
-    def begin(self, tick: int, effect: Effect) -> None:
-        """Add an effect from a tick on."""
+    def start(self, tick: int, effect: Effect) -> None:
+        """Add an effect that starts at a tick."""
         self._effects.append((tick, effect))
         self._pushes |= effect.plant is not None
 
     def end(self, effect: Effect) -> None:
-        """Remove an effect; what it has changed of the plant's model stays."""
-        self._effects = [each for each in self._effects if each[1] is not effect]
+        """Remove an effect; its changes of the plant's model remain."""
+        self._effects = [item for item in self._effects if item[1] is not effect]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Act on the plant before the physics of a tick; forces of several events add up."""
+        """Act on the plant before the physics of a tick; forces of several events are added."""
         if self._pushes:
             data.xfrc_applied[:] = 0.0
-        for since, change in self._begun("plant", tick):
+        for since, change in self._started("plant", tick):
             change(since, model, data)
 
     def measured(self, tick: int, reading: Reading) -> Reading:
-        """What the controller reads instead."""
+        """Return the reading that the controller receives."""
         for reader in self._readers:
             reading, gap = measured_by(reader, tick, reading)
             if gap is not None:
                 return reading
-        for since, change in self._begun("measured", tick):
+        for since, change in self._started("measured", tick):
             reading = reading._replace(output=change(since, reading.output))
         return reading
 
     def sent(self, tick: int, inputs: Array) -> Array:
-        """What the drives get instead."""
-        for since, change in self._begun("sent", tick):
+        """Return the inputs that the drives receive."""
+        for since, change in self._started("sent", tick):
             inputs = change(since, inputs)
         return inputs
 
-    def _begun(self, hook: str, tick: int) -> list[tuple[int, Any]]:
-        """Ticks since each effect with this hook began, and the hook."""
-        found = [(tick - first, getattr(each, hook)) for first, each in self._effects]
-        return [(since, change) for since, change in found if since >= 0 and change is not None]
+    def _started(self, hook: str, tick: int) -> list[tuple[int, Any]]:
+        """Return the number of ticks since each effect with this hook started, and the hook."""
+        started = [(tick - first, getattr(effect, hook)) for first, effect in self._effects]
+        return [(since, change) for since, change in started if since >= 0 and change is not None]
 
 
 @dataclass(frozen=True)
 class Target:
-    """Machine that an event acts on, and the generator of the event's random numbers."""
+    """Machine on which an event acts, with the event's random generator."""
 
     rig: "Rig"
     event: Event
@@ -157,12 +160,12 @@ class Target:
     @cached_property
     def actuator(self) -> int:
         """Number of the event's own actuator."""
-        assert self.event.actuator is not None  # of an actuator, so it has one
+        assert self.event.actuator is not None  # checked by Event
         return self.rig.number(self.event.actuator)
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
-        """Drives of all actuators; their ids are those of the plant's model, too."""
+        """Drives of all actuators; their ids are valid for the plant's model as well."""
         part = self.rig.part
         return drives(self.rig.model, among=None if part is None else part.actuators)
 
@@ -173,11 +176,11 @@ class Target:
 
     @property
     def lock(self) -> int:
-        """Id of the equality that locks the event's own actuator; negative: it has none."""
+        """Id of the equality that locks the event's own actuator; negative without one."""
         return lock_of(self.rig.model, self.drive)
 
     @cached_property
-    def reach(self) -> float:
+    def amplitude(self) -> float:
         """Largest displacement of any actuator on the path, [m] or [rad]."""
         gain = self.rig.mapping(self.rig.goal).major_gain()
         return self.rig.size * float(np.abs(gain).max())
@@ -189,27 +192,27 @@ class Target:
         return float(low[self.actuator]), float(high[self.actuator])
 
     def input(self, displacement: float) -> float:
-        """Input of the event's own actuator that a displacement takes."""
+        """Return the input of the event's own actuator for a displacement."""
         everywhere = np.full(len(self.drives), displacement)
         return float(self.rig.task.drives.inputs(everywhere)[self.actuator])
 
     def ticks(self, duration_s: float) -> float:
-        """Nearest number of ticks, one at least; infinite as the duration."""
+        """Return the nearest number of ticks, at least one; infinite for an infinite duration."""
         ticks = duration_s / self.rig.period_s
         return max(1, round(ticks)) if math.isfinite(ticks) else ticks
 
     def direction(self, axes: int) -> Array:
-        """Random unit vector, (axes,)."""
+        """Return a random unit vector, (axes,)."""
         normal = self.rng.standard_normal(axes)
         return normal / np.linalg.norm(normal)
 
     def moved(
         self, what: Literal["stiffness", "damping", "frictionloss"]
     ) -> Callable[[mujoco.MjModel], Array]:
-        """View (1,) in a model of a property of what the event's own actuator moves.
+        """Return a function from a model to the view (1,) of a joint or tendon property.
 
         Raises:
-            WrongInput: It moves neither a joint nor a tendon.
+            WrongInput: The actuator moves neither a joint nor a tendon.
         """
         joint, k, name = self.drive.joint, self.drive.tendon, f"tendon_{what}"
         if joint is not None and what == "stiffness":
@@ -217,9 +220,9 @@ class Target:
         elif joint is not None:
             k, name = int(self.rig.model.jnt_dofadr[joint]), f"dof_{what}"
         if k is None:
-            raise self.refused("moves neither a joint nor a tendon")
+            raise self.unsupported("moves neither a joint nor a tendon")
         return lambda model: getattr(model, name)[k : k + 1]
 
-    def refused(self, why: str) -> WrongInput:
-        """Error: the machine cannot have the event."""
+    def unsupported(self, why: str) -> WrongInput:
+        """Return the error that the event does not apply to the machine."""
         return WrongInput(f"{self.event.name}: {self.rig.actuators[self.actuator]} {why}")

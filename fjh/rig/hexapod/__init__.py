@@ -1,1 +1,1 @@
-"""The hexapod testbed: its constants, its simulation, its metrics, the paper's numbers."""
+"""The hexapod testbed: constants, simulation, metrics, and the numbers of the paper."""

@@ -15,11 +15,11 @@ from sim import Plant
 
 @dataclass(frozen=True)
 class Amplifier:
-    """One strut's drive chain: DAC input, coil current, coil force on the suspension spring.
+    """Drive chain of one strut: DAC input, coil current, coil force on the suspension spring.
 
     Attributes:
         bits: Resolution of the two's-complement DAC.
-        full_input_a: Current that the amplifier is asked for at the largest DAC input, 100 %.
+        full_input_a: Current that the amplifier commands at the largest DAC input, 100 %.
         limit_a: Current at which the amplifier saturates.
         newton_per_a: Motor constant of the coil.
         newton_per_m: Coil force per commanded strut displacement: the suspension's stiffness.
@@ -42,15 +42,15 @@ class Amplifier:
             check.number(name, getattr(self, name), check.SMALLEST)
 
     def inputs(self, displacement_m: Array) -> Array:
-        """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
+        """Return the DAC input [%] of displacements [m], quantized and clipped at +-100 %."""
         return _converted("displacement_m", displacement_m, self._to_input)
 
     def current_a(self, input_percent: Array) -> Array:
-        """Coil current; the amplifier saturates."""
+        """Return the coil current [A], saturated by the amplifier."""
         return _converted("input_percent", input_percent, self._current(1.0))
 
     def displacements(self, input_percent: Array) -> Array:
-        """Strut displacement at which the suspension balances the coil."""
+        """Return the strut displacement [m] at which the suspension balances the coil."""
         return _converted("input_percent", input_percent, self._to_displacement)
 
     @cached_property
@@ -69,7 +69,7 @@ class Amplifier:
 
 
 def _conversion(factor: float, lower: float, upper: float, gain: float, *, whole: bool) -> Struct:
-    """Numbers times a factor, rounded if `whole`, within limits; times a gain."""
+    """Return the kernel's conversion: times a factor, rounded if `whole`, clipped, times a gain."""
     limits = {"lower": lower, "upper": upper}
     return Struct("conversion", factor=factor, gain=gain, whole=whole, **limits)
 
@@ -84,20 +84,20 @@ def _converted(name: str, value: Array, conversion: Struct) -> Array:
 def displacement_limits(
     model: mujoco.MjModel, amplifier: Amplifier, current_limit_a: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Displacements at which actuators can rest: within their ranges, and within the current.
+    """Return the displacements at which actuators can rest, within their ranges and the current.
 
-    At rest a coil balances its suspension, so a displacement l takes the current
-    newton_per_m l / newton_per_a. What bends besides (flexures, the shifted weight) is neglected:
-    0.1 % of the current in the hexapod. An actuator that is locked rests anywhere without current:
-    its limits do not apply, and mappings of a failed mechanism leave them out.
+    At rest a coil balances its suspension, so that a displacement l requires the current
+    newton_per_m l / newton_per_a. Other forces (flexures, the shifted weight) are neglected: 0.1 %
+    of the current in the hexapod. A locked actuator rests anywhere without current: its limits do
+    not apply, and mappings of a failed mechanism leave them out.
 
     Args:
-        model: As for :class:`Plant`. Ranges are those of the joint or tendon, of the control and
-            of the force that holds its spring; infinite where it states none.
-        amplifier: The drive chain of each actuator. 100 % of its input, its saturation and the
-            largest code of its converter limit the current.
-        current_limit_a: A smaller limit, for all or each of the actuators, shape () or (n,): what a
-            hot coil may carry, for example. None is the amplifier's alone.
+        model: Model as for :class:`Plant`. Ranges are those of the joint or tendon, of the control
+            and of the force that holds its spring; infinite if not stated.
+        amplifier: Drive chain of each actuator. 100 % of its input, its saturation and the largest
+            code of its converter limit the current.
+        current_limit_a: A smaller limit [A] for all or each of the actuators, shape () or (n,),
+            such as that of a hot coil. None is the amplifier's alone.
 
     Returns:
         Lower and upper displacement from the nominal position, shape (n,) each, [m].
@@ -108,7 +108,7 @@ def displacement_limits(
     check.instance("amplifier", amplifier, Amplifier)
     lower, upper = Plant(check.instance("model", model, mujoco.MjModel)).limits()
     full_m = amplifier.full_input_a * amplifier.newton_per_a / amplifier.newton_per_m
-    # The chain itself says what its converter leaves of full input: one code less upwards.
+    # The converter's largest code is one below full input.
     least_m, most_m = amplifier.displacements(amplifier.inputs(full_m * np.array([-2, 2])))
     if current_limit_a is not None:
         currents = check.array("current_limit_a", current_limit_a, least=0.0)
@@ -116,6 +116,6 @@ def displacement_limits(
             raise ValueError(
                 f"current_limit_a must be one number or {len(lower)}, got shape {currents.shape}"
             )
-        held_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
-        least_m, most_m = np.maximum(least_m, -held_m), np.minimum(most_m, held_m)
+        limit_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
+        least_m, most_m = np.maximum(least_m, -limit_m), np.minimum(most_m, limit_m)
     return np.maximum(lower, least_m), np.minimum(upper, most_m)

@@ -15,28 +15,27 @@ from sim.mjcf import element_id
 
 @dataclass(frozen=True)
 class Posture(Pose):
-    """A pose of a hexapod together with its struts there.
+    """A pose of a hexapod with its strut displacements and inverse Jacobian.
 
     Attributes:
-        displacement_m: Strut lengths less their nominal ones, shape (..., 6).
-        inverse_jacobian: A in l_dot = A [omega; v], shape (..., 6, 6).
+        displacement_m: Strut lengths minus the nominal ones, shape (..., 6).
+        inverse_jacobian: Matrix A in l_dot = A [omega; v], shape (..., 6, 6).
     """
 
     displacement_m: Array
     inverse_jacobian: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and keep read-only copies."""
+        """Check the arguments, and store read-only copies."""
         super().__post_init__()
         check.keep(self, "displacement_m", 6)
         check.keep(self, "inverse_jacobian", 6, 6)
 
     def twist(self, displacement_m: Array) -> Array:
-        """The displacement [rotation vector; translation] (6,) of small strut displacements (6,).
+        """Return [rotation vector; translation] (6,) of small strut displacements (6,).
 
         Raises:
-            ValueError: Another shape, or numbers that are not finite; or the pose is singular, and
-                a displacement that large finds no twist.
+            ValueError: A wrong shape or non-finite numbers, or the pose is singular.
         """
         displacement_m = check.array("displacement_m", displacement_m, 6)
         if self.inverse_jacobian.ndim != 2:
@@ -47,15 +46,15 @@ class Posture(Pose):
         return twist
 
 
-_SINGULAR = "inverse_jacobian must not be singular: held struts let the payload move"
-_NO_LENGTH = "pose must leave every strut a length, got one whose nodes coincide"
+_SINGULAR = "inverse_jacobian must not be singular: with fixed struts the payload could move"
+_NO_LENGTH = "pose must give every strut a nonzero length, got one whose nodes coincide"
 
 
 @dataclass(frozen=True)
 class Hexapod:
     """Nodes of a hexapod in base axes, measured from the nominal payload origin.
 
-    A batch of poses gives a batch of answers.
+    Methods accept batches of poses.
 
     Attributes:
         bottom_m: Bottom node of each strut, on the base, shape (6, 3).
@@ -66,7 +65,7 @@ class Hexapod:
     top_m: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and keep read-only copies."""
+        """Check the arguments, and store read-only copies."""
         for name in ("bottom_m", "top_m"):
             check.keep(self, name, 6, 3)
             check.array(name, getattr(self, name), 6, 3)
@@ -78,26 +77,26 @@ class Hexapod:
 
     @cached_property
     def nodes(self) -> Struct:
-        """Nodes and nominal lengths, as the compiled code takes them."""
+        """Nodes and nominal lengths as a struct of the compiled code."""
         names = ("bottom_m", "top_m", "nominal_length_m")
         return Struct("strut_nodes", **{name: getattr(self, name) for name in names})
 
     def displacements(self, pose: Pose) -> Array:
-        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m]."""
+        """Return strut lengths minus the nominal ones at a pose, shape (..., 6), [m]."""
         if isinstance(pose, Posture):
             return pose.displacement_m
         return self.lengths_and_jacobian(pose, singular=True)[0] - self.nominal_length_m
 
     def inverse_jacobian(self, pose: Pose) -> Array:
-        """A in l_dot = A [omega; v] at a pose, shape (..., 6, 6): rows [(R a) x u, u]."""
-        known = pose if isinstance(pose, Posture) else self.posture(pose)
-        return known.inverse_jacobian
+        """Return A in l_dot = A [omega; v], shape (..., 6, 6), with rows [(R a) x u, u]."""
+        posture = pose if isinstance(pose, Posture) else self.posture(pose)
+        return posture.inverse_jacobian
 
     def posture(self, pose: Pose) -> Posture:
-        """The pose with its struts; one that has them already is returned as it is.
+        """Return the pose with its strut data; a `Posture` is returned unchanged.
 
         Raises:
-            ValueError: Some strut has no length there, and so no direction.
+            ValueError: A strut has zero length, and so no direction.
         """
         if isinstance(pose, Posture):
             return pose
@@ -111,40 +110,40 @@ class Hexapod:
         )
 
     def lengths_and_jacobian(self, pose: Pose, *, singular: bool = False) -> tuple[Array, Array]:
-        """Strut lengths (..., 6) and A (..., 6, 6) at a pose.
+        """Return strut lengths (..., 6) [m] and A (..., 6, 6) at a pose.
 
         Args:
-            pose: One, or a batch.
-            singular: Whether the rows of a strut without length may come back as NaN.
+            pose: One pose, or a batch.
+            singular: Whether rows of struts of zero length may be NaN.
         """
         check.instance("pose", pose, Pose)
         check.flag("singular", singular)
         lead = pose.lead
         length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
         poses = check.flat(pose.rotation, 2, lead), check.flat(pose.translation_m, 1, lead)
-        given = map(pointer, (*poses, length_m, A))
-        if not lib.strut_lengths(self.nodes.pointer, math.prod(lead), *given) and not singular:
+        buffers = map(pointer, (*poses, length_m, A))
+        if not lib.strut_lengths(self.nodes.pointer, math.prod(lead), *buffers) and not singular:
             raise ValueError(_NO_LENGTH)
         return length_m, A
 
     def moved(self, pose: Pose, displacement_m: Array) -> Posture:
-        """The posture to which strut displacements (6,) lead, one Newton step from a pose near by.
+        """Return the posture after strut displacements (6,), by one Newton step from a nearby pose.
 
         Raises:
-            ValueError: Another shape, or numbers that are not finite; the pose is singular; or some
-                strut has no length there.
+            ValueError: A wrong shape or non-finite numbers; the pose is singular; or a strut has
+                zero length.
         """
         here = pose if isinstance(pose, Posture) else self.posture(pose)
-        asked = check.array("displacement_m", displacement_m, 6)
+        target_m = check.array("displacement_m", displacement_m, 6)
         fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
         R, t, A, moved_m = fields
-        given = (
+        arguments = (
             *(here.rotation, here.translation_m, here.inverse_jacobian, here.displacement_m),
-            np.ascontiguousarray(asked),
+            np.ascontiguousarray(target_m),
         )
-        found = lib.follow(self.nodes.pointer, *map(pointer, (*given, *fields)))
-        if found != lib.FOLLOWED:
-            raise ValueError(_SINGULAR if found == lib.SINGULAR else _NO_LENGTH)
+        status = lib.follow(self.nodes.pointer, *map(pointer, (*arguments, *fields)))
+        if status != lib.FOLLOWED:
+            raise ValueError(_SINGULAR if status == lib.SINGULAR else _NO_LENGTH)
         return check.computed(
             Posture, rotation=R, translation_m=t, displacement_m=moved_m, inverse_jacobian=A
         )
@@ -155,7 +154,7 @@ def hexapod(model: mujoco.MjModel) -> Hexapod:
 
     Raises:
         sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
-            do not drive the struts in their order.
+            do not drive the struts in order.
     """
     check.instance("model", model, mujoco.MjModel)
     if model.nu != 6:

@@ -1,4 +1,4 @@
-"""Temperatures of coils: heating with the square of the current."""
+"""Temperatures of coils that are heated by their currents."""
 
 from dataclasses import dataclass
 
@@ -15,15 +15,15 @@ _REFERENCE_C = 20.0
 
 @dataclass(frozen=True)
 class Coils:
-    """Windings that warm up, each a single thermal mass with a path of its own to the ambient.
+    """Windings that heat up, each a single thermal mass with its own thermal path to the ambient.
 
         C dT/dt = R(T) I^2 - (T - T_ambient) / R_th,   R(T) = R_20 (1 + kappa (T - 20))
 
-    The copper's own rise heats it further: above I^2 = 1 / (kappa R_20 R_th) it never settles.
+    The resistance rises with temperature: above I^2 = 1 / (kappa R_20 R_th) it never settles.
 
     Attributes:
-        resistance_ohm: R_20, of each winding at 20 degrees Celsius.
-        heat_capacity_j_per_k: C, of each winding.
+        resistance_ohm: R_20, resistance of each winding at 20 degrees Celsius.
+        heat_capacity_j_per_k: C, heat capacity of each winding.
         thermal_resistance_k_per_w: R_th, from each winding to the ambient, shape (n,).
         ambient_c: T_ambient, [degrees Celsius].
     """
@@ -47,29 +47,29 @@ class Coils:
         object.__setattr__(self, "thermal_resistance_k_per_w", check.frozen(paths))
 
     def cold(self) -> Array:
-        """Temperatures of coils that have long been without current, shape (n,)."""
+        """Return the temperatures of coils in equilibrium without current, shape (n,)."""
         return np.full(len(self.thermal_resistance_k_per_w), self.ambient_c)
 
     def net_power_w(self, temperature_c: Array, current_a: Array) -> Array:
-        """Power that stays in each winding, shape (n,)."""
+        """Return the net heating power of each winding [W], shape (n,)."""
         temperature_c, current_a = self._checked(temperature_c, current_a)
         resistance = self.resistance_ohm * (1 + COPPER_PER_K * (temperature_c - _REFERENCE_C))
         lost = (temperature_c - self.ambient_c) / self.thermal_resistance_k_per_w
         return resistance * current_a**2 - lost
 
     def step(self, temperature_c: Array, current_a: Array, period_s: float) -> Array:
-        """Temperatures (n,) after a period of constant currents (n,): the exact solution.
+        """Return the exact temperatures (n,) after a period of constant currents (n,).
 
         Raises:
-            ValueError: Wrong shape or not finite; or so much current for so long that the
-                temperature has left what numbers hold.
+            ValueError: A wrong shape or non-finite numbers, or a thermal runaway beyond finite
+                numbers.
         """
         temperature_c, current_a = self._checked(temperature_c, current_a)
         check.number("period_s", period_s, 0.0)
         rising = self.resistance_ohm * COPPER_PER_K * current_a**2
         decay = (1 / self.thermal_resistance_k_per_w - rising) / self.heat_capacity_j_per_k
         rate = self.net_power_w(temperature_c, current_a) / self.heat_capacity_j_per_k
-        with np.errstate(over="ignore", invalid="ignore"):  # refused below
+        with np.errstate(over="ignore", invalid="ignore"):  # checked below
             warmer_c = temperature_c + rate * period_s * exprel(-decay * period_s)
         if not check.is_moderate(warmer_c):
             raise ValueError(
@@ -79,15 +79,15 @@ class Coils:
         return warmer_c
 
     def temperatures_c(self, current_a: Array, period_s: float) -> Array:
-        """From cold, at the beginning of every period of held currents (N, n), shape (N, n)."""
+        """Return temperatures (N, n) from cold at the start of each period of currents (N, n)."""
         current_a = check.array("current_a", current_a, ..., *self.thermal_resistance_k_per_w.shape)
         if current_a.ndim != 2:
             raise ValueError(f"current_a must have shape (N, n), got {current_a.shape}")
-        now, passed = self.cold(), []
-        for held_a in current_a:
-            passed.append(now)
-            now = self.step(now, held_a, period_s)
-        return np.array(passed).reshape(current_a.shape)
+        now, temperatures = self.cold(), []
+        for step_current_a in current_a:
+            temperatures.append(now)
+            now = self.step(now, step_current_a, period_s)
+        return np.array(temperatures).reshape(current_a.shape)
 
     def _checked(self, temperature_c: Array, current_a: Array) -> tuple[Array, Array]:
         shape = self.thermal_resistance_k_per_w.shape

@@ -1,4 +1,4 @@
-"""The hexapod's task, the columns of Table I, and a run in the words of its data files."""
+"""The hexapod's task, the columns of Table I, and the arrays of its data files."""
 
 from dataclasses import dataclass
 
@@ -11,19 +11,19 @@ from sim import Array, Failure
 from sim.plant import FailureKind
 
 MAJOR = [0, 1]
-"""Rows of the payload's twist that matter: (alpha, beta), the pointing task."""
+"""Major rows of the payload's twist: (alpha, beta), the pointing task."""
 SECONDARY = [3, 4, 5, 2]
-"""[t_x, t_y, t_z, gamma], the order of the paper's W_d and W_e."""
+"""Secondary rows [t_x, t_y, t_z, gamma], in the order of the paper's W_d and W_e."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of Table I.
+    """Column of Table I.
 
     Attributes:
-        name: As in `table1.json`.
-        goal: Weights, and the failure that the mapping is told of.
-        failures: What happens to the plant.
+        name: Name in `table1.json`.
+        goal: Weights, and the failure known to the mapping.
+        failures: Failures of the plant.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Column:
     failures: tuple[Failure, ...] = ()
 
     def struts(self, kind: FailureKind) -> list[int]:
-        """Struts 0..5 that fail this way."""
+        """Return the struts 0..5 with this kind of failure."""
         return [failure.number for failure in self.failures if failure.kind == kind]
 
 
@@ -51,18 +51,18 @@ COLUMNS = (
 
 
 def secondary(run: Run) -> Array:
-    """True [gamma_rad, t_x_m, t_y_m, t_z_m] of a run, relative to its first tick, shape (N, 4)."""
+    """Return true [gamma_rad, t_x_m, t_y_m, t_z_m] of a run relative to its first tick, (N, 4)."""
     rotation, translation_m = run.pose.rotation, run.pose.translation_m
     return secondary_motion(rotation @ rotation[0].T, translation_m - translation_m[0])
 
 
 def secondary_estimated(run: Run) -> Array:
-    """The same as the controller estimates it; zeros where it estimates none."""
+    """Return the secondary motion that the controller estimates, (N, 4), else zeros."""
     return np.zeros((len(run.time_s), 4)) if run.estimated is None else run.estimated[:, 2:]
 
 
 def hexapod_arrays(run: Run) -> dict[str, Array]:
-    """A run as its `.npz` has it, every control tick."""
+    """Return the arrays of a run's `.npz` file, at every control tick."""
     return {
         "time_s": run.time_s,
         "desired_rad": run.desired,

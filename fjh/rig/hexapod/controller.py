@@ -1,4 +1,4 @@
-"""The hexapod's controller: the compensators of Fig. 3, the mapping to strut displacements."""
+"""The hexapod's controller: compensators of Fig. 3, mapping to strut displacements."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,20 +32,20 @@ ANGLES = ("alpha", "beta")
 
 @dataclass(frozen=True)
 class Loop(Compensator, Margins):
-    """A compensator, and the margins of its loop on the sound plant."""
+    """A compensator with the margins of its loop on the healthy plant."""
 
 
 def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[Loop, Loop]:
-    """The alpha and beta loops on the sound plant, their margins measured.
+    """Return the alpha and beta loops on the healthy plant, with their margins.
 
     Args:
-        plant: Linear model of the sound plant.
+        plant: Linear model of the healthy plant.
         pointing: Gains from demanded (alpha, beta) to strut displacements, shape (n, 2).
         bench: Crossovers, roll-off and control period.
 
     Raises:
-        sim.ModelError: The plant has not six degrees of freedom, a coil moves nothing, or a loop
-            comes out unstable.
+        sim.ModelError: The plant does not have six degrees of freedom, a coil moves nothing, or a
+            loop is unstable.
     """
     if plant.A.shape != (12, 12):
         raise ModelError(
@@ -54,8 +54,8 @@ def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[L
         )
     P = sampled(plant, pointing, bench.control_period_s)
     alpha, beta = (
-        Loop(**vars(each), **vars(margins(P[row, row] * each.discrete)))
-        for row, each in enumerate(designed(plant, pointing, bench))
+        Loop(**vars(loop), **vars(margins(P[row, row] * loop.discrete)))
+        for row, loop in enumerate(designed(plant, pointing, bench))
     )
     return alpha, beta
 
@@ -63,10 +63,10 @@ def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[L
 def designed(
     plant: LinearPlant, pointing: Array, bench: TestbedConfig
 ) -> tuple[Compensator, Compensator]:
-    """The (alpha, beta) compensators of :func:`design`, without margins.
+    """Return the (alpha, beta) compensators of :func:`design` without margins.
 
     Raises:
-        sim.ModelError: A coil moves nothing, or a loop comes out unstable.
+        sim.ModelError: A coil moves nothing, or a loop is unstable.
     """
     return _designed(plant, pointing, bench, 0), _designed(plant, pointing, bench, 1)
 
@@ -89,7 +89,7 @@ def _designed(plant: LinearPlant, pointing: Array, bench: TestbedConfig, row: in
 
 
 def sampled(plant: LinearPlant, gain: Array, period_s: float) -> "control.StateSpace":
-    """The plant behind a zero-order hold, from `gain`'s inputs to the twist."""
+    """Return the zero-order-hold model of the plant from `gain`'s inputs to the twist."""
     import control  # late, as above
 
     continuous = control.ss(plant.A, plant.B @ gain, plant.C_twist, 0)
@@ -100,11 +100,11 @@ NO_COMMAND = PreviousCommand(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
 class StrutJacobians(NamedTuple):
-    """Of struts and payload, theta_dot = [l_dot; x_dot]: exact ones.
+    """Exact Jacobians of struts and payload, theta_dot = [l_dot; x_dot].
 
     Attributes:
         J_T: Twist of the payload, shape (6, 12).
-        J_C: Of the six struts, shape (6, 12).
+        J_C: Closures of the six struts, shape (6, 12).
     """
 
     J_T: Array
@@ -112,12 +112,12 @@ class StrutJacobians(NamedTuple):
 
 
 class HexapodGeometry:
-    """The closed-form geometry of the sound hexapod, as :class:`ftc.control.geometry.Geometry`."""
+    """Closed-form geometry of the healthy hexapod, a :class:`ftc.control.geometry.Geometry`."""
 
     def __init__(self, hexapod: Hexapod, *, constant: bool, stiffness: Array | None) -> None:
         """Take the nodes; `constant` evaluates the Jacobian at the nominal pose alone.
 
-        `stiffness`, over [struts; payload twist], determines where a free strut goes.
+        `stiffness`, over [struts; payload twist], determines the position of free struts.
         """
         self.hexapod, self.constant = hexapod, constant
         self.nominal = hexapod.posture(NOMINAL)
@@ -129,7 +129,7 @@ class HexapodGeometry:
         )
 
     def jacobians(self, pose: Pose) -> "StrutJacobians | ConstrainedSystem":
-        """Where l_dot = A x_dot."""
+        """Return the Jacobians of struts and payload, l_dot = A x_dot, at a pose."""
         if self.constant or pose is self.nominal:
             return self.system
         J_C = self.system.J_C.copy()
@@ -137,15 +137,15 @@ class HexapodGeometry:
         return StrutJacobians(self.system.J_T, J_C)
 
     def twist(self, pose: Pose, displacements: Array) -> Array:
-        """Payload twist (6,) of small strut displacements (6,)."""
+        """Return the payload twist (6,) of small strut displacements (6,)."""
         here = self.nominal if self.constant else self.hexapod.posture(pose)
         return here.twist(displacements)
 
     def moved(self, pose: Pose, displacements: Array) -> Pose:
-        """The pose to which strut displacements (6,) lead, from the pose one tick before.
+        """Return the pose after strut displacements (6,), from the pose one tick before.
 
-        One Newton step on the strut lengths; a tick moves so little that it lands within round-off.
-        With the present Jacobian the pose comes with its struts, which the mapping and the next
+        This is one Newton step on the strut lengths, exact to round-off for the motion of a tick.
+        With the analytic Jacobian the result is a `Posture`, whose struts the mapping and the next
         estimate need.
         """
         if self.constant:
@@ -154,13 +154,13 @@ class HexapodGeometry:
 
 
 def task_coordinates(pose: Pose) -> Array:
-    """[alpha, beta, gamma, t_x, t_y, t_z] of a pose (6,), or of N poses (N, 6)."""
+    """Return [alpha, beta, gamma, t_x, t_y, t_z] of a pose (6,), or of N poses (N, 6)."""
     secondary = secondary_motion(pose.rotation, pose.translation_m)
     return np.concatenate([pointing_angles(pose.rotation), secondary], axis=-1)
 
 
 class StrutMapping(PrioritizedMapping[Pose]):
-    """Optimal strut displacements for demanded (alpha, beta), eqs. (28) and (30)."""
+    """Mapping from demanded (alpha, beta) to optimal strut displacements, eqs. (28) and (30)."""
 
     def __init__(
         self,
@@ -175,13 +175,13 @@ class StrutMapping(PrioritizedMapping[Pose]):
     ) -> None:
         """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
 
-        `stiffness`, over [struts; payload twist], determines where a free strut goes; `limits`,
-        lower and upper, are of the strut displacements, shape (6,) each; `allocate` as in
+        `stiffness`, over [struts; payload twist], determines the position of free struts; `limits`
+        are lower and upper strut displacements, shape (6,) each [m]; `allocate` as in
         :class:`ftc.PrioritizedMapping`.
 
         Raises:
             ValueError: Free or loose struts without stiffness: an unstable singularity. A strut
-                locked off centre in incremental form: its displacement is in no increment.
+                locked off center in incremental form, whose displacement no increment contains.
         """
         self.geometry = geometry
         self.jacobian = jacobian
@@ -189,24 +189,26 @@ class StrutMapping(PrioritizedMapping[Pose]):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
-        own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
-        how = {"limits": limits, "when_limited": when_limited, "allocate": allocate}
-        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
+        strut_geometry = HexapodGeometry(
+            geometry, constant=jacobian == "constant", stiffness=stiffness
+        )
+        options = {"limits": limits, "when_limited": when_limited, "allocate": allocate}
+        super().__init__(strut_geometry, goal, MAJOR, SECONDARY, form, task_coordinates, **options)
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
-    """The sound plant, linear, and W_a's strut displacements per (alpha, beta) at J_0, (6, 2).
+    """Return the healthy plant, linear, and W_a's gain (6, 2) from (alpha, beta) at J_0.
 
     Raises:
         sim.ModelError: The machine is not a hexapod.
     """
     equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
-    sound = Plant(model)
-    return linearize(sound.model, sound.data), equal.major_gain()
+    plant = Plant(model)
+    return linearize(plant.model, plant.data), equal.major_gain()
 
 
 def nominal_loops(model: mujoco.MjModel, bench: TestbedConfig) -> tuple[Loop, Loop]:
-    """The compensators, designed once on the sound plant with W_a and J_0.
+    """Return the compensators, designed once on the healthy plant with W_a and J_0.
 
     Raises:
         sim.ModelError: The machine is not a hexapod, or its pointing loops cannot be closed.
@@ -222,12 +224,12 @@ def controller_for(
     form: DisplacementForm = "absolute",
     feedforward: bool = False,
 ) -> PrioritizedController[Pose]:
-    """The controller of this machine for a goal.
+    """Return the controller of this machine for a goal.
 
     Args:
-        testbed: The machine, the constants around it, compensators.
-        goal: Weights, and the failures that are known.
-        jacobian: Where the mapping takes its Jacobian from.
+        testbed: Machine, constants around it, compensators.
+        goal: Weights, and the known failures.
+        jacobian: Jacobian of the mapping.
         form: How eq. (41) becomes a displacement.
         feedforward: Whether the reference itself is demanded; in the paper it is not.
     """

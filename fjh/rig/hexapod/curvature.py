@@ -1,4 +1,4 @@
-"""What the curvature of the hexapod costs a goal: geometry alone, no inertia and no noise."""
+"""Cost of the hexapod's curvature for a goal: geometry alone, without inertia and noise."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ from ftc.control import PreviousCommand
 from sim import NOMINAL, Array
 
 MOST_STEPS = 20  # of Gauss-Newton
-TICKS_A_POINT = 4  # enough to settle: each leaves a part e, eq. (40), of the error before
+TICKS_A_POINT = 4  # enough to settle: each reduces the error to its fraction e of eq. (40)
 
 
 @dataclass(frozen=True)
 class Visited:
-    """Where a path leads: displacements (T, 6), (alpha, beta) (T, 2), secondary motion (T, 4)."""
+    """Displacements (T, 6) [m] of a path with (alpha, beta) (T, 2) and secondary motion (T, 4)."""
 
     strut_m: Array
     pointing_rad: Array
@@ -27,14 +27,14 @@ class Visited:
 
 
 def visit(geometry: Hexapod, strut_m: Array) -> Visited:
-    """Where strut displacements (T, 6) lead."""
+    """Return pointing and secondary motion at strut displacements (T, 6)."""
     pose = forward_kinematics(geometry, strut_m)
     secondary = secondary_motion(pose.rotation, pose.translation_m)
     return Visited(strut_m, pointing_angles(pose.rotation), secondary)
 
 
 def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
-    """The path of a pointing loop that settles at every desired (alpha, beta), (T, 2)."""
+    """Return the path of a pointing loop that settles at every desired (alpha, beta), (T, 2)."""
     pose, pointing, last = NOMINAL, np.zeros(2), NO_COMMAND
     visited_m = []
     for desired in desired_rad:
@@ -48,10 +48,10 @@ def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
 
 
 def optimum(geometry: Hexapod, goal: Goal, pointing_rad: Array) -> Visited:
-    """The strut displacements that point exactly and meet the goal best, curvature and all.
+    """Return the strut displacements with exact pointing and least cost, curvature included.
 
-    Minimizes |W1 l|^2 + |W2 s|^2 over all poses with this pointing (T, 2), s the secondary motion:
-    Gauss-Newton, each step the mapping at the present pose.
+    Minimizes |W1 l|^2 + |W2 s|^2 over all poses with this pointing (T, 2), s being the secondary
+    motion, by Gauss-Newton steps: the mapping at the present pose.
 
     Raises:
         RuntimeError: It does not converge.
@@ -72,20 +72,20 @@ def optimum(geometry: Hexapod, goal: Goal, pointing_rad: Array) -> Visited:
 
 
 def goal_vector(goal: Goal, visited: Visited) -> Array:
-    """What the goal keeps small: [W1 l; W2 s], shape (T, 10)."""
+    """Return the cost vector of a goal: [W1 l; W2 s], shape (T, 10)."""
     w1 = np.zeros(6) if goal.joint_weight is None else np.array(goal.joint_weight)
     w2 = np.zeros(4) if goal.secondary_weight is None else np.array(goal.secondary_weight)
     return np.hstack([w1 * visited.strut_m, w2 * visited.secondary[:, [1, 2, 3, 0]]])
 
 
 def extra_percent(geometry: Hexapod, goal: Goal, visited: Visited) -> float:
-    """RMS distance of a path from the optimum at the same pointing, in percent of its cost."""
+    """Return the RMS distance of a path from the optimum at the same pointing, in % of its cost."""
     least = goal_vector(goal, optimum(geometry, goal, visited.pointing_rad))
     return 100 * float(np.linalg.norm(goal_vector(goal, visited) - least) / np.linalg.norm(least))
 
 
 def loop_gain_error(mapping: StrutMapping, strut_m: Array) -> float:
-    """Largest ||J_m(l) M - I|| over strut displacements (T, 6), M the constant mapping."""
+    """Return the largest ||J_m(l) M - I|| over displacements (T, 6), M the constant mapping."""
     pose = forward_kinematics(mapping.geometry, strut_m)
     J_m = np.linalg.inv(mapping.geometry.inverse_jacobian(pose))[:, MAJOR]
     off = J_m @ mapping.major_gain() - np.eye(2)

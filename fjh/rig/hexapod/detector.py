@@ -1,4 +1,4 @@
-"""Position-sensitive detector behind the telescope."""
+"""The position-sensitive detector behind the telescope."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from sim.mjcf import one_half_turn
 
 
 def pointing_angles(rotation: Array) -> Array:
-    """Angles (alpha, beta) of the payload's z axis about x_b and y_b, shape (..., 2), [rad].
+    """Return angles (alpha, beta) of the payload's z axis about x_b and y_b, (..., 2), [rad].
 
     Args:
         rotation: Payload axes in base axes, shape (..., 3, 3).
@@ -23,14 +23,14 @@ def pointing_angles(rotation: Array) -> Array:
 
 
 def secondary_motion(rotation: Array, translation_m: Array) -> Array:
-    """Motion not measured by the detector: [gamma, t_x, t_y, t_z], shape (..., 4), [rad] and [m].
+    """Return the motion that the detector does not measure: [gamma, t_x, t_y, t_z], (..., 4).
 
     Args:
         rotation: Payload axes in base axes, shape (..., 3, 3).
         translation_m: Payload origin in base axes, shape (..., 3).
 
     Raises:
-        ValueError: Another shape, numbers that are not finite, or no rotation.
+        ValueError: A wrong shape, non-finite numbers, or no rotation.
     """
     rotation = check.array("rotation", rotation, ..., 3, 3)
     translation_m = check.array("translation_m", translation_m, ..., 3)
@@ -41,14 +41,14 @@ def secondary_motion(rotation: Array, translation_m: Array) -> Array:
         )
     off = rotation @ rotation.swapaxes(-1, -2) - np.eye(3)
     if not (np.abs(off).max(initial=0.0) < 1e-6 and (np.linalg.det(rotation) > 0).all()):
-        raise ValueError("rotation must hold orthonormal axes of a right hand, got others")
+        raise ValueError("rotation must hold right-handed orthonormal axes, got others")
     gamma = one_half_turn(Rotation.from_matrix(rotation).as_rotvec())[..., 2:]
     return np.concatenate([gamma, translation_m], axis=-1)
 
 
 @dataclass(frozen=True)
 class Detector:
-    """Spot of a laser fixed to the base, seen from the payload (section 4.1).
+    """Detector on the payload of a laser spot from the base (section 4.1).
 
     Attributes:
         focal_length_m: Effective focal length of the telescope.
@@ -70,11 +70,11 @@ class Detector:
         check.number("noise_m", self.noise_m, 0.0)
 
     def read(self, rotation: Array, rng: np.random.Generator) -> Array:
-        """Measured (alpha, beta), shape (2,), [rad]; small-angle optics, as on the testbed.
+        """Return measured (alpha, beta), shape (2,), [rad], by small-angle optics.
 
         Args:
             rotation: Payload axes in base axes, shape (3, 3).
-            rng: Source of the noise; two normal numbers are drawn.
+            rng: Source of the noise; two normal numbers are sampled.
         """
         rotation = check.array("rotation", rotation, 3, 3)
         check.instance("rng", rng, np.random.Generator)

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
+from fjh.rig.classification import Classification, classifications
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.testbed import TestbedConfig
-from fjh.rig.verdicts import Verdict, verdicts
 from ftc import Unused
 from ftc.fdi import Dither, Fault, NominalModel
 from prioritized import ConstrainedSystem, FailureAtlas
@@ -16,11 +16,11 @@ from sim import Array, Jacobians, Plant, jacobians
 from sim.mjcf import element_id, joint_stiffness
 
 STRUTS = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
-"""Names of the hexapod's actuators, as people know them, and in its file."""
+"""Names of the hexapod's actuators: for people, and in its file."""
 
 
 def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
-    """Stiffness over [six strut displacements; payload twist in base axes], shape (12, 12).
+    """Return the stiffness over [six strut displacements; payload twist in base axes], (12, 12).
 
     The suspensions resist the struts; the flexures, all other springs, resist the payload.
     """
@@ -42,11 +42,11 @@ def _nominal_jacobians(model: mujoco.MjModel) -> Jacobians:
 def elastic_system(
     model: mujoco.MjModel, suspension: dict[int, float] | None = None
 ) -> ConstrainedSystem:
-    """The whole mechanism with its springs, 42 velocities, at the nominal pose.
+    """Return the complete mechanism with its springs, 42 velocities, at the nominal pose.
 
     Args:
         model: The hexapod.
-        suspension: Stiffness of some struts' suspensions by strut 0..5, [N]/[m].
+        suspension: Stiffness of some struts' suspensions [N]/[m], by strut 0..5.
     """
     jac = _nominal_jacobians(model)
     system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=joint_stiffness(model))
@@ -54,48 +54,50 @@ def elastic_system(
 
 
 def with_suspension(system: ConstrainedSystem, suspension: dict[int, float]) -> ConstrainedSystem:
-    """An elastic system with other suspensions of some struts 0..5, [N]/[m]."""
+    """Return an elastic system with other suspensions [N]/[m] of some struts 0..5."""
     stiffness = np.array(system.stiffness)
     for strut, value in suspension.items():
-        own = system.active[strut]
-        stiffness[own, own] = value
+        velocity = system.active[strut]
+        stiffness[velocity, velocity] = value
     return replace(system, stiffness=stiffness)
 
 
-def pointing_verdicts(atlas: FailureAtlas) -> list[Verdict]:
-    """What is left of pointing in each condition of the hexapod's atlas."""
-    return verdicts(atlas, task="pointing", body="payload")
+def pointing_classifications(atlas: FailureAtlas) -> list[Classification]:
+    """Return the classes of the pointing task in the hexapod's atlas."""
+    return classifications(atlas, task="pointing", body="payload")
 
 
 HEAVE = (1.0,) * 6
-"""All six struts lengthen and shorten together: the payload heaves along the line of sight.
+"""Direction of the dither: all six struts lengthen together, the payload heaves along the line of
+sight.
 
 The columns of J_m of the six struts add up to zero, statically and, by the threefold symmetry of
-the machine, at any frequency. A strut that does not follow leaves its own column uncancelled: six
-directions in the plane of (alpha, beta), 60 degrees apart, and each strut has one to itself.
+the machine, at any frequency. A strut that does not follow leaves its own column uncompensated: six
+directions in the plane of (alpha, beta), 60 degrees apart, one for each strut.
 """
 
 STILL = Dither(0.0, 0.0, HEAVE)
 
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
-"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
-above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
-the linear model would have to be more exact; and high enough for inertia to move a free strut."""
+"""Dither of the hexapod: a failed strut causes 1.2 urad, four times the detector's noise. Its
+frequency is above the loops' crossovers, which would suppress it; below the modes from 32 Hz on,
+where the linear model would have to be more exact; and high enough for inertia to move a free
+strut."""
 
 UNUSED: Unused = "locked"
-"""The springs of the suspensions hold struts without force."""
+"""Behavior of struts without force: the springs of the suspensions hold them."""
 
 
 def nominal_model(
     model: mujoco.MjModel, bench: TestbedConfig, *, strut_sensors: bool = False
 ) -> NominalModel:
-    """The linear model of the machine without failures.
+    """Return the linear model of the healthy machine.
 
     Args:
         model: The machine.
         bench: Periods and noise.
-        strut_sensors: Whether the outputs are (alpha, beta) and then the six gauges beside the
-            struts, or (alpha, beta) alone.
+        strut_sensors: Whether the outputs are (alpha, beta) and the six gauges of the struts, or
+            (alpha, beta) alone.
     """
     import control  # late, as in ftc.compensator
 
@@ -115,13 +117,13 @@ def nominal_model(
         spring=linear.spring,
         preload=linear.preload,
         floor=linear.B_floor[len(linear.A) // 2 :],
-        names=[own for own, _ in STRUTS],
+        names=[name for name, _ in STRUTS],
     )
 
 
 def fault_text(fault: Fault | None) -> str:
-    """A fault in words, its strut 1 to 6; None is no fault."""
+    """Return a fault as text, its strut numbered 1 to 6; None is no fault."""
     if fault is None:
         return "sound"
-    left = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
-    return f"strut {fault.actuator + 1} {fault.kind}{left}"
+    remaining = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
+    return f"strut {fault.actuator + 1} {fault.kind}{remaining}"

@@ -8,53 +8,53 @@ from fjh.rig.hexapod.closed_form import Hexapod
 from sim import NOMINAL, Array, Pose
 
 _ROUND_OFF = 16 * np.finfo(float).eps
-"""Residual at which the struts have the lengths asked for, relative to what they are made of."""
+"""Accepted residual, relative to the strut lengths and the node distances."""
 _LONGEST_TURN_RAD = 0.5
 _SHORTEST_STEP = 2.0**-8
 _LONGEST_M = 1e50
 
 
 class UnreachableLengths(ValueError):
-    """No pose was found that gives the struts these lengths.
+    """Error: no pose was found with these strut lengths.
 
     Attributes:
-        reached: Which of the batch were, shape (...).
-        residual_m: How far off the longest-off strut stays at the pose where the search ended,
-            shape (...).
+        reached: True for the members of the batch that were reached, shape (...).
+        residual_m: Largest remaining error of a strut, shape (...) [m].
     """
 
-    def __init__(self, reached: Array, residual_m: Array, asked_m: Array) -> None:
-        """Make the message for the worst of the batch (...) of displacements (..., 6)."""
+    def __init__(self, reached: Array, residual_m: Array, target_m: Array) -> None:
+        """Create the message for the worst of a batch (...) of displacements (..., 6)."""
         self.reached, self.residual_m = reached, residual_m
         count = f"{np.sum(~reached)} of {reached.size} sets of " if reached.size > 1 else ""
         worst = greatest(np.where(reached, -1.0, residual_m).ravel())
         super().__init__(
-            f"displacements_m: no pose found that reaches {count}strut lengths; a strut is still "
-            f"off by {residual_m.reshape(-1)[worst]:.3g}, asked for "
-            f"{np.round(asked_m.reshape(-1, 6)[worst], 9).tolist()}"
+            f"displacements_m: no pose found that reaches {count}strut lengths; the largest error "
+            f"of a strut is {residual_m.reshape(-1)[worst]:.3g} m, for displacements of "
+            f"{np.round(target_m.reshape(-1, 6)[worst], 9).tolist()} m"
         )
 
 
 def forward_kinematics(
     geometry: Hexapod, displacements_m: Array, start: Pose = NOMINAL, most_steps: int = 60
 ) -> Pose:
-    """The pose at which the struts have the given displacements from their nominal lengths.
+    """Return the pose at which the struts have the given displacements from nominal lengths.
 
-    Newton's method with the analytic Jacobian, the whole batch at once: near the solution the
-    error is squared at every step. Far from it a step that does not bring the lengths nearer is
-    halved. Of the up to forty poses that share a set of lengths (Dietmaier 1998, "The
-    Stewart-Gough platform of general geometry can have 40 real postures") it is the one that
-    Newton's method reaches from `start`; for strokes that are small beside the struts, the one
-    that the assembled machine moves to.
+    Newton's method with the analytic Jacobian for the whole batch at once, quadratically convergent
+    near the solution. Far from it a step that does not reduce the error of the lengths is halved.
+    Of the up to forty poses with the same lengths (Dietmaier 1998, "The Stewart-Gough platform of
+    general geometry can have 40 real postures") the result is the one that Newton's method reaches
+    from `start`: for strokes that are small against the struts, the one to which the assembled
+    machine moves.
 
     Args:
         geometry: The hexapod.
-        displacements_m: Shape (..., 6), [m].
+        displacements_m: Strut displacements, shape (..., 6), [m].
         start: One pose to start from, or a batch of them; the two shapes broadcast.
-        most_steps: Newton steps; from the nominal pose four are enough for strokes of a percent.
+        most_steps: Largest number of Newton steps; from the nominal pose four are enough for
+            strokes of a percent.
 
     Returns:
-        The pose, batch shape (...); each strut is right to round-off, 16 eps of its length and of
+        The pose, batch shape (...); each strut is exact to round-off, 16 eps of its length and of
         the distances of the nodes from the payload origin.
 
     Raises:
@@ -62,63 +62,65 @@ def forward_kinematics(
     """
     check.instance("geometry", geometry, Hexapod)
     check.integer("most_steps", most_steps)
-    asked, pose = _checked(displacements_m, start)
-    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(asked) + _spread_m(geometry)).max(-1)
+    target_m, pose = _checked(displacements_m, start)
+    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(target_m) + _spread_m(geometry)).max(
+        -1
+    )
     steps = 0
     while True:
-        missing = asked - geometry.displacements(pose)
+        missing = target_m - geometry.displacements(pose)
         residual_m = np.abs(missing).max(-1)
         if np.all(residual_m <= limit_m):
             return pose
         if steps == most_steps:
-            raise UnreachableLengths(residual_m <= limit_m, residual_m, asked)
-        pose = _nearer(geometry, asked, pose, _newton_step(geometry, pose, missing))
+            raise UnreachableLengths(residual_m <= limit_m, residual_m, target_m)
+        pose = _nearer(geometry, target_m, pose, _newton_step(geometry, pose, missing))
         steps += 1
 
 
 def _checked(displacements_m: Array, start: Pose) -> tuple[Array, Pose]:
-    """Arguments of one batch shape."""
-    asked = check.array("displacements_m", displacements_m, ..., 6)
+    """Return the arguments broadcast to one batch shape."""
+    target_m = check.array("displacements_m", displacements_m, ..., 6)
     rotation, translation_m = check.instance("start", start, Pose).rotation, start.translation_m
-    # Beyond this a step where the struts are nearly singular would leave what numbers hold.
-    for name, lengths in (("displacements_m", asked), ("start.translation_m", translation_m)):
+    # Beyond this, a step near a singular pose would overflow.
+    for name, lengths in (("displacements_m", target_m), ("start.translation_m", translation_m)):
         if (longest := np.abs(lengths).max(initial=0.0)) > _LONGEST_M:
             raise ValueError(f"{name} must be at most {_LONGEST_M:g}, got {longest:g}")
     try:
-        shape = np.broadcast_shapes(asked.shape[:-1], translation_m.shape[:-1])
+        shape = np.broadcast_shapes(target_m.shape[:-1], translation_m.shape[:-1])
     except ValueError:
         raise ValueError(
-            f"start must have a batch shape that broadcasts with {asked.shape[:-1]} of "
+            f"start must have a batch shape that broadcasts with {target_m.shape[:-1]} of "
             f"displacements_m, got {translation_m.shape[:-1]}"
         ) from None
-    return np.broadcast_to(asked, (*shape, 6)), Pose(
+    return np.broadcast_to(target_m, (*shape, 6)), Pose(
         np.broadcast_to(rotation, (*shape, 3, 3)), np.broadcast_to(translation_m, (*shape, 3))
     )
 
 
 def _spread_m(geometry: Hexapod) -> float:
-    """How far the nodes are from the origin: lengths are differences of such distances."""
+    """Return the largest distance of a node from the origin [m], the scale of round-off."""
     nodes_m = np.concatenate([geometry.top_m, geometry.bottom_m])
     return float(np.linalg.norm(nodes_m, axis=1).max())
 
 
 def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:
-    """Newton step as a twist (..., 6), limited to where the linearization holds."""
-    # A strut of no length has no direction: its pose stays where it is, and is refused.
+    """Return the Newton step as a twist (..., 6), limited to where the linearization holds."""
+    # A strut of zero length has no direction: its pose is not changed, and is rejected.
     with np.errstate(invalid="ignore"):
         _, A = geometry.lengths_and_jacobian(pose, singular=True)
     A = np.where(np.isfinite(A).all((-1, -2), keepdims=True), A, 0.0)
-    # pinv where solve would do: a singular pose in a batch must not end the others.
+    # pinv instead of solve: one singular pose must not stop the others of the batch.
     twist = (np.linalg.pinv(A, rcond=1e-12) @ missing_m[..., None])[..., 0]
     turn = np.linalg.norm(twist[..., :3], axis=-1, keepdims=True)
     return twist * np.minimum(1.0, _LONGEST_TURN_RAD / np.maximum(turn, 1e-300))
 
 
-def _nearer(geometry: Hexapod, asked_m: Array, pose: Pose, twist: Array) -> Pose:
-    """The pose after the step; halved, where need be, until the lengths come nearer."""
+def _nearer(geometry: Hexapod, target_m: Array, pose: Pose, twist: Array) -> Pose:
+    """Return the pose after the step, halved until the error of the lengths decreases."""
 
     def distance(at: Pose) -> Array:
-        return np.linalg.norm(asked_m - geometry.displacements(at), axis=-1)
+        return np.linalg.norm(target_m - geometry.displacements(at), axis=-1)
 
     here, fraction = distance(pose), np.ones(twist.shape[:-1])
     while True:

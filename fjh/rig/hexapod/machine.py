@@ -1,4 +1,4 @@
-"""The hexapod as a machine in the loop: settled plant, detector, gauges, amplifiers, floor."""
+"""The hexapod in the loop: settled plant, detector, gauges, amplifiers, floor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.rig.hexapod.mismatch import ALL, SIZES, Differences, differing
+from fjh.rig.hexapod.mismatch import ALL, SIZES, Differences, sampled_differences
 from fjh.rig.hexapod.testbed import Testbed, TestbedConfig
 from fjh.rig.mismatch import EXACT, Mismatch, without
-from fjh.rig.run import after_rest
+from fjh.rig.run import zero_padded
 from sim import Array, Bench, Failure, Plant, Pose
 from sim.plant import Reading
 
@@ -20,18 +20,18 @@ THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
 """Width of a one-third-octave band over its centre frequency."""
 
 FLOOR_BAND_HZ = (8.0, 80.0)
-"""Where the generic vibration criteria are constant in velocity."""
+"""Band in which the generic vibration criteria are constant in velocity."""
 
 
 @dataclass(frozen=True, eq=False)
 class HexapodMachine:
-    """A machine that may differ from the model that its controllers have.
+    """A hexapod whose plant may differ from its controllers' model.
 
     Attributes:
-        testbed: The model, and the constants around it.
-        differs: What differs from them; by default nothing.
-        start_m: Strut displacements (6,) that the coils hold when a run begins; None is no current.
-            A failure at time 0 then locks a strut off centre.
+        testbed: Controllers' model, and the constants around it.
+        differs: Differences of the plant; by default none.
+        start_m: Strut displacements (6,) of the coils when a run starts; None is no current. A
+            failure at time 0 then locks a strut off center.
         floor_m_per_s2: Acceleration of the floor in base axes at each tick of a run's path, shape
             (N, 3), at rest before it; None is a floor at rest.
     """
@@ -44,24 +44,24 @@ class HexapodMachine:
     start_m: Array | None = None
     floor_m_per_s2: Array | None = None
 
-    def drawn(self, sizes: Mismatch, seed: int) -> "HexapodMachine":
-        """The same on a plant that differs by these sizes, drawn from the seed."""
+    def with_mismatch(self, sizes: Mismatch, seed: int) -> "HexapodMachine":
+        """Return the same machine with a plant sampled with these sizes from the seed."""
         if sizes == EXACT:
             return replace(self, differs=Differences())
-        return replace(self, differs=differing(self.testbed.model, sizes, seed))
+        return replace(self, differs=sampled_differences(self.testbed.model, sizes, seed))
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The model of the machine itself."""
-        own = self.differs.model
-        return self.testbed.model if own is None else own
+        """Model of the plant itself."""
+        model = self.differs.model
+        return self.testbed.model if model is None else model
 
     @cached_property
-    def rest(self) -> mujoco.MjData:
-        """State of the settled machine, once for all runs; sent along to other processes.
+    def equilibrium(self) -> mujoco.MjData:
+        """State of the settled machine, computed once for all runs; copied to worker processes.
 
         Raises:
-            sim.SimulationDiverged: The physics left the finite numbers.
+            sim.SimulationDiverged: The simulated state became non-finite.
         """
         plant = Plant(self.model)
         plant.settle(self.testbed.bench.settling_s, self.start_m)
@@ -70,12 +70,12 @@ class HexapodMachine:
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
-        """The settled machine for times (N,); the seed is that of the noise of all sensors."""
+        """Return the settled machine for times (N,), with sensor noise of this seed."""
         bench, ticks, plant = self.testbed.bench, len(time_s), Plant(self.model)
         period_s = bench.control_period_s
-        mujoco.mj_copyData(plant.data, plant.model, self.rest)
+        mujoco.mj_copyData(plant.data, plant.model, self.equilibrium)
         floors = [self.floor(ticks), self._given_floor(time_s)]
-        moves = [each for each in floors if each is not None]
+        moves = [motion for motion in floors if motion is not None]
         return Bench(
             plant,
             HexapodSensors(bench, seed, self.zero_rad(ticks)),
@@ -91,7 +91,7 @@ class HexapodMachine:
         )
 
     def floor(self, ticks: int) -> Array | None:
-        """Acceleration of the floor that is drawn, tick by tick, shape (N, 3); None is at rest."""
+        """Return the sampled acceleration of the floor at each tick, (N, 3); None is at rest."""
         if not self.differs.floor_m_per_s:
             return None
         period_s = self.testbed.bench.control_period_s
@@ -100,68 +100,68 @@ class HexapodMachine:
         )
 
     def _given_floor(self, time_s: Array) -> Array | None:
-        """Acceleration of the floor that is given, at times (N,), the first repeated in a lead-in.
+        """Return the given acceleration of the floor at times (N,), preceded by zeros in a lead-in.
 
         Raises:
-            ValueError: It is not of the ticks of the path.
+            ValueError: It does not have the ticks of the path.
         """
         if self.floor_m_per_s2 is None:
             return None
-        rest = int((time_s == time_s[0]).sum()) - 1
-        ticks = len(time_s) - rest
-        return after_rest(rest, check.array("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
+        lead_in = int((time_s == time_s[0]).sum()) - 1
+        ticks = len(time_s) - lead_in
+        return zero_padded(lead_in, check.array("floor_m_per_s2", self.floor_m_per_s2, ticks, 3))
 
     def zero_rad(self, ticks: int) -> Array:
-        """Where the detector's zero has drifted to in (alpha, beta), tick by tick, shape (N, 2)."""
+        """Return the drift of the detector's zero in (alpha, beta) at each tick, shape (N, 2)."""
         period_s = self.testbed.bench.control_period_s
         return np.outer(np.arange(ticks) * period_s, self.differs.drift_rad_per_s)
 
     def _drives(self) -> Callable[[Array], Array]:
-        """Displacements (n,) at which the plant rests under inputs (n,); called once in each tick.
+        """Return a function from inputs (n,) to displacements (n,), called once per tick.
 
         A :class:`sim.Plant` is commanded by displacements and so balances its own springs and
-        gains; these have to be put back.
+        gains; the ratio to the nominal ones is restored here.
         """
-        known, amplifiers = self.testbed.model, self.testbed.amplifier().displacements
-        if self.model is known:  # which may have servos instead
+        nominal, amplifiers = self.testbed.model, self.testbed.amplifier().displacements
+        if self.model is nominal:  # a model that may have servos without springs
             return amplifiers
-        reached = _per_control(self.model) / _per_control(known)
+        reached = _per_control(self.model) / _per_control(nominal)
         drift = np.array(self.differs.gain_drift_per_s) * self.testbed.bench.control_period_s
         return DriftingDrives(amplifiers, reached, drift)
 
 
 class DriftingDrives:
-    """Displacements under inputs, of drives whose gains change with each call."""
+    """Displacements as a function of inputs, for drives whose gains drift with each call."""
 
     def __init__(self, amplifiers: Callable[[Array], Array], gains: Array, per_tick: Array) -> None:
-        """Take drives, their first gains (n,), and the relative change of each in a tick, (n,)."""
+        """Take drives, their initial gains (n,), and the relative drift of each per tick, (n,)."""
         self._amplifiers, self._gains, self._per_tick, self._ticks = amplifiers, gains, per_tick, 0
 
     def __call__(self, input_percent: Array) -> Array:
-        """Displacements (n,) by the gains of this tick."""
+        """Return the displacements (n,) with the gains of this tick."""
         gain = self._gains * (1 + self._per_tick * self._ticks)
         self._ticks += 1
         return self._amplifiers(input_percent) * gain
 
 
 def _per_control(model: mujoco.MjModel) -> Array:
-    """Displacement of each suspension per control of its coil, shape (6,)."""
+    """Return the displacement of each suspension per control of its coil, shape (6,)."""
     return model.actuator_gainprm[:, 0] / model.jnt_stiffness[model.actuator_trnid[:, 0]]
 
 
 class HexapodSensors:
-    """The detector behind the telescope, its zero (N, 2) adrift, and the gauges."""
+    """The detector behind the telescope, with a drifting zero (N, 2), and the gauges."""
 
     def __init__(self, bench: TestbedConfig, seed: int, zero_rad: Array) -> None:
-        """Begin at the first tick; the seed is that of all noise."""
+        """Start at the first tick, with noise of this seed."""
         self._detector, self._gauges = bench.detector(), bench.strut_sensors()
-        # Sources of their own: whether gauges are read changes nothing of the detector's noise.
+        # Separate generators: reading the gauges must not change the detector's noise.
         self._detector_rng = np.random.default_rng(seed)
         self._gauge_rng = np.random.default_rng([seed, 1])
         self._zero_rad, self._tick = zero_rad, 0
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """Pointing and displacements, with noise."""
+        """Return pointing and displacements with noise."""
         zero_rad, self._tick = self._zero_rad[self._tick], self._tick + 1
         return Reading(
             output=self._detector.read(pose.rotation, self._detector_rng) + zero_rad,
@@ -170,7 +170,7 @@ class HexapodSensors:
 
 
 def detector_noise_rad(bench: TestbedConfig, seed: int, ticks: int) -> Array:
-    """What the detector of a run adds to (alpha, beta), tick by tick, shape (N, 2)."""
+    """Return the noise of a run's detector in (alpha, beta) at each tick, shape (N, 2)."""
     spot_m = bench.detector_noise_m * np.random.default_rng(seed).standard_normal((ticks, 2))
     return spot_m[:, ::-1] * np.array([1, -1]) / bench.focal_length_m
 
@@ -178,12 +178,12 @@ def detector_noise_rad(bench: TestbedConfig, seed: int, ticks: int) -> Array:
 def floor_acceleration(
     ticks: int, period_s: float, velocity_m_per_s: float, seed: Sequence[int]
 ) -> Array:
-    """Acceleration of a floor that meets a vibration criterion exactly, shape (N, 3), [m]/[s^2].
+    """Return the acceleration of a floor at a vibration criterion, shape (N, 3), [m]/[s^2].
 
-    The RMS velocity in every one-third-octave band from 8 to 80 Hz is the criterion's, in each of
-    the three axes, independently: S_v(f) = v^2 / (0.2316 f). Criteria: ISO 2631-2 (workshop 800,
+    The RMS velocity in every one-third-octave band from 8 to 80 Hz is that of the criterion in each
+    of the three axes, independently: S_v(f) = v^2 / (0.2316 f). Criteria: ISO 2631-2 (workshop 800,
     office 400, residence 200 um/s) and VC-A 50 to VC-E 3 um/s (Amick, Gertsenfeld, Gendreau and
-    Gordon, Proc. SPIE 5933, 2005). The seed is of the phases.
+    Gordon, Proc. SPIE 5933, 2005). The seed determines the phases.
     """
     frequency = np.fft.rfftfreq(ticks, period_s)
     low, high = FLOOR_BAND_HZ[0] * 2 ** (-1 / 6), FLOOR_BAND_HZ[1] * 2 ** (1 / 6)

@@ -1,4 +1,4 @@
-"""Measures of a run (errors, margins), how far they may be off, and the plant's constants."""
+"""Measures of a run (errors, margins), their tolerances, and the plant's constants."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,12 +14,12 @@ from sim.mjcf import element_id
 
 
 def finite_or_none(value: float) -> float | None:
-    """The value, or None if it is infinite, which JSON cannot hold."""
+    """Return the value, or None if it is infinite, which JSON cannot represent."""
     return value if np.isfinite(value) else None
 
 
 def loop_measures(loop: Loop) -> dict[str, Any]:
-    """Compensator and margins of one pointing loop, ready for JSON."""
+    """Return compensator and margins of one pointing loop, ready for JSON."""
     return {
         "numerator": loop.numerator.tolist(),
         "denominator": loop.denominator.tolist(),
@@ -32,9 +32,10 @@ def loop_measures(loop: Loop) -> dict[str, Any]:
 
 
 def percent(difference: Array, whole: Array) -> float:
-    """Size of a difference of twists or wrenches (..., 6), in percent of the whole.
+    """Return the size of a difference of twists or wrenches (..., 6), in percent of the whole.
 
-    Rotation and translation, or moment and force, each against its own; the larger of the two.
+    Rotation and translation, or moment and force, are compared separately; the larger of the two
+    ratios counts.
     """
     parts = (slice(0, 3), slice(3, 6))
     ratios = [np.linalg.norm(difference[..., p]) / np.linalg.norm(whole[..., p]) for p in parts]
@@ -42,28 +43,28 @@ def percent(difference: Array, whole: Array) -> float:
 
 
 PREDICTION_TOLERANCE = 0.004
-"""Largest relative distance of a whole run's RMS from the linear model's, which is an expectation.
+"""Largest relative difference between a complete run's RMS and the linear model's, an expectation.
 
 Measured over all columns of Table I and eight seeds: 0.13 % at the most.
 """
 
 
 def prediction_tolerance(duration_s: float) -> float:
-    """Largest relative distance from the linear model of an RMS over so much of the spiral.
+    """Return the largest relative RMS error of the linear model over part of the spiral.
 
-    The noise of the detector scatters the RMS. Over a shorter part the error is smaller, as the
-    spiral is, and the noise is averaged less: 1.13 % at the most over 4 s.
+    The detector's noise scatters the RMS. Over a shorter part the error is smaller, as the spiral
+    is, and the noise is averaged less: 1.13 % at the most over 4 s.
     """
     return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
 
 
 def is_cut(summary: Mapping[str, Any]) -> bool:
-    """Whether only a part of the spiral was run, which the paper's numbers do not compare with."""
+    """Return True if only part of the spiral was run, which the paper's numbers do not describe."""
     return summary["duration_s"] < summary["bench"]["duration_s"]
 
 
 def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
-    """The plant's constants, read from the compiled model; all struts are equal, the first is read.
+    """Return the plant's constants from the compiled model, those of the first strut for all.
 
     Raises:
         sim.ModelError: The model lacks one of the named parts.
@@ -103,8 +104,8 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
 
 
 def recording_properties(summary: dict[str, Any]) -> dict[str, Any]:
-    """The constants and versions of a recording, as flat properties for Rerun."""
+    """Return the constants and versions of a recording, as flat properties for Rerun."""
     plain = {key: summary[key] for key in ("seed", "model_sha256", "jacobian")}
-    # What is None is absent: Rerun knows one type for each name in a process.
+    # None is omitted: Rerun accepts one type for each name in a process.
     bench = {name: value for name, value in summary["bench"].items() if value is not None}
     return plain | version_properties(summary) | bench

@@ -15,7 +15,7 @@ JACOBIAN = np.array(
 """Eq. (39), section 4.1: rates of [alpha, beta, gamma, t_x, t_y, t_z] per strut rate."""
 
 CONDITION_NUMBER = 4.92
-"""Section 4.1, of eq. (39)."""
+"""Condition number of eq. (39), section 4.1."""
 
 TABLE_I_URAD = {
     "W_a": (2.4476, 3.0916),
@@ -28,10 +28,10 @@ TABLE_I_URAD = {
 """Table I, section 4.2: RMS of desired minus measured (alpha, beta), [urad]."""
 
 JACOBIAN_VARIATION = {"frobenius": 0.0012, "two": 0.0018}
-"""Section 4.1: e of eq. (40) in the Frobenius and the 2-norm."""
+"""Variation e of eq. (40) in the Frobenius and the 2-norm, section 4.1."""
 
 JACOBIAN_VARIATION_TOLERANCE = 5e-5
-"""Half a unit of its last digit."""
+"""Half a unit of the last printed digit of the variation."""
 
 STROKE_M = 0.000635
-"""Section 4.1: the strut displacements of eq. (40) are at most this."""
+"""Largest strut displacement of eq. (40), section 4.1 [m]."""

@@ -1,4 +1,4 @@
-"""The rig of the testbed's own machine: its loops, its diagnosis, its plant."""
+"""The rig of the testbed's hexapod: its loops, its diagnosis, its plant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -42,24 +42,24 @@ from prioritized import ConstrainedSystem, Manipulability
 from sim import NOMINAL, Array, Plant, Pose, load_model
 
 _BEYOND = 2.0
-"""Times the detector's range: it cannot read so much."""
+"""Multiple of the detector's range beyond which a reading is implausible."""
 
 
 @dataclass(frozen=True)
 class HexapodControl:
-    """Loops of the hexapod, and what its diagnosis knows.
+    """Control loops of the hexapod, and the models of its diagnosis.
 
     Attributes:
-        testbed: The controllers' model, the constants around it, compensators.
-        goal: While all struts work.
+        testbed: Controllers' model, the constants around it, compensators.
+        goal: Goal without failures.
         nominal: Linear model from strut displacements to (alpha, beta).
         elastic: The machine with its springs, without failures.
-        jacobian: Where the mapping of a controller takes its Jacobian from.
+        jacobian: Jacobian of a controller's mapping.
         form: How eq. (41) becomes a displacement.
         feedforward: Whether the path is demanded through the inverse of the linear model; in the
             paper it is not.
-        limits: None: the mapping has none.
-        unused: Springs of the suspensions hold struts without force.
+        limits: Limits of the mapping: none.
+        unused: Behavior of struts without force: held by the springs of the suspensions.
     """
 
     testbed: Testbed
@@ -74,7 +74,7 @@ class HexapodControl:
 
     @property
     def watched(self) -> NominalModel:
-        """The same: the detector alone is looked at."""
+        """Linear model to the measurements of the diagnosis: the detector alone."""
         return self.nominal
 
     @property
@@ -84,11 +84,11 @@ class HexapodControl:
 
     @property
     def margins(self) -> list[Margins]:
-        """Stability margins of both loops, where they are known."""
-        return [each for each in self.testbed.loops if isinstance(each, Margins)]
+        """Stability margins of both loops, if known."""
+        return [loop for loop in self.testbed.loops if isinstance(loop, Margins)]
 
     def mapping(self, goal: Goal) -> StrutMapping:
-        """The closed-form mapping for a goal, with the constant Jacobian."""
+        """Return the closed-form mapping for a goal, with the constant Jacobian."""
         return StrutMapping(self._geometry, goal, "constant", self.testbed.stiffness)
 
     @cached_property
@@ -96,12 +96,12 @@ class HexapodControl:
         return hexapod(self.testbed.model)
 
     def controller(self, goal: Goal) -> PrioritizedController[Pose]:
-        """The controller for a goal, with the Jacobian and form of this object."""
-        how = {"jacobian": self.jacobian, "form": self.form, "feedforward": self.feedforward}
-        return controller_for(self.testbed, goal, **how)
+        """Return the controller for a goal, with the Jacobian and form of this object."""
+        options = {"jacobian": self.jacobian, "form": self.form, "feedforward": self.feedforward}
+        return controller_for(self.testbed, goal, **options)
 
     def supervisor(self, *, dither: Dither | None) -> Supervisor:
-        """A controller that diagnoses by the detector alone."""
+        """Return a controller whose diagnosis uses the detector alone."""
         bench = self.testbed.bench
         range_rad = bench.detector_half_width_m / bench.focal_length_m
         check = SensorCheck(bench.control_period_s, limits=(_BEYOND * range_rad,) * len(MAJOR))
@@ -121,7 +121,7 @@ class HexapodControl:
         return is_possible(self.classified(faults))
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
-        """What is left with these faults, springs included."""
+        """Return the manipulability of the pointing task with these faults, springs included."""
         faults = of_actuators(faults, len(STRUTS))
         loose = {fault.actuator: 0.0 for fault in faults if fault.kind == "loose"}
         elastic = with_suspension(self.elastic, loose)
@@ -129,13 +129,13 @@ class HexapodControl:
 
 
 def nominal_testbed(bench: TestbedConfig | None = None) -> Testbed:
-    """The paper's machine with these constants around it, its loops closed."""
+    """Return the paper's machine with these constants around it, with its compensators."""
     model, around = load_model(), TestbedConfig() if bench is None else bench
     return Testbed(model, around, nominal_loops(model, around))
 
 
 def pursuing(rig: Rig, goal: Goal, **control: Any) -> Rig:
-    """The same hexapod, its plant shared, whose controllers have another goal.
+    """Return the same hexapod, its plant shared, with another goal of its controllers.
 
     `control` is `jacobian`, `form` or `feedforward` of :class:`HexapodControl`.
     """
@@ -152,14 +152,14 @@ def hexapod_rig(
     floor_m_per_s2: Array | None = None,
     **control: Any,
 ) -> Rig:
-    """The hexapod on its exact plant.
+    """Return the hexapod on its exact plant.
 
     Args:
         testbed: Machine and constants; None is the paper's.
-        goal: While all struts work; W_a unless given.
+        goal: Goal without failures; W_a by default.
         size: Radius of its path, [rad]; None is that of the testbed's spiral.
-        start_m: As of :class:`HexapodMachine`.
-        floor_m_per_s2: Likewise.
+        start_m: Strut displacements at the start, as for :class:`HexapodMachine`.
+        floor_m_per_s2: Acceleration of the floor, as for :class:`HexapodMachine`.
         control: `jacobian`, `form` and `feedforward` of :class:`HexapodControl`.
     """
     testbed = nominal_testbed() if testbed is None else testbed

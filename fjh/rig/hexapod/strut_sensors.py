@@ -1,4 +1,4 @@
-"""Displacement gauges, one beside each strut."""
+"""Displacement gauges of the struts."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from sim import Array
 
 @dataclass(frozen=True)
 class StrutSensors:
-    """White noise on the true displacements.
+    """Gauges that measure strut displacements with white noise.
 
     Attributes:
-        noise_m: Standard deviation of one sample.
+        noise_m: Standard deviation of one sample [m].
     """
 
     noise_m: float
@@ -23,11 +23,11 @@ class StrutSensors:
         check.number("noise_m", self.noise_m, 0.0)
 
     def read(self, displacement_m: Array, rng: np.random.Generator) -> Array:
-        """Measured strut displacements, shape (nu,).
+        """Return measured strut displacements, shape (nu,), [m].
 
         Args:
-            displacement_m: True ones, shape (nu,).
-            rng: Source of the noise; nu normal numbers are drawn.
+            displacement_m: True displacements, shape (nu,).
+            rng: Source of the noise; nu normal numbers are sampled.
         """
         displacement_m = check.array("displacement_m", displacement_m, None)
         check.instance("rng", rng, np.random.Generator)

@@ -1,4 +1,4 @@
-"""Every constant of the testbed that the paper does not give, and the testbed itself."""
+"""Constants of the testbed that the paper does not give, and the testbed itself."""
 
 import copy
 from dataclasses import dataclass, replace
@@ -44,22 +44,22 @@ LIMITS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class TestbedConfig:
-    """Constants around the plant; those marked *calibrated* were set to meet Table I's W_a..W_e.
+    """Constants around the plant; *calibrated* ones were fitted to Table I's W_a..W_e.
 
     Attributes:
         duration_s: Length of a run (paper).
-        quick_duration_s: The part of it that --quick runs.
+        quick_duration_s: Part of a run with --quick.
         spiral_radius_urad: Final radius of the spiral (calibrated).
         spiral_period_s: Time of one turn; eight turns in 16 s (calibrated).
-        spiral_exponent: Radius and angle grow with (t / duration)^exponent: 1 is a constant rate of
-            turn, 1/2 a constant speed along the spiral.
-        spiral_start_deg: Direction in which the spiral leaves the centre, from alpha towards beta.
+        spiral_exponent: Radius and angle grow with (t / duration)^exponent: 1 is a constant angular
+            rate, 1/2 a constant speed along the spiral.
+        spiral_start_deg: Direction in which the spiral leaves the center, from alpha towards beta.
         spiral_direction: 1 turns from alpha towards beta, -1 the other way.
         alpha_crossover_hz: Gain crossover of the alpha loop (calibrated).
         beta_crossover_hz: Gain crossover of the beta loop (calibrated).
         roll_off_hz: Corner of the second-order low-pass in both compensators: below the plant's
             modes, far enough above crossover to leave 57 degrees of phase margin.
-        roll_off_damping: Its damping ratio.
+        roll_off_damping: Damping ratio of this low-pass.
         demand_limit_urad: Largest pointing, each of alpha and beta, that the compensators may
             demand of the mapping; None is no limit.
         anti_windup: Conditional integration: a compensator at its limit keeps its state while the
@@ -69,20 +69,20 @@ class TestbedConfig:
         detector_half_width_m: Half the side of a 10 mm detector; 5 mrad of range.
         detector_noise_m: Spot noise of one sample, standard deviation: 0.3 urad (calibrated).
         dac_bits: Resolution of the converters (paper).
-        dac_full_input_a: Coil current asked for at 100 % input: 80.01 N, full stroke.
-        amplifier_limit_a: Current at which the amplifier saturates: there as well.
+        dac_full_input_a: Coil current commanded at 100 % input: 80.01 N, full stroke.
+        amplifier_limit_a: Current at which the amplifier saturates: the same.
         coil_newton_per_a: Motor constant.
-        settling_s: Rest before a run: fifteen periods of the slowest mode, for the last nanometres
-            of sag.
-        strut_sensor_noise_m: Of one sample of a strut's displacement sensor, standard deviation:
-            an eddy-current gauge over this stroke. Only runs that say so use these sensors.
-        handover_s: In which the secondary motion of a former mapping fades: slow against the
+        settling_s: Time at rest before a run: fifteen periods of the slowest mode, for the last
+            nanometers of sag.
+        strut_sensor_noise_m: Standard deviation of one sample of a strut's displacement sensor: an
+            eddy-current gauge over this stroke. Only runs that request these sensors use them.
+        handover_s: Time in which the secondary motion of a previous mapping fades: slow against the
             suspension modes, fast against the spiral.
 
     Raises:
-        ValueError: One of them is no number or outside its `LIMITS`, or the direction is neither 1
+        ValueError: A constant is no number or outside its `LIMITS`, or the direction is neither 1
             nor -1.
-        TypeError: `anti_windup` is no truth value.
+        TypeError: `anti_windup` is no boolean.
     """
 
     duration_s: float = 16.0
@@ -125,17 +125,17 @@ class TestbedConfig:
         return self.alpha_crossover_hz, self.beta_crossover_hz
 
     def time_s(self, seconds: float) -> Array:
-        """Control ticks of the first `seconds` of the run, shape (N,).
+        """Return the times of the control ticks of the first `seconds` of a run, shape (N,).
 
         Raises:
-            ValueError: Not even one tick.
+            ValueError: The time is less than one tick.
         """
         if not seconds >= self.control_period_s:
             raise ValueError(f"a run lasts at least one control period, got {seconds} s")
         return np.arange(round(seconds / self.control_period_s)) * self.control_period_s
 
     def desired_rad(self, time_s: Array) -> Array:
-        """The spiral at the given times, shape (N, 2)."""
+        """Return the spiral at the given times, shape (N, 2)."""
         return spiral(
             time_s,
             self.spiral_radius_urad * 1e-6,
@@ -146,17 +146,17 @@ class TestbedConfig:
         )
 
     def spiral_rad(self, duration_s: float | None = None, begin_s: float = 0.0) -> Array:
-        """The spiral tick by tick, shape (N, 2), from a time on; None is all of it."""
+        """Return the spiral at each tick, (N, 2), from a time on; None is its full duration."""
         duration_s = self.duration_s if duration_s is None else duration_s
         return self.desired_rad(begin_s + self.time_s(duration_s))
 
     @property
     def demand_limit_rad(self) -> float:
-        """Of the compensators' output; infinite where there is none."""
+        """Limit of the compensators' output [rad]; infinite without limit."""
         return np.inf if self.demand_limit_urad is None else self.demand_limit_urad * 1e-6
 
     def detector(self) -> Detector:
-        """The position-sensitive detector behind its telescope."""
+        """Return the position-sensitive detector behind its telescope."""
         return Detector(
             focal_length_m=self.focal_length_m,
             half_width_m=self.detector_half_width_m,
@@ -164,11 +164,11 @@ class TestbedConfig:
         )
 
     def strut_sensors(self) -> StrutSensors:
-        """The gauges beside the struts."""
+        """Return the displacement gauges of the struts."""
         return StrutSensors(noise_m=self.strut_sensor_noise_m)
 
     def amplifier(self, newton_per_m: float) -> Amplifier:
-        """One strut's converter, amplifier and coil; the coil's gain is the model's."""
+        """Return one strut's converter, amplifier and coil for a coil gain of the model."""
         return Amplifier(
             bits=self.dac_bits,
             full_input_a=self.dac_full_input_a,
@@ -180,18 +180,18 @@ class TestbedConfig:
 
 @dataclass(frozen=True)
 class Testbed:
-    """A machine with everything around it, the same in many runs.
+    """A machine with all constants around it, the same in many runs.
 
     Attributes:
-        model: The machine as its controllers know it; each of them makes its own of it.
+        model: Model of the machine's controllers, which copy it.
         bench: Constants around the plant.
         loops: The (alpha, beta) compensators, see
             :func:`fjh.rig.hexapod.controller.nominal_loops`.
-        stiffness: Of the struts and the payload, shape (12, 12), for goals with free struts; see
-            :func:`fjh.rig.hexapod.fault_tolerance.strut_and_payload_stiffness`.
+        stiffness: Stiffness of the struts and the payload, shape (12, 12), for goals with free
+            struts; see :func:`fjh.rig.hexapod.fault_tolerance.strut_and_payload_stiffness`.
     """
 
-    __test__ = False  # pytest takes a class Test... for one of its own
+    __test__ = False  # pytest must not collect this class
 
     model: mujoco.MjModel
     bench: TestbedConfig
@@ -199,9 +199,9 @@ class Testbed:
     stiffness: Array | None = None
 
     def scaled(self, *, stroke: float = 1.0, spiral: float = 1.0) -> "Testbed":
-        """A machine of longer strokes, with coils and amplifiers for them, on a larger spiral.
+        """Return a machine with longer strokes, coils and amplifiers for them, and a larger spiral.
 
-        The detector sees the spiral; its noise and the crossovers stay as they are.
+        The detector covers the spiral; its noise and the crossovers are unchanged.
         """
         model = copy.copy(self.model)
         model.jnt_range[model.actuator_trnid[:, 0]] *= stroke
@@ -217,5 +217,5 @@ class Testbed:
         return replace(self, model=model, bench=bench)
 
     def amplifier(self) -> Amplifier:
-        """One strut's converter, amplifier and coil, with the gain of the model's coils."""
+        """Return one strut's converter, amplifier and coil, with the gain of the model's coils."""
         return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))

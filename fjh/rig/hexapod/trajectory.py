@@ -15,18 +15,18 @@ def spiral(
     exponent: float = 1.0,
     start_rad: float = 0.0,
 ) -> Array:
-    """Archimedean spiral (alpha, beta) from the centre outwards, shape (N, 2), [rad].
+    """Return an Archimedean spiral (alpha, beta) from the center outwards, shape (N, 2), [rad].
 
-    Radius and angle grow with (t / duration)^exponent: evenly in time with 1; with 1/2 the path is
-    followed at constant speed, but for the first part of a turn.
+    Radius and angle grow with (t / duration)^exponent: in proportion to time with 1; at constant
+    speed with 1/2, except for the first part of a turn.
 
     Args:
-        time_s: Not negative, shape (N,).
-        radius_rad: Reached at `duration_s`.
-        turns: Made by then; positive from alpha towards beta, negative the other way.
-        duration_s: Of the whole spiral.
-        exponent: Of the law of time, above 0 and at most 1.
-        start_rad: Direction in which it leaves the centre, from alpha towards beta.
+        time_s: Times, not negative, shape (N,) [s].
+        radius_rad: Radius reached at `duration_s`.
+        turns: Turns made by then; positive from alpha towards beta, negative the other way.
+        duration_s: Duration of the complete spiral [s].
+        exponent: Exponent of the time law, above 0 and at most 1.
+        start_rad: Direction in which it leaves the center, from alpha towards beta.
     """
     time_s = check.array("time_s", time_s, None, least=0.0)
     check.number("radius_rad", radius_rad)

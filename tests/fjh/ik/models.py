@@ -1,4 +1,4 @@
-"""Models of the tests of inverse kinematics, each compiled once a process, and what moves them."""
+"""Models for the tests of inverse kinematics, compiled once per process, and simulated motions."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -22,18 +22,18 @@ def model_of(name: str) -> mujoco.MjModel:
 
 
 def bent(model: mujoco.MjModel, seed: int, size: float = 0.3) -> mujoco.MjData:
-    """A random state near that of the model, loops closed."""
+    """Return a random state near the model's own, loops closed."""
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(scale=size, size=model.nv), 1.0)
     return assemble(model, data)
 
 
-def shifted(pose: Pose, *way: float) -> Pose:
-    return Pose(pose.rotation, pose.translation_m + way)
+def shifted(pose: Pose, *shift: float) -> Pose:
+    return Pose(pose.rotation, pose.translation_m + shift)
 
 
-def flight(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]:
-    """The states of so many ticks, each with its velocity and the largest change of one."""
+def run_ticks(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]:
+    """Yield the state of each tick with its velocity and the largest change of a velocity."""
     before = data.qvel.copy()
     for _ in range(ticks):
         qvel = np.array(ik.step(data, dt))
@@ -43,11 +43,11 @@ def flight(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Tick]
 
 
 def moved(ik: Ik, data: mujoco.MjData, ticks: int, dt: float = DT) -> mujoco.MjData:
-    """The state after so many ticks."""
-    *_, (data, _, _) = flight(ik, data, ticks, dt)
+    """Return the state after a number of ticks."""
+    *_, (data, _, _) = run_ticks(ik, data, ticks, dt)
     return data
 
 
 def missed(task: TaskFunction, model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """By how much at most the task is not met."""
+    """Return the largest remaining error of a task."""
     return float(np.abs(task.on(model).error(model, data)).max())

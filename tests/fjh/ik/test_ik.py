@@ -1,4 +1,4 @@
-"""Inverse kinematics: strict levels of tasks, whatever fails, on arms, loops and legs."""
+"""Inverse kinematics: strict levels of tasks, under any failure, on arms, loops and legs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -38,13 +38,13 @@ POSITION = [3, 4, 5]
 
 
 def rows(model: mujoco.MjModel, data: mujoco.MjData, task: TaskFunction) -> tuple[Array, Array]:
-    """Jacobian and velocity that a task asks for, apart from any solver."""
+    """Return the Jacobian and the target velocity of a task, without a solver."""
     located = task.on(model)
     return located.jacobian(model, data), task.gain / DT * located.error(model, data)
 
 
 def by_null_spaces(levels: list[tuple[Array, Array]], n: int, locked: list[int]) -> Array:
-    """The textbook's recursion of null spaces, rank by numpy."""
+    """Return the textbook's recursion of null spaces, with ranks by numpy."""
     v, free = np.zeros(n), np.delete(np.eye(n), locked, axis=1)
     for A, b in levels:
         v = v + free @ np.linalg.pinv(A @ free, rcond=1e-9) @ (b - A @ v)
@@ -54,7 +54,7 @@ def by_null_spaces(levels: list[tuple[Array, Array]], n: int, locked: list[int])
 
 @pytest.mark.parametrize("seed", range(8))
 def test_strict_levels_are_those_of_the_recursion_of_null_spaces(seed):
-    """Without limits and damping, of tasks of all kinds in any order, with a joint that locks."""
+    """Random levels of all kinds of tasks without limits and damping, with a locked joint."""
     rng, model = np.random.default_rng(seed), model_of("humanoid")
     data = bent(model, seed)
     here = pose_of(model, data, "right_hand")
@@ -80,28 +80,28 @@ def test_strict_levels_are_those_of_the_recursion_of_null_spaces(seed):
 
 
 def test_a_level_of_several_tasks_weighs_them():
-    """Two positions that one slide cannot reach both: the weighted mean."""
+    """One slide cannot reach two positions: the result is the weighted mean."""
     model = model_of("xy_table")
     to_left = FrameTask("a", rows=[3], target=[-1.0, 0, 0], weight=1.0)
     to_right = FrameTask("b", rows=[3], target=[3.0, 0, 0], weight=2.0)
-    found = Ik(model, [[to_left, to_right]], FREELY).step(mujoco.MjData(model), DT)
-    np.testing.assert_allclose(found * DT, [(1 * -1.0 + 4 * 2.0) / 5, 0.0])
+    rates = Ik(model, [[to_left, to_right]], FREELY).step(mujoco.MjData(model), DT)
+    np.testing.assert_allclose(rates * DT, [(1 * -1.0 + 4 * 2.0) / 5, 0.0])
 
 
-def test_failures_compose_and_leave_the_healthy_one_alone():
+def test_failures_compose_and_do_not_change_the_healthy_solver():
     model, tool = model_of("arm"), FrameTask("payload", target=np.zeros(3))
     data, healthy = bent(model, 1), Ik(model, [tool], FREELY)
     before = healthy.step(data, DT)
     both = healthy.with_failures(locked=["joint1"]).with_failures(locked=["joint4"])
     assert not both.step(data, DT)[[0, 3]].any()
     np.testing.assert_array_equal(healthy.step(data, DT), before)
-    free = healthy.with_failures(free=["joint2"])  # it moves the task by itself
+    free = healthy.with_failures(free=["joint2"])  # self-motion moves the task
     assert free.solve(data, DT).status is Status.SELF_MOTION
 
 
 @pytest.mark.parametrize("joint", ["joint2", "joint5", "joint9"])
-def test_two_arms_carry_their_load_and_keep_hold_of_it_when_a_joint_locks(joint):
-    """Six motions of twelve joints in a loop; of five, its position and two rotations."""
+def test_two_arms_carry_their_load_while_a_joint_is_locked(joint):
+    """Twelve joints in a loop control six motions; eleven only five of them."""
     model, load = model_of("arms"), Body("load")
     data = assemble(model)
     start, place = pose_of(model, data, load), FrameTask(load, rows=POSITION)
@@ -115,7 +115,7 @@ def test_two_arms_carry_their_load_and_keep_hold_of_it_when_a_joint_locks(joint)
 
 
 def walking() -> tuple[mujoco.MjData, list[FrameTask], FrameTask]:
-    """A quadruped with three feet that stand and one that steps, and its trunk."""
+    """Return a quadruped with three feet on the ground and one that steps, and its trunk."""
     model = model_of("quadruped")
     data = assemble(model)
     places = {leg: pose_of(model, data, leg).translation_m for leg in LEGS}
@@ -127,7 +127,7 @@ def walking() -> tuple[mujoco.MjData, list[FrameTask], FrameTask]:
 
 @pytest.mark.parametrize("locked", [None, "rear_left_hip"])
 def test_a_quadruped_steps_with_its_trunk_as_a_variable(locked):
-    """With a hip locked the feet come first, and the trunk takes what is left."""
+    """If a hip is locked the feet have priority, and the trunk misses its target."""
     model, (data, feet, trunk) = model_of("quadruped"), walking()
     ik = Ik(model, [feet[1:], feet[0], trunk, PostureTask(target=data.qpos)], active=["root"])
     data = moved(ik if locked is None else ik.with_failures(locked=[locked]), data, 60)
@@ -139,7 +139,7 @@ def test_a_quadruped_steps_with_its_trunk_as_a_variable(locked):
         assert 1e-4 < missed(trunk, model, data) < 0.05
 
 
-def test_variables_are_named_where_no_actuator_moves_a_task():
+def test_a_task_that_no_actuator_moves_needs_active_variables():
     model, (data, feet, trunk) = model_of("quadruped"), walking()
     steps = [
         Ik(model, [feet[1:], feet[0], trunk], active=active).step(data, DT)
@@ -165,9 +165,9 @@ def test_a_humanoid_follows_with_its_hand_and_both_feet_stay(stands_by, locked):
     else:
         ik = Ik(model, [com, hand, posture], pinned=[Pin(foot, weld=True) for foot in FEET])
     ik = ik.with_failures(locked=locked)
-    stood, reach = [pose_of(model, data, foot) for foot in FEET], 10 if locked else 30
-    for k in range(1, reach + 11):
-        hand.target = start.translation_m + 0.005 * min(k, reach) * np.array([1.0, 0.3, 0.6])
+    stood, last = [pose_of(model, data, foot) for foot in FEET], 10 if locked else 30
+    for k in range(1, last + 11):
+        hand.target = start.translation_m + 0.005 * min(k, last) * np.array([1.0, 0.3, 0.6])
         data = moved(ik, data, 1, 0.02)
     for foot, before in zip(FEET, stood, strict=True):
         now = pose_of(model, data, foot)
@@ -179,7 +179,7 @@ def test_a_humanoid_follows_with_its_hand_and_both_feet_stay(stands_by, locked):
 
 
 def three_links(*angles: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A planar arm with a reach of 0.9 m, stretched along x where its joints are at zero."""
+    """Return a planar arm with a reach of 0.9 m, stretched along x at joint angles of zero."""
     model = model_of("three_links")
     data = mujoco.MjData(model)
     data.qpos[:] = angles
@@ -206,7 +206,7 @@ def test_near_a_singular_pose_damping_bounds_the_rates_at_a_stated_cost(bend):
 
 
 def rested(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
-    """The largest rate of the last ticks."""
+    """Return the largest rate of the last ticks."""
     fastest = 0.0
     for k in range(ticks):
         ik.advance(data, ik.step(data, DT), DT, into=data)
@@ -224,19 +224,23 @@ def rested(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
 @pytest.mark.parametrize("distance", [1.0, 1.8, 9.0])
 @pytest.mark.parametrize("level", ["alone", "with damping", "before a posture"])
 def test_out_of_reach_an_arm_rests_at_the_nearest_point(level, distance, gain, limits):
-    """However far, at any gain: stretched towards the target."""
+    """The arm stretches towards the target at any distance and gain."""
     model, data = three_links(*BENT)
     target = distance * np.array([0.6, 0.0, -0.8])
     tip = FrameTask("payload", rows=[3, 5], target=target, gain=gain)
     posture = PostureTask(target=data.qpos.copy(), gain=gain)
-    rest = DampingTask(weight=0.1)
-    levels = {"alone": [tip], "with damping": [[tip, rest]], "before a posture": [tip, posture]}
+    damping_task = DampingTask(weight=0.1)
+    levels = {
+        "alone": [tip],
+        "with damping": [[tip, damping_task]],
+        "before a posture": [tip, posture],
+    }
     assert rested(Ik(model, levels[level], limits), data, 300) < 1e-3
     np.testing.assert_allclose(data.site("payload").xpos, 0.9 * target / distance, atol=1e-4)
 
 
-def test_what_is_out_of_reach_costs_the_levels_before_and_after_it_nothing():
-    """The height first, exactly; the distance as far as it goes; and the roll, which both leave."""
+def test_an_unreachable_task_does_not_degrade_other_levels():
+    """Height first, exactly; distance as far as possible; then the roll, which both leave free."""
     model, data = three_links(*BENT)
     height = FrameTask("payload", rows=[5], target=[0.0, 0.0, 0.5])
     far = FrameTask("payload", rows=[3], target=[4.0, 0.0, 0.0])
@@ -252,7 +256,7 @@ def test_what_is_out_of_reach_costs_the_levels_before_and_after_it_nothing():
 @pytest.mark.parametrize(
     "name, frame", [("arm", "payload"), ("mobile", "tool"), ("arms", "payload")]
 )
-def test_near_a_target_that_can_be_reached_nothing_is_damped_to_the_bit(name, frame):
+def test_near_a_reachable_target_no_damping_is_added_to_the_bit(name, frame):
     model, steps = model_of(name), []
     data = bent(model, 3, 0.1)
     for damping in (None, 0.0):
@@ -263,8 +267,8 @@ def test_near_a_target_that_can_be_reached_nothing_is_damped_to_the_bit(name, fr
 
 
 @pytest.mark.parametrize("kind", [FrameTask, CenterOfMassTask, RelativeFrameTask])
-def test_a_task_is_judged_where_the_robot_stands_not_at_zero(kind):
-    """By numpy from rows apart; at the stretch itself a status; without a motion a refusal."""
+def test_a_task_is_evaluated_at_the_present_pose(kind):
+    """Rows by numpy are the reference; an unreachable row at any pose is an error."""
     model, data = three_links(*BENT)
     if kind is CenterOfMassTask:
         task = CenterOfMassTask(rows=[0], target=data.subtree_com[0] + 0.01)
@@ -272,8 +276,8 @@ def test_a_task_is_judged_where_the_robot_stands_not_at_zero(kind):
         frames = ["payload", Body("world")][: 1 if kind is FrameTask else 2]
         task = kind(*frames, rows=[3], target=data.site("payload").xpos + 0.01)
     A, _ = rows(model, data, task)
-    found = Ik(model, [task], FREELY).step(data, DT)
-    np.testing.assert_allclose(found, np.linalg.pinv(A)[:, 0] * 0.01 / DT, rtol=1e-6, atol=1e-9)
+    rates = Ik(model, [task], FREELY).step(data, DT)
+    np.testing.assert_allclose(rates, np.linalg.pinv(A)[:, 0] * 0.01 / DT, rtol=1e-6, atol=1e-9)
     _, stretched = three_links(*STRETCHED)
     assert Ik(model, [task], FREELY).solve(stretched, DT).status is Status.LEAST_SQUARES
     assert not jacobians(model, stretched, task).J_T.any()
@@ -292,8 +296,8 @@ def test_a_task_is_judged_where_the_robot_stands_not_at_zero(kind):
         (JointCouplingTask({"joint1": 1.0}), "coefficients", {"joint2": 1.0}),
     ],
 )
-def test_what_an_ik_has_looked_up_of_a_task_cannot_be_set_any_more(task, name, value):
-    """Before it may be, checked; the gain at any time."""
+def test_attributes_of_a_task_are_fixed_once_an_ik_uses_it(task, name, value):
+    """Before, attributes can be set and are checked; the gain can be set at any time."""
     with pytest.raises((TypeError, ValueError), match=name):
         setattr(task, name, object())
     setattr(task, name, value)
@@ -303,87 +307,93 @@ def test_what_an_ik_has_looked_up_of_a_task_cannot_be_set_any_more(task, name, v
     task.gain = 0.5
 
 
-def test_the_same_question_has_the_same_answer_whatever_came_before():
+def test_a_solution_does_not_depend_on_earlier_steps():
     model, tool, answers = model_of("mobile"), FrameTask("tool"), []
     ik = Ik(model, [tool, PostureTask(target=model.qpos0)], Limits(velocity=1.0))
-    for seed, size, way in ((5, 0.1, 0.1), (6, 0.2, -0.2), (5, 0.1, 0.1)):
+    for seed, size, shift in ((5, 0.1, 0.1), (6, 0.2, -0.2), (5, 0.1, 0.1)):
         data = bent(model, seed, size)
-        tool.target = shifted(pose_of(model, data, "tool"), way, 0.1, -way)
+        tool.target = shifted(pose_of(model, data, "tool"), shift, 0.1, -shift)
         answers.append(ik.step(data, DT))
     np.testing.assert_array_equal(answers[0], answers[2])
 
 
 @pytest.mark.parametrize("locked", [[], ["joint2"]])
 @pytest.mark.parametrize("name, frame", [("arm", "payload"), ("arms", Body("load"))])
-def test_a_solution_that_is_kept_says_the_same_after_further_steps(name, frame, locked):
-    """Its velocity, from one compiled call, is that of its findings and, to the bit, of a step."""
+def test_a_stored_solution_does_not_change_with_further_steps(name, frame, locked):
+    """The compiled velocity equals that of the full solution and, to the bit, that of a step."""
     model, tool = model_of(name), FrameTask(frame)
     data = bent(model, 4, 0.1)
     ik = Ik(model, [tool, PostureTask(target=data.qpos)], Limits(velocity=2.0))
     ik = ik.with_failures(locked=locked)
-    kept, said = [], []
+    solutions, results = [], []
     for _ in range(3):
         tool.target = shifted(pose_of(model, data, frame), 0.01, 0.0, 0.01)
-        kept.append(ik.solve(data, DT))
-        asked = ik.solve(data, DT)
-        rates = asked.kinematics.velocities(asked.solution.rates)[: model.nv]
-        np.testing.assert_allclose(asked.qvel, rates, rtol=0, atol=1e-9 * np.abs(rates).max())
-        said.append((asked.qvel.copy(), asked.kinematics.J.copy(), asked.residuals, str(asked)))
-        np.testing.assert_array_equal(ik.step(data, DT), asked.qvel)
-        ik.advance(data, asked.qvel, DT, into=data)
-    for solution, (qvel, J, residuals, words) in zip(kept, said, strict=True):
+        solutions.append(ik.solve(data, DT))
+        solved = ik.solve(data, DT)
+        rates = solved.kinematics.velocities(solved.solution.rates)[: model.nv]
+        np.testing.assert_allclose(solved.qvel, rates, rtol=0, atol=1e-9 * np.abs(rates).max())
+        results.append(
+            (solved.qvel.copy(), solved.kinematics.J.copy(), solved.residuals, str(solved))
+        )
+        np.testing.assert_array_equal(ik.step(data, DT), solved.qvel)
+        ik.advance(data, solved.qvel, DT, into=data)
+    for solution, (qvel, J, residuals, text) in zip(solutions, results, strict=True):
         np.testing.assert_array_equal(solution.qvel, qvel)
         np.testing.assert_array_equal(solution.kinematics.J, J)
         np.testing.assert_equal(solution.residuals, residuals)
-        assert str(solution) == words
+        assert str(solution) == text
 
 
 @pytest.mark.parametrize(
-    "tasks, active, words",
+    "tasks, active, pattern",
     [
-        (2 * [FrameTask("payload")], [], "none twice"),
+        (2 * [FrameTask("payload")], [], "no task twice"),
         ([FrameTask("payload")], ["joint1"], "joint1"),
         ([[FrameTask("payload", weight=[1, 2])]], [], r"must be one number or 6, got 2"),
     ],
 )
-def test_levels_that_are_none_are_refused(tasks, active, words):
-    with pytest.raises((ValueError, ModelError), match=words):
+def test_invalid_levels_are_rejected(tasks, active, pattern):
+    with pytest.raises((ValueError, ModelError), match=pattern):
         Ik(model_of("arm"), tasks, active=active)
 
 
 @dataclass(eq=False)
-class _Own(TaskFunction):
-    """A task of a user's own: one row, of which a function says the error and the Jacobian."""
+class _UserTask(TaskFunction):
+    """A user-defined task with one row whose error and Jacobian a function returns."""
 
-    says: Any = None
+    returns: Any = None
     frames: tuple = ()
     angular: tuple[bool, ...] = (False,)
 
-    def on(self, model: mujoco.MjModel) -> "_Own":
+    def on(self, model: mujoco.MjModel) -> "_UserTask":
         return self
 
     def error(self, model, data):
-        return self.says(model, data)[0]
+        return self.returns(model, data)[0]
 
     def jacobian(self, model, data):
-        return self.says(model, data)[1]
+        return self.returns(model, data)[1]
 
 
-def apart(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
-    """How far the two hands are from being 0.25 m apart."""
+def hand_distance(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
+    """Return 0.25 m minus the distance of the hands, and the Jacobian of the distance."""
     hands, rows = [data.site(f"{side}_hand") for side in ("left", "right")], np.zeros((2, 3, 35))
     for hand, J in zip(hands, rows, strict=True):
         mujoco.mj_jacSite(model, data, J, None, hand.id)
-    way = hands[1].xpos - hands[0].xpos
-    length = np.linalg.norm(way)
-    return np.array([0.25 - length]), (way / length @ (rows[1] - rows[0]))[None]
+    distance = hands[1].xpos - hands[0].xpos
+    length = np.linalg.norm(distance)
+    return np.array([0.25 - length]), (distance / length @ (rows[1] - rows[0]))[None]
 
 
-def test_a_task_of_a_users_own_is_met_like_any_other():
+def test_a_user_defined_task_is_achieved():
     model = model_of("humanoid")
     data = bent(model, 4, 0.2)
-    ik = Ik(model, [_Own(says=apart), PostureTask(target=data.qpos, gain=0.2)], active=["root"])
-    assert abs(apart(model, moved(ik, data, 60))[0]) < 1e-9
+    ik = Ik(
+        model,
+        [_UserTask(returns=hand_distance), PostureTask(target=data.qpos, gain=0.2)],
+        active=["root"],
+    )
+    assert abs(hand_distance(model, moved(ik, data, 60))[0]) < 1e-9
 
 
 ONES = np.ones((1, 7))
@@ -392,18 +402,22 @@ MASKED, COMPLEX = (np.ma.masked_array([1.0], [True]), ONES * 1j)
 
 @pytest.mark.parametrize("wrong", [MASKED, COMPLEX, None, "near", [np.nan], [1.0, 2.0], [None]])
 @pytest.mark.parametrize("what", ["error", "Jacobian"])
-def test_what_a_users_own_task_says_that_is_no_row_of_numbers_is_refused(what, wrong):
-    """A list is as good as an array."""
-    arm, says = model_of("arm"), (wrong, ONES) if what == "error" else ([0.1], wrong)
-    found = Ik(arm, [_Own(says=lambda *_: ([0.7], ONES.tolist()))], FREELY).step(assemble(arm), DT)
-    np.testing.assert_allclose(found, 0.7 / DT / 7)
-    with pytest.raises(ValueError, match=f"the {what} of _Own.* must (be|hold|have)") as refused:
-        Ik(arm, [_Own(says=lambda *_: says)]).step(assemble(arm), DT)
-    assert "\n" not in str(refused.value)
+def test_invalid_errors_and_jacobians_of_user_defined_tasks_are_rejected(what, wrong):
+    """A list is as valid as an array."""
+    arm, returns = model_of("arm"), (wrong, ONES) if what == "error" else ([0.1], wrong)
+    rates = Ik(arm, [_UserTask(returns=lambda *_: ([0.7], ONES.tolist()))], FREELY).step(
+        assemble(arm), DT
+    )
+    np.testing.assert_allclose(rates, 0.7 / DT / 7)
+    with pytest.raises(
+        ValueError, match=f"the {what} of _UserTask.* must (be|hold|have)"
+    ) as rejection:
+        Ik(arm, [_UserTask(returns=lambda *_: returns)]).step(assemble(arm), DT)
+    assert "\n" not in str(rejection.value)
 
 
-def test_where_all_tasks_can_be_met_at_once_both_give_the_same_velocity():
-    """Feet, a hand and the centre of mass of a humanoid: nothing conflicts, costs are idle."""
+def test_compatible_tasks_give_the_velocity_of_mink():
+    """Tasks of a humanoid that do not conflict, so that weights do not matter."""
     model = model_of("humanoid")
     data = mujoco.MjData(model)
     targets = {name: pose_of(model, data, name) for name in ("left_foot", "right_foot")}
@@ -411,14 +425,14 @@ def test_where_all_tasks_can_be_met_at_once_both_give_the_same_velocity():
     com = pose_of(model, data, CenterOfMass()).translation_m + 0.004
     center = mink.ComTask(cost=1.0)
     center.set_target(com)
-    theirs: list[mink.Task] = [center]
-    ours: list[TaskFunction] = [CenterOfMassTask(target=com)]
+    mink_tasks: list[mink.Task] = [center]
+    tasks: list[TaskFunction] = [CenterOfMassTask(target=com)]
     for name, target in targets.items():
         task = mink.FrameTask(name, "site", position_cost=1.0, orientation_cost=1.0)
         task.set_target(mink.SE3.from_matrix(target.matrix()))
-        theirs.append(task)
-        ours.append(FrameTask(name, target=target))
+        mink_tasks.append(task)
+        tasks.append(FrameTask(name, target=target))
     configuration = mink.Configuration(model, data.qpos)
-    v = mink.solve_ik(configuration, theirs, dt=DT, solver="daqp", limits=[], damping=1e-12)
-    ik = Ik(model, [ours], Limits(ranges=False), active=["root"])
+    v = mink.solve_ik(configuration, mink_tasks, dt=DT, solver="daqp", limits=[], damping=1e-12)
+    ik = Ik(model, [tasks], Limits(ranges=False), active=["root"])
     np.testing.assert_allclose(ik.step(data, DT), v, atol=2e-3 * np.abs(v).max())

@@ -1,4 +1,4 @@
-"""Limits: they hold at every tick, whatever is asked for, and what is beyond one returns."""
+"""Limits hold at every tick for all targets, and positions beyond a limit return."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -11,7 +11,7 @@ import pytest
 from fjh.ik import Ik, Limits
 from prioritized import Status
 from sim import Array, Body, Distances, FrameTask, PostureTask, assemble, ranges
-from tests.fjh.ik.models import flight, model_of, moved
+from tests.fjh.ik.models import model_of, moved, run_ticks
 from tests.robots import TEST_MODELS
 from tests.scenes import arm_among, distances_of
 
@@ -24,17 +24,17 @@ SEEDS = pytest.mark.parametrize(
 
 
 @SEEDS
-def test_limits_hold_while_the_tool_chases_what_it_cannot_reach(seed):
+def test_limits_hold_while_the_tool_follows_unreachable_targets(seed):
     rng, model = np.random.default_rng(seed), model_of("mobile")
     (low, high), tool = ranges(model).joint.T, FrameTask("tool")
-    speed, hard = rng.uniform(0.5, 3.0), rng.uniform(2.0, 20.0)
+    speed, most = rng.uniform(0.5, 3.0), rng.uniform(2.0, 20.0)
     posture = PostureTask(target=model.qpos0)
-    ik = Ik(model, [tool, posture], Limits(velocity=speed, acceleration=hard))
+    ik = Ik(model, [tool, posture], Limits(velocity=speed, acceleration=most))
     targets, at_limit = rng.normal(scale=2.0, size=(5, 3)), 0
     tool.target = targets[0]
-    for k, (data, qvel, change) in enumerate(flight(ik, mujoco.MjData(model), 120, DT), 1):
+    for k, (data, qvel, change) in enumerate(run_ticks(ik, mujoco.MjData(model), 120, DT), 1):
         tool.target = targets[k // 30]
-        assert (np.abs(qvel) <= speed).all() and change <= hard * DT * (1 + 1e-12)
+        assert (np.abs(qvel) <= speed).all() and change <= most * DT * (1 + 1e-12)
         assert (data.qpos >= low - 1e-12).all() and (data.qpos <= high + 1e-12).all()
         at_limit += (np.abs(qvel) > 0.999 * speed).sum()
     assert at_limit > 20
@@ -48,25 +48,25 @@ def test_limits_hold_while_the_tool_chases_what_it_cannot_reach(seed):
         ({"both": 0.5}, (0.25, 0.25)),
     ],
 )
-def test_names_of_actuators_and_tendons_are_taken(limits, expected):
+def test_limits_by_name_of_actuators_and_tendons(limits, expected):
     model, task = model_of("xy_table"), FrameTask("top", rows=[3, 4], target=[1.0, 1.0, 0.0])
     ik = Ik(model, [task], Limits(ranges=False, velocity=limits))
     np.testing.assert_allclose(ik.step(mujoco.MjData(model), 1.0), expected)
 
 
-def asked(target: float) -> FrameTask:
+def task_to(target: float) -> FrameTask:
     return FrameTask("a", rows=[3], target=[target, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("beyond", [0.51, -0.7])
-def test_a_joint_beyond_its_range_returns_at_once_or_as_fast_as_it_may(beyond):
-    """One that is locked there asks for nothing."""
+def test_a_joint_beyond_its_range_returns_within_its_velocity_limit(beyond):
+    """A joint that is locked beyond its range requires no motion."""
     model = model_of("xy_table")
     data = mujoco.MjData(model)
     data.qpos[0] = beyond
-    at_once = Ik(model, [asked(2.0 * beyond)]).step(data, DT)[0]
+    at_once = Ik(model, [task_to(2.0 * beyond)]).step(data, DT)[0]
     np.testing.assert_allclose(beyond + DT * at_once, np.sign(beyond) * 0.5)
-    slow = Ik(model, [asked(2.0 * beyond)], Limits(velocity=0.1))
+    slow = Ik(model, [task_to(2.0 * beyond)], Limits(velocity=0.1))
     slowly = slow.step(data, DT)[0]
     np.testing.assert_allclose(slowly, -np.sign(beyond) * min(0.1, abs(at_once)))
     for locked in (["x"], ["x", "up"]):
@@ -77,7 +77,7 @@ def test_a_joint_beyond_its_range_returns_at_once_or_as_fast_as_it_may(beyond):
 TURN_ON = PostureTask(target=[2.0, 0.0, 0.0])
 
 
-def test_without_ranges_a_passive_joint_leaves_its_own():
+def test_without_ranges_a_passive_joint_leaves_its_range():
     model = model_of("four_bar")
     ik = Ik(model, [TURN_ON], Limits(ranges=False, velocity=1.0))
     assert abs(moved(ik, assemble(model), 60, DT).joint("rocker").qpos[0]) > 0.35
@@ -94,17 +94,17 @@ def test_without_ranges_a_passive_joint_leaves_its_own():
 def test_a_passive_joint_of_a_loop_stays_in_its_range_and_is_braked_before_it(
     acceleration, dt, off
 ):
-    """The crank is asked to turn on; the rocker, which no actuator moves, stops it."""
+    """The crank has a target beyond the limit of the rocker, which no actuator moves."""
     model, rocker = model_of("four_bar"), []
     ik = Ik(model, [TURN_ON], Limits(velocity=1.0, acceleration=acceleration))
-    for data, _, change in flight(ik, assemble(model), round(3.0 / dt), dt):
+    for data, _, change in run_ticks(ik, assemble(model), round(3.0 / dt), dt):
         assert change <= (acceleration or np.inf) * dt * (1 + 1e-6)
         rocker.append(abs(data.joint("rocker").qpos[0]))
     assert 0.29 < max(rocker) < 0.3 + off
 
 
-def test_where_a_loop_cannot_return_so_fast_it_goes_no_farther():
-    """The rocker is far beyond its range, and the crank that would bring it back is slow."""
+def test_a_loop_that_cannot_return_fast_enough_does_not_exceed_further():
+    """The rocker is far beyond its range, and the crank that moves it back is slow."""
     model = copy(model_of("four_bar"))
     data = moved(Ik(model, [TURN_ON], Limits(velocity=1.0)), assemble(model), 40, DT)
     beyond = abs(data.joint("rocker").qpos[0])
@@ -118,7 +118,7 @@ def test_where_a_loop_cannot_return_so_fast_it_goes_no_farther():
 
 
 def winched() -> mujoco.MjModel:
-    """The table, its rope the only drive along x."""
+    """Return the table with its rope as the only drive along x."""
     spec = mujoco.MjSpec.from_file(str(TEST_MODELS / "xy_table.xml"))
     for name in ("y", "pull"):
         spec.delete(spec.actuator(name))
@@ -127,13 +127,13 @@ def winched() -> mujoco.MjModel:
 
 
 def travelled(model: mujoco.MjModel, limits: Limits, ticks: int) -> Array:
-    """Where the block is from the start on, asked to go far away."""
-    ticks_of = flight(Ik(model, [asked(9.0)], limits), mujoco.MjData(model), ticks, DT)
+    """Return the positions of the block from the start on, with a distant target."""
+    ticks_of = run_ticks(Ik(model, [task_to(9.0)], limits), mujoco.MjData(model), ticks, DT)
     return np.array([0.0, *(data.qpos[0] for data, _, _ in ticks_of)])
 
 
-def test_a_tendon_that_is_driven_stays_in_its_range():
-    """The rope is a velocity of its own; the block that it moves is asked to go on."""
+def test_an_actuated_tendon_stays_in_its_range():
+    """The rope has its own velocity; the block that it moves has a target beyond its range."""
     model = winched()
     rope = model.tendon("rope").id
     model.tendon_limited[rope], model.tendon_range[rope] = True, [-0.2, 0.6]
@@ -142,7 +142,7 @@ def test_a_tendon_that_is_driven_stays_in_its_range():
     assert max(lengths) == pytest.approx(0.6, abs=1e-9)
 
 
-def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
+def test_an_actuated_tendon_respects_its_acceleration_limit():
     limits = Limits(ranges=False, velocity={"winch": 0.5}, acceleration={"rope": 2.0})
     rates = 2.0 * np.diff(travelled(winched(), limits, 40)) / DT
     np.testing.assert_allclose(rates, np.minimum(0.04 * np.arange(1, 41), 0.5))
@@ -158,7 +158,7 @@ def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
     ],
 )
 def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(acceleration, target):
-    """As MuJoCo measures them; the tip comes as near to its target as the tether lets it."""
+    """MuJoCo measures the ranges; the tip comes as near to its target as the tether permits."""
     model = model_of("tethered")
     data, start, turn = mujoco.MjData(model), mujoco.MjData(model), np.zeros(3)
     start.qpos[:2] = -0.6, 0.4
@@ -166,20 +166,20 @@ def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(accelerati
     nose = FrameTask("nose", rows=[3, 4], gain=0.2, target=[6.0, 0.7, 0.0])
     limits = Limits(velocity=3.0, acceleration=acceleration)
     ik = Ik(model, [[tip, nose]], limits, active=["neck"])
-    for data, _, _ in flight(ik, start, 300, DT):
+    for data, _, _ in run_ticks(ik, start, 300, DT):
         mujoco.mj_fwdPosition(model, data)
         mujoco.mju_quat2Vel(turn, data.joint("neck").qpos, 1.0)
         assert 0.2 - 1e-6 < data.ten_length[0] < 0.95 + 1e-6 and np.linalg.norm(turn) < 0.5 + 1e-6
     assert np.linalg.norm(turn) > 0.499
-    way = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
-    left = np.linalg.norm(data.site("tip").xpos - tip.target)
-    assert left == pytest.approx(max(way - 0.95, 0.2 - way), abs=1e-3)
-    said = str(ik.solve(data, DT))
-    assert "tendon tether" in said and "joint neck" in said
+    reach = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
+    remaining = np.linalg.norm(data.site("tip").xpos - tip.target)
+    assert remaining == pytest.approx(max(reach - 0.95, 0.2 - reach), abs=1e-3)
+    text = str(ik.solve(data, DT))
+    assert "tendon tether" in text and "joint neck" in text
 
 
 def test_torque_limits_of_the_static_map_are_those_of_the_model():
-    """A variable without an actuator holds nothing: forces come from the legs alone."""
+    """A variable without an actuator exerts no force: all forces come from the legs."""
     model = model_of("quadruped")
     feet = [FrameTask(model.site(k).name, rows=[3, 4, 5], target=np.zeros(3)) for k in (1, 2)]
     answer = Ik(model, feet, active=["root"]).solve(assemble(model), DT)
@@ -194,7 +194,7 @@ SCENES = 5
 def chased(
     rng: np.random.Generator, obstacles=12, detection_m=0.1, ticks=40, dt=DT, **limits: Any
 ) -> tuple[float, float]:
-    """The way of an arm that came nearer to nothing than it may, by MuJoCo; its hardest braking."""
+    """Return the distance moved by an arm that keeps its clearances, and its hardest braking."""
     model = arm_among(obstacles, rng)
     data, distances = mujoco.MjData(model), Distances(model, None, 0.01, detection_m)
     mujoco.mj_forward(model, data)
@@ -202,19 +202,19 @@ def chased(
     allowed = np.minimum(distances_of(model, data.qpos, pairs, 0.1), 0.01)
     tip = FrameTask(Body(model.nbody - 1), rows=[3, 4, 5], target=rng.normal([0, 0, 0.5], 0.5))
     ik = Ik(model, [tip], Limits(distances=distances, **limits), active=True)
-    way = braking = 0.0
-    for now, qvel, change in flight(ik, data, ticks, dt):
+    moved_rad = braking = 0.0
+    for now, qvel, change in run_ticks(ik, data, ticks, dt):
         assert (allowed - distances_of(model, now.qpos, pairs, 0.1)).max() < 1e-6
-        way, braking = way + dt * np.abs(qvel).sum(), max(braking, change / dt)
-    return way, braking
+        moved_rad, braking = moved_rad + dt * np.abs(qvel).sum(), max(braking, change / dt)
+    return moved_rad, braking
 
 
 def part_that_moved(seeds: Iterable[int]) -> float:
-    ways = [chased(np.random.default_rng(seed), velocity=3.0)[0] for seed in seeds]
-    return float(np.mean(np.array(ways) > 0.05))
+    travels = [chased(np.random.default_rng(seed), velocity=3.0)[0] for seed in seeds]
+    return float(np.mean(np.array(travels) > 0.05))
 
 
-def test_arms_that_chase_a_point_among_obstacles_touch_nothing():
+def test_arms_among_obstacles_keep_their_clearances():
     assert part_that_moved(range(SCENES)) >= 0.8
 
 
@@ -231,7 +231,7 @@ def test_no_arm_of_1000_random_scenes_penetrates_anything(first):
 
 
 def cart(scale: float = 1.0) -> mujoco.MjModel:
-    """A ball before a wall on the right and a post, in metres times a scale."""
+    """Return a ball between a wall on the right and a post, in meters times a scale."""
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco><worldbody><geom name="wall" type="plane" pos="{scale} 0 0" zaxis="-1 0 0"
         size="1 1 .1"/><geom name="post" size="{0.05 * scale}" pos="0 {0.8 * scale} 0"/><body>
@@ -243,16 +243,16 @@ def cart(scale: float = 1.0) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
 @pytest.mark.parametrize("gain", [0.25, 1.0])
-def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
-    """From above it and from below it, as a geometric sequence."""
+def test_the_distance_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
+    """Starts above and below the margin: the distance is a geometric sequence."""
     model = cart()
     data, distances = mujoco.MjData(model), Distances(model, None, 0.01, 1.0, gain)
     data.qpos[0] = 0.9 - start_m
     ik = Ik(model, [FrameTask("tip", rows=[3], target=[9, 0, 0])], Limits(distances=distances))
     for k in range(1, 6):
         data = moved(ik, data, 1, DT)
-        left = (1 - gain) ** k * (start_m - 0.01)
-        assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(left, abs=1e-9)
+        expected = (1 - gain) ** k * (start_m - 0.01)
+        assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("detection", [0.03, 0.5])
@@ -265,29 +265,29 @@ def test_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
         pytest.param(1000.0, 0.01, marks=pytest.mark.long),
     ],
 )
-def test_before_a_wall_a_cart_brakes_as_it_may_and_stops_at_the_margin(scale, dt, detection):
-    """Past a post, in any units, and from however near the wall is seen."""
-    model, speed, hard, margin = cart(scale), 1.0 * scale, 2.0 * scale, 0.02 * scale
+def test_a_cart_brakes_within_its_limits_and_stops_at_the_margin(scale, dt, detection):
+    """The cart passes a post, in any units, for any detection distance."""
+    model, speed, most, margin = cart(scale), 1.0 * scale, 2.0 * scale, 0.02 * scale
     data, start = mujoco.MjData(model), mujoco.MjData(model)
     distances = Distances(model, margin_m=margin, detection_m=min(detection * scale, 100.0))
     task = FrameTask("tip", rows=[3, 4], target=[3.0 * scale, 0.9 * scale, 0.0])
-    ik = Ik(model, [task], Limits(velocity=speed, acceleration=hard, distances=distances))
-    for data, _, change in flight(ik, start, round(4.0 / dt), dt):
-        assert change <= hard * dt * (1 + 1e-9)
+    ik = Ik(model, [task], Limits(velocity=speed, acceleration=most, distances=distances))
+    for data, _, change in run_ticks(ik, start, round(4.0 / dt), dt):
+        assert change <= most * dt * (1 + 1e-9)
         assert distances_of(model, data.qpos, distances.geom_pairs, scale).min() > margin - 1e-6
     assert scale - data.qpos[0] - 0.1 * scale == pytest.approx(margin, rel=0.05)
 
 
 @SEEDS
-def test_no_joint_brakes_harder_than_it_may_among_obstacles(seed):
-    """Random arms, periods and accelerations; distances by MuJoCo."""
+def test_no_joint_exceeds_its_acceleration_limit_among_obstacles(seed):
+    """Random arms, periods and accelerations; MuJoCo measures the distances."""
     rng = np.random.default_rng(seed)
-    dt, hard = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
-    way, braking = chased(rng, 8, 0.05, 60, dt, acceleration=hard)
-    assert braking <= hard * (1 + 1e-9) and way > 0.01
+    dt, most = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
+    moved_rad, braking = chased(rng, 8, 0.05, 60, dt, acceleration=most)
+    assert braking <= most * (1 + 1e-9) and moved_rad > 0.01
 
 
-def test_a_start_that_is_too_fast_is_braked_as_hard_as_it_may_be_and_named():
+def test_a_start_too_fast_to_stop_is_braked_and_reported():
     model = cart()
     data, distances = mujoco.MjData(model), Distances(model, margin_m=0.02)
     data.qpos[0], data.qvel[0] = 0.8, 1.0
@@ -298,20 +298,20 @@ def test_a_start_that_is_too_fast_is_braked_as_hard_as_it_may_be_and_named():
 
 
 @pytest.mark.parametrize(
-    ("limits", "said"),
+    ("limits", "text"),
     [
         ({"velocity": {"y": 1.0}}, '"y" stands for joint'),
         ({"velocity": {"pul": 1.0}}, 'tendon or .* mean "pull"'),
         ({"acceleration": {"both": 1.0}}, 'no actuator .*"both"'),
     ],
 )
-def test_limits_that_are_none_are_refused_by_the_name_as_typed(limits, said):
-    with pytest.raises(ValueError, match=said):
-        Ik(model_of("xy_table"), [asked(1)], Limits(**limits))
+def test_invalid_limits_are_rejected_by_name(limits, text):
+    with pytest.raises(ValueError, match=text):
+        Ik(model_of("xy_table"), [task_to(1)], Limits(**limits))
 
 
-def test_distances_of_another_model_of_the_same_size_are_refused():
-    """They would keep what the other one's geoms need."""
+def test_distances_of_another_model_are_rejected():
+    """The distances would be those of the other model's geoms."""
     model, task = cart(), FrameTask("tip", rows=[3], target=np.zeros(3))
     Ik(model, [task], Limits(distances=Distances(cart())))
     with pytest.raises(ValueError, match="distances must be of this model"):

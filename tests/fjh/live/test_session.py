@@ -11,7 +11,7 @@ from fjh.live.course import COURSES
 from fjh.live.flight import Kind
 from fjh.live.panel import LASTING
 from fjh.live.session import Session
-from fjh.rig.run import SOUND
+from fjh.rig.run import HEALTHY
 from tests.fjh.rigs import rig
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -45,7 +45,7 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
         session.advance(1)
     assert session.states == [KINDS[1]] * 6
     for flight in session.flights:
-        struck = [(k, kind) for _, k, kind in flight.changes if kind != SOUND]
+        struck = [(k, kind) for _, k, kind in flight.changes if kind != HEALTHY]
         assert struck == [(k, kind) for k in range(6) for kind in (*KINDS[:0:-1], KINDS[1])]
         plant = flight._bench.plant
         locks = [plant.model.equality(f"lock{k}").id for k in range(1, 7)]
@@ -100,7 +100,7 @@ def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
     session.advance(30)
     session.follow("circle")
     session.restart()
-    assert session.tick == 1 and session.states == [SOUND] * 6 and session.going_on == set()
+    assert session.tick == 1 and session.states == [HEALTHY] * 6 and session.going_on == set()
     session.advance(60)
     for run, flight in zip(first, session.flights, strict=True):
         again = flight.run(0)
@@ -130,7 +130,7 @@ def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monk
     session.advance(39)
     early = session.last_minute()[0]
     assert len(early.time_s) == 40 and early.time_s[0] == 0.0
-    session.make(0, SOUND)
+    session.make(0, HEALTHY)
     session.advance(120)
     for run in session.last_minute():
         assert len(run.time_s) == 100 and run.time_s[-1] == pytest.approx(0.159)

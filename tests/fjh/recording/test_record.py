@@ -17,7 +17,7 @@ from fjh.recording.properties import properties_of
 from fjh.recording.read import read_run
 from fjh.recording.record import record, results_of
 from fjh.recording.view import Change, view_of
-from fjh.rig import Diagnosed
+from fjh.rig import DiagnosedFailure
 from fjh.rig.events import Event
 from tests import rrd
 from tests.made import ABOUT, made_run, made_view
@@ -94,7 +94,10 @@ def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
 
 def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
     _, rig, run = kept
-    diagnoses = Diagnosed("motor2", "weak", 0.05, None), Diagnosed("motor2", "locked", 0.2, None)
+    diagnoses = (
+        DiagnosedFailure("motor2", "weak", 0.05, None),
+        DiagnosedFailure("motor2", "locked", 0.2, None),
+    )
     view = view_of(rig, replace(run, diagnoses=diagnoses))
     ((bodies, words),) = view.failing
     assert list(bodies) == ["link2"]
@@ -107,7 +110,10 @@ def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
 
 def test_every_event_is_in_the_list_and_among_the_states(kept, tmp_path):
     _, rig, run = kept
-    named = Diagnosed("motor2", "free", 0.15, 0.18), Diagnosed("motor2", "locked", 0.2, None)
+    named = (
+        DiagnosedFailure("motor2", "free", 0.15, 0.18),
+        DiagnosedFailure("motor2", "locked", 0.2, None),
+    )
     file = tmp_path / "a.rrd"
     record(file, rig, replace(run, diagnoses=named, events=(Event("stuck", 0.05),)))
     when = {"stuck": 50, "motor2 locked": 100, "diagnosis: motor2 free": 150}

@@ -1,1 +1,1 @@
-"""One machine in the loop, and its recordings."""
+"""Tests of rigs: a machine in the loop, its events, predictions and errors."""

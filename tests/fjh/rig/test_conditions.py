@@ -1,4 +1,4 @@
-"""What is left of a task in each failure condition, the same as that condition alone."""
+"""Analysis of failure conditions: each result equals that of the condition alone."""
 
 from math import comb
 
@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fjh.rig.classification import POSSIBLE, classifications, names_of
+from fjh.rig.condition_analysis import LEAST_LEFT, analyze_conditions
 from fjh.rig.conditions import (
+    CODE_LETTERS,
     FREE,
-    LETTERS,
     LOCKED,
     codes_of,
     every_condition,
@@ -18,62 +20,64 @@ from fjh.rig.conditions import (
     few_failures,
     with_failures,
 )
-from fjh.rig.examined import LEAST_LEFT, examine
-from fjh.rig.verdicts import KEPT, names_of, verdicts
 from prioritized import ConstrainedSystem, failure_atlas
 from tests.random_systems import SEEDS, systems
 
 
 @given(SEEDS, st.integers(1, 3), st.booleans())
-def test_a_verdict_says_what_the_failed_mechanism_says_of_itself(seed, directions, springs):
-    """Random loops of four actuators, two of them alike, and two passive joints."""
+def test_a_classification_equals_that_of_the_failed_mechanism(seed, directions, springs):
+    """Random loops of four actuators, two of them equal, and two passive joints."""
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(4, 6)), rng.normal(size=(1, 6))
     J_T[:, 1], J_C[:, 1] = J_T[:, 0], J_C[:, 0]
     stiffness = np.diag(rng.uniform(0, 1, 6).round()) if springs else None
     system = ConstrainedSystem(J_T, J_C, range(4), stiffness=stiffness)
     major = list(range(directions))
-    found = verdicts(failure_atlas(system, major))
-    assert np.sum([each.holds for each in found], axis=0).tolist() == [1] * 81
-    assert np.sum([each.by_failures for each in found], axis=0).tolist() == [1, 8, 24, 32, 16]
+    classes = classifications(failure_atlas(system, major))
+    assert np.sum([each.holds for each in classes], axis=0).tolist() == [1] * 81
+    assert np.sum([each.by_failures for each in classes], axis=0).tolist() == [1, 8, 24, 32, 16]
     rigid = ConstrainedSystem(J_T, J_C, range(4))
     for row in rng.choice(81, 5, replace=False):
-        codes, name = codes_of(every_condition(4)[row]), names_of(found)[row]
+        codes, name = codes_of(every_condition(4)[row]), names_of(classes)[row]
         kinds = {"locked": failed(codes, range(4), LOCKED), "free": failed(codes, range(4), FREE)}
         alone = rigid.with_failures(**kinds).kinematics().manipulability(major)
-        held = system.with_failures(**kinds).kinematics().manipulability(major)
-        possible = [not (one.unmanipulable or one.unstable_major) for one in (alone, held)]
-        left = directions - held.bases["unmanipulable"].shape[1]
-        assert (name in KEPT) == any(possible)
+        elastic = system.with_failures(**kinds).kinematics().manipulability(major)
+        possible = [not (one.unmanipulable or one.unstable_major) for one in (alone, elastic)]
+        left = directions - elastic.bases["unmanipulable"].shape[1]
+        assert (name in POSSIBLE) == any(possible)
         if springs:
             assert (name == "rigid") == possible[0]
         if not any(possible):
             directions_left = {0: "none", 1: "one_direction", 2: "two_directions"}
-            assert name == ("drifts" if held.unstable_major else directions_left[left])
+            assert name == ("drifts" if elastic.unstable_major else directions_left[left])
 
 
-def test_failures_are_what_a_condition_says():
-    found = [(each.actuator, each.kind, each.time_s) for each in failures_of("SLFSB", 0.5)]
-    assert found == [(1, "locked", 0.5), (2, "free", 0.5), (4, "loose", 0.5)]
+def test_code_letters_give_failures():
+    failures = [(each.actuator, each.kind, each.time_s) for each in failures_of("SLFSB", 0.5)]
+    assert failures == [(1, "locked", 0.5), (2, "free", 0.5), (4, "loose", 0.5)]
 
 
 def test_conditions_are_in_the_order_of_an_atlas():
     atlas = failure_atlas(ConstrainedSystem(np.ones((1, 3)), None, range(3)), [0])
-    assert every_condition(3) == tuple("".join(LETTERS[c] for c in row) for row in atlas.codes)
+    assert every_condition(3) == tuple("".join(CODE_LETTERS[c] for c in row) for row in atlas.codes)
     expected = [[0, 0], [1, 0], [2, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 1], [2, 2]]
     assert few_failures(2).tolist() == expected
     assert with_failures(3, 2)[[0, 4, 8]].tolist() == [[1, 1, 0], [1, 0, 1], [0, 1, 1]]
 
 
 @given(systems(actives=(2, 3), tasks=(1, 3)), st.data())
-def test_each_condition_is_what_it_is_alone(drawn, data):
-    """By its own classification and attainable set; speed decides, and gains for the force."""
-    system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
+def test_each_condition_equals_its_separate_analysis(random_system, data):
+    """The reference are its own classification and attainable set; speed decides, and gains."""
+    system, n, m = (
+        random_system.system,
+        len(random_system.system.active),
+        len(random_system.system.J_T),
+    )
     major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
-    limits = -drawn.rng.uniform(0.5, 2, n), drawn.rng.uniform(0.5, 2, n)
+    limits = -random_system.rng.uniform(0.5, 2, n), random_system.rng.uniform(0.5, 2, n)
     codes = few_failures(n)
-    examined = examine(system, major, codes, rates=limits)
-    assert examined.left.worst_speed is not None
+    analysis = analyze_conditions(system, major, codes, rates=limits)
+    assert analysis.classes.worst_speed is not None
     healthy = precision = 0.0
     for row, code in enumerate(codes):
         locked, free = (np.flatnonzero(code == kind) for kind in (LOCKED, FREE))
@@ -87,11 +91,11 @@ def test_each_condition_is_what_it_is_alone(drawn, data):
         if healthy and not lost:
             share = min(radius / healthy, precision / report.largest_gain)
         if abs(share - LEAST_LEFT) > 1e-9:
-            assert examined.survived[row] == (share > LEAST_LEFT)
-        np.testing.assert_allclose(examined.left.worst_speed[row], radius, rtol=1e-7, atol=1e-9)
+            assert analysis.survived[row] == (share > LEAST_LEFT)
+        np.testing.assert_allclose(analysis.classes.worst_speed[row], radius, rtol=1e-7, atol=1e-9)
         if not lost:
-            assert examined.largest_gain[row] == pytest.approx(1 / report.worst_gain, rel=1e-6)
-            assert examined.error_gain[row] == pytest.approx(report.largest_gain, rel=1e-6)
+            assert analysis.largest_gain[row] == pytest.approx(1 / report.worst_gain, rel=1e-6)
+            assert analysis.error_gain[row] == pytest.approx(report.largest_gain, rel=1e-6)
 
 
 @given(SEEDS, st.integers(1, 3), st.integers(0, 4), st.integers(1, 3))
@@ -101,8 +105,8 @@ def test_no_robot_exceeds_the_mean_square_over_all_sets_of_locks(seed, m, more, 
     system = ConstrainedSystem(np.random.default_rng(seed).normal(size=(m, n)), None, range(n))
     codes = np.vstack([with_failures(n, 0), with_failures(n, min(i, n))])
     codes = codes[~(codes == FREE).any(axis=1)]
-    examined = examine(system, range(m), codes)
-    mean = (examined.relative_manipulability[1:] ** 2).mean()
+    analysis = analyze_conditions(system, range(m), codes)
+    mean = (analysis.relative_manipulability[1:] ** 2).mean()
     bound = comb(n - min(i, n), m) / comb(n, m)
     assert mean == pytest.approx(bound, rel=1e-9, abs=1e-12)
-    np.testing.assert_allclose(examined.best_possible[1:] ** 2, bound, atol=1e-12)
+    np.testing.assert_allclose(analysis.best_possible[1:] ** 2, bound, atol=1e-12)

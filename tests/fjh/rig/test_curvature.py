@@ -1,4 +1,4 @@
-"""The constant Jacobian in closed loop, and three ways to use the one at the present pose."""
+"""The constant Jacobian in closed loop, and three uses of the Jacobian at the present pose."""
 
 from functools import cache
 
@@ -35,7 +35,7 @@ def machine():
 
 
 def circle(radius_rad: float, turns: int = 1) -> np.ndarray:
-    """From the centre out along alpha, around, and back; shape (T, 2)."""
+    """Return a path from the center along alpha, around, and back; shape (T, 2)."""
     out = np.linspace(0, 1, 20)[:, None] * [radius_rad, 0.0]
     angle = np.linspace(0, 2 * np.pi * turns, 199 * turns + 1)
     around = radius_rad * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -48,13 +48,13 @@ def variant(name: str, goal: Goal = GOALS[GROWN]) -> StrutMapping:
 
 
 def off(name: str, path: np.ndarray, goal: Goal = GOALS[GROWN]) -> float:
-    """Distance from the optimum in percent, on the geometry alone."""
+    """Return the distance from the optimum in percent, by geometry alone."""
     return extra_percent(machine(), goal, follow(variant(name, goal), path))
 
 
 @pytest.mark.parametrize("name", ["W_a", "W_b", "W_d", "W_e"])
 def test_the_optimum_is_what_a_general_optimizer_finds(name):
-    """SLSQP on the struts themselves, pointing as an equality: it knows of no Jacobian."""
+    """SLSQP on the struts with pointing as an equality uses no Jacobian of the library."""
     goal, wanted = GOALS[name], np.array([8e-3, -5e-3])
     best = optimum(machine(), goal, wanted[None])
     free = [k for k in range(6) if k not in goal.locked_at]
@@ -72,22 +72,22 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
     rule = {"type": "eq", "fun": lambda x: 1e3 * (visited(x).pointing_rad[0] - wanted)}
     start = 1e3 * variant("constant", goal).displacements(wanted, NOMINAL)[free]
     options = {"ftol": 1e-10, "maxiter": 200}
-    found = minimize(cost, start, method="SLSQP", constraints=rule, options=options)
-    assert found.success
-    assert cost(1e3 * best.strut_m[0, free]) == pytest.approx(found.fun, rel=1e-3)
+    minimum = minimize(cost, start, method="SLSQP", constraints=rule, options=options)
+    assert minimum.success
+    assert cost(1e3 * best.strut_m[0, free]) == pytest.approx(minimum.fun, rel=1e-3)
     np.testing.assert_allclose(best.pointing_rad[0], wanted, atol=1e-12)
     np.testing.assert_array_equal(best.strut_m[0, list(goal.locked_at)], 0.0)
 
 
 @pytest.mark.long
-def test_what_a_constant_jacobian_leaves_out_grows_with_the_square():
-    """Curvature: ten times the spiral is a hundred times the error, ten times relative to it."""
+def test_the_error_of_a_constant_jacobian_grows_quadratically():
+    """A spiral ten times as large has a hundred times the error, ten times the relative one."""
     small, large = (off("constant", circle(radius)) for radius in (1e-4, 1e-3))
     assert large / small == pytest.approx(10, rel=0.05)
 
 
 def test_one_gauss_newton_step_a_tick_stays_at_the_optimum():
-    """And the present Jacobian, if the least |l| is the goal: then L = J_m(x)^T lambda."""
+    """The present Jacobian does so for the least |l| as well: then L = J_m(x)^T lambda."""
     path = circle(1e-2)[::20]
     assert off("relinearized", path) < 1e-4 * min(off("constant", path), off("analytic", path))
     own = GOALS["W_a"]
@@ -97,7 +97,7 @@ def test_one_gauss_newton_step_a_tick_stays_at_the_optimum():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["W_d", "W_e"])
 def test_incremental_displacements_drift_by_the_area_that_is_encircled(name):
-    """Back at the start the freedom that no sensor sees is not: twice around it is twice as far."""
+    """The unmeasured motion does not return to zero: two turns drift twice as far."""
     incremental = variant("incremental", GOALS[name])
 
     def drift(path: np.ndarray) -> float:
@@ -115,8 +115,8 @@ def test_incremental_displacements_drift_by_the_area_that_is_encircled(name):
         assert np.abs(visited.strut_m[-1]).max() < 1e-9
 
 
-def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
-    """Nothing to relinearize: one step is the whole way, but for the square of the tilt."""
+def test_all_forms_are_equal_with_a_constant_jacobian():
+    """Without relinearization one step is exact up to the square of the tilt."""
     goal, pointing = GOALS["W_e"], np.array([3e-5, -2e-5])
     absolute = StrutMapping(machine(), goal, "constant")
     gauss_newton = StrutMapping(machine(), goal, "constant", form="gauss_newton")
@@ -146,7 +146,7 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     assert loop_gain_error(constant, np.zeros((1, 6))) < 1e-12
 
 
-def test_a_grown_machine_differs_in_strokes_and_coils_alone():
+def test_a_scaled_machine_differs_only_in_strokes_and_coils():
     testbed = nominal_testbed()
     scaled, model = testbed.scaled(stroke=100, spiral=300), testbed.model
     assert scaled.bench.spiral_radius_urad == 300 * testbed.bench.spiral_radius_urad
@@ -155,7 +155,7 @@ def test_a_grown_machine_differs_in_strokes_and_coils_alone():
     plant = Plant(scaled.model)
     plant.step(0.01 * np.eye(6)[0], 1.0)
     assert plant.displacements()[0] == pytest.approx(0.01, rel=0.01)
-    assert model.jnt_range[model.actuator_trnid[0, 0], 1] < 1e-3  # the original is as it was
+    assert model.jnt_range[model.actuator_trnid[0, 0], 1] < 1e-3  # the original is unchanged
 
 
 # The study.
@@ -168,7 +168,7 @@ def test_a_grown_machine_differs_in_strokes_and_coils_alone():
         (-4, "static_extra_percent", 1.0, "of geometry and floor is 0.87"),
     ],
 )
-def test_an_unsound_loop_fails_a_check(jacobian_study, row, column, value, word):
+def test_an_invalid_loop_fails_a_check(jacobian_study, row, column, value, word):
     names = "tried", "variation", "runs", "costs"
     tables = {name: pd.DataFrame(jacobian_study[name]) for name in names}
     runs = tables["runs"]

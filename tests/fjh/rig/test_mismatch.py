@@ -1,4 +1,4 @@
-"""Plants drawn off the model: each size is drawn as it says, and does what it says."""
+"""Plants with a mismatch: each size is sampled as documented and has the stated effect."""
 
 from dataclasses import replace
 from functools import cache
@@ -11,7 +11,6 @@ import pytest
 from scipy.stats import kstest
 
 from fjh.rig import Rig
-from fjh.rig.draw import Draw
 from fjh.rig.hexapod import mismatch as hexapod
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.detector import pointing_angles
@@ -20,6 +19,7 @@ from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.mismatch import EXACT, LIMITS, Mismatch, sampled_model
 from fjh.rig.options import RobotOptions
+from fjh.rig.random_streams import RandomStreams
 from fjh.rig.robot import Robot, robot_of
 from fjh.rig.robot_machine import ALL as ROBOTS
 from fjh.rig.robot_machine import SIZES, RobotMachine
@@ -30,7 +30,7 @@ from tests.fjh.rigs import ARM, ROWS, readings, rig
 from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
-DRAWN = {"hexapod": hexapod.DRAWN, "driven": ("gain", "damping", "inertia")}
+SAMPLED_SIZES = {"hexapod": hexapod.SAMPLED, "driven": ("gain", "damping", "inertia")}
 
 
 def alone(everything: Mismatch, name: str) -> Mismatch:
@@ -43,12 +43,12 @@ def driven() -> Robot:
 
 
 def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
-    """Relative differences of a plant's model from the known one, by what is drawn."""
+    """Return relative differences of a plant's model from the nominal one by sampled size."""
     if name == "hexapod":
-        known, other = rig(name).model, rig(name).drawn(sizes, seed).machine.model
+        known, other = rig(name).model, rig(name).with_mismatch(sizes, seed).machine.model
     else:
-        known, draw = driven().model, Draw(seed, sizes.family)
-        other, _ = sampled_model(known, driven().known.drives, sizes, draw)
+        known, streams = driven().model, RandomStreams(seed, sizes.family)
+        other, _ = sampled_model(known, driven().nominal_plant.drives, sizes, streams)
     springs, bodies = known.jnt_stiffness > 0, known.body_mass > 0
     dampers = known.jnt_dofadr[known.actuator_trnid[:, 0]]
     servos = known.actuator_biasprm[:, 2] < 0
@@ -74,35 +74,38 @@ def many(machine: str) -> list[dict[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize(
-    ("machine", "name"), [(machine, name) for machine in DRAWN for name in DRAWN[machine]]
+    ("machine", "name"),
+    [(machine, name) for machine in SAMPLED_SIZES for name in SAMPLED_SIZES[machine]],
 )
-def test_a_size_fills_its_range_and_is_drawn_alike_with_and_without_others(machine, name):
+def test_a_size_fills_its_range_and_is_sampled_independently_of_others(machine, name):
     everything = EVERYTHING[machine]
-    drawn, size = np.array([plant[name] for plant in many(machine)]), getattr(everything, name)
-    assert np.abs(drawn).max() <= size * (1 + 1e-9)
-    assert kstest(drawn.ravel() / size, "uniform", (-1, 2)).pvalue > 1e-3
-    assert abs(np.corrcoef(drawn[:, 0], drawn[:, 1])[0, 1]) < 0.5
+    samples, size = np.array([plant[name] for plant in many(machine)]), getattr(everything, name)
+    assert np.abs(samples).max() <= size * (1 + 1e-9)
+    assert kstest(samples.ravel() / size, "uniform", (-1, 2)).pvalue > 1e-3
+    assert abs(np.corrcoef(samples[:, 0], samples[:, 1])[0, 1]) < 0.5
     for seed in (3, 7):
-        found = off(machine, alone(everything, name), seed)
-        np.testing.assert_allclose(found.pop(name), drawn[seed], rtol=0, atol=1e-14)
-        for other in found.values():
+        result = off(machine, alone(everything, name), seed)
+        np.testing.assert_allclose(result.pop(name), samples[seed], rtol=0, atol=1e-14)
+        for other in result.values():
             assert np.abs(other).max() < 1e-12
 
 
 def test_drifts_lie_in_their_ranges_and_in_all_directions():
     everything = hexapod.ALL
-    drawn = [rig("hexapod").drawn(everything, seed).machine.differs for seed in range(60)]
-    zero = 1e6 * np.array([each.drift_rad_per_s for each in drawn])
+    differences = [
+        rig("hexapod").with_mismatch(everything, seed).machine.differs for seed in range(60)
+    ]
+    zero = 1e6 * np.array([each.drift_rad_per_s for each in differences])
     assert np.hypot(*zero.T).max() <= everything.drift_urad_per_s
     assert kstest(np.arctan2(zero[:, 1], zero[:, 0]), "uniform", (-np.pi, 2 * np.pi)).pvalue > 1e-3
-    gains = np.array([each.gain_drift_per_s for each in drawn]) / everything.gain_drift_per_s
+    gains = np.array([each.gain_drift_per_s for each in differences]) / everything.gain_drift_per_s
     assert kstest(gains.ravel(), "uniform", (-1, 2)).pvalue > 1e-3
-    slips = np.array([each.hysteresis.slip for each in drawn])
+    slips = np.array([each.hysteresis.slip for each in differences])
     assert slips.min() >= hexapod.SLIP_M[0] and slips.max() <= hexapod.SLIP_M[1]
 
 
 def excited(one: Rig) -> np.ndarray:
-    """What is read for 60 ticks of a plant under steps."""
+    """Return the readings of a plant under steps for 60 ticks."""
     bench, steps = one.bench(np.arange(60) * one.period_s, [], 5), np.repeat([0.0, 1.0], [20, 40])
     peak = 1.0 if one.title.startswith("University") else 1e-3
     return readings(bench, peak * np.outer(steps, np.arange(len(one.actuators))))
@@ -112,22 +115,22 @@ def excited(one: Rig) -> np.ndarray:
     ("robot", "name"),
     [*(("hexapod", name) for name in hexapod.SIZES), *(("arm", name) for name in SIZES)],
 )
-def test_every_size_alone_changes_what_is_read_and_a_seed_repeats_it(robot, name):
+def test_every_size_alone_changes_the_readings_and_a_seed_repeats_them(robot, name):
     one = rig(robot)
-    drawn = one.drawn(alone(one.machine.everything, name), 5)
-    other, again = excited(drawn), excited(drawn)
+    plant_rig = one.with_mismatch(alone(one.machine.everything, name), 5)
+    other, again = excited(plant_rig), excited(plant_rig)
     assert not np.array_equal(excited(one), other)
     np.testing.assert_array_equal(again, other)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
-def test_a_mismatch_is_of_the_plant_alone_and_a_rig_is_made_with_it_or_drawn(name):
-    one, drawn = rig(name, "all"), rig(name).drawn("all", 3)
-    np.testing.assert_array_equal(excited(one), excited(drawn))
-    np.testing.assert_array_equal(drawn.nominal.plant.A, rig(name).nominal.plant.A)
+def test_a_mismatch_changes_the_plant_alone(name):
+    one, plant_rig = rig(name, "all"), rig(name).with_mismatch("all", 3)
+    np.testing.assert_array_equal(excited(one), excited(plant_rig))
+    np.testing.assert_array_equal(plant_rig.nominal.plant.A, rig(name).nominal.plant.A)
 
 
-def test_scaling_takes_all_sizes_along():
+def test_scaling_multiplies_all_sizes():
     everything = hexapod.ALL
     third = everything.scaled(1 / 3)
     for name in set(LIMITS) - {"delay_ticks"}:
@@ -138,26 +141,28 @@ def test_scaling_takes_all_sizes_along():
         everything.scaled(10)
 
 
-def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name():
+def test_an_inapplicable_size_is_rejected_by_name():
     for name in rig("arm").machine.unknown:
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
-            rig("arm").drawn(replace(EXACT, **{name: 1e-3}), 0)
+            rig("arm").with_mismatch(replace(EXACT, **{name: 1e-3}), 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_controls_are_those_of_the_controllers_model(seed):
-    """Whatever gains are drawn: no wire carries another change from rest than it would without."""
+    """Controls change as much as without a mismatch, for all sampled gains."""
     gain, command = Mismatch(gain=ROBOTS.gain), 1e-4 * np.array([1.0, -2.0, 3.0])
     changes, moved = [], []
     for sizes in (EXACT, gain, ROBOTS):
         bench = RobotMachine(driven(), sizes, seed).bench(np.zeros(1500), [], seed)
-        rest = bench.plant.data.ctrl.copy()
+        initial = bench.plant.data.ctrl.copy()
         readings(bench, np.tile(command, (1500, 1)))
-        changes.append(bench.plant.data.ctrl - rest)
+        changes.append(bench.plant.data.ctrl - initial)
         moved.append(bench.displacement[-1])
     np.testing.assert_allclose(changes[1:], [changes[0]] * 2, rtol=1e-12)
     ratio = moved[1] / moved[0]
-    gains = sampled_model(driven().model, driven().known.drives, gain, Draw(seed, "uniform"))[1]
+    gains = sampled_model(
+        driven().model, driven().nominal_plant.drives, gain, RandomStreams(seed, "uniform")
+    )[1]
     assert ratio[0] == pytest.approx(gains[0], abs=1e-4)  # a coil moves by its gain
     assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target whatever its gain
     assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
@@ -166,34 +171,34 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
 STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
 
 
-def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
-    """A tenth of a second of the arm under steps, and what its sensors read."""
-    one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).drawn(mismatch, seed)
+def simulated(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
+    """Simulate the arm under steps for a tenth of a second; return bench and readings."""
+    one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).with_mismatch(mismatch, seed)
     bench = one.bench(np.arange(100) * 1e-3, [], seed)
     return bench, readings(bench, STEPS)
 
 
 def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
-    """And its encoders are those of `JointSensors` with its seed."""
+    """Encoders are those of `JointSensors` with the same seed."""
     model = load_model(ARM, add_locks=True)
     plant = Plant(model, base=None, start=mujoco.MjData(model))
     sensors = JointSensors(Mechanism(model), ROWS["arm"], 1e-5, 3)
     expected = sensors.read(plant.pose(), plant.displacements())
-    np.testing.assert_array_equal(flown(EXACT, "joints")[1][0], np.concatenate(expected))
+    np.testing.assert_array_equal(simulated(EXACT, "joints")[1][0], np.concatenate(expected))
     sensor = TaskSensor(ROWS["arm"], 1e-5, 1e-5, 3)
     bench = Bench(plant, sensor, time_s=np.arange(100) * 1e-3, period_s=1e-3)
-    np.testing.assert_array_equal(flown(EXACT)[1], readings(bench, STEPS))
+    np.testing.assert_array_equal(simulated(EXACT)[1], readings(bench, STEPS))
 
 
-def test_a_late_command_moves_a_robot_as_many_ticks_late_as_are_said():
-    prompt, late = (flown(sizes)[0].displacement for sizes in (EXACT, Mismatch(delay_ticks=2)))
+def test_delayed_commands_delay_the_motion_by_as_many_ticks():
+    prompt, late = (simulated(sizes)[0].displacement for sizes in (EXACT, Mismatch(delay_ticks=2)))
     np.testing.assert_array_equal(late[2:], prompt[:-2])
 
 
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
-def test_zeros_drift_in_what_is_read_and_the_task_of_encoders_with_them(sense):
-    """Nothing moves otherwise; a task that is computed moves by the Jacobian times the drift."""
-    difference = flown(Mismatch(drift_per_s=100.0), sense)[1] - flown(EXACT, sense)[1]
+def test_zeros_of_sensors_drift_and_the_task_from_encoders_with_them(sense):
+    """The motion is unchanged; a task from encoders shifts by the Jacobian times the drift."""
+    difference = simulated(Mismatch(drift_per_s=100.0), sense)[1] - simulated(EXACT, sense)[1]
     task, encoders = difference[:, :2], difference[:, 2:]
     ramp = np.linspace(0, 1, 100)[:, None]
     np.testing.assert_allclose(encoders, ramp * encoders[-1], atol=1e-15)
@@ -217,27 +222,27 @@ def one() -> Rig:
 
 
 def commanded(one: Rig, commands: Array):
-    """The bench after displacements (N, 6) were commanded, and what the detector read."""
+    """Return the bench after commanded displacements (N, 6), and the detector's readings."""
     bench = one.bench(np.arange(len(commands)) * PERIOD_S, [], 0)
     return bench, readings(bench, one.control.testbed.amplifier().inputs(commands))[:, :2]
 
 
 def response(A: Array, B: Array, C: Array, inputs: Array) -> Array:
-    """Of a linear model to inputs (N, k) that are held in each tick."""
+    """Return the response of a linear model to zero-order-hold inputs (N, k)."""
     sampled = control.c2d(control.ss(A, B, C, 0), PERIOD_S)
     ticks = np.arange(len(inputs)) * PERIOD_S
     return np.asarray(control.forced_response(sampled, ticks, inputs.T).outputs).T
 
 
-def test_a_machine_without_suspensions_has_no_plants_of_the_hexapods_kind():
+def test_a_machine_without_suspensions_has_no_hexapod_mismatch():
     with pytest.raises(ModelError, match="needs struts with suspension springs"):
-        hexapod.differing(rig("arm").model, EXACT, 0)
+        hexapod.sampled_differences(rig("arm").model, EXACT, 0)
 
 
 def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
     floor = floor_acceleration(150, PERIOD_S, 1e-5, [7])
     plain = hexapod_rig(start_m=np.full(6, 1e-6), floor_m_per_s2=floor)
-    machine = replace(plain.machine, differs=hexapod.differing(plain.model, EXACT, 5))
+    machine = replace(plain.machine, differs=hexapod.sampled_differences(plain.model, EXACT, 5))
     failures, path = [Failure(2, "weak", 0.05), Failure(0, "locked", 0.1)], TestbedConfig()
     run, exact = (
         one.fly(one.controller(), path.spiral_rad(0.15), failures=failures, lead_in_s=0.05)
@@ -248,63 +253,68 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_drawn_plant_moves_as_its_own_linear_model_a_tick_late(one, seed):
-    """All together, behind the converters' hold; fine steps make the integrator's error small."""
-    drawn = one.drawn(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
+def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(one, seed):
+    """Mismatch of all kinds, after the converters' hold, with fine integrator steps."""
+    plant_rig = one.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
-    bench, _ = commanded(drawn, commands)
-    linear = linearize(drawn.machine.model, Plant(drawn.machine.model).data)
+    bench, _ = commanded(plant_rig, commands)
+    linear = linearize(plant_rig.machine.model, Plant(plant_rig.machine.model).data)
     late = np.vstack([np.zeros((1, 6)), commands[:-1]])
     predicted = response(linear.A, linear.B, linear.C_active, late)
-    # Beyond the quantization, what is left is the integrator's error, below 1 % of the modes.
+    # Besides the quantization the error is the integrator's, below 1 % of the modes.
     off = np.abs(bench.displacement - predicted)
     assert off.max() < 0.01 * np.abs(bench.displacement).max()
 
 
-def test_the_payload_rests_at_its_nominal_pose_whatever_the_springs(one):
+def test_the_payload_rests_at_its_nominal_pose_for_any_springs(one):
     for seed in range(3):
-        plant = Plant(one.drawn(hexapod.ALL, seed).machine.model)
+        plant = Plant(one.with_mismatch(hexapod.ALL, seed).machine.model)
         plant.settle(1.0)
         assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
 
 
-def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(one):
-    drawn, commands = one.drawn(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1), np.zeros((50, 6))
-    (_, plain), (_, adrift) = commanded(one, commands), commanded(drawn, commands)
-    ramp = np.outer(np.arange(50) * PERIOD_S, drawn.machine.differs.drift_rad_per_s)
+def test_the_drift_of_the_detectors_zero_changes_only_the_readings(one):
+    plant_rig, commands = (
+        one.with_mismatch(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1),
+        np.zeros((50, 6)),
+    )
+    (_, plain), (_, adrift) = commanded(one, commands), commanded(plant_rig, commands)
+    ramp = np.outer(np.arange(50) * PERIOD_S, plant_rig.machine.differs.drift_rad_per_s)
     np.testing.assert_allclose(adrift - plain, ramp, atol=1e-18)
 
 
 def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
-    """What is reached by constant commands, once the modes have died away."""
-    drawn = one.drawn(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
+    """Displacements under constant commands, after the modes have decayed."""
+    plant_rig = one.with_mismatch(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
     commands = np.full((800, 6), 1e-4)
-    (plain, _), (adrift, _) = commanded(one, commands), commanded(drawn, commands)
+    (plain, _), (adrift, _) = commanded(one, commands), commanded(plant_rig, commands)
     change = (adrift.displacement / plain.displacement)[500:] - 1
     time_s = np.arange(500, 800) * PERIOD_S
-    expected = np.outer(time_s, drawn.machine.differs.gain_drift_per_s)
+    expected = np.outer(time_s, plant_rig.machine.differs.gain_drift_per_s)
     np.testing.assert_allclose(change, expected, atol=0.02 * np.abs(expected).max())
 
 
-def test_the_floor_moves_the_payload_as_its_linear_model_says(one):
-    """Without control: pointing is that of B_floor under this very floor."""
+def test_the_floor_moves_the_payload_as_in_the_linear_model(one):
+    """Pointing without control is that of B_floor under the same floor motion."""
     linear = linearize(one.model, Plant(one.model).data)
-    drawn = one.drawn(hexapod.ALONE["floor_um_per_s"], 2)
-    bench, _ = commanded(drawn, np.zeros((600, 6)))
-    expected = response(linear.A, linear.B_floor, linear.C_twist[MAJOR], drawn.machine.floor(600))
+    plant_rig = one.with_mismatch(hexapod.ALONE["floor_um_per_s"], 2)
+    bench, _ = commanded(plant_rig, np.zeros((600, 6)))
+    expected = response(
+        linear.A, linear.B_floor, linear.C_twist[MAJOR], plant_rig.machine.floor(600)
+    )
     error = pointing_angles(bench.rotation) - expected
     assert np.abs(expected).max() > 3e-7
     assert np.sqrt((error**2).mean()) < 0.04 * np.sqrt((expected**2).mean())
 
 
-def test_hysteresis_reads_as_its_chain_along_the_whole_loop(one):
-    """Displacement under a slow triangle of commands: forces of coil, spring and chain balance."""
+def test_hysteresis_balances_its_chain_along_a_complete_loop(one):
+    """Forces of coil, spring and chain balance under a slow triangle of commands."""
     fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))
-    drawn = fine.drawn(hexapod.ALONE["hysteresis"].scaled(10), 1)
+    plant_rig = fine.with_mismatch(hexapod.ALONE["hysteresis"].scaled(10), 1)
     up = np.linspace(0, 3e-5, 400)
     commands = np.concatenate([up, up[::-1], -up, -up[::-1]])[:, None] * np.ones(6)
-    bench, _ = commanded(drawn, commands)
-    slip, stretch, chain = drawn.machine.differs.hysteresis, np.zeros((6, 4)), []
+    bench, _ = commanded(plant_rig, commands)
+    slip, stretch, chain = plant_rig.machine.differs.hysteresis, np.zeros((6, 4)), []
     for by in np.diff(bench.displacement, axis=0, prepend=bench.displacement[:1]):
         stretch = slip.moved(stretch, by)
         chain.append(slip.force(stretch))

@@ -1,4 +1,4 @@
-"""Somebody else's controller on the testbed: the page, its columns, its failures."""
+"""Controllers of other packages on the testbed: the page, its columns, its failures."""
 
 import json
 import sys
@@ -18,7 +18,7 @@ from experiments.table1 import checks as table1_checks
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.rig import pursuing
 from fjh.rig.hexapod.testbed import TestbedConfig
-from fjh.rig.other_controller import controller_factory, fly_with
+from fjh.rig.other_controller import controller_factory, simulate_with
 from fjh.study.errors import WrongInput
 from ftc import Goal, Measurement, run_loop
 from tests.fjh.rigs import rig
@@ -29,7 +29,7 @@ LEAST: list[plan.Block] = [
     *(("failure", mismatch, 1.0, 1) for mismatch in ("exact", "all")),
     ("pair", "all", 1.0, 1),
 ]
-"""Of the cases of `fjh paper recover`."""
+"""Smallest set of cases of `fjh paper recover`."""
 
 PAGE = Path(__file__).parents[3] / "docs" / "control-without-simulator.md"
 LQG = Path(__file__).with_name("lqg.py")
@@ -52,7 +52,7 @@ SHORT_S = 0.6
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory) -> Iterator[Path]:
-    """The working directory, with the page's examples and one that fails."""
+    """Change to a working directory with the page's examples and one that fails."""
     place = tmp_path_factory.mktemp("own")
     examples = dict(blocks(PAGE.read_text()))["python"], LQG.read_text()
     (place / "page_examples.py").write_text("\n\n".join(examples))
@@ -67,27 +67,27 @@ def folder(tmp_path_factory) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "pattern"),
     [
         ("../own:LQG", "must be package.module:factory"),
         ("page_unimportable:LQG", "importing page_unimportable raised ZeroDivisionError"),
         ("page_examples:np.pi", "has no function or class np.pi"),
     ],
 )
-def test_a_wrong_name_is_refused_with_what_is_wrong(name, said):
-    with pytest.raises(WrongInput, match=said):
+def test_a_wrong_factory_name_is_rejected_with_the_reason(name, pattern):
+    with pytest.raises(WrongInput, match=pattern):
         controller_factory(name)
 
 
-def test_a_module_of_the_users_hides_none_that_is_installed(tmp_path, monkeypatch):
-    """`control` is python-control, whatever lies in the folder."""
+def test_a_users_module_does_not_hide_an_installed_one(tmp_path, monkeypatch):
+    """`control` is python-control, even with a file of that name in the folder."""
     (tmp_path / "control.py").write_text("def lqg(task): ...")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(WrongInput, match=r"site-packages.* has no function or class lqg"):
         controller_factory("control:lqg")
 
 
-def test_the_task_holds_the_machine_without_its_failures():
+def test_the_task_describes_the_machine_without_failures():
     """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
     known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
     task = pursuing(rig("hexapod"), known).task
@@ -99,7 +99,7 @@ def test_the_task_holds_the_machine_without_its_failures():
 @pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
 @pytest.mark.parametrize("locked", [(), (0,)])
 def test_the_examples_reach_a_constant_reference_without_error(name, locked):
-    """Integral action, on the linear plant: zero on average, since the converters quantize."""
+    """Integral action on the linear plant: zero on average, since the converters quantize."""
     goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
     task = pursuing(rig("hexapod"), goal).task
     plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
@@ -119,35 +119,43 @@ def test_the_examples_reach_a_constant_reference_without_error(name, locked):
     assert not run.inputs[:, list(locked)].any()
 
 
-def test_another_controller_meets_the_same_noise():
-    """Measured less true angle, tick by tick: equal up to the angles' own round-off."""
+def test_another_controller_gets_the_same_noise():
+    """Measured minus true angle at each tick is equal up to the angles' round-off."""
     path = TestbedConfig().spiral_rad(SHORT_S)
     one = rig("hexapod")
-    ours = one.fly(one.controller(), path, seed=3)
-    theirs, failure = fly_with(one, "page_examples:PseudoInverse", path, seed=3)
+    reference = one.fly(one.controller(), path, seed=3)
+    other_run, failure = simulate_with(one, "page_examples:PseudoInverse", path, seed=3)
     assert failure is None
-    own, other = ours.measured - ours.true, theirs.measured - theirs.true
+    own, other = reference.measured - reference.true, other_run.measured - other_run.true
     assert own.std() > 2e-7
     np.testing.assert_allclose(other, own, atol=1e-12)
 
 
 @pytest.mark.long
 @pytest.mark.night
-def test_its_columns_stand_beside_ours_and_a_failed_run_fails_the_study(folder, tmp_path):
-    """Table I, 0.6 s of it, with a controller that fails in one of its columns."""
+def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, tmp_path):
+    """Table I over 0.6 s, with a controller that fails in one of its columns."""
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(CONFIGURATIONS, "calibrated", TestbedConfig(quick_duration_s=SHORT_S))
-        words = ["table1", "--quick", "--out", str(out), "--controller", "page_broken:Broken"]
-        assert main(words) == 1
-    found = json.loads((out / "table1.json").read_text())
-    assert {path.name for path in out.iterdir()} == set(found["files"])
-    theirs, page = found["columns"][-3:], (out / "table1.md").read_text()
-    assert [each["name"] for each in found["columns"][:-3]] == [each.name for each in COLUMNS]
-    assert [each["name"][:10] for each in theirs] == ["Broken_W_a", "Broken_W_d", "Broken_W_a"]
+        arguments = ["table1", "--quick", "--out", str(out), "--controller", "page_broken:Broken"]
+        assert main(arguments) == 1
+    summary = json.loads((out / "table1.json").read_text())
+    assert {path.name for path in out.iterdir()} == set(summary["files"])
+    other_columns, page = summary["columns"][-3:], (out / "table1.md").read_text()
+    assert [each["name"] for each in summary["columns"][:-3]] == [each.name for each in COLUMNS]
+    assert [each["name"][:10] for each in other_columns] == [
+        "Broken_W_a",
+        "Broken_W_d",
+        "Broken_W_a",
+    ]
     sentence = "page_broken:Broken raised RuntimeError: no strut left (page_broken.py, line 12), at"
-    assert [str(each["failure"]).startswith(sentence) for each in theirs] == [False, True, False]
-    for column in theirs:
+    assert [str(each["failure"]).startswith(sentence) for each in other_columns] == [
+        False,
+        True,
+        False,
+    ]
+    for column in other_columns:
         with np.load(out / column["data"]) as data:
             off_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
         stated = column["alpha_rms_urad"], column["beta_rms_urad"]
@@ -157,18 +165,18 @@ def test_its_columns_stand_beside_ours_and_a_failed_run_fails_the_study(folder, 
     with np.load(out / "Broken_W_d.npz") as data:  # as last sent
         inputs = data["strut_input_percent"]
     assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
-    columns, further = (pd.DataFrame(found[name]) for name in ("columns", "further_runs"))
+    columns, further = (pd.DataFrame(summary[name]) for name in ("columns", "further_runs"))
     [failed] = [str(each) for each in table1_checks(columns, further, SHORT_S) if not each.passed]
     assert sentence in failed and sentence in page
 
 
 @pytest.mark.long
 @pytest.mark.night
-def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
-    """With the least of everything: JSON, dataset and recording."""
+def test_recover_includes_another_controller(folder, tmp_path, monkeypatch):
+    """The smallest study writes JSON, dataset and recording."""
     monkeypatch.setattr(plan, "QUICK", LEAST)
-    words = ["--quick", "--quiet", "--out", str(tmp_path)]
-    main(["recover", *words, "--controller", "page_examples:LQG"])
+    arguments = ["--quick", "--quiet", "--out", str(tmp_path)]
+    main(["recover", *arguments, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
     [entry] = summary["controller"]
     assert entry["name"] == "page_examples:LQG" and entry["failed"] == 0
@@ -179,7 +187,7 @@ def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
     assert entry["after_over_informed"] == pytest.approx(ratio)
 
 
-def test_a_controller_whose_module_has_changed_is_another(folder):
+def test_a_controller_with_a_changed_module_is_a_different_one(folder):
     """Runs of both must not be mixed by --resume."""
 
     def basis() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The one linear prediction of a run: what it says tick by tick, and what it cannot be asked."""
+"""The linear prediction of a run at each tick, and its limits."""
 
 from dataclasses import replace
 from functools import partial
@@ -18,7 +18,7 @@ from tests.fjh.rigs import FAILED_S, path_of, rig, rig_of
 W_A, W_D = COLUMNS[0].goal, COLUMNS[3].goal
 LOCK = (Failure(0, "locked"),)
 BENCH = TestbedConfig(dac_bits=32)
-"""Its converters hardly quantize; 16 bits leave 0.02 urad RMS."""
+"""Bench whose converters hardly quantize; 16 bits leave 0.02 urad RMS."""
 LIMITED = replace(BENCH, demand_limit_urad=20.0)
 OFF_M, SPREAD_M = -2e-5 * np.eye(6)[0], np.linspace(-1e-5, 2e-5, 6)
 OFF_CENTRE = replace(W_D, locked_at={0: OFF_M[0]})
@@ -47,20 +47,20 @@ IN_SHORT = ("healthy", "lock known", "lock on the way", "floor", "off centre", "
     [each if each in IN_SHORT else pytest.param(each, marks=pytest.mark.long) for each in SETTINGS],
 )
 def test_the_linear_model_predicts_every_tick_of_a_run(name):
-    """Within 0.01 urad of MuJoCo, of errors up to 50 urad: 0.006 urad was measured at the most."""
+    """The tolerance is 0.01 urad for errors up to 50 urad; 0.006 urad was the largest measured."""
     usual = {"bench": BENCH, "goal": W_A, "failures": (), "start": None, "floor": None}
     bench, goal, failures, start, floor = (usual | SETTINGS[name]).values()
     one = hexapod_rig(nominal_testbed(bench), goal, start_m=start, floor_m_per_s2=floor)
     path = BENCH.spiral_rad(0.5 if bench is BENCH else 1.0, begin_s=8.0)
     run = one.fly(one.controller(), path, failures=failures, seed=2)
     how = {"failures": failures, "start": start, "floor_m_per_s2": floor}
-    found = one.predict(path, told=False, noise=run.measured - run.true, **how)
-    assert np.abs(run.error - found.error).max() < 1e-8
-    np.testing.assert_allclose(found.rms, run.rms(), rtol=1e-3)
+    prediction = one.predict(path, told=False, noise=run.measured - run.true, **how)
+    assert np.abs(run.error - prediction.error).max() < 1e-8
+    np.testing.assert_allclose(prediction.rms, run.rms(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
-def test_the_prediction_of_a_controller_that_is_never_told_is_what_happens(kind):
+def test_the_prediction_of_an_uninformed_controller_equals_its_run(kind):
     """Two independent computations: MuJoCo, and the linear model with that fault."""
     one, path = rig("platform"), path_of("platform", 1.2)
     failures = [Failure(one.actuators[1], kind, FAILED_S)]
@@ -73,7 +73,7 @@ def test_the_prediction_of_a_controller_that_is_never_told_is_what_happens(kind)
 
 
 @pytest.mark.long
-def test_where_joints_rub_errors_are_as_predicted_before_and_after_a_lock():
+def test_errors_with_dry_friction_are_as_predicted_before_and_after_a_lock():
     """Friction is most of the error; without it the prediction is far off."""
     one, cut = rig_of("rubbing_arm", major=(3, 5)), 500
     path, lock = one.path("circle", duration_s=1.0, turn_s=1.0), [Failure("elbow", "locked", 0.5)]
@@ -84,31 +84,31 @@ def test_where_joints_rub_errors_are_as_predicted_before_and_after_a_lock():
 
 
 @pytest.mark.long
-def test_learning_late_is_predicted_between_at_once_and_never():
-    """At once and never are its limits, exactly; with a dither, too, which then costs more."""
+def test_informing_late_is_predicted_between_onset_and_never():
+    """Informed at onset and never are the limits, exactly; with a dither as well."""
     one, path = rig("platform"), path_of("platform", 1.2)
     failures = [Failure(1, "locked", FAILED_S), Failure(2, "weak", 0.3)]
     design = rig_dither(one, "default")
     assert design is not None
     for dither in (None, design.dither):
         of = partial(one.predict, path, failures=failures, dither=dither)
-        whole = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
-        assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == whole[True]
-        assert np.linalg.norm(of(told=[None, None]).rms_after) == whole[False]
+        errors = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
+        assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == errors[True]
+        assert np.linalg.norm(of(told=[None, None]).rms_after) == errors[False]
         late = [np.linalg.norm(of(told=[t, None]).rms_after) for t in (0.55, 0.7, 0.9)]
-        assert whole[True] < late[0] < late[1] < late[2] < whole[False]
+        assert errors[True] < late[0] < late[1] < late[2] < errors[False]
 
 
 @pytest.mark.long
-def test_a_supervisor_that_names_what_is_free_goes_on_as_predicted():
-    """From the tick at which it named it: closed loops carry what is free, and nothing jumps."""
+def test_a_supervisor_that_identifies_a_free_actuator_continues_as_predicted():
+    """Closed loops carry the free actuator from its diagnosis on, without a jump."""
     one, path, failures = rig("hand"), path_of("hand", 2.4), [Failure(0, "free", 1.2)]
     dither = rig_dither(one, "default")
     assert dither is not None
     run = one.fly(one.supervisor(dither.dither), path, failures=failures)
-    (named,) = run.diagnoses
-    assert (named.actuator, named.kind) == (one.actuators[0], "free")
-    told = one.predict(path, failures=failures, told=[named.time_s], dither=dither.dither)
+    (diagnosis,) = run.diagnoses
+    assert (diagnosis.actuator, diagnosis.kind) == (one.actuators[0], "free")
+    told = one.predict(path, failures=failures, told=[diagnosis.time_s], dither=dither.dither)
     after = np.linalg.norm(run.rms(slice(round(1.2 / one.period_s), None)))
     assert after == pytest.approx(np.linalg.norm(told.rms_after), rel=0.1)
 
@@ -116,11 +116,11 @@ def test_a_supervisor_that_names_what_is_free_goes_on_as_predicted():
 def test_two_failures_of_one_tick_both_change_the_plant_in_either_order():
     one, path = rig("platform"), path_of("platform", 0.8)
     locks = [Failure(1, "locked", FAILED_S), Failure(2, "free", FAILED_S)]
-    one_way, other, single = (
+    forward, other, single = (
         one.predict(path, failures=f, told=False).rms_after for f in (locks, locks[::-1], locks[:1])
     )
-    np.testing.assert_array_equal(one_way, other)
-    assert np.abs(one_way - single).max() > 0.01 * np.abs(single).max()
+    np.testing.assert_array_equal(forward, other)
+    assert np.abs(forward - single).max() > 0.01 * np.abs(single).max()
 
 
 def test_a_loose_strut_leaves_its_range_and_nothing_is_predicted():

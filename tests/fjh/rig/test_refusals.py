@@ -1,4 +1,4 @@
-"""What a rig refuses in a sentence, and that what the sentence advises works."""
+"""Errors of a rig: each message is one sentence, and its advice works."""
 
 import re
 from collections.abc import Callable
@@ -37,14 +37,14 @@ def known(name: str) -> Rig:
 
 
 def rig(folder: Path, bend=0.8, *, kv=8, option="", rows=(3, 5), text=ARM, size=None) -> Rig:
-    """Of two links in a plane, the second one bent."""
+    """Return the rig of two links in a plane, the second one bent."""
     file = folder / "arm.xml"
     file.write_text(text.format(kv=kv, option=option))
     return Rig.of_mjcf(file, site="tool", major=rows, start=[0.3, bend], size=size)
 
 
 def holds(one: Rig) -> bool:
-    """Whether a flight is as predicted."""
+    """Return True if a run is as predicted."""
     path = one.path("circle", duration_s=0.3, turn_s=0.3)
     run = one.fly(one.controller(), path)
     predicted = one.predict(path, noise=run.measured - run.true).rms_before
@@ -52,29 +52,29 @@ def holds(one: Rig) -> bool:
 
 
 @pytest.mark.long
-def test_servos_that_overshoot_in_a_physics_step_are_refused_with_steps_that_do_not(tmp_path):
-    """Euler's step h takes h d of a speed that decays at the rate d: more than 2 of it grows."""
-    with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as refused:
+def test_servos_that_overshoot_in_a_physics_step_are_rejected_with_advice(tmp_path):
+    """Euler's step h removes h d of a speed that decays at the rate d: above 2 it diverges."""
+    with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as rejection:
         rig(tmp_path, kv=300)
-    found = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(refused.value))
-    assert found is not None
-    assert holds(rig(tmp_path, kv=300, option=f'timestep="{found[1]}"'))
-    assert holds(rig(tmp_path, kv=300, option=f'integrator="{found[2]}"'))
+    advised = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(rejection.value))
+    assert advised is not None
+    assert holds(rig(tmp_path, kv=300, option=f'timestep="{advised[1]}"'))
+    assert holds(rig(tmp_path, kv=300, option=f'integrator="{advised[2]}"'))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("bend", [1e-4, 5e-7])
-def test_a_posture_that_is_nearly_singular_is_refused_with_the_row_to_leave_out(tmp_path, bend):
-    """A straight arm moves its end across, and hardly along itself."""
-    with pytest.raises(WrongInput, match="posture is nearly singular") as refused:
+def test_a_nearly_singular_posture_is_rejected_with_the_row_to_omit(tmp_path, bend):
+    """A straight arm hardly moves its end along itself."""
+    with pytest.raises(WrongInput, match="posture is nearly singular") as rejection:
         rig(tmp_path, bend)
-    assert "row 5" in str(refused.value)
+    assert "row 5" in str(rejection.value)
     assert holds(rig(tmp_path, bend, rows=(3,))) and holds(rig(tmp_path, 0.8))
 
 
 @pytest.mark.long
-def test_an_undamped_servo_is_refused_with_the_damping_that_helps(tmp_path):
-    """Of joints; the arm's own servos have theirs (`test_rig.py`)."""
+def test_an_undamped_servo_is_rejected_with_advice(tmp_path):
+    """Damping of joints helps; damping of the arm's own servos is tested in `test_rig.py`."""
     arm = replace(ARMS["ur5e"], servos=[(2000, 0, 150)] * 6)
     bare, damped = arm.write(tmp_path / "a.xml"), arm.write(tmp_path / "b.xml", 'damping="20"')
     with pytest.raises(WrongInput, match=r"a motion of .*: damp its joints, or .* \(kv\)$"):
@@ -85,7 +85,7 @@ def test_an_undamped_servo_is_refused_with_the_damping_that_helps(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("size", [None, 2e-4, 5e-3])
 def test_noise_does_not_grow_with_the_path(tmp_path, size):
-    """A hundredth of the default path, which is a thousandth of the extent of 1 m."""
+    """The noise is a hundredth of the default path, a thousandth of the extent of 1 m."""
     assert rig(tmp_path, size=size).noise == pytest.approx(1e-5)
 
 
@@ -94,44 +94,46 @@ BALL = '<body name="ball"><geom size="0.1"/></body><body>'
 
 @pytest.mark.long
 @pytest.mark.parametrize(("bend", "collides"), [(2.9, True), (0.8, False)])
-def test_a_start_in_collision_says_so_before_it_flies(tmp_path, bend, collides):
-    """The end of the second link, folded back, lies in a ball at the base."""
-    said = rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
-    assert any(each.startswith("the start is in collision: ball and") for each in said) == collides
+def test_a_start_in_collision_gives_a_warning(tmp_path, bend, collides):
+    """The folded second link ends inside a ball at the base."""
+    pattern = rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
+    assert (
+        any(each.startswith("the start is in collision: ball and") for each in pattern) == collides
+    )
 
 
 @pytest.mark.long
-def test_a_lost_task_is_said(tmp_path):
-    """A link without force hangs down, far from a path of a millimetre."""
+def test_a_lost_task_is_reported(tmp_path):
+    """A link without force hangs down, far from a path of a millimeter."""
     one = rig(tmp_path)
     path, failures = one.path("circle", duration_s=0.7), [Failure("b", "free", 0.2)]
-    run, sound = (one.fly(one.controller(), path, failures=each) for each in (failures, []))
+    run, healthy = (one.fly(one.controller(), path, failures=each) for each in (failures, []))
     assert np.abs(run.desired - run.true)[-100:].max() > 0.01
-    assert run.lost is not None and sound.lost is None
+    assert run.lost is not None and healthy.lost is None
 
 
 def reads(**parts: Any) -> Hook:
-    """A hook of what is read, with these parts in place of its own."""
+    """Return a hook that replaces parts of a reading."""
     return Hook(measured=lambda tick, reading: reading._replace(**parts))
 
 
-def flown(**given: Any) -> Any:
-    """A flight of the hexapod with its plain controller, unless there is another."""
+def simulated(**given: Any) -> Any:
+    """Simulate the hexapod with its plain controller, unless another is given."""
     one = known("hexapod")
     return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
 
 
 SENT = r"what events\.sent returns at tick 0 must"
 READ = r"what events\.measured returns at tick 0"
-STRUCK = [Failure(0, "locked", 0.001)]
+FAILURES = [Failure(0, "locked", 0.001)]
 NAN, ARM_FILE = np.nan, MODELS / "arm.xml"
 CALLS: dict[str, Callable[..., Any]] = {
     "made": Rig.hexapod,
     "loaded": lambda **given: Rig.of_mjcf(**{"file": ARM_FILE, "major": [0, 1]} | given),
-    "flown": flown,
+    "flown": simulated,
     "path": lambda **given: known("hexapod").path(**{"name": "circle", "duration_s": 0.01} | given),
     "predicted": lambda **given: known("hexapod").predict(
-        np.zeros((3, 2)), failures=STRUCK, **given
+        np.zeros((3, 2)), failures=FAILURES, **given
     ),
     "event": lambda name: Event(name, 0.1),
     "recorded": lambda **given: record(**{"path": "x.rrd", "run": None, "rig": None} | given),
@@ -176,36 +178,36 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (WrongInput, "path", "name", ["cirle"], "^path must be spiral, .* did you mean .circle"),
     (WrongInput, "flown", "failures", [[Failure("strut9", "locked")]], "strut9"),
 ]
-"""The error, what is called, the argument, values in its place, and what the sentence says."""
+"""Error, function, argument, values of it, and pattern of the message."""
 
 
-@pytest.mark.parametrize(("error", "call", "name", "values", "said"), TABLE)
-def test_what_a_rig_cannot_take_is_refused_by_name(error, call, name, values, said):
+@pytest.mark.parametrize(("error", "call", "name", "values", "pattern"), TABLE)
+def test_invalid_arguments_of_a_rig_are_rejected_by_name(error, call, name, values, pattern):
     for value in values:
-        with pytest.raises(error, match=said) as refusal:
+        with pytest.raises(error, match=pattern) as refusal:
             CALLS[call](**{name: value})
         assert refusal.type is error  # and no subclass
         assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
 
 
-def test_what_the_hexapod_cannot_do_is_refused_by_name():
-    """A payload edge on or mirrored, coils that would melt, a strut without length."""
+def test_invalid_arguments_of_the_hexapod_are_rejected_by_name():
+    """A payload edge on or mirrored, coils that would melt, a strut of zero length."""
     edge_on = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     with pytest.raises(ValueError, match="rotation must not put the payload at right angles"):
         Detector(1.0, 5e-3, 3e-7).read(edge_on, np.random.default_rng(0))
     for rotation in (np.zeros((3, 3)), 2 * np.eye(3), -np.eye(3)):
-        with pytest.raises(ValueError, match="rotation must hold orthonormal axes"):
+        with pytest.raises(ValueError, match="rotation must hold right-handed orthonormal axes"):
             secondary_motion(rotation, np.zeros(3))
     coils, machine = Coils(5.0, 4.0, np.array([1.5, 2.2]), 20.0), hexapod(load_model())
     with pytest.raises(ValueError, match="current_a must leave temperatures finite"):
         coils.step(coils.cold(), np.full(2, 1e4), 1e3)
     on_its_node = Pose(np.eye(3), machine.bottom_m[0] - machine.top_m[0])
     for ask in (machine.posture, machine.inverse_jacobian):
-        with pytest.raises(ValueError, match="pose must leave every strut a length"):
+        with pytest.raises(ValueError, match="pose must give every strut a nonzero length"):
             ask(on_its_node)
 
 
-def test_controls_that_mujoco_would_clear_end_a_flight():
+def test_controls_that_mujoco_would_clear_end_a_run():
     one = known("arm")
     huge = Hook(sent=lambda tick, inputs: np.full_like(inputs, 1e20))
     with pytest.raises(SimulationDiverged, match="controls beyond"):
@@ -221,20 +223,20 @@ ADVICE: list[tuple[Callable[[], object], str]] = [
         "spiral_direction must be one number, got shape",
     ),
     (lambda: TestbedConfig(anti_windup=MANY), "^anti_windup must be True or False, .{,90}$"),
-    (lambda: known("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "knows no floor"),
+    (lambda: known("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "no floor input"),
     (lambda: survey(hold="1,2", on_progress=lambda *_: None), "--hold .*give one with --matrix"),
 ]
 
 
-@pytest.mark.parametrize(("ask", "said"), ADVICE, ids=[said for _, said in ADVICE])
-def test_wrong_combinations_are_refused_with_what_is_right(ask, said):
-    with pytest.raises((TypeError, ValueError, WrongInput), match=said):
+@pytest.mark.parametrize(("ask", "pattern"), ADVICE, ids=[pattern for _, pattern in ADVICE])
+def test_invalid_combinations_are_rejected_with_advice(ask, pattern):
+    with pytest.raises((TypeError, ValueError, WrongInput), match=pattern):
         ask()
 
 
-def test_what_a_user_holds_is_shown_on_one_line():
+def test_public_objects_have_a_one_line_representation():
     one = known("arm")
-    pilot, run = one.supervisor(), one.fly(one.controller(), PATH)
+    diagnosing, run = one.supervisor(), one.fly(one.controller(), PATH)
     report = one.control.system.kinematics().manipulability([0, 1])
-    for held in (one, run, pilot, pilot.start(), report):
-        assert re.match("<[A-Z].*>$", repr(held))
+    for thing in (one, run, diagnosing, diagnosing.start(), report):
+        assert re.match("<[A-Z].*>$", repr(thing))

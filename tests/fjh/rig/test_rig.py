@@ -1,4 +1,4 @@
-"""One rig for every robot: names, units, paths, files, copies, threads; and what it prints."""
+"""Rigs of all robots: names, units, paths, files, copies, threads and texts."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fjh.rig import Rig, Run
-from fjh.rig.units import by_unit, said
+from fjh.rig.units import by_unit, quantity_text
 from fjh.study.errors import WrongInput
 from ftc import Goal, OracleController
 from sim import Failure
@@ -47,8 +47,8 @@ def test_rows_are_called_by_name_or_by_number(major, rows):
 
 
 @pytest.mark.long
-def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
-    """Its spring holds it: it counts as locked, and the task as possible, whoever asks."""
+def test_both_rigs_of_the_hexapod_treat_a_free_strut_equally():
+    """Both rigs count the strut as locked by its spring, and the task as possible."""
     failures = [Failure("strut1", "free", 1.2)]  # the diagnosis learns until 0.8 s
     for name in ("hexapod", "fjh"):
         one = rig(name)
@@ -56,12 +56,12 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
         run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
         first = one.actuators[0]  # the file calls its coil1
         assert run.diagnoses[0].actuator == first and not run.task_lost
-        assert f"{first} was named free at" in run.status
+        assert f"{first} was identified as free at" in run.status
 
 
 @BOTH
-def test_feedforward_through_the_inverse_leaves_the_loops_little(name):
-    """Feedforward is an argument of either rig, and the prediction knows it."""
+def test_feedforward_through_the_inverse_reduces_the_error(name):
+    """Feedforward is an option of either rig, and the prediction includes it."""
     options = {} if name == "hexapod" else {"crossover": 0.7}
     rms = {}
     for feedforward in (True, False):
@@ -71,35 +71,35 @@ def test_feedforward_through_the_inverse_leaves_the_loops_little(name):
         rms[feedforward] = np.linalg.norm(run.rms())
         predicted = one.predict(path, noise=run.measured - run.true)
         assert rms[feedforward] == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.05)
-    assert rms[True] < 0.05 * rms[False]  # what is left is noise
+    assert rms[True] < 0.05 * rms[False]  # the remaining error is noise
 
 
-def test_every_pilot_demands_the_path_through_the_inverse():
-    """Until something fails one that diagnoses, or is told later, flies as one that does not."""
+def test_every_controller_demands_the_path_through_the_inverse():
+    """Supervisor and oracle act as a plain controller without failures."""
     one, path = rig("arm"), path_of("arm", 0.1)
-    pilot = one.controller()
-    plain = one.fly(pilot, path).inputs
-    for each in (one.supervisor("none"), OracleController(pilot, pilot, None)):
+    control = one.controller()
+    plain = one.fly(control, path).inputs
+    for each in (one.supervisor("none"), OracleController(control, control, None)):
         np.testing.assert_array_equal(one.fly(each, path).inputs, plain)
     assert one.feedforward_demands(path) is not None
     assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
 
 
-def test_a_mapping_changes_at_the_time_that_was_said():
+def test_a_mapping_changes_at_the_given_time():
     one, path, known = rig("hexapod"), path_of("hexapod", 0.1), Goal(EQUAL, locked_at={0: 0.0})
     before, changing = one.controller(Goal(EQUAL)), one.reconfigured(Goal(EQUAL), known, 0.05)
     sent, plain = (one.fly(each, path).inputs for each in (changing, before))
     assert np.flatnonzero((sent != plain).any(axis=1))[0] == 50
 
 
-def test_a_robot_starts_where_it_is_told_to():
+def test_a_robot_starts_at_the_given_positions():
     start = np.array([0.1, 0.5, 0.2, -1.2, 0.1, 0.6, 0.0])
     one = Rig.of_mjcf(ARM, major=[3, 4, 5], start=start, crossover=0.7)
     np.testing.assert_allclose(one.fly(one.controller(), np.zeros((2, 3))).qpos[0], start)
 
 
-def test_a_robot_among_other_things_flies_as_predicted():
-    """The finger follows on its spring, the cup stays: both are in the physics alone."""
+def test_a_robot_among_other_objects_moves_as_predicted():
+    """The finger follows on its spring, the cup rests: both are only in the physics."""
     one = rig_of("arm_and_cup", site="tool", major=(3, 5), joint_weight=(1.0, 4.0))
     assert one.actuators == ("m1", "m2") and one.goal.joint_weight == (1.0, 4.0)
     assert one.left_out == ("finger", "cup") and "finger, cup" in one.warnings[0]
@@ -112,8 +112,8 @@ def test_a_robot_among_other_things_flies_as_predicted():
 
 
 @pytest.mark.long
-def test_a_finger_on_one_cable_flies_as_its_springs_have_it():
-    """One cable for two joints: their springs say how they share its way."""
+def test_a_finger_on_one_cable_moves_as_its_springs_determine():
+    """Springs determine the ratio of two joints that one cable moves."""
     one = rig_of("finger", site="tip", major=(5,))
     run = one.fly(one.controller(), one.path("circle", duration_s=2.0))
     assert run.rms() < 2e-3 * one.size
@@ -122,7 +122,7 @@ def test_a_finger_on_one_cable_flies_as_its_springs_have_it():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ARMS)
 def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
-    """Servos lag by 0.1 to 0.2 s: 19 to 33 % of the path where the path itself is demanded."""
+    """Servos lag by 0.1 to 0.2 s: 19 to 33 % of the path if the path itself is demanded."""
     file = ARMS[name].write(tmp_path / f"{name}.xml")
     for noise in (None, 1e-12):
         one = Rig.of_mjcf(file, site="tool", major=[3, 4, 5], noise=noise)
@@ -135,7 +135,7 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
 
 
 @cache
-def pilot_of(name: str, made: str) -> Any:
+def controller_of(name: str, made: str) -> Any:
     return getattr(rig(name), made)()
 
 
@@ -143,8 +143,8 @@ def pickled(thing: Any) -> Any:
     return pickle.loads(pickle.dumps(thing))
 
 
-def flown(one: Rig, controller: Any, actuator: int = 0) -> Run:
-    """A flight with an actuator that is weak from its start, and locks halfway."""
+def simulated(one: Rig, controller: Any, actuator: int = 0) -> Run:
+    """Simulate a run with an actuator that is weak from the start and locks halfway."""
     path = one.path("circle", duration_s=0.1, turn_s=0.1)
     failures = [Failure(actuator, "weak"), Failure(actuator, "locked", 0.05)]
     return one.fly(controller, path, failures=failures, seed=actuator)
@@ -161,19 +161,19 @@ def assert_same(run: Run, other: Run) -> None:
     "name", ["hexapod", pytest.param("arm", marks=[pytest.mark.long, pytest.mark.night])]
 )
 @pytest.mark.parametrize("copied", [pickled, pytest.param(deepcopy, marks=pytest.mark.long)])
-def test_a_copy_flies_the_same_to_the_bit(copied, name, made):
-    """The rig, the pilot, both at once; and a run is copied with the state of its pilot."""
-    one, pilot = rig(name), pilot_of(name, made)
-    run, both = flown(one, pilot), copied((one, pilot))
-    for a_rig, a_pilot in (both, (copied(one), pilot), (one, copied(pilot))):
-        assert_same(run, flown(a_rig, a_pilot))
+def test_a_copy_gives_the_same_run_to_the_bit(copied, name, made):
+    """Copies of the rig, the controller, both at once, and of a run with its state."""
+    one, control = rig(name), controller_of(name, made)
+    run, both = simulated(one, control), copied((one, control))
+    for a_rig, a_controller in (both, (copied(one), control), (one, copied(control))):
+        assert_same(run, simulated(a_rig, a_controller))
     assert_same(run, copied(run))
 
 
 @pytest.mark.parametrize("copied", [deepcopy, pickled])
 @BOTH
-def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(copied, name):
-    """Neither shares anything with the other: failures, physics and noise are its own."""
+def test_a_machine_copied_during_a_run_continues_unchanged(copied, name):
+    """Copies share nothing: failures, physics and noise are independent."""
     one = rig(name, "all")
     time_s, n = np.arange(40) * one.period_s, len(one.actuators)
     inputs = 1e-3 * np.sin(np.add.outer(0.5 * np.arange(40), np.arange(n)))
@@ -192,12 +192,12 @@ def test_a_machine_that_is_copied_in_flight_goes_on_as_it_would_have(copied, nam
 @pytest.mark.night
 @pytest.mark.usefixtures("switching")
 @pytest.mark.parametrize("name", ["arm", "hand", "hexapod"])
-def test_threads_that_share_a_rig_and_a_pilot_fly_as_one_alone(name):
-    one, pilot, actuators = rig(name), pilot_of(name, "supervisor"), [0, 1, 0, 1]
+def test_threads_that_share_a_rig_and_a_controller_give_equal_runs(name):
+    one, control, actuators = rig(name), controller_of(name, "supervisor"), [0, 1, 0, 1]
     with ThreadPoolExecutor(4) as pool:
-        runs = pool.map(lambda actuator: flown(one, pilot, actuator), actuators)
+        runs = pool.map(lambda actuator: simulated(one, control, actuator), actuators)
         for actuator, run in zip(actuators, list(runs), strict=True):
-            assert_same(run, flown(one, pilot, actuator))
+            assert_same(run, simulated(one, control, actuator))
 
 
 @given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
@@ -212,7 +212,7 @@ def test_each_value_is_in_the_entry_of_its_unit_in_order(rows):
 
 @given(size=st.floats(1e-12, 1e9), sign=st.sampled_from([1, -1]))
 def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
-    number, unit = said(sign * size, "m").split()
+    number, unit = quantity_text(sign * size, "m").split()
     power = {"m": 0, "mm": -3, "µm": -6, "nm": -9}[unit]
     assert float(number) * 10.0**power == pytest.approx(sign * size, rel=5.1e-3)
     assert unit in ("nm", "m") or 1 <= abs(float(number)) < 1000
@@ -220,11 +220,11 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
 
 
 @pytest.mark.parametrize("name", ["limited", "gantry"])
-def test_an_actuator_of_turns_moves_by_an_angle_others_by_a_length(name):
+def test_rotary_actuators_move_by_angles_and_linear_ones_by_lengths(name):
     """A hinge, a slide, a tendon over both, a ball joint; a tendon of hinges, a rope, a rail."""
     units = {"limited": ["rad", "m", "m", "rad"], "gantry": ["rad", "m", "m"]}
-    found = [drive.unit for drive in drives(model(name))]
-    assert found[: len(units[name])] == units[name]
+    units_of_drives = [drive.unit for drive in drives(model(name))]
+    assert units_of_drives[: len(units[name])] == units[name]
 
 
 def test_the_hexapod_moves_by_lengths_and_points_by_angles():

@@ -1,4 +1,4 @@
-"""Runs in which sensors fail, and what a supervisor may cost under any weakness."""
+"""Runs in which sensors fail, and the cost of a supervisor under any loss of force."""
 
 from collections.abc import Callable
 from functools import cache
@@ -15,22 +15,23 @@ from sim import Failure
 from sim.mjcf import drives
 from tests.fjh.rigs import rig, rig_of
 
-STRUCK, TICKS = 900, 1150
-"""The diagnosis has learned what the plant is like after 800 ticks."""
+ONSET, TICKS = 900, 1150
+"""Onset of the failure, after the diagnosis has learned the plant for 800 ticks, and length of a
+run."""
 UNKNOWN = np.full(2, np.nan)
 
 Change = Callable[[int, Any, Any], Any]
 
 
 class Sensors:
-    """From a tick on the readings are others, made of the tick, what is read, and the last one."""
+    """Sensors whose readings change from a tick on, as a function of tick, reading and last one."""
 
     def __init__(self, change: Change) -> None:
         self.change, self.last = change, None
 
     def measured(self, tick: int, reading: Any) -> Any:
-        """As `events` of a rig."""
-        changed = reading if tick < STRUCK else self.change(tick - STRUCK, reading, self.last)
+        """Return the changed reading, as an `events` hook of a rig."""
+        changed = reading if tick < ONSET else self.change(tick - ONSET, reading, self.last)
         self.last = reading if changed is None else changed
         return changed
 
@@ -59,22 +60,22 @@ CHANGES: dict[str, Change] = {
 
 
 @cache
-def flown(name: str, what: str, sense: Any = "both", pilot: str = "supervisor") -> Run:
+def simulated(name: str, what: str, sense: Any = "both", kind: str = "supervisor") -> Run:
     one = rig(name, "all") if name == "hexapod" else rig(name, sense=sense)
     path = one.path("circle", duration_s=TICKS * one.period_s, turn_s=0.5)
     inner = one.controller()
-    flies = {
+    controllers = {
         "supervisor": lambda: one.supervisor("default" if name == "hexapod" else "none"),
         "guarded": lambda: GuardedController("my:own", lambda task: inner, one.task),
     }
-    return one.fly(flies[pilot](), path, events=Sensors(CHANGES[what]), seed=1)
+    return one.fly(controllers[kind](), path, events=Sensors(CHANGES[what]), seed=1)
 
 
 def error(run: Run) -> np.ndarray:
     return np.linalg.norm(run.desired - run.true, axis=1)
 
 
-def rms(run: Run, since: int = STRUCK) -> float:
+def rms(run: Run, since: int = ONSET) -> float:
     return float(np.sqrt((error(run)[since:] ** 2).mean()))
 
 
@@ -83,17 +84,17 @@ IN_SHORT = [(LOST[0], "supervisor"), (LOST[3], "guarded")]
 
 
 @pytest.mark.parametrize(
-    ("what", "pilot"),
+    ("what", "kind"),
     [
         pytest.param(*each, marks=() if each in IN_SHORT else pytest.mark.long)
         for each in product(LOST, ("supervisor", "guarded"))
     ],
 )
-def test_without_a_reading_the_commands_stand(what, pilot):
-    """Bit by bit, from 50 ms after the last reading that changed; the integrators stand still."""
-    run = flown("hexapod", what, pilot=pilot)
-    held = run.inputs[STRUCK + 50 :]
-    assert (held == held[0]).all()
+def test_without_readings_the_commands_are_held(what, kind):
+    """Commands are constant from 50 ms after the last changed reading; so are the integrators."""
+    run = simulated("hexapod", what, kind=kind)
+    constant = run.inputs[ONSET + 50 :]
+    assert (constant == constant[0]).all()
     assert error(run).max() < 2.1 * np.linalg.norm(run.desired, axis=1).max()
     assert not run.diagnoses
     assert "since 0.90" in run.status and "the commands are held" in run.status
@@ -106,15 +107,15 @@ def test_without_a_reading_the_commands_stand(what, pilot):
         *(pytest.param(each, marks=pytest.mark.long) for each in ("repeated", "spike")),
     ],
 )
-def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
-    run, sound = flown("hexapod", what), flown("hexapod", "none")
+def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
+    run, healthy = simulated("hexapod", what), simulated("hexapod", "none")
     if what == "50 ms":  # and then as without
-        np.testing.assert_allclose(error(run)[-50:], error(sound)[-50:], atol=3e-6)
+        np.testing.assert_allclose(error(run)[-50:], error(healthy)[-50:], atol=3e-6)
     elif what == "one NaN":
-        assert (run.inputs[STRUCK] == run.inputs[STRUCK - 1]).all()
-        assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
+        assert (run.inputs[ONSET] == run.inputs[ONSET - 1]).all()
+        assert abs(rms(run) - rms(healthy)) < rig("hexapod").noise
     else:
-        assert rms(run) < 1.2 * rms(sound)
+        assert rms(run) < 1.2 * rms(healthy)
     assert not run.state.watch.alarm_ticks and not run.diagnoses
     sensors = run.state.sensors.task
     assert sensors.missing + sensors.repeated > 0 and sensors.usable
@@ -123,26 +124,30 @@ def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
 
 @pytest.mark.long
 @pytest.mark.parametrize("what", ["stuck", "another shape"])
-def test_encoders_stand_in_for_the_sensor_of_the_task(what):
-    """With a task's sensor alone the commands are held."""
-    sound = rms(flown("arm", "none"))
-    assert rms(flown("arm", what)) < 10 * sound < 0.05 * rms(flown("arm", what, "task"))
-    said = "the task is estimated from the encoders"
-    assert said in flown("arm", what).status and said not in flown("arm", what, "task").status
+def test_encoders_replace_a_failed_task_sensor(what):
+    """Commands are held if there is only the task sensor."""
+    healthy = rms(simulated("arm", "none"))
+    assert rms(simulated("arm", what)) < 10 * healthy < 0.05 * rms(simulated("arm", what, "task"))
+    text = "the task is estimated from the encoders"
+    assert (
+        text in simulated("arm", what).status and text not in simulated("arm", what, "task").status
+    )
 
 
 @pytest.mark.long
-def test_encoders_that_fail_do_not_hurt_who_does_not_use_them():
-    """And one that is stuck is no actuator that is locked."""
-    np.testing.assert_array_equal(flown("arm", "encoders").inputs, flown("arm", "none").inputs)
-    run = flown("arm", "encoder stuck")
+def test_failed_encoders_do_not_affect_a_controller_without_them():
+    """A stuck encoder is not diagnosed as a locked actuator."""
+    np.testing.assert_array_equal(
+        simulated("arm", "encoders").inputs, simulated("arm", "none").inputs
+    )
+    run = simulated("arm", "encoder stuck")
     assert not run.diagnoses
     assert "the set of encoders repeats one value since 0.90" in run.status
 
 
 @pytest.mark.long
-def test_a_healthy_robot_that_rubs_is_not_suspected():
-    """From the first test of the residuals on, at 0.8 s."""
+def test_a_healthy_robot_with_dry_friction_raises_no_alarm():
+    """The residuals are tested from 0.8 s on."""
     one = rig_of("rubbing_arm", major=(3, 5))
     run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
     assert not run.diagnoses
@@ -151,8 +156,8 @@ def test_a_healthy_robot_that_rubs_is_not_suspected():
 
 @pytest.mark.long
 @pytest.mark.parametrize("actuator", ["shoulder", "elbow"])
-def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(actuator):
-    """It sags by its load, then goes where it is told: there is no command to double."""
+def test_a_weak_servo_under_load_costs_no_more_than_without_diagnosis(actuator):
+    """The servo sags by its load, then follows its commands: doubling them would be wrong."""
     one, onset_s = rig_of("three_links", major=(5,)), 1.1
     path, weak = one.path("circle", duration_s=2.1), [Failure(actuator, "weak", onset_s, 0.5)]
     run, nothing_done = (
@@ -164,7 +169,7 @@ def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(actua
 
 
 class Strength:
-    """One actuator has these parts of its force from these times [s] on."""
+    """Event that sets one actuator's force to given fractions at given times [s]."""
 
     def __init__(self, one: Rig, which: int, parts: dict[float, float]) -> None:
         among = None if one.part is None else one.part.actuators
@@ -173,7 +178,7 @@ class Strength:
         self.now = 1.0
 
     def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
-        """Of the plant's model."""
+        """Change the plant's model at these times."""
         part = self.parts.get(tick, self.now)
         for parameters in (model.actuator_gainprm, model.actuator_biasprm):
             parameters[self.ids, :3] *= part / self.now
@@ -181,7 +186,7 @@ class Strength:
 
 
 PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2: 0.7, 2.2: 1.4}]
-"""Of an actuator's force: from which times on it is multiplied by which parts."""
+"""Fractions of an actuator's force by the times [s] from which they hold."""
 
 
 @pytest.mark.long
@@ -194,16 +199,18 @@ PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2:
     ],
     ids=str,
 )
-def test_a_weakness_that_changes_costs_at_most_what_doing_nothing_does(name, parts):
-    """Whether the force comes back to what it was, or beyond, before its loss is sure or after."""
+def test_a_varying_loss_of_force_costs_no_more_than_without_diagnosis(name, parts):
+    """The force recovers in part or beyond its value, before or after the diagnosis is certain."""
     one = rig(name, crossover=0.7) if name == "arm" else rig(name)
-    one = one.drawn("all", 4)
+    one = one.with_mismatch("all", 4)
     path = one.path("circle", duration_s=3.2, turn_s=1.5)
-    pilot, inner = one.supervisor(), one.controller()
-    unaware = OracleController(inner, inner, None, secondary=pilot.secondary)
-    ours, theirs = (
-        one.fly(each, path, events=Strength(one, 1, parts)) for each in (pilot, unaware)
+    diagnosing, inner = one.supervisor(), one.controller()
+    uninformed = OracleController(inner, inner, None, secondary=diagnosing.secondary)
+    with_diagnosis, without_diagnosis = (
+        one.fly(each, path, events=Strength(one, 1, parts)) for each in (diagnosing, uninformed)
     )
     for since_s in parts:
-        error, bound = (rms(run, round(since_s / one.period_s)) for run in (ours, theirs))
+        error, bound = (
+            rms(run, round(since_s / one.period_s)) for run in (with_diagnosis, without_diagnosis)
+        )
         assert error < max(1.05 * bound, bound + one.noise)

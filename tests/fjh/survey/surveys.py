@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fjh.rig.examined import Examined
+from fjh.rig.condition_analysis import ConditionAnalysis
 from fjh.rig.options import RobotOptions, rows_of
 from fjh.survey.conditions import Survey, condition_frame, surveyed
 from fjh.survey.subject import matrix_subject, robot_subject
@@ -39,10 +39,10 @@ def conditions(found: Survey) -> pd.DataFrame:
     return condition_frame(found).set_index("failed")
 
 
-def speeds(examined: Examined) -> np.ndarray:
+def speeds(examined: ConditionAnalysis) -> np.ndarray:
     """The worst speeds, which were computed."""
-    assert examined.left.worst_speed is not None
-    return examined.left.worst_speed
+    assert examined.classes.worst_speed is not None
+    return examined.classes.worst_speed
 
 
 def written(file: Path, B: Any) -> Path:

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fjh.rig.condition_analysis import LEAST_LEFT, analyze_conditions
 from fjh.rig.conditions import FREE, LOCKED
-from fjh.rig.examined import LEAST_LEFT, examine
 from fjh.rig.robot import robot_of
 from fjh.survey.conditions import actuator_frame, checks, condition_frame
 from fjh.survey.page import headline
@@ -99,14 +99,14 @@ def test_inputs_without_room_about_rest_are_said_to_have_none(tmp_path, hold, ad
     """Thrusts from 0 have none about zero; six of 6 N do not carry 40 N."""
     file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
     found = of_matrix(file, lower="0", upper="6", hold=hold)
-    assert found.start.verdict(0) == "no room"
+    assert found.start.classification(0) == "no room"
     assert headline(found.subject, found.start).endswith(f"{advice}.")
 
 
 def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
     file = written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(4, 8)))
     whole = of_matrix(file).start
-    monkeypatch.setattr("fjh.rig.examined._AT_ONCE", 8**2 * 10)
+    monkeypatch.setattr("fjh.rig.condition_analysis._AT_ONCE", 8**2 * 10)
     parts = of_matrix(file).start
     np.testing.assert_array_equal(parts.survived, whole.survived)
     np.testing.assert_array_equal(speeds(parts), speeds(whole))
@@ -124,7 +124,7 @@ def test_the_arm_points_with_any_joint_locked_and_none_free_but_the_last():
     start = of_robot(ARM, 3).start
     assert start.survived[start.singles[:, 0]].all()
     assert start.survived[start.singles[:, 1]].tolist() == 6 * [False] + [True]
-    assert {start.verdict(row) for row in start.singles[:6, 1]} == {"drifts"}
+    assert {start.classification(row) for row in start.singles[:6, 1]} == {"drifts"}
     assert start.speed_left[start.singles[6]] == pytest.approx(1.0, rel=1e-9)
 
 
@@ -147,7 +147,7 @@ def test_over_postures_are_the_numbers_of_surveys_that_start_there():
     for qpos in (np.array(robot.scene.start.qpos), *found.postures.qpos):
         there = robot_of(ARM, robot.options, qpos, settle=False)
         system = ConstrainedSystem.of(there.rigid.nominal)
-        own.append(examine(system, (0, 1), found.start.codes, rates=found.subject.rates))
+        own.append(analyze_conditions(system, (0, 1), found.start.codes, rates=found.subject.rates))
     told, name = condition_frame(found), "worst_speed_rad_per_s"
     elsewhere = np.array([speeds(each) for each in own[1:]])
     survived = np.array([each.speed_left > LEAST_LEFT for each in own])
@@ -173,7 +173,7 @@ def test_at_a_singular_start_the_best_posture_stands_for_it():
     """A planar arm stretched out cannot move its tip along itself; bent it can."""
     file = TEST_MODELS / "stretched.xml"
     alone, found = (of_robot(file, count, **STRETCHED) for count in (0, 8))
-    assert alone.start.verdict(0) == "one direction" and alone.subject.instead is None
+    assert alone.start.classification(0) == "one direction" and alone.subject.instead is None
     robot, healthy = found.subject.robot, found.rows[found.rows.condition == 0].iloc[1:]
     assert found.start.survived[0] and robot is not None and healthy.survived.all()
     best = int(np.argmin(healthy.largest_gain_rad_per_m))
@@ -184,9 +184,9 @@ def test_at_a_singular_start_the_best_posture_stands_for_it():
 
 def test_every_check_fails_on_spoilt_numbers(tmp_path):
     found = of_matrix(written(tmp_path / "B.csv", B))
-    start, left = found.start, found.start.left
+    start, left = found.start, found.start.classes
     assert [each.passed for each in checks(found.subject, start)] == [True, True]
-    verdicts = replace(start, left=replace(left, possible=~left.possible))
-    numbers = replace(start, left=replace(left, worst_speed=speeds(start) * (1 + 1e-5)))
+    verdicts = replace(start, classes=replace(left, possible=~left.possible))
+    numbers = replace(start, classes=replace(left, worst_speed=speeds(start) * (1 + 1e-5)))
     for k, spoilt in enumerate((verdicts, numbers)):
         assert [each.passed for each in checks(found.subject, spoilt)] == [k != 0, k != 1]
