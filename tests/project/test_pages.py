@@ -141,7 +141,7 @@ def test_the_tables_of_entities_and_arrays_have_all_that_the_files_hold(names_of
 
 
 def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(names_of, tmp_path):
-    names = names_of("docs/add-an-experiment.md")
+    names = names_of("docs/architecture.md")
     app = typer.Typer()
     app.command()(command(names["seeds"]))
     app(["--quick", "--out", str(tmp_path)], standalone_mode=False)
