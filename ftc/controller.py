@@ -83,9 +83,9 @@ class BumplessTransfer:
 
     demand: Array
     secondary_reference: Array
-    kept: Array
-    left: Array
-    carried: Array
+    retained: Array
+    fading: Array
+    fading_task: Array
     age_s: float = 0.0
 
     def part(self, fade_s: float) -> float:
@@ -108,7 +108,7 @@ class ControllerState(Generic[Pose]):
     compensator: Array
     inputs: Array
     pose: Pose
-    asked: PreviousCommand
+    previous_command: PreviousCommand
     bumpless_transfer: BumplessTransfer | None = None
 
 
@@ -152,7 +152,7 @@ class PrioritizedController(Generic[Pose]):
         self.demand_limit = inf if unlimited else check.number("demand_limit", demand_limit, 0.0)
         self.anti_windup = check.flag("anti_windup", anti_windup)
         self.reference_feedforward = check.flag("reference_feedforward", reference_feedforward)
-        self._m1 = len(mapping.nothing().demand)
+        self._m1 = len(mapping.initial_command().demand)
         channels("loops", loops, self._m1)
         self.period_s = loops[0].dt
         self._compensators = Compensators(loops)
@@ -168,7 +168,7 @@ class PrioritizedController(Generic[Pose]):
     def start(self) -> ControllerState[Pose]:
         """State at rest at the nominal pose."""
         still = np.zeros(self._compensators.order), np.zeros(self.mapping.actuators)
-        return ControllerState(*still, self.mapping.nominal, self.mapping.nothing())
+        return ControllerState(*still, self.mapping.nominal, self.mapping.initial_command())
 
     def step(
         self,
@@ -209,35 +209,35 @@ class PrioritizedController(Generic[Pose]):
         if self.demand_limit == inf:
             compensator, demand = self._compensators.step(state.compensator, error)
         else:
-            held = self.demand_limit, self.anti_windup
-            compensator, demand = self._compensators.limited(state.compensator, error, *held)
+            limits = self.demand_limit, self.anti_windup
+            compensator, demand = self._compensators.limited(state.compensator, error, *limits)
         if feedforward is not None:
             demand = feedforward + demand
-        if (owed := state.bumpless_transfer) is not None:
-            part = owed.part(self.handover_s)
-            demand = owed.demand - part * owed.carried + demand
-            secondary_reference = part * owed.secondary_reference + secondary_reference
+        if (transfer := state.bumpless_transfer) is not None:
+            part = transfer.part(self.handover_s)
+            demand = transfer.demand - part * transfer.fading_task + demand
+            secondary_reference = part * transfer.secondary_reference + secondary_reference
         required, residual = self.mapping.tick(
-            demand, pose, commanded, state.asked, secondary_reference
+            demand, pose, commanded, state.previous_command, secondary_reference
         )
         if self._tracking is not None and residual is not None:
             compensator = compensator - self._tracking.dot(residual)
-        asked = PreviousCommand(demand, required, secondary_reference)
-        if owed is not None:
-            alone = owed.kept + owed.part(self.handover_s) * owed.left
-            alone = alone + self.mapping.followed(required) + self._unused * unused_reference
-            required = required + alone
-            owed = replace(owed, age_s=owed.age_s + self.period_s)
+        command = PreviousCommand(demand, required, secondary_reference)
+        if transfer is not None:
+            unused = transfer.retained + transfer.part(self.handover_s) * transfer.fading
+            unused = unused + self.mapping.followed(required) + self._unused * unused_reference
+            required = required + unused
+            transfer = replace(transfer, age_s=transfer.age_s + self.period_s)
         if self.mapping.goal.effectiveness:
             required = required / self._effectiveness
-        return ControllerState(compensator, self.drives.inputs(required), pose, asked, owed)
+        return ControllerState(compensator, self.drives.inputs(required), pose, command, transfer)
 
     def transfer(
         self,
         state: ControllerState[Pose],
         lost_displacements: Array | None = None,
         acting: Array | None = None,
-        keeps: Array | None = None,
+        retained: Array | None = None,
         *,
         unused_reference: Array | None = None,
     ) -> ControllerState[Pose]:
@@ -250,29 +250,31 @@ class PrioritizedController(Generic[Pose]):
                 major task; None is nothing.
             acting: Part of its command that each actuator still follows once it is out of use,
                 shape (n,); None is nothing.
-            keeps: Which actuators keep their last commands if they are out of use, 0 or 1 each,
+            retained: Which actuators keep their last commands if they are out of use, 0 or 1 each,
                 shape (n,); those of the rest fade in `handover_s`, and the others take over what
                 they did. None: they all fade.
             unused_reference: As the next step is given it: actuators out of use go on with it.
         """
-        mapping, asked = self.mapping, check.instance("state", state, ControllerState).asked
+        last = check.instance("state", state, ControllerState).previous_command
+        mapping, acting = self.mapping, self._of_actuators("acting", acting)
+        retained = self._of_actuators("retained", retained)
         lost = self._of_actuators("lost_displacements", lost_displacements)
-        acting, keeps = self._of_actuators("acting", acting), self._of_actuators("keeps", keeps)
-        beside = self._of_actuators("unused_reference", unused_reference)
+        test_command = self._of_actuators("unused_reference", unused_reference)
         commanded = self._commanded(state)
         pose = mapping.estimate(commanded, state.pose)
-        own = mapping.displacements(asked.demand, pose, commanded, asked, asked.secondary_reference)
-        demand, secondary_reference, internal = mapping.split(commanded - own, pose)
-        alone = np.where(mapping.unused, commanded - beside - mapping.followed(commanded), 0.0)
-        left = (1 - keeps) * alone
-        carried = mapping.major_motion(acting * left, pose)
-        demand = demand + carried + mapping.major_motion(lost, pose)
-        if (owed := state.bumpless_transfer) is not None:
+        target = mapping.displacements(last.demand, pose, commanded, last, last.secondary_reference)
+        demand, secondary_reference, internal = mapping.split(commanded - target, pose)
+        unused = commanded - test_command - mapping.followed(commanded)
+        unused = np.where(mapping.unused, unused, 0.0)
+        fading = (1 - retained) * unused
+        fading_task = mapping.major_motion(acting * fading, pose)
+        demand = demand + fading_task + mapping.major_motion(lost, pose)
+        if (transfer := state.bumpless_transfer) is not None:
             # What it keeps and leaves is in the commands, hence in these parts of them.
-            part = owed.part(self.handover_s)
-            demand = owed.demand - part * owed.carried + demand
-            secondary_reference = part * owed.secondary_reference + secondary_reference
-        parts = demand, secondary_reference, keeps * alone, left + internal, carried
+            part = transfer.part(self.handover_s)
+            demand = transfer.demand - part * transfer.fading_task + demand
+            secondary_reference = part * transfer.secondary_reference + secondary_reference
+        parts = demand, secondary_reference, retained * unused, fading + internal, fading_task
         return replace(state, bumpless_transfer=BumplessTransfer(*parts))
 
     def _commanded(self, state: ControllerState[Pose]) -> Array:
@@ -316,31 +318,33 @@ class OracleController:
         acting: As of :meth:`ftc.PrioritizedController.transfer`.
     """
 
-    before: PrioritizedController[Any]
-    after: PrioritizedController[Any]
+    initial: PrioritizedController[Any]
+    reconfigured: PrioritizedController[Any]
     tick: int | None
     lost_displacements: Array | None = None
     secondary: Callable[[float], Array] | None = None
     acting: Array | None = None
 
     def __post_init__(self) -> None:
-        before, after = (
+        initial, reconfigured = (
             check.instance(name, getattr(self, name), PrioritizedController).mapping.actuators
-            for name in ("before", "after")
+            for name in ("initial", "reconfigured")
         )
-        if before != after:
-            raise ValueError(f"after must have the {before} actuators of before, got {after}")
+        if initial != reconfigured:
+            raise ValueError(
+                f"reconfigured must have the {initial} actuators of initial, got {reconfigured}"
+            )
         if self.tick is not None:
             check.integer("tick", self.tick)
         if self.secondary is not None:
             check.function("secondary", self.secondary)
         for name in ("lost_displacements", "acting"):
-            if (given := getattr(self, name)) is not None:
-                vars(self)[name] = check.frozen(check.array(name, given, before))
+            if (value := getattr(self, name)) is not None:
+                vars(self)[name] = check.frozen(check.array(name, value, initial))
 
     def start(self) -> NestedState:
         """At rest at the nominal pose."""
-        return NestedState(self.before.start(), 0)
+        return NestedState(self.initial.start(), 0)
 
     def step(
         self,
@@ -351,15 +355,18 @@ class OracleController:
         feedforward: Array | None = None,
     ) -> NestedState:
         """One control tick."""
-        last = check.instance("state", state, NestedState).controller
+        controller_state = check.instance("state", state, NestedState).controller
         if state.ticks == self.tick:
             if (lost := self.lost_displacements) is None:
                 # An actuator that keeps its damper falls too slowly to be made up for at once.
-                held = self.before.drives.displacements(last.inputs)
-                lost = np.where(np.isin(range(len(held)), self.after.mapping.goal.free), held, 0.0)
-            last = self.after.transfer(last, lost, self.acting)
-        is_over = self.tick is not None and state.ticks >= self.tick
-        acting = self.after if is_over else self.before
-        secondary = self.secondary and self.secondary(state.ticks * acting.period_s)
-        controller = acting.step(last, reference, measurement, secondary, feedforward=feedforward)
+                lost = self.initial.drives.displacements(controller_state.inputs)
+                free = np.isin(range(len(lost)), self.reconfigured.mapping.goal.free)
+                lost = np.where(free, lost, 0.0)
+            controller_state = self.reconfigured.transfer(controller_state, lost, self.acting)
+        has_switched = self.tick is not None and state.ticks >= self.tick
+        active = self.reconfigured if has_switched else self.initial
+        secondary = self.secondary and self.secondary(state.ticks * active.period_s)
+        controller = active.step(
+            controller_state, reference, measurement, secondary, feedforward=feedforward
+        )
         return NestedState(controller, state.ticks + 1)

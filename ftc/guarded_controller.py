@@ -92,7 +92,7 @@ class GuardedState:
     """
 
     controller: Controller[Any] | None
-    own: Any
+    controller_state: Any
     inputs: Array
     sensors: Sensors
     ticks: int = 0
@@ -136,11 +136,11 @@ class GuardedController:
         sensors = Sensors(of_task.start(len(self.task.major)), of_encoders.start(n))
         try:
             controller = _call(_START_LIMIT_S, lambda: self.factory(self.task))
-            own = _call(_START_LIMIT_S, lambda: controller.start())
+            controller_state = _call(_START_LIMIT_S, lambda: controller.start())
         except _Failed as failed:
             sentence = f"{self.name} {failed}, at its start"
             return GuardedState(None, None, np.zeros(n), sensors, failure=sentence)
-        return GuardedState(controller, own, np.zeros(n), sensors)
+        return GuardedState(controller, controller_state, np.zeros(n), sensors)
 
     @cached_property
     def _checks(self) -> tuple[SensorCheck, SensorCheck]:
@@ -160,18 +160,18 @@ class GuardedController:
         if not sensors.task.usable:
             return state
         readings = sensors.task.last, sensors.encoders.last
-        given = Measurement(*(np.array(each, dtype=float) for each in readings))
+        copied = Measurement(*(np.array(reading, dtype=float) for reading in readings))
 
         def stepped() -> tuple[Any, Array]:
-            own = controller.step(state.own, reference.copy(), given)
-            return own, _inputs(own, len(state.inputs))
+            controller_state = controller.step(state.controller_state, reference.copy(), copied)
+            return controller_state, _inputs(controller_state, len(state.inputs))
 
         try:
-            own, inputs = _call(self.step_limit_s, stepped)
+            controller_state, inputs = _call(self.step_limit_s, stepped)
         except _Failed as failed:
             time_s = (state.ticks - 1) * self.task.period_s
             return changed(state, failure=f"{self.name} {failed}, at {time_s:.3f} s")
-        return changed(state, own=own, inputs=inputs)
+        return changed(state, controller_state=controller_state, inputs=inputs)
 
 
 class _Failed(Exception):
@@ -206,9 +206,9 @@ def _call(limit_s: float, function: Callable[[], _T]) -> _T:
         frames = traceback.extract_tb(error.__traceback__)
         called = [frame for frame in frames if frame.filename != __file__] or frames
         place = [frame for frame in called if frame.filename == called[0].filename][-1]
-        said = " ".join(f"raised {type(error).__name__}: {error}".split())
+        message = " ".join(f"raised {type(error).__name__}: {error}".split())
         where = f"{Path(place.filename).name}, line {place.lineno}"
-        raise _Failed(f"{said:.200} ({where})") from error
+        raise _Failed(f"{message:.200} ({where})") from error
 
 
 def _inputs(state: Any, drives: int) -> Array:

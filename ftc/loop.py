@@ -57,7 +57,7 @@ class LoopRun(Generic[State]):
     measured: Array
     inputs: Array
     state: State
-    kept: Sequence[Any] = ()
+    logged: Sequence[Any] = ()
 
 
 def run_loop(
@@ -66,7 +66,7 @@ def run_loop(
     reference: Array,
     feedforward: Array | None = None,
     *,
-    keeps: Callable[[State], Any] | None = None,
+    log: Callable[[State], Any] | None = None,
 ) -> LoopRun[State]:
     """Close the loop for as many ticks as there are references.
 
@@ -76,40 +76,40 @@ def run_loop(
 
     Args:
         machine: Simulated or real.
-        controller: That of :class:`Controller`.
+        controller: Controller to run.
         reference: Of the major task, tick by tick, shape (N, m1).
         feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
             takes `feedforward`, as those of `ftc`; None is none.
-        keeps: What to keep of each state, such as its estimate of the pose: states themselves are
-            some kilobytes each. None is nothing.
+        log: Function that returns what to log of each state, such as its estimate of the pose (a
+            whole state has some kilobytes); None logs nothing.
     """
     check.attributes("machine", machine, "measure", "apply")
     check.attributes("controller", controller, "start", "step")
-    if keeps is not None:
-        check.function("keeps", keeps)
+    if log is not None:
+        check.function("log", log)
     reference = check.array("reference", reference)
     if reference.ndim != 2:
         raise ValueError(f"reference must have shape (N, m1), got {reference.shape}")
-    known: list[dict[str, Array]] = [{}] * len(reference)
+    arguments: list[dict[str, Array]] = [{}] * len(reference)
     if feedforward is not None:
         demands = check.array("feedforward", feedforward, *reference.shape)
         if "feedforward" in signature(controller.step).parameters:
-            known = [{"feedforward": each} for each in demands]
+            arguments = [{"feedforward": row} for row in demands]
     step: Any = controller.step
     state: State = controller.start()
     measured = np.empty(reference.shape)
     inputs = np.empty((len(reference), len(state.inputs)))
-    kept: list[Any] = []
+    logged: list[Any] = []
     for tick in range(len(reference)):
-        state, measured[tick] = one_tick(machine, step, state, reference[tick], **known[tick])
+        state, measured[tick] = one_tick(machine, step, state, reference[tick], **arguments[tick])
         inputs[tick] = state.inputs
-        if keeps is not None:
-            kept.append(keeps(state))
-    return LoopRun(measured, inputs, state, kept)
+        if log is not None:
+            logged.append(log(state))
+    return LoopRun(measured, inputs, state, logged)
 
 
 def one_tick(
-    machine: Machine, step: Callable[..., State], state: State, reference: Array, **known: Array
+    machine: Machine, step: Callable[..., State], state: State, reference: Array, **arguments: Array
 ) -> tuple[State, Array | float]:
     """One tick of :func:`run_loop`, for who cannot know the references beforehand.
 
@@ -120,11 +120,11 @@ def one_tick(
         The state after it, and what was measured of the major task, as of :class:`LoopRun`.
     """
     measurement = machine.measure()
-    state = step(state, reference, measurement, **known)
+    state = step(state, reference, measurement, **arguments)
     machine.apply(state.inputs)
     output: Any = getattr(measurement, "output", None)
-    is_right = isinstance(output, np.ndarray) and output.shape == reference.shape
-    return state, output if is_right else np.nan
+    is_valid = isinstance(output, np.ndarray) and output.shape == reference.shape
+    return state, output if is_valid else np.nan
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Stage:
     model: FaultModel
     tick: int = 0
     gain: Array | None = None
-    carried: Array | None = None
+    bumpless: Array | None = None
 
 
 class Step(NamedTuple):
@@ -184,22 +184,22 @@ def steps(
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]
     most, holds = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
-    own = Compensators(compensators)
+    stacked = Compensators(compensators)
     x = np.zeros((*lead, len(stage.model.A))) if start is None else start
-    states, demanded = np.zeros((*lead, own.order)), np.zeros((*lead, len(compensators)))
-    commanded, standing, gain = demanded, np.zeros(1), None
+    states, demanded = np.zeros((*lead, stacked.order)), np.zeros((*lead, len(compensators)))
+    commanded, offset, gain = demanded, np.zeros(1), None
     for tick in range(reference.shape[-2]):
         while to_come and to_come[0].tick <= tick:
             stage = to_come.pop(0)
             x = x @ stage.model.onset.T
             gain = gain if stage.gain is None else stage.gain
-            if stage.carried is not None and gain is not None:
-                standing = stage.carried * (commanded - demanded @ gain.T)
+            if stage.bumpless is not None and gain is not None:
+                offset = stage.bumpless * (commanded - demanded @ gain.T)
         output = x @ C.T
-        states, demanded = own.limited(states, reference[..., tick, :] - output, most, holds)
+        states, demanded = stacked.limited(states, reference[..., tick, :] - output, most, holds)
         if feedforward is not None:
             demanded = feedforward[..., tick, :] + demanded
-        commanded = demanded if gain is None else demanded @ gain.T + standing
+        commanded = demanded if gain is None else demanded @ gain.T + offset
         if secondary is not None:
             commanded = commanded + secondary[tick]
         yield Step(x, output, commanded)

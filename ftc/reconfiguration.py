@@ -53,8 +53,8 @@ def lost_displacement(
     that was diagnosed before; for one that nothing holds no other can make up by a step.
     """
     fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
-    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
-        k, others = fault.actuator, [each for each in faults if each.actuator != fault.actuator]
+    if fault.kind != "locked" and not (fault.is_healthy or diagnosis.confirmed):
+        k, others = fault.actuator, [other for other in faults if other.actuator != fault.actuator]
         before = resting_displacements(nominal, others, commanded)
         after = resting_displacements(nominal, faults, commanded)
         if before is not None and after is not None:
@@ -82,12 +82,12 @@ def goal_after(
     if not isinstance(diagnoses, list | tuple):
         raise TypeError(f"diagnoses must be a list of diagnoses, got {check.shown(diagnoses)}")
     locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
-    for found in diagnoses:
-        fault = check.instance("diagnoses", found, Diagnosis).fault
+    for diagnosis in diagnoses:
+        fault = check.instance("diagnoses", diagnosis, Diagnosis).fault
         actuator = check.integer("actuator of diagnoses", fault.actuator, n)
-        if found.fault.kind == "locked":
-            locked_at[actuator] = found.displacement
-        elif (share := used_share(nominal, found.fault)) > 0:
+        if diagnosis.fault.kind == "locked":
+            locked_at[actuator] = diagnosis.displacement
+        elif (share := used_share(nominal, diagnosis.fault)) > 0:
             effectiveness[actuator] = share
         elif unused == "locked":
             locked_at[actuator] = 0.0
@@ -101,14 +101,14 @@ def goal_after(
     )
 
 
-def with_margin(goal: Goal, told: Goal) -> Goal:
+def with_margin(goal: Goal, known: Goal) -> Goal:
     """The goal whose weak actuators, but for those that were told, leave the loops their margin."""
-    least = {k: min(_LEAST_ASSUMED, told.effectiveness.get(k, 1.0)) for k in goal.effectiveness}
-    driven = {k: max(left, least[k]) for k, left in goal.effectiveness.items()}
+    least = {k: min(_LEAST_ASSUMED, known.effectiveness.get(k, 1.0)) for k in goal.effectiveness}
+    driven = {k: max(part, least[k]) for k, part in goal.effectiveness.items()}
     return replace(goal, effectiveness=driven)
 
 
-class Case(NamedTuple):
+class Scenario(NamedTuple):
     """What is true with some probability: faults of the machine, and its state x (s,) with them."""
 
     probability: float
@@ -117,7 +117,7 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outlook:
+class ErrorPrediction:
     """The time to come, as far as it can be foreseen, by which one of two controllers is chosen.
 
     A diagnosis is a probability, and acting on it is a decision under risk: that with the least
@@ -144,9 +144,9 @@ class Outlook:
 
     def rms(
         self,
-        pilot: PrioritizedController[Any],
+        controller: PrioritizedController[Any],
         state: ControllerState[Any],
-        case: Case,
+        case: Scenario,
         enough: float = np.inf,
     ) -> float:
         """RMS error of the major task under a controller that begins in this state; or infinite.
@@ -166,7 +166,7 @@ class Outlook:
             if square > most:
                 break
             measured = Measurement(output, self.nominal.displacement.dot(x))
-            state = pilot.step(
+            state = controller.step(
                 state,
                 reference,
                 measured,
@@ -174,26 +174,28 @@ class Outlook:
                 feedforward=None if self.feedforward is None else self.feedforward[tick],
                 unused_reference=self.unused[tick],
             )
-            x = model.step(x, pilot.drives.displacements(state.inputs))
+            x = model.step(x, controller.drives.displacements(state.inputs))
         return float(np.sqrt(square / len(self.references)))
 
-    def goes_over(
+    def should_switch(
         self,
-        stays: tuple[PrioritizedController[Any], ControllerState[Any]],
-        goes: tuple[PrioritizedController[Any], ControllerState[Any]],
-        cases: Sequence[Case],
+        present: tuple[PrioritizedController[Any], ControllerState[Any]],
+        candidate: tuple[PrioritizedController[Any], ControllerState[Any]],
+        scenarios: Sequence[Scenario],
     ) -> bool:
         """Whether the expected error of a new controller is at most that of the present one.
 
         Errors that are smaller than the sensors' noise matter to nobody. `cases` are what may be
         true; `stays` is the present controller with its state, `goes` the new one.
         """
-        cases = [case for case in cases if case.probability > 0]  # certain ones round to one
-        going = sum(case.probability * self.rms(*goes, case) for case in cases)
-        bearable, staying = float(np.sqrt(len(self.output))), 0.0
-        for case in cases:
-            if going <= max(staying, bearable):  # staying only grows with further cases
+        scenarios = [
+            case for case in scenarios if case.probability > 0
+        ]  # certain ones round to one
+        switch_cost = sum(case.probability * self.rms(*candidate, case) for case in scenarios)
+        bearable, stay_cost = float(np.sqrt(len(self.output))), 0.0
+        for case in scenarios:
+            if switch_cost <= max(stay_cost, bearable):  # staying only grows with further cases
                 return True
-            enough = (_ABOVE * going - staying) / case.probability
-            staying += case.probability * self.rms(*stays, case, enough)
-        return going <= max(staying, bearable)
+            enough = (_ABOVE * switch_cost - stay_cost) / case.probability
+            stay_cost += case.probability * self.rms(*present, case, enough)
+        return switch_cost <= max(stay_cost, bearable)

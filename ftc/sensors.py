@@ -59,7 +59,7 @@ class SensorState:
     cause: str = ""
     missing: int = 0
     repeated: int = 0
-    held_ticks: int = 0
+    unusable_ticks: int = 0
     losses: int = 0
 
     @property
@@ -75,7 +75,7 @@ class SensorState:
     @property
     def failed(self) -> bool:
         """Whether a reading was missing or repeated so far."""
-        return self.held_ticks > 0 or self.repeated > 0
+        return self.unusable_ticks > 0 or self.repeated > 0
 
     def sentence(self, period_s: float, name: str, instead: str) -> str:
         """What the sensor does, and what is done `instead` of using it."""
@@ -163,7 +163,7 @@ class SensorCheck:
             lost=lost,
             since=before.since if before.gap_ticks else after.ticks - max(longest, 1),
             cause=cause,
-            held_ticks=before.held_ticks + 1,
+            unusable_ticks=before.unusable_ticks + 1,
             losses=before.losses + (lost and not before.lost),
         )
 
@@ -222,16 +222,16 @@ class Sensors:
         """What the sensors read, and what is done about it."""
         if not self.failed:
             return "all readings are usable"
-        held = "the commands are held"
-        instead = "the task is estimated from the encoders" if self.estimates else held
-        said = self.task.sentence(period_s, "the sensor of the task", instead)
+        default = "the commands are held"
+        instead = "the task is estimated from the encoders" if self.estimates else default
+        text = self.task.sentence(period_s, "the sensor of the task", instead)
         if not self.encoders.failed:
-            return said
+            return text
         waits = "what needs them waits"
-        return f"{said}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
+        return f"{text}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
 
 
-def in_numbers(measurement: Any, rows: int, actuators: int) -> Measurement:
+def numeric_measurement(measurement: Any, rows: int, actuators: int) -> Measurement:
     """Vectors of what should be a measurement: NaN where a reading is none, or a masked one."""
     vectors = []
     for name, size in (("output", rows), ("displacement", actuators)):

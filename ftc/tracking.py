@@ -64,10 +64,10 @@ class TaskLost(ValueError):
         elsewhere: Whether other rows or another pose help, which the message then does not say.
     """
 
-    def __init__(self, why: str, *, elsewhere: bool = False) -> None:
+    def __init__(self, why: str, *, needs_other_task: bool = False) -> None:
         """With a reason, and what helps against it unless that is another task."""
         super().__init__(why)
-        self.elsewhere = elsewhere
+        self.needs_other_task = needs_other_task
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,14 @@ class Tracking:
     feedforward: bool = True
 
     def __post_init__(self) -> None:
-        kept: dict[str, Any] = {"loops": channels("loops", self.loops, len(self.major))}
+        checked: dict[str, Any] = {"loops": channels("loops", self.loops, len(self.major))}
         if self.limits is not None:
-            kept["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
+            checked["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
         if self.encoder_noise is not None:
-            kept["encoder_noise"] = check.frozen(self.encoder_noise)
+            checked["encoder_noise"] = check.frozen(self.encoder_noise)
         check.choice("unused", self.unused, get_args(Unused))
         check.flag("feedforward", self.feedforward)
-        vars(self).update(kept)
+        vars(self).update(checked)
 
     @cached_property
     def system(self) -> ConstrainedSystem:
@@ -122,7 +122,7 @@ class Tracking:
         return self.system.kinematics()
 
     @cached_property
-    def watched(self) -> NominalModel:
+    def diagnosis_model(self) -> NominalModel:
         """Linear model of the plant to what the diagnosis looks at: task rows, then encoders."""
         if self.encoder_noise is None:
             return self.nominal
@@ -158,16 +158,16 @@ class Tracking:
         return Supervisor(
             self.goal,
             self.controller,
-            monitor(self.watched, config=config),
-            self._can,
+            monitor(self.diagnosis_model, config=config),
+            self._is_possible,
             self.nominal,
             self.unused,
             dither,
-            watched=self._seen,
+            diagnosis_outputs=self._linearized,
             estimate=None if self.sense == "task" else self._estimate,
         )
 
-    def _can(self, faults: Sequence[Fault]) -> bool:
+    def _is_possible(self, faults: Sequence[Fault]) -> bool:
         """Whether the major task can be done in spite of these faults."""
         return is_possible(self.classified(faults))
 
@@ -180,7 +180,9 @@ class Tracking:
         """The posture near another at which the encoders read these displacements (n,)."""
         return self.model.moved(near, displacement, np.arange(len(displacement)))
 
-    def _seen(self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]) -> Array:
+    def _linearized(
+        self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]
+    ) -> Array:
         """Readings of the sensors as if task and closed loops were linear in the displacements.
 
         What the curvature adds where the encoders say that the actuators are is taken off, so that
@@ -191,17 +193,18 @@ class Tracking:
         if self.sense == "joints" and not len(self._kinematics.active_constraint):
             return displacement
         posture = self._at(displacement, commanded)
-        curved = model.displacements(posture)
+        displaced = model.displacements(posture)
         if faults not in self._linear:
             allowed = self._allowed(faults)
             self._linear[faults] = self._kinematics.J[list(rows)] @ allowed, allowed
         J_m, allowed = self._linear[faults]
-        seen = []
+        outputs = []
         if self.sense != "joints":
-            seen.append(measurement.output - (model.task(posture).take(rows) - J_m.dot(curved)))
+            curvature = model.task(posture).take(rows) - J_m.dot(displaced)
+            outputs.append(measurement.output - curvature)
         if self.sense != "task":
-            seen.append(displacement - (curved - allowed.dot(curved)))
-        return np.concatenate(seen)
+            outputs.append(displacement - (displaced - allowed.dot(displaced)))
+        return np.concatenate(outputs)
 
     @cached_property
     def _linear(self) -> dict[tuple[Fault, ...], tuple[Array, Array]]:
@@ -223,10 +226,10 @@ class Tracking:
         stuck = [fault.actuator for fault in faults if fault.kind == "locked"]
         locked[stuck, stuck] = 1.0
         N = scipy.linalg.null_space(constraint)
-        standing = N @ np.linalg.pinv(locked @ N) @ locked
+        from_locked = N @ np.linalg.pinv(locked @ N) @ locked
         moving = scipy.linalg.null_space(np.vstack([constraint, locked]))
         shared = np.linalg.lstsq(moving.T @ gain @ moving, moving.T @ gain, rcond=None)[0]
-        return standing + moving @ shared @ (np.eye(n) - standing)
+        return from_locked + moving @ shared @ (np.eye(n) - from_locked)
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """What the actuators that are left can do in the nominal posture, section 2.2."""
@@ -285,7 +288,8 @@ def tracking(
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
         raise TaskLost(
-            f"the actuators cannot do the major task: {deciding_sentence(report)}", elsewhere=True
+            f"the actuators cannot do the major task: {deciding_sentence(report)}",
+            needs_other_task=True,
         )
     J_m = kinematics.J[list(rows)]
     if singular := _singular(J_m, rows, _SINGULAR):
@@ -301,7 +305,7 @@ def tracking(
     def hindrance() -> str:
         return _singular(J_m, rows, _NEARLY_SINGULAR) or _slowest_mode(linear)
 
-    loops, each = _loops(plant, rows, period_s, crossover_hz, hindrance)
+    loops, row_margins = _loops(plant, rows, period_s, crossover_hz, hindrance)
     loads = ("feedback", "holding", "spring", "preload", "friction")
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
@@ -315,8 +319,9 @@ def tracking(
     )
     if overshoots := _overshooting(nominal, linear):
         raise TaskLost(overshoots)
-    known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
-    return Tracking(model, nominal, rows, loops, each, **(known | options))
+    encoder_noise = None if sense == "task" else encoders
+    settings = {"goal": goal, "sense": sense, "encoder_noise": encoder_noise}
+    return Tracking(model, nominal, rows, loops, row_margins, **(settings | options))
 
 
 def _loops(
@@ -340,11 +345,11 @@ def _loops(
             "is stable is taken"
         ) from None
     sampled = plant.sample(period_s, method="zoh")
-    each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
-    for row, its in zip(rows, each, strict=True):
-        if not np.isfinite(its.crossover_hz):
+    row_margins = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
+    for row, margin in zip(rows, row_margins, strict=True):
+        if not np.isfinite(margin.crossover_hz):
             raise TaskLost(f"the loop of row {row} has no crossover: {hindrance()}")
-    return loops, each
+    return loops, row_margins
 
 
 def _checked_plant(linear: Any) -> tuple[int, int]:
@@ -361,12 +366,12 @@ def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tu
     """Standard deviations of what is measured of the major rows, and of the actuators."""
     check.choice("sense", sense, get_args(Sense))
     of_task, of_encoders = rows * (sense != "joints"), actuators * (sense != "task")
-    sensors, given = of_task + of_encoders, check.array("noise", noise)
-    if given.shape not in ((), (sensors,)) or (given <= 1 / check.LARGEST).any():
+    sensors, values = of_task + of_encoders, check.array("noise", noise)
+    if values.shape not in ((), (sensors,)) or (values <= 1 / check.LARGEST).any():
         raise ValueError(
             f"noise must be one positive number or {sensors}, got {check.shown(noise)}"
         )
-    sigma = np.full(sensors, given)
+    sigma = np.full(sensors, values)
     return sigma[:of_task], sigma[of_task:]
 
 
@@ -434,8 +439,8 @@ def _mode(linear: Any, size: Callable[[Array], Array]) -> tuple[complex, str]:
     """The pole of a plant with the greatest size, and its motion in words."""
     poles, modes = np.linalg.eig(linear.A)
     worst = greatest(size(poles))
-    named = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
-    return complex(poles[worst]), "a motion" + (f" of {', '.join(named)}" if named else "")
+    labels = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
+    return complex(poles[worst]), "a motion" + (f" of {', '.join(labels)}" if labels else "")
 
 
 def deciding_sentence(report: Manipulability) -> str:

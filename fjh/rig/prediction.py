@@ -87,7 +87,7 @@ def predicted(
         onset = [fault for fault, is_known in changes if not is_known]
         first, faults = min(first, tick), [*faults, *onset]
         after, goes_on, mapping = fault_model(rig.nominal, faults), None, None
-        if known := [Diagnosis.told(fault) for fault, is_known in changes if is_known]:
+        if known := [Diagnosis.known(fault) for fault, is_known in changes if is_known]:
             goal = goal_after(goal, known, rig.nominal, rig.unused)
             mapping, goes_on = rig.mapping(goal), np.ones(n)
             goes_on[[*goal.locked_at, *goal.free]] = 0.0
@@ -150,7 +150,7 @@ def _standing(controller: PrioritizedController) -> Array | float:
     mapping = controller.mapping
     if not any(mapping.goal.locked_at.values()):
         return 0.0
-    return mapping.displacements(mapping.nothing().demand, mapping.nominal)
+    return mapping.displacements(mapping.initial_command().demand, mapping.nominal)
 
 
 def _summarized(
@@ -193,7 +193,7 @@ def _noise_variance(rig: "Rig", stage: Stage) -> Array:
     slowest_hz = min(each.crossover_hz for each in rig.margins)
     pulses = np.zeros((m1, round(_PULSE_S / slowest_hz / rig.period_s), m1))
     pulses[range(m1), 0, range(m1)] = 1.0  # a reference of the compensators alone is such a noise
-    alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), rubbing=None)
+    alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), dry_friction=None)
     first = Stage(alone, gain=stage.gain)
     outputs = np.array(
         [tick.output for tick in steps([first], rig.nominal.plant.C, rig.loops, pulses)]

@@ -269,7 +269,7 @@ class Rig:
     @property
     def watched(self) -> NominalModel:
         """Linear model from displacements to what the diagnosis looks at."""
-        return self.control.watched
+        return self.control.diagnosis_model
 
     @property
     def loops(self) -> Sequence[Channel]:

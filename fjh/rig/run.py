@@ -160,7 +160,7 @@ def simulate(
     reference = after_rest(lead_in, desired)
     machine = bench if on_tick is None else _Counted(bench, on_tick)
     try:
-        looped = run_loop(machine, controller, reference, demands, keeps=_estimate)
+        looped = run_loop(machine, controller, reference, demands, log=_estimate)
     except (ValueError, TypeError, AttributeError):
         if bench.gap is None:
             raise
@@ -203,7 +203,7 @@ def run_of(
         true=true,
         measured=looped.measured[kept],
         pose=pose,
-        estimated=_estimated(rig, looped.kept[kept]),
+        estimated=_estimated(rig, looped.logged[kept]),
         inputs=looped.inputs[kept],
         displacement=bench.displacement[kept],
         qpos=bench.qpos[kept],
@@ -285,7 +285,7 @@ def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Diagnosed, ...]
             float(time_s[found.tick]) if found in state.acted else None,
         )
         last = next((each for each in named[::-1] if each.actuator == one.actuator), None)
-        if found.fault.is_sound:  # it works again, which a confirmation must show
+        if found.fault.is_healthy:  # it works again, which a confirmation must show
             if last is not None and last.withdrawn_s is None and found.confirmed:
                 named[named.index(last)] = replace(last, withdrawn_s=one.time_s)
             continue
@@ -338,10 +338,10 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     """Why nothing was named."""
     if not isinstance(state, SupervisorState):
         return "this controller does not diagnose"
-    if state.watch.unexplained:
+    if state.monitor_state.unexplained:
         return _UNEXPLAINED
-    if state.watch.alarm_ticks:
-        causes = dict.fromkeys(explanation(each, names) for each in state.watch.causes)
+    if state.monitor_state.alarm_ticks:
+        causes = dict.fromkeys(explanation(each, names) for each in state.monitor_state.causes)
         return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
     if state.is_learning:
         return f"it takes the first {LEARNING_S:g} s for the robot without a failure"
@@ -359,7 +359,7 @@ def status_of(rig: "Rig", state: Any, named: Sequence[Diagnosed]) -> str:
     found = "; ".join(map(str, named)) or (
         f"Nothing was diagnosed; {_undiagnosed(state, rig.actuators)}"
     )
-    if named and state.watch.unexplained:
+    if named and state.monitor_state.unexplained:
         found += f"; {_UNEXPLAINED}"
     return f"{found}{read}."
 

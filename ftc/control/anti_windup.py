@@ -28,18 +28,18 @@ class Compensators:
     def __init__(self, loops: Sequence[Channel]) -> None:
         """Stack the channels, which were checked."""
         self.A, self.B, self.C, self.D = (
-            block_diag(*(getattr(each, part) for each in loops)) for part in "ABCD"
+            block_diag(*(getattr(channel, part) for channel in loops)) for part in "ABCD"
         )
         self.order, self.dt = len(self.A), loops[0].dt
-        self._channel = np.repeat(np.arange(len(loops)), [len(each.A) for each in loops])
+        self._channel = np.repeat(np.arange(len(loops)), [len(channel.A) for channel in loops])
         self._M = np.block([[self.A, self.B], [self.C, self.D]])
 
     def step(self, states: Array, errors: Array) -> tuple[Array, Array]:
         """Next states (..., order) and demands (..., m) of states and errors (..., m)."""
         if states.ndim == 1:  # compiled, for every tick
             after = np.empty(len(self._M))
-            given = pointer(states), pointer(errors), pointer(after)
-            lib.compensate(pointer(self._M), len(after), self.order, len(errors), *given)
+            arguments = pointer(states), pointer(errors), pointer(after)
+            lib.compensate(pointer(self._M), len(after), self.order, len(errors), *arguments)
             return after[: self.order], after[self.order :]
         after = np.concatenate([states, errors], axis=-1) @ self._M.T
         return after[..., : self.order], after[..., self.order :]
@@ -54,8 +54,8 @@ class Compensators:
         """
         after, demanded = self.step(states, errors)
         demand = demanded.clip(-np.asarray(most), most)
-        held = holds & (demand != demanded) & (errors * demanded > 0)
-        return np.where(held[..., self._channel], states, after), demand
+        is_held = holds & (demand != demanded) & (errors * demanded > 0)
+        return np.where(is_held[..., self._channel], states, after), demand
 
 
 def tracking_gain(channel: Channel, slowness: float = 1.0) -> Array:
@@ -79,7 +79,7 @@ def tracking_gain(channel: Channel, slowness: float = 1.0) -> Array:
 
 def tracking_gains(loops: Sequence[Channel], slowness: float = 1.0) -> Array:
     """Gains L of all compensators, block diagonal, shape (order, m)."""
-    return block_diag(*(tracking_gain(each, slowness)[:, None] for each in loops))
+    return block_diag(*(tracking_gain(channel, slowness)[:, None] for channel in loops))
 
 
 def circle_margin(
@@ -107,12 +107,14 @@ def circle_margin(
 
     channels("compensators", compensators)
     sampled("plant", plant, len(compensators), len(compensators))
-    own, M = Compensators(compensators), 0.0
+    stacked, M = Compensators(compensators), 0.0
     w = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
     if check.flag("anti_windup", anti_windup):  # what L takes off the demands per u - u_a
-        M = frequency_response(control.ss(own.A, tracking_gains(compensators), own.C, 0, own.dt))(w)
+        M = frequency_response(
+            control.ss(stacked.A, tracking_gains(compensators), stacked.C, 0, stacked.dt)
+        )(w)
     one = np.eye(len(compensators))
-    H = frequency_response(own)(w) @ frequency_response(plant)(w)
+    H = frequency_response(stacked)(w) @ frequency_response(plant)(w)
     around = np.linalg.solve(one + M, one + H)
     hermitian = (around + around.conj().swapaxes(1, 2)) / 2
     return float(np.linalg.eigvalsh(hermitian).min())

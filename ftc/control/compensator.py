@@ -33,7 +33,7 @@ _HALVINGS = 12
 _DECAYS = 1e-6
 """Part of the size of the state matrix by which a motion must decay to do so for certain, and below
 which one motion that does not decay drives no other."""
-_SEEN = 1e-4
+_NO_GAIN = 1e-4
 """Part of all inputs or outputs below which a motion is not excited, or not seen."""
 
 Channel = SampledSystem
@@ -151,17 +151,17 @@ def compensators(
     """
     if crossover_hz is not None:
         return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))[0]
-    if found := _within_peak(plant, period_s, _FASTEST / period_s):
-        return found
+    if loops := _within_peak(plant, period_s, _FASTEST / period_s):
+        return loops
     for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
         for _ in range(_HALVINGS):
             middle = np.sqrt(low * high)
-            if tried := _within_peak(plant, period_s, middle / period_s):
-                found, low = tried, middle
+            if candidate := _within_peak(plant, period_s, middle / period_s):
+                loops, low = candidate, middle
             else:
                 high = middle
-        if found:
-            return found
+        if loops:
+            return loops
     raise UnstableLoop(
         f"no crossover from {_SLOWEST / period_s:.2g} Hz on leaves the loops stable with a "
         f"sensitivity peak of at most {LARGEST_PEAK:g}"
@@ -216,7 +216,7 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
     X = scipy.linalg.solve_sylvester(slow, -fast, -T[:count, count:])
     B_slow, C_slow = B[:count] - X @ B[count:], C[:, :count]
     for _ in range(2):  # what is excited, then of the dual what is seen
-        V = _reached(slow, B_slow, _SEEN * float(np.abs(B).max(initial=0.0)), least)
+        V = _controllable_basis(slow, B_slow, _NO_GAIN * float(np.abs(B).max(initial=0.0)), least)
         slow, B_slow, C_slow = (V.T @ slow @ V).T, (C_slow @ V).T, (V.T @ B_slow).T
         B, C = C.T, B.T
     outputs = np.hstack([C_slow, C[:, :count] @ X + C[:, count:]])
@@ -224,13 +224,13 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
     return control.ss(scipy.linalg.block_diag(slow, fast), inputs, outputs, plant.D)
 
 
-def _reached(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
+def _controllable_basis(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
     """Orthonormal basis of what B drives through A, shape (s, r)."""
-    found, new, least = np.zeros((len(A), 0)), B, least_input
+    basis, new, least = np.zeros((len(A), 0)), B, least_input
     while new.shape[1]:
         for _ in range(2):  # once leaves round-off of what is taken off
-            new = new - found @ (found.T @ new)
+            new = new - basis @ (basis.T @ new)
         U, s, _ = np.linalg.svd(new, full_matrices=False)
-        found = np.hstack([found, U[:, s > least]])
+        basis = np.hstack([basis, U[:, s > least]])
         new, least = A @ U[:, s > least], least_motion
-    return found
+    return basis

@@ -61,9 +61,9 @@ def channels(
     if not isinstance(loops, list | tuple) or len(loops) != (count or len(loops)):
         expected = "channels" if count is None else f"{count} channels, one for each major row"
         raise ValueError(f"{name} must be a list of {expected}, got {check.shown(loops)}")
-    for each in loops:
-        if sampled(name, each, 1, 1).dt != loops[0].dt:
-            raise ValueError(f"{name} must have one period, got {each.dt} and {loops[0].dt} s")
+    for loop in loops:
+        if sampled(name, loop, 1, 1).dt != loops[0].dt:
+            raise ValueError(f"{name} must have one period, got {loop.dt} and {loops[0].dt} s")
     return tuple(loops)
 
 

@@ -86,7 +86,7 @@ class MechanismModel(Protocol[Pose]):
         """Task coordinates (m,), whose rates are J_T's near the nominal posture."""
         ...
 
-    def moved(self, posture: Pose, displacements: Array, held: Indices) -> Pose:
+    def moved(self, posture: Pose, displacements: Array, fixed: Indices, /) -> Pose:
         """The posture near this one at which the `held` actuators have their displacements (n,).
 
         Those of the other actuators do not count: they follow.
@@ -111,7 +111,7 @@ class MechanismGeometry:
             model.jacobians(model.nominal), check.flag("springs", springs)
         )
         every = np.arange(len(self.system.active))
-        self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
+        self._driven = np.setdiff1d(every, check.indices("free", free, len(every)))
 
     def jacobians(self, pose: Any) -> Any:
         """The Jacobians of the model there."""
@@ -123,7 +123,7 @@ class MechanismGeometry:
 
     def moved(self, pose: Any, displacements: Array) -> Any:
         """The posture to which displacements (n,) lead, from the one a tick before."""
-        return self.model.moved(pose, displacements, self._held)
+        return self.model.moved(pose, displacements, self._driven)
 
 
 def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
@@ -135,7 +135,7 @@ def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> Cons
     return replace(system, stiffness=K)
 
 
-def without_idle_springs(system: ConstrainedSystem) -> ConstrainedSystem:
+def without_unneeded_springs(system: ConstrainedSystem) -> ConstrainedSystem:
     """The mechanism without springs where its loops leave these nothing to decide."""
     if system.stiffness is None:
         return system
@@ -146,17 +146,19 @@ def without_idle_springs(system: ConstrainedSystem) -> ConstrainedSystem:
 def free_actuators_follow(released: ConstrainedSystem) -> Array:
     """Displacements of all actuators per displacement of those that are held, shape (n, n)."""
     kinematics, n = released.kinematics(), len(released.active)
-    follow, held = np.zeros((n, n)), kinematics.actuators
-    follow[:, held] = kinematics.velocities(np.eye(len(held)))[:, released.active].T
+    follow, driven = np.zeros((n, n)), kinematics.actuators
+    follow[:, driven] = kinematics.velocities(np.eye(len(driven)))[:, released.active].T
     return follow
 
 
-def yielded(released: ConstrainedSystem, locked_at: Array, survivors: Indices) -> Array:
+def induced_displacements(
+    released: ConstrainedSystem, locked_at: Array, survivors: Indices
+) -> Array:
     """Least displacements (n,) of the survivors that the closed loops need around locked ones."""
-    kinematics, yielded = released.kinematics(), np.zeros(len(locked_at))
+    kinematics, induced = released.kinematics(), np.zeros(len(locked_at))
     C = kinematics.active_constraint
     if len(C) and locked_at.any():
         needed = C @ locked_at[kinematics.actuators]
-        of_survivors = C[:, np.isin(kinematics.actuators, survivors)]
-        yielded[survivors] = -np.linalg.pinv(of_survivors) @ needed
-    return yielded
+        surviving_columns = C[:, np.isin(kinematics.actuators, survivors)]
+        induced[survivors] = -np.linalg.pinv(surviving_columns) @ needed
+    return induced

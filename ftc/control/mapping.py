@@ -19,9 +19,9 @@ from ftc.control.geometry import (
     Geometry,
     Pose,
     free_actuators_follow,
-    without_idle_springs,
+    induced_displacements,
     without_springs,
-    yielded,
+    without_unneeded_springs,
 )
 from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
 
@@ -61,14 +61,14 @@ class Goal:
                 check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
             )
         for name in ("locked_at", "effectiveness"):
-            known = check.instance(name, getattr(self, name), dict)
-            actuators = check.indices(name, list(known), MOST_ACTUATORS).tolist()
+            given = check.instance(name, getattr(self, name), dict)
+            actuators = check.indices(name, list(given), MOST_ACTUATORS).tolist()
             vars(self)[name] = {
                 k: check.number(name, value)
-                for k, value in zip(actuators, known.values(), strict=True)
+                for k, value in zip(actuators, given.values(), strict=True)
             }
-        for left in self.effectiveness.values():
-            check.number("effectiveness", left, check.SMALLEST, 1.0)
+        for part in self.effectiveness.values():
+            check.number("effectiveness", part, check.SMALLEST, 1.0)
 
     @property
     def failed(self) -> set[int]:
@@ -88,7 +88,7 @@ DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
 problem."""
 
-_MET = 1e-9
+_ROUND_OFF = 1e-9
 """Part of a task up to which what limits leave of it is round-off."""
 
 
@@ -207,9 +207,9 @@ class PrioritizedMapping(Generic[Pose]):
         rows = len(geometry.system.J_T)
         self._major = check.indices("major", major, rows)
         self._secondary = check.indices("secondary", secondary, rows)
-        loose = without_springs(geometry.system, goal.spring_lost)
-        released = loose.with_failures(free=[*goal.free, *goal.spring_lost])
-        self._failed = without_idle_springs(released.with_failures(locked=list(goal.locked_at)))
+        without_lost = without_springs(geometry.system, goal.spring_lost)
+        released = without_lost.with_failures(free=[*goal.free, *goal.spring_lost])
+        self._failed = without_unneeded_springs(released.with_failures(locked=list(goal.locked_at)))
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
         self.unused: Mask = ~np.isin(np.arange(n), self._surviving)
@@ -224,9 +224,9 @@ class PrioritizedMapping(Generic[Pose]):
         self._some_follow = bool((self._follow != np.eye(n)).any())
         self._free_follow = np.isin(np.arange(n), goal.free)[:, None] * self._follow
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
-        others = yielded(released, self._locked_at, self._surviving)
-        self._yielded = others[self._surviving]
-        self._standing = self._follow.dot(self._locked_at + others)
+        induced = induced_displacements(released, self._locked_at, self._surviving)
+        self._induced = induced[self._surviving]
+        self._known_displacements = self._follow.dot(self._locked_at + induced)
         self._is_off_centre = bool(self._locked_at.any())
 
         weights = goal.joint_weight, goal.secondary_weight
@@ -234,13 +234,13 @@ class PrioritizedMapping(Generic[Pose]):
         self._prepared, self.limits, self._limited = prepared(), None, None
         if limits is not None:
             self.limits = lower, upper = check.limits("limits", limits, n)
-            box = lower - others, upper - others
+            box = lower - induced, upper - induced
             self._limited = prepared(rate_limits=box, when_limited=when_limited)
         self._at_nominal = self._local(kinematics)
         self._still = check.read_only(np.zeros(n))
         self._still_secondary = np.zeros(len(self._secondary))
 
-    def nothing(self) -> PreviousCommand:
+    def initial_command(self) -> PreviousCommand:
         """State before the first demand."""
         return PreviousCommand(np.zeros(len(self._major)), self._still, self._still)
 
@@ -303,17 +303,17 @@ class PrioritizedMapping(Generic[Pose]):
             return self.displacements(demand, pose, commanded, last, secondary_reference), None
         step = self._step(demand, pose, commanded, last, secondary_reference)
         lower, upper = (limit[self._surviving] - step.here for limit in self.limits)
-        left = lower, upper
-        velocities = self._moved(self._ticks[1], pose, step, left)
+        remaining = lower, upper
+        velocities = self._moved(self._ticks[1], pose, step, remaining)
         if velocities is not None:
             moved = self._model.jacobians(pose).J_T.dot(velocities).take(self._major)
             residual = step.major - moved
-            if _norm(residual) <= _MET * (_norm(step.major) + _norm(moved)):
+            if _norm(residual) <= _ROUND_OFF * (_norm(step.major) + _norm(moved)):
                 return self._on_all(step.here + velocities[self._velocities]), residual
         # What limits leave of a task may hang on singular values that a tick takes for zero.
         now = self.at(pose)
         J, limited = now.kinematics.J, now.limited
-        limited = limited.within(left) if self.form == "gauss_newton" else limited
+        limited = limited.within(remaining) if self.form == "gauss_newton" else limited
         rates = limited.solve(*step.targets(J[self._secondary])).rates
         return self._on_all(step.here + rates), step.major - J[self._major].dot(rates)
 
@@ -334,26 +334,26 @@ class PrioritizedMapping(Generic[Pose]):
         if secondary_reference is None:
             secondary_reference = self._still
         reference = _vector("secondary_reference", secondary_reference, self.actuators)
-        wanted = reference[self._surviving]
+        target = reference[self._surviving]
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
-            change = wanted - last.secondary_reference[self._surviving]
+            change = target - last.secondary_reference[self._surviving]
             here = last.displacements[self._surviving]
             return _Step(here, demand - last.demand, change, change, self._still_secondary)
         if self.form == "absolute":
-            here, task = self._yielded, None
+            here, task = self._induced, None
             if self._is_off_centre:  # one has already moved the task by J[:, k] l_k
-                task = self._model.twist(pose, self._standing)
+                task = self._model.twist(pose, self._known_displacements)
         elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
         else:
             here = _vector("commanded", commanded, self.actuators)[self._surviving]
             task = self._task(pose)
         if task is None:
-            return _Step(here, demand, wanted - here, wanted, self._still_secondary)
-        beside = -task[self._secondary]
-        return _Step(here, demand - task[self._major], wanted - here, wanted, beside)
+            return _Step(here, demand, target - here, target, self._still_secondary)
+        secondary = -task[self._secondary]
+        return _Step(here, demand - task[self._major], target - here, target, secondary)
 
     def _moved(
         self, tick: Tick | None, pose: Pose, step: _Step, limits: tuple[Array, Array] | None
@@ -442,5 +442,5 @@ class PrioritizedMapping(Generic[Pose]):
 
 def _vector(name: str, value: Array, size: int) -> Array:
     """One vector; at every tick what is one already is passed on."""
-    is_right = check.is_plain(value) and value.shape == (size,)
-    return value if is_right else check.array(name, value, size)
+    is_valid = check.is_plain(value) and value.shape == (size,)
+    return value if is_valid else check.array(name, value, size)

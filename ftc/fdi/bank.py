@@ -108,15 +108,15 @@ class Evidence:
             (H, K, R).
         """
         R = self.score.shape[-1]
-        spread, room = np.zeros((R, R)), np.empty(R * (2 * R + 1))
+        spread, workspace = np.zeros((R, R)), np.empty(R * (2 * R + 1))
         spread[:-EXTRA, :-EXTRA] = self.prior.root
         spread[-EXTRA:, -EXTRA:] = np.eye(EXTRA)
         score = self.score @ spread
         solved = np.zeros((*score.shape, 3))
         solved[..., 0], solved[..., _CELLS, [1, 2]] = score, 1.0
         log_det = np.empty(self.energy.shape)
-        given = pointer(self.information), pointer(spread), pointer(room)
-        lib.integrate_out(log_det.size, R, *given, pointer(solved), pointer(log_det))
+        arguments = pointer(self.information), pointer(spread), pointer(workspace)
+        lib.integrate_out(log_det.size, R, *arguments, pointer(solved), pointer(log_det))
         root = solved[..., 0]
         energy = self.energy - (score * root).sum(axis=-1)
         high = np.full((len(energy), 1, 2), np.sqrt(3.0))  # of cells about those of hypotheses
@@ -129,15 +129,15 @@ class Evidence:
         root = root + (solved[..., 1:] @ pull)[..., 0]
         return energy, log_det, root @ spread.T
 
-    def only(self, kept: Mask) -> "Evidence":
+    def only(self, mask: Mask) -> "Evidence":
         """The evidence of some onsets, bool (K,)."""
         parts = {}
         for name in ("X", *_SUMS):
-            whole = getattr(self, name)
-            parts[name] = np.compress(kept, whole, axis=1)
+            array = getattr(self, name)
+            parts[name] = np.compress(mask, array, axis=1)
             for h in (0, -1):  # no failure, which has no onset
-                parts[name][h, 0] = whole[h, 0]
-        return replace(self, onsets=self.onsets[kept], **parts)
+                parts[name][h, 0] = array[h, 0]
+        return replace(self, onsets=self.onsets[mask], **parts)
 
 
 def _into(best: Array, spreads: Array, low: Array, high: Array) -> Array:
@@ -184,7 +184,7 @@ class HypothesisBank:
     faults: tuple[Fault, ...]
     causes: tuple[Cause, ...]
     effectiveness: Array
-    believed: UncertainModel
+    base_model: UncertainModel
     models: UncertainModel
     placed: Array
     scaled: Array
@@ -197,13 +197,13 @@ class HypothesisBank:
         """
         H, K, R = len(self.scaled), len(onsets), prior.mean.size + EXTRA
         q, rows, p = memory.shape
-        kept = np.zeros((H, K, q, rows + EXTRA, p))
+        memories = np.zeros((H, K, q, rows + EXTRA, p))
         states = np.zeros((H, K, rows + EXTRA - 1, X.shape[1]))
         for h in (0, -1):  # until its onset each of the others is the first one
-            kept[h, 0, :, :-EXTRA] = memory
+            memories[h, 0, :, :-EXTRA] = memory
             states[h, 0, :rows] = X
         information, score = np.zeros((H, K, R * (R + 1) // 2)), np.zeros((H, K, R))
-        return Evidence(onsets, prior, 0, states, kept, information, score, np.zeros((H, K)))
+        return Evidence(onsets, prior, 0, states, memories, information, score, np.zeros((H, K)))
 
     def step(
         self,
@@ -213,7 +213,7 @@ class HypothesisBank:
         whitening: Array,
         decoupled: Array | None = None,
         *,
-        keeps: bool = True,
+        copy: bool = True,
     ) -> Evidence:
         """Add one sample of evidence; what was not measured goes on as each hypothesis predicts.
 
@@ -224,27 +224,27 @@ class HypothesisBank:
                 standard deviations of noise.
             whitening: Weights (q + 1, p) of the newest to the oldest residual.
             decoupled: Weights of the last hypothesis; None: the same.
-            keeps: Whether the arrays of `state` stay as they are; else they are overwritten.
+            copy: Leave the arrays of `state` unchanged; otherwise they are overwritten.
         """
-        y, weighs = sample.y, sample.is_whole
+        y, weighs = sample.y, sample.is_complete
         last = whitening if decoupled is None else decoupled
         steps = np.zeros(state.energy.shape, dtype=bool)
         steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample.number, True
-        X, outputs = self._advanced(state, sample, shaken, steps, keeps)
+        X, outputs = self._advanced(state, sample, shaken, steps, copy)
         sums = [getattr(state, name) for name in _SUMS]
-        after = [np.empty_like(each) for each in sums] if keeps else sums
+        after = [np.empty_like(array) for array in sums] if copy else sums
         H, K, rows, p = outputs.shape
         J, now = rows - EXTRA, state.onsets == sample.number
         lib.weigh_sample(
             *(H, K, J, p, len(whitening), pointer(steps), pointer(now), weighs),
-            ffi.new("evidence *", [pointer(each) for each in sums]),
+            ffi.new("evidence *", [pointer(array) for array in sums]),
             pointer(outputs),
             pointer(self._part_slopes(outputs[:, :, 0])),
             pointer(whitening[0] if y is None else y),
             pointer(state.prior.mean),
             pointer(np.tile(np.stack([whitening, last])[:, ::-1], rows + 1)),
             pointer(np.empty(p * (2 * J + p + 12))),
-            ffi.new("evidence *", [pointer(each) for each in after]),
+            ffi.new("evidence *", [pointer(array) for array in after]),
         )
         if y is None:
             after[0][steps, -1] = 0.0
@@ -253,15 +253,15 @@ class HypothesisBank:
         return changed(state, samples=state.samples + 1, X=X, gain=gain, **sums)
 
     def _advanced(
-        self, state: Evidence, sample: Sample, shaken: float, steps: Mask, keeps: bool
+        self, state: Evidence, sample: Sample, shaken: float, steps: Mask, copy: bool
     ) -> tuple[Array, Array]:
         """States after a sample and outputs during it, of the hypotheses that `steps` (H, K)."""
-        X, now = state.X.copy() if keeps else state.X, state.onsets == sample.number
+        X, now = state.X.copy() if copy else state.X, state.onsets == sample.number
         onset = self.models.onset
         later = np.zeros((len(X), X.shape[-1]))
         if now.any():  # until then each hypothesis is the first one
             healthy = X[0, 0, : 1 - EXTRA].copy()
-            later = onset @ self.believed.step(healthy, sample.v)[1][0]
+            later = onset @ self.base_model.step(healthy, sample.v)[1][0]
             X[1:-1, now] = (X[0, 0] @ onset[1:-1].swapaxes(-1, -2))[:, None]
             X[1:-1, now, -2] = self.scaled[1:-1, None, None] * healthy[0]
         age = np.maximum(sample.number - state.onsets, 0).astype(float)
@@ -300,23 +300,23 @@ def hypothesis_bank(
     k = nominal.plant.nstates // 2
     push, rows = nominal.plant.B[k:], nominal.displacement[:, :k]
     directions = push / np.einsum("nk,kn->n", rows, push)
-    seen = np.linalg.norm(nominal.plant.C[:, :k] @ directions / nominal.noise[:, None], axis=0)
-    directions = directions / np.maximum(seen, _UNSEEN * np.linalg.norm(directions, axis=0))
+    visible = np.linalg.norm(nominal.plant.C[:, :k] @ directions / nominal.noise[:, None], axis=0)
+    directions = directions / np.maximum(visible, _UNSEEN * np.linalg.norm(directions, axis=0))
     return bank_of(
         _models(nominal, uncertainty, ticks),
         nominal.actuators,
         faults,
         lock_displacement=np.vstack([directions, np.zeros_like(directions)]).T,
-        beside=uncertainty,
+        disturbances=uncertainty,
         sample_s=ticks * nominal.period_s,
     )
 
 
-def believed_model(
+def base_model_of(
     nominal: NominalModel, faults: Sequence[Fault], uncertainty: Uncertainty, ticks: int
 ) -> UncertainModel:
     """Make the first model of :func:`hypothesis_bank` without the others, which take most time."""
-    _left(faults, nominal.actuators)
+    _remaining_effectiveness(faults, nominal.actuators)
     return _models(nominal, uncertainty, ticks)(faults)
 
 
@@ -324,21 +324,21 @@ def _models(nominal: NominalModel, uncertainty: Uncertainty, ticks: int) -> Mode
     return partial(
         uncertain_model,
         partial(fault_model, nominal),
-        others=[partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
+        others=[partial(fault_model, model) for model in perturbed(nominal, uncertainty)],
         delay_ticks=uncertainty.delay_s / nominal.period_s,
         friction=uncertainty.friction,
         ticks=ticks,
     )
 
 
-def _left(faults: Sequence[Fault], n: int) -> Array:
+def _remaining_effectiveness(faults: Sequence[Fault], n: int) -> Array:
     """Effectiveness (n,) that actuators with these faults have left."""
-    left = np.ones(n)
+    remaining = np.ones(n)
     for fault in of_actuators(faults, n):
-        left[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
-    if not left.any():
+        remaining[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
+    if not remaining.any():
         raise ValueError("faults must leave a working actuator, got failures of all of them")
-    return left
+    return remaining
 
 
 def bank_of(
@@ -347,7 +347,7 @@ def bank_of(
     faults: Sequence[Fault] = (),
     *,
     lock_displacement: Array | None = None,
-    beside: Uncertainty = CERTAIN,
+    disturbances: Uncertainty = CERTAIN,
     sample_s: float = 1.0,
 ) -> HypothesisBank:
     """Make the hypotheses of one more failure of a plant of any kind, with n actuators.
@@ -359,67 +359,70 @@ def bank_of(
     Raises:
         ValueError: No actuator is left that could fail.
     """
-    left = _left(faults, n)
-    believed, one_more, causes = models(faults), _one_more(faults, left), _causes(left, beside)
-    made = [believed]
-    for fault in one_more:
-        others = [each for each in faults if each.actuator != fault.actuator]
-        made.append(models([*others, fault]))
-    made += [believed] * (len(causes) + 1)
-    every, s = side_by_side(made), len(believed.A)
-    drives = np.zeros((len(made), EXTRA - 1, sum(believed.C.shape), every.M.shape[-1]))
-    placed, scaled = np.zeros((len(made), s)), np.zeros(len(made))
-    for h, fault in enumerate(one_more, 1):
+    remaining = _remaining_effectiveness(faults, n)
+    next_faults, causes = _next_faults(faults, remaining), _causes(remaining, disturbances)
+    base_model = models(faults)
+    built = [base_model]
+    for fault in next_faults:
+        others = [known for known in faults if known.actuator != fault.actuator]
+        built.append(models([*others, fault]))
+    built += [base_model] * (len(causes) + 1)
+    stacked, s = side_by_side(built), len(base_model.A)
+    drives = np.zeros((len(built), EXTRA - 1, sum(base_model.C.shape), stacked.M.shape[-1]))
+    placed, scaled = np.zeros((len(built), s)), np.zeros(len(built))
+    for h, fault in enumerate(next_faults, 1):
         if fault.kind == "locked" and lock_displacement is not None:
             placed[h] = lock_displacement[fault.actuator]
-    for h, cause in enumerate(causes, 1 + len(one_more)):
-        drives[h, 1:] = _own_drives(believed, cause, beside, sample_s)
-        scaled[h] = beside.scale if cause.kind == "scale" else 0.0
+    for h, cause in enumerate(causes, 1 + len(next_faults)):
+        drives[h, 1:] = _cause_drives(base_model, cause, disturbances, sample_s)
+        scaled[h] = disturbances.scale if cause.kind == "scale" else 0.0
     M, N = np.split(drives, [s], axis=2)
-    M, N = np.concatenate([every.M, M], axis=1), np.concatenate([every.N, N], axis=1)
-    every = replace(every, M=M, N=N)
-    return HypothesisBank(tuple(one_more), tuple(causes), left, believed, every, placed, scaled)
+    M, N = np.concatenate([stacked.M, M], axis=1), np.concatenate([stacked.N, N], axis=1)
+    stacked = replace(stacked, M=M, N=N)
+    return HypothesisBank(
+        tuple(next_faults), tuple(causes), remaining, base_model, stacked, placed, scaled
+    )
 
 
-def _one_more(faults: Sequence[Fault], left: Array) -> list[Fault]:
+def _next_faults(faults: Sequence[Fault], remaining: Array) -> list[Fault]:
     """List what may fail next, in groups of one actuator; then what is known, otherwise.
 
     A failed actuator may work again, or be locked instead of free, or free instead of locked; a
     weak one counts as working.
     """
-    one_more = []
-    for k in np.flatnonzero(left).tolist():
-        weak = [Fault(k, "weak", float(left[k] * (1 - part))) for part in LOST[:-1]]
-        one_more += [Fault(k, "locked"), *weak, Fault(k, "free")]
+    next_faults = []
+    for k in np.flatnonzero(remaining).tolist():
+        weak = [Fault(k, "weak", float(remaining[k] * (1 - part))) for part in LOST[:-1]]
+        next_faults += [Fault(k, "locked"), *weak, Fault(k, "free")]
     for fault in faults:
-        one_more.append(Fault(fault.actuator, "weak", 1.0))
+        next_faults.append(Fault(fault.actuator, "weak", 1.0))
         if fault.kind != "weak":
             other = "free" if fault.kind == "locked" else "locked"
-            one_more.append(Fault(fault.actuator, other))
-    return one_more
+            next_faults.append(Fault(fault.actuator, other))
+    return next_faults
 
 
-def _causes(left: Array, beside: Uncertainty) -> list[Cause]:
+def _causes(remaining: Array, disturbances: Uncertainty) -> list[Cause]:
     """List what may happen that is no failure; what all actuators share needs two of them."""
-    working = np.flatnonzero(left).tolist()
-    causes = [Cause("offset", k) for k in working if beside.command > 0]
-    causes += [Cause("supply")] if beside.supply > 0 and len(working) > 1 else []
-    return causes + ([Cause("scale")] if beside.scale > 0 else [])
+    working = np.flatnonzero(remaining).tolist()
+    causes = [Cause("offset", k) for k in working if disturbances.command > 0]
+    causes += [Cause("supply")] if disturbances.supply > 0 and len(working) > 1 else []
+    return causes + ([Cause("scale")] if disturbances.scale > 0 else [])
 
 
-def _own_drives(
-    believed: UncertainModel, cause: Cause, beside: Uncertainty, sample_s: float
+def _cause_drives(
+    base_model: UncertainModel, cause: Cause, disturbances: Uncertainty, sample_s: float
 ) -> Array:
     """[M; N] of the two parameters of its own, one standard deviation each, (2, s + p, s + r)."""
-    driven, s = np.vstack([believed.M[0], believed.N[0]]), len(believed.A)
-    own, k = np.zeros((2, *driven.shape)), s + cause.actuator
+    driven, s = np.vstack([base_model.M[0], base_model.N[0]]), len(base_model.A)
+    drives, k = np.zeros((2, *driven.shape)), s + cause.actuator
     if cause.kind == "offset":  # as large as moves an output by `command` in the end
-        rest = at_rest(believed.A, believed.M[0, :, k : k + 1], sample_s)
-        seen = np.linalg.norm(believed.C @ rest + believed.N[0, :, k : k + 1])
-        own[0, :, -1] = beside.command / max(seen, _UNSEEN) * driven[:, k]
-        own[1, :, -1] = sample_s * own[0, :, -1]
+        states = at_rest(base_model.A, base_model.M[0, :, k : k + 1], sample_s)
+        visible = np.linalg.norm(base_model.C @ states + base_model.N[0, :, k : k + 1])
+        drives[0, :, -1] = disturbances.command / max(visible, _UNSEEN) * driven[:, k]
+        drives[1, :, -1] = sample_s * drives[0, :, -1]
     if cause.kind == "supply":
-        own[0, :, s:-1] = beside.supply * driven[:, s:-1]
+        drives[0, :, s:-1] = disturbances.supply * driven[:, s:-1]
     if cause.kind == "scale":
-        own[0] = beside.scale * driven
-    return own
+        drives[0] = disturbances.scale * driven
+    return drives

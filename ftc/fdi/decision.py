@@ -19,7 +19,7 @@ MODEL_ERROR = 0.01
 """It also fits if it leaves at most this part of the energy that the residuals have without it,
 above noise: a tenth of their size, squared, which a linear model misses of the largest failures."""
 
-LARGEST_STRAIN = 20.0
+LARGEST_PARAMETER_DEVIATION = 20.0
 """It never fits if the parameters of the plant must be further than this, in standard deviations,
 from what is known of them: what moves a servo by some other cause is explained by a damper of a
 hundred times its uncertainty, too."""
@@ -28,7 +28,7 @@ LARGEST_UNEXPLAINED = 0.3
 """An actuator is first named only if its failure leaves at most this part of the energy: the square
 of the relative error of a model that is expected while onset and part lost are hardly known."""
 
-MOST_LEFT = 0.8
+WITHDRAWAL_UNEXPLAINED = 0.8
 """A name is withdrawn once its failure leaves four times the energy that it explains."""
 
 RESTART_S = 0.2
@@ -54,14 +54,14 @@ looked back."""
 _NOISE = 4.0
 """Energy counts as above noise from so many standard deviations of its chi-square on."""
 
-_ALIKE = 1e-6
+_TIE = 1e-6
 """Log likelihoods that differ by less are of hypotheses that nothing distinguishes: round-off."""
 
 _log_sum = np.logaddexp.reduce
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Decision:
     """Probabilities of the hypotheses.
 
     Attributes:
@@ -90,7 +90,7 @@ class Verdict:
     inflation: float
     unexplained: float
     energy: float
-    strain: float
+    parameter_deviation: float
     onset: int
     x: Array
     best: Array
@@ -99,20 +99,20 @@ class Verdict:
     def fits(self) -> bool:
         """Whether what the most likely failure leaves is noise, of a plant that there may be."""
         small = self.inflation <= LARGEST_INFLATION or self.unexplained <= MODEL_ERROR
-        return small and self.strain <= LARGEST_STRAIN
+        return small and self.parameter_deviation <= LARGEST_PARAMETER_DEVIATION
 
-    def revises(self, before: Fault) -> bool:
+    def revises(self, diagnosed: Fault) -> bool:
         """Whether another actuator or kind is certain by now, or another effectiveness."""
-        if self.fault.actuator != before.actuator:
+        if self.fault.actuator != diagnosed.actuator:
             return True
-        if self.fault.kind != before.kind:
+        if self.fault.kind != diagnosed.kind:
             return max(self.kind_confidences) >= CONFIDENCE
-        return abs(self.fault.effectiveness - before.effectiveness) > EFFECTIVENESS_STEP
+        return abs(self.fault.effectiveness - diagnosed.effectiveness) > EFFECTIVENESS_STEP
 
 
-def verdict(
+def decide(
     bank: HypothesisBank, evidence: Evidence, sample: int, *, disturbed: bool = True
-) -> Verdict:
+) -> Decision:
     """Weigh the hypotheses after this sample; a priori, failure and no failure are equally likely.
 
     So are, of no failure, nothing at all, each kind of cause, and, if `disturbed`, something else
@@ -122,7 +122,7 @@ def verdict(
     energy, log_det, parameters = evidence.marginal()
     plain = -energy / 2 - log_det
     ratios = plain[1:-1] - plain[0, 0]
-    h, k = divmod(greatest(ratios.ravel(), zero=_ALIKE), ratios.shape[1])
+    h, k = divmod(greatest(ratios.ravel(), zero=_TIE), ratios.shape[1])
     p = evidence.memory.shape[-1]
     after = max(sample - int(evidence.onsets[k]) + 1, 1)
     excess = max(float(energy[1 + h, k]) - evidence.samples * p, 0.0)
@@ -133,27 +133,27 @@ def verdict(
     candidates = np.unique(numbers)
     actuators = np.array([_log_sum(by_fault[numbers == k]) for k in candidates])
     slow = (float(plain[-1, 0] - plain[0, 0]) + evidence.gain) / inflation if disturbed else None
-    nothing, cause = _no_failure(by_cause - np.log(ratios.shape[1]), bank.causes, slow)
-    nothing += np.log(ratios.size)
-    total = np.logaddexp(_log_sum(actuators), nothing)
-    a = greatest(actuators, zero=_ALIKE)
-    own = np.flatnonzero(numbers == candidates[a])
-    i, k = divmod(greatest(ratios[own].ravel(), zero=_ALIKE), ratios.shape[1])
-    h = 1 + int(own[i])
-    of_kind = np.array([faults[each].kind for each in own.tolist()])
-    kinds = [np.exp(by_fault[own[of_kind == kind]] - actuators[a]).sum() for kind in KINDS]
+    no_failure, cause = _no_failure(by_cause - np.log(ratios.shape[1]), bank.causes, slow)
+    no_failure += np.log(ratios.size)
+    total = np.logaddexp(_log_sum(actuators), no_failure)
+    a = greatest(actuators, zero=_TIE)
+    members = np.flatnonzero(numbers == candidates[a])
+    i, k = divmod(greatest(ratios[members].ravel(), zero=_TIE), ratios.shape[1])
+    h = 1 + int(members[i])
+    of_kind = np.array([faults[item].kind for item in members.tolist()])
+    kinds = [np.exp(by_fault[members[of_kind == kind]] - actuators[a]).sum() for kind in KINDS]
     gained = float(energy[0, 0] - energy[h, k])
     noise = _NOISE * np.sqrt(2 * evidence.samples * p)
-    return Verdict(
+    return Decision(
         fault=_with_part(faults[h - 1], bank.effectiveness, float(parameters[h, k, -1])),
         actuator_confidence=float(np.exp(actuators[a] - total)),
-        kind_confidences=tuple(float(each) for each in kinds),
-        fault_free_confidence=float(np.exp(nothing - total)),
+        kind_confidences=tuple(float(item) for item in kinds),
+        fault_free_confidence=float(np.exp(no_failure - total)),
         cause=cause,
         inflation=inflation,
         unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
         energy=float(energy[h, k]),
-        strain=float(np.linalg.norm(parameters[h, k, : -EXTRA - p])),
+        parameter_deviation=float(np.linalg.norm(parameters[h, k, : -EXTRA - p])),
         onset=int(evidence.onsets[k]),
         x=_state(evidence, h, k, parameters[h, k]),
         best=ratios.max(axis=0),
@@ -168,18 +168,18 @@ def _no_failure(
     By that of each cause over its onsets, and that of something slow, unless it is out of question.
     """
     cases = {"nothing": 0.0} if slow is None else {"nothing": 0.0, "slow": slow}
-    for kind in {each.kind: None for each in causes}:
-        own = [by_cause[k] for k, each in enumerate(causes) if each.kind == kind]
-        cases[kind] = float(_log_sum(own) - np.log(len(own)))
-    likeliest = list(cases)[greatest(list(cases.values()), zero=_ALIKE)]
-    own = [k for k, each in enumerate(causes) if each.kind == likeliest]
-    cause = causes[own[greatest(by_cause[own], zero=_ALIKE)]] if own else None
+    for kind in {item.kind: None for item in causes}:
+        members = [by_cause[k] for k, item in enumerate(causes) if item.kind == kind]
+        cases[kind] = float(_log_sum(members) - np.log(len(members)))
+    likeliest = list(cases)[greatest(list(cases.values()), zero=_TIE)]
+    members = [k for k, item in enumerate(causes) if item.kind == likeliest]
+    cause = causes[members[greatest(by_cause[members], zero=_TIE)]] if members else None
     return float(_log_sum(list(cases.values())) - np.log(len(cases))), cause
 
 
 def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
     """The fault with the effectiveness of a weak actuator, by its deviation within the cell."""
-    if fault.kind != "weak" or fault.is_sound:
+    if fault.kind != "weak" or fault.is_healthy:
         return fault
     part = 1 - fault.effectiveness / effectiveness[fault.actuator]
     part = float(np.clip(part + PART_SPREAD * deviation, LEAST_LOST, 1 - LEAST_LOST))
@@ -188,7 +188,7 @@ def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
 
 def _state(evidence: Evidence, h: int, k: int, parameters: Array) -> Array:
     """State of the plant now (s,), by one hypothesis and onset with its parameters (R,)."""
-    X, own = evidence.X[h, k], EXTRA - 1
-    J = len(X) - 1 - own
+    X, extra = evidence.X[h, k], EXTRA - 1
+    J = len(X) - 1 - extra
     errors = evidence.prior.mean[:J] + parameters[:J]
-    return X[0] + errors @ X[1:-own] + parameters[-EXTRA:-1] @ X[-own:]
+    return X[0] + errors @ X[1:-extra] + parameters[-EXTRA:-1] @ X[-extra:]

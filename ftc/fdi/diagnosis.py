@@ -69,10 +69,10 @@ class Diagnosis:
     @property
     def is_acted_on(self) -> bool:
         """Whether a controller obeys it: that an actuator works again is to be confirmed first."""
-        return self.confirmed or not self.fault.is_sound
+        return self.confirmed or not self.fault.is_healthy
 
     @classmethod
-    def told(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
+    def known(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
         """Make the diagnosis of a failure that is known for certain, and from the start."""
         check.instance("fault", fault, Fault)
         displacement = check.number("displacement", displacement)

@@ -20,7 +20,7 @@ from argument_checks.ties import ascending, exceeds, greatest
 from ftc.fdi.fault_model import KINDS, NominalModel, fault_model
 from ftc.fdi.separation import (
     ACCURACY,
-    ALIKE,
+    SEPARATION_THRESHOLD,
     Complex,
     FaultResponses,
     Separations,
@@ -72,8 +72,8 @@ class Dither:
     def at(self, time_s: float) -> Array:
         """Desired actuator displacements at a time, shape (n,)."""
         angle = 2 * math.pi * self.frequency_hz * check.number("time_s", time_s)
-        offset, swing = self._arrays
-        return offset + math.sin(angle) * swing
+        offset, sinusoid = self._arrays
+        return offset + math.sin(angle) * sinusoid
 
     @cached_property
     def _arrays(self) -> tuple[Array, Array]:
@@ -115,7 +115,7 @@ class AddedSensor:
 
     name: str
     separations: Separations
-    alike: int
+    indistinguishable: int
 
 
 def ranked_sensors(
@@ -134,17 +134,18 @@ def ranked_sensors(
     commanded, at_hz = _driven(nominal, dither)
     check.instance("candidates", candidates, Mapping)
     # What a sensor shows depends on no other: of all of them at once.
-    every = _with_sensors(nominal, candidates)
-    responses = fault_responses(every, at_hz, time_s, uncertainty)
-    own, found = len(nominal.noise), []
+    extended = _with_sensors(nominal, candidates)
+    responses = fault_responses(extended, at_hz, time_s, uncertainty)
+    measured, sensors = len(nominal.noise), []
     for k, name in enumerate(candidates):
-        seen = [*range(own), own + k]
-        change, errors = responses.change[..., seen, :], responses.errors[..., seen, :]
-        apart = separations_at(replace(responses, change=change, errors=errors), 0, commanded)
-        alike = int(np.triu(apart.between_actuators < ALIKE).sum())
-        found.append(AddedSensor(name, apart, alike))
-    alike, least = [each.alike for each in found], [-each.separations.least for each in found]
-    return tuple(found[k] for k in ascending(alike, least, accuracy=ACCURACY))
+        rows = [*range(measured), measured + k]
+        change, errors = responses.change[..., rows, :], responses.errors[..., rows, :]
+        separated = separations_at(replace(responses, change=change, errors=errors), 0, commanded)
+        indistinguishable = int(np.triu(separated.between_actuators < SEPARATION_THRESHOLD).sum())
+        sensors.append(AddedSensor(name, separated, indistinguishable))
+    pairs = [sensor.indistinguishable for sensor in sensors]
+    least = [-sensor.separations.least for sensor in sensors]
+    return tuple(sensors[k] for k in ascending(pairs, least, accuracy=ACCURACY))
 
 
 def _with_sensors(
@@ -299,15 +300,15 @@ class _Search:
         if not r:
             return 0, np.zeros(n), np.ones((n, n), dtype=bool)
         starts = np.random.default_rng(0).normal(size=(_STARTS * r, r))
-        tried = [(k, self._largest(k, x)) for k in range(len(self.limits)) for x in starts]
-        found = [self._between(k, x) for k, x in tried]
-        separable = np.max(found, axis=0) >= ALIKE
+        candidates = [(k, self._largest(k, x)) for k in range(len(self.limits)) for x in starts]
+        values = [self._between(k, x) for k, x in candidates]
+        separable = np.max(values, axis=0) >= SEPARATION_THRESHOLD
         if not separable.any():
             separable[:] = True
-        least = np.array([each[separable].min() for each in found])
-        chosen = [tried[i] for i in ascending(-least, accuracy=ACCURACY)[:_REFINED]]
+        least = np.array([pairs[separable].min() for pairs in values])
+        chosen = [candidates[i] for i in ascending(-least, accuracy=ACCURACY)[:_REFINED]]
         refined = [self._improved(k, x, separable) for k, x in chosen]
-        _, k, x = refined[greatest([reached for reached, *_ in refined], ACCURACY)]
+        _, k, x = refined[greatest([separation for separation, *_ in refined], ACCURACY)]
         u = self.basis @ x
         return k, u * np.sign(u[greatest(np.abs(u), ACCURACY)]), separable
 
@@ -321,27 +322,28 @@ class _Search:
 
     def _improved(self, k: int, x: Array, separable: Mask) -> tuple[float, int, Array]:
         """Least separation, and where: max t with all separations t or more, within the limits."""
-        before, size = self._between(k, x)[separable].min(), float(np.linalg.norm(x))
-        if not before:  # by symmetry: nothing tells where to go
-            return before, k, x
+        initial, size = self._between(k, x)[separable].min(), float(np.linalg.norm(x))
+        if not initial:  # by symmetry: nothing tells where to go
+            return initial, k, x
         start = np.append(x / size, 1.0)
         end = scipy.optimize.minimize(
             lambda xt: -xt[-1],
             start,
             jac=lambda xt: -np.eye(len(xt))[-1],
             bounds=[(-_FAR, _FAR)] * len(start),
-            constraints={"type": "ineq", "fun": self._room(k, size, before, separable)},
+            constraints={"type": "ineq", "fun": self._slack(k, size, initial, separable)},
             method="SLSQP",
             options={"maxiter": _ITERATIONS},
         ).x[:-1]
         if not (np.isfinite(end).all() and end.any()):
-            return before, k, x
-        after = self._largest(k, end)
-        reached = self._between(k, after)[separable].min()
-        return (reached, k, after) if exceeds(reached, before, ACCURACY) else (before, k, x)
+            return initial, k, x
+        improved = self._largest(k, end)
+        separation = self._between(k, improved)[separable].min()
+        is_better = exceeds(separation, initial, ACCURACY)
+        return (separation, k, improved) if is_better else (initial, k, x)
 
-    def _room(
-        self, k: int, size: float, before: float, separable: Mask
+    def _slack(
+        self, k: int, size: float, initial: float, separable: Mask
     ) -> Callable[[Array], Array]:
         """What is not to become negative, of [x / size; t], with t in units of `before`.
 
@@ -352,14 +354,14 @@ class _Search:
         detected = separable.diagonal()[number]
 
         @lru_cache(maxsize=2)  # differences along t, and of the point before, are of the same x
-        def apart_and_within(x: bytes) -> tuple[Array, Array]:
+        def distances_and_slacks(x: bytes) -> tuple[Array, Array]:
             u = size * self.basis @ np.nan_to_num(np.frombuffer(x))  # a step that failed is NaN
-            found = separations_at(self.responses, k, u)
-            apart = np.concatenate([found.distance[others], found.from_none[detected]])
-            return apart / before, 1 - np.abs(self.limits[k] @ u) ** 2
+            result = separations_at(self.responses, k, u)
+            distances = np.concatenate([result.distance[others], result.from_none[detected]])
+            return distances / initial, 1 - np.abs(self.limits[k] @ u) ** 2
 
-        def room(xt: Array) -> Array:
-            apart, within = apart_and_within(xt[:-1].tobytes())
-            return np.concatenate([apart - xt[-1], within])
+        def slack(xt: Array) -> Array:
+            distances, slacks = distances_and_slacks(xt[:-1].tobytes())
+            return np.concatenate([distances - xt[-1], slacks])
 
-        return room
+        return slack

@@ -44,7 +44,7 @@ class Fault:
         check.number("effectiveness", self.effectiveness, 0.0, 1.0)
 
     @property
-    def is_sound(self) -> bool:
+    def is_healthy(self) -> bool:
         """Whether nothing is lost: an actuator that works again."""
         return self.kind == "weak" and self.effectiveness == 1.0
 
@@ -54,8 +54,8 @@ class Fault:
 
         It has a `number` 0..n-1, a `kind` as :data:`FaultKind`, and a weak one `effectiveness`.
         """
-        left = failure.effectiveness if failure.kind == "weak" else 0.0
-        return cls(failure.number, failure.kind, left)
+        remaining = failure.effectiveness if failure.kind == "weak" else 0.0
+        return cls(failure.number, failure.kind, remaining)
 
 
 def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
@@ -64,8 +64,8 @@ def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
     Those that are loose are without force.
     """
     return {
-        "locked": [each.actuator for each in faults if each.kind == "locked"],
-        "free": [each.actuator for each in faults if each.kind in ("free", "loose")],
+        "locked": [fault.actuator for fault in faults if fault.kind == "locked"],
+        "free": [fault.actuator for fault in faults if fault.kind in ("free", "loose")],
     }
 
 
@@ -73,8 +73,8 @@ def of_actuators(faults: Sequence[Fault], n: int) -> Sequence[Fault]:
     """Check that these are faults of n actuators, and return them."""
     if not isinstance(faults, list | tuple):
         raise TypeError(f"faults must be a list of faults, got {check.shown(faults)}")
-    for each in faults:
-        fault = check.instance("each fault in faults", each, Fault)
+    for item in faults:
+        fault = check.instance("each fault in faults", item, Fault)
         check.integer("actuator of each fault in faults", fault.actuator, n)
     return faults
 
@@ -145,26 +145,26 @@ class NominalModel:
         shapes = {"displacement": (n, s), "feedback": (n, s), "spring": (n, s)}
         shapes |= {"holding": (n,), "preload": (n,), "noise": (plant.noutputs,), "floor": (k, 3)}
         damping = check.flag("implicit_damping", self.implicit_damping)
-        kept: dict[str, Any] = {"plant": plant, "implicit_damping": damping}
+        checked: dict[str, Any] = {"plant": plant, "implicit_damping": damping}
         for name, shape in shapes.items():
             if name in ("displacement", "noise") or getattr(self, name) is not None:
                 least = check.SMALLEST if name == "noise" else -check.LARGEST
                 part = check.array(name, getattr(self, name), *shape, least=least)
-                kept[name] = check.frozen(part)
+                checked[name] = check.frozen(part)
         if self.friction is not None:
-            kept["friction"] = _checked_friction(self.friction, k)
+            checked["friction"] = _checked_friction(self.friction, k)
         if self.names is not None:
-            kept["names"] = check.members("names", self.names, str)
-            if len(kept["names"]) != n:
-                raise ValueError(f"names must be {n}, got {len(kept['names'])}")
+            checked["names"] = check.members("names", self.names, str)
+            if len(checked["names"]) != n:
+                raise ValueError(f"names must be {n}, got {len(checked['names'])}")
         for name in ("period_s", "step_s"):
-            kept[name] = check.number(name, getattr(self, name), *check.SECONDS)
-        if not kept["step_s"] <= kept["period_s"] <= MOST_STEPS * kept["step_s"]:
+            checked[name] = check.number(name, getattr(self, name), *check.SECONDS)
+        if not checked["step_s"] <= checked["period_s"] <= MOST_STEPS * checked["step_s"]:
             raise ValueError(
                 f"step_s must not exceed period_s, nor be less than 1 / {MOST_STEPS} of it, got "
                 f"{self.step_s} and {self.period_s} s"
             )
-        vars(self).update(kept)
+        vars(self).update(checked)
 
     def __getstate__(self) -> dict[str, Any]:
         """With the plant as arrays: python-control's systems cannot be pickled."""
@@ -191,19 +191,19 @@ class NominalModel:
 def _checked_friction(friction: Sequence[Array], positions: int) -> tuple[Array, ...]:
     """Copies of the arrays of `NominalModel.friction`, read-only."""
     names = ("push", "rows", "limit", "softness", "rate")
-    given = check.instance("friction", friction, tuple, list)
-    if len(given) != len(names):
-        raise ValueError(f"friction must be {', '.join(names)}, got {len(given)} arrays")
-    r = check.array("friction.limit", given[2], copy=True).size
+    arrays = check.instance("friction", friction, tuple, list)
+    if len(arrays) != len(names):
+        raise ValueError(f"friction must be {', '.join(names)}, got {len(arrays)} arrays")
+    r = check.array("friction.limit", arrays[2], copy=True).size
     shapes = (positions, r), (r, positions), (r,), (r,), (r,)
     least = (-check.LARGEST,) * 2 + (0.0,) * 3
     return tuple(
         check.frozen(check.array(f"friction.{name}", part, *shape, least=low))
-        for name, part, shape, low in zip(names, given, shapes, least, strict=True)
+        for name, part, shape, low in zip(names, arrays, shapes, least, strict=True)
     )
 
 
-class Rubbing(NamedTuple):
+class DryFriction(NamedTuple):
     """One physics step with dry friction: x' = A x + B [u; 1] + G f, each force within its limit.
 
     f (r,) minimizes f'K f / 2 + f'(E x + D [u; 1]), of states x (s,) and commands u (n,). Outputs
@@ -226,7 +226,7 @@ class Rubbing(NamedTuple):
     C: Array
     steps_a_tick: int
 
-    def given(self) -> Any:
+    def struct(self) -> Any:
         """Struct of the kernels."""
         sizes = self.A.shape[-1], self.K.shape[-1], self.B.shape[-1] - 1, self.C.shape[-2]
         parts = (pointer(part) for part in self[:8])
@@ -237,8 +237,8 @@ class Rubbing(NamedTuple):
         X = np.array(x, dtype=float).reshape(-1, len(self.A))
         U = np.ones((len(X), self.B.shape[1]))
         U[:, :-1] = commanded.reshape(len(X), -1)
-        room = np.empty(2 * len(self.A) + 3 * len(self.K))
-        lib.slide(self.given(), len(X), pointer(U), pointer(room), pointer(X))
+        workspace = np.empty(2 * len(self.A) + 3 * len(self.K))
+        lib.slide(self.struct(), len(X), pointer(U), pointer(workspace), pointer(X))
         return X.reshape(x.shape)
 
 
@@ -260,13 +260,13 @@ class FaultModel:
     C: Array
     onset: Array
     drift: Array
-    rubbing: Rubbing | None = None
+    dry_friction: DryFriction | None = None
     floor: Array | None = None
 
     def step(self, x: Array, commanded: Array) -> Array:
         """The state one tick later, with displacements (n,) commanded meanwhile."""
-        if self.rubbing is not None:
-            return self.rubbing.moved(x.T, commanded.T).T
+        if self.dry_friction is not None:
+            return self.dry_friction.moved(x.T, commanded.T).T
         moved = self.A.dot(x) + self.B.dot(commanded)
         return (moved.T + self.drift).T  # of several sequences at once, too
 
@@ -298,31 +298,38 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     # One step of the integration: velocities first, then positions with the new ones.
     h, eye = nominal.step_s, np.eye(k)
     floor = np.zeros((k, 3)) if nominal.floor is None else nominal.floor
-    damping, late = (h * P).dot(lower[:, k:]), eye
-    kept = eye + damping
+    damping, factor = (h * P).dot(lower[:, k:]), eye
+    decay = eye + damping
     if nominal.implicit_damping:
-        kept = late = np.linalg.inv(eye - damping)
-    stiffness, gains = (late @ (h * P @ part) for part in (lower[:, :k], np.hstack([drive, floor])))
-    A, B = _blocks(eye + h * stiffness, h * kept, stiffness, kept), np.vstack([h * gains, gains])
+        decay = factor = np.linalg.inv(eye - damping)
+    stiffness, gains = (
+        factor @ (h * P @ part) for part in (lower[:, :k], np.hstack([drive, floor]))
+    )
+    A, B = (
+        _blocks(eye + h * stiffness, h * decay, stiffness, decay),
+        np.vstack([h * gains, gains]),
+    )
     steps = round(nominal.period_s / h)
     moved = sum(np.linalg.matrix_power(A, step) for step in range(steps)) @ B
     commanded, loaded, shaken = (part.copy() for part in np.split(moved, [n, n + 1], axis=1))
-    none = np.zeros((k, k))
-    found = FaultModel(
+    zero = np.zeros((k, k))
+    model = FaultModel(
         A=np.linalg.matrix_power(A, steps),
         B=commanded,
         C=nominal.plant.C / nominal.noise[:, None],
-        onset=_blocks(eye, none, none, P),
+        onset=_blocks(eye, zero, zero, P),
         drift=loaded[:, 0],
         floor=None if nominal.floor is None else shaken,
-        rubbing=_rubbing(nominal, P, [P @ lower, P @ drive], A, B[:, : n + 1].copy(), h * late),
+        dry_friction=_dry_friction(
+            nominal, P, [P @ lower, P @ drive], A, B[:, : n + 1].copy(), h * factor
+        ),
     )
-    if not all(map(check.is_moderate, (found.A, found.B, found.C, found.onset, found.drift))):
+    if not all(map(check.is_moderate, (model.A, model.B, model.C, model.onset, model.drift))):
         raise ValueError(
             "nominal must move by moderate numbers in a tick, got more by its plant, displacement, "
             "loads or noise"
         )
-    return found
+    return model
 
 
 def _accelerations(nominal: NominalModel, faults: Sequence[Fault]) -> tuple[Array, Array, Array]:
@@ -337,15 +344,15 @@ def _accelerations(nominal: NominalModel, faults: Sequence[Fault]) -> tuple[Arra
         raise ValueError(
             f"faults must not lock actuators whose displacement no command moves, got {locked}"
         ) from None
-    left = np.ones(nominal.actuators)
+    remaining = np.ones(nominal.actuators)
     for fault in faults:
         if fault.kind != "locked":
-            left[fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
-    drive, lower, push = plant.B[k:] * left, plant.A[k:], np.zeros(k)
+            remaining[fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
+    drive, lower, push = plant.B[k:] * remaining, plant.A[k:], np.zeros(k)
     if nominal.feedback is not None:
-        lower = lower + (plant.B[k:] * (1 - left)) @ nominal.feedback
+        lower = lower + (plant.B[k:] * (1 - remaining)) @ nominal.feedback
     if nominal.holding is not None:
-        push = plant.B[k:] @ ((left - 1) * nominal.holding)
+        push = plant.B[k:] @ ((remaining - 1) * nominal.holding)
     if loose := [fault.actuator for fault in faults if fault.kind == "loose"]:
         if nominal.spring is None:
             raise ValueError("a loose actuator needs a model with its spring, got spring=None")
@@ -384,8 +391,8 @@ def static_share(nominal: NominalModel, fault: Fault) -> float:
     if fault.kind != "weak":
         return 0.0
     k = fault.actuator
-    sound, weak = (float(static_gain(nominal, each)[k, k]) for each in ((), (fault,)))
-    return float(np.clip(weak / sound, 0.0, 1.0)) if sound > 0 else 0.0
+    healthy, weak = (float(static_gain(nominal, faults)[k, k]) for faults in ((), (fault,)))
+    return float(np.clip(weak / healthy, 0.0, 1.0)) if healthy > 0 else 0.0
 
 
 def resting_displacements(
@@ -399,13 +406,13 @@ def resting_displacements(
     commanded = check.array("commanded", commanded, nominal.actuators)
     if np.abs(np.linalg.eigvals(plant.A)).max() > 1 - _SLOW_PER_S * nominal.period_s:
         return None
-    at_rest = np.linalg.solve(np.eye(len(plant.A)) - plant.A, plant.B @ commanded + plant.drift)
-    return nominal.displacement @ at_rest
+    resting = np.linalg.solve(np.eye(len(plant.A)) - plant.A, plant.B @ commanded + plant.drift)
+    return nominal.displacement @ resting
 
 
-def _rubbing(
+def _dry_friction(
     nominal: NominalModel, P: Array, unimpeded: list[Array], A: Array, B: Array, step: Array
-) -> Rubbing | None:
+) -> DryFriction | None:
     """Physics steps x' = A x + B [u; 1] with dry friction of a plant that is projected by P.
 
     `unimpeded` are the accelerations per state and per [u; 1] without it. MuJoCo finds the forces
@@ -418,7 +425,7 @@ def _rubbing(
     E, D = (rows @ part for part in unimpeded)
     E[:, len(P) :] += rate[:, None] * rows
     jolt = step @ push
-    return Rubbing(
+    return DryFriction(
         A=A,
         B=B,
         G=np.vstack([nominal.step_s * jolt, jolt]),

@@ -48,10 +48,10 @@ _SLOW_INPUT = 50.0
 """Slow unknown inputs, in standard deviations of noise: so large that nothing is inferred from
 what is slow."""
 
-_SLOWER = 40.0
+_SLOWER_THAN_DITHER = 40.0
 """Such inputs are so many times slower than the dither: half a hertz beside one of 20 Hz."""
 
-_FORGOTTEN_S, _JUMP = 2.0, 0.5
+_FORCE_MEMORY_S, _FORCE_JUMP = 2.0, 0.5
 """The remaining force of a weak actuator is a random walk: two standard deviations after so long
 without motion that shows it, and one at an alarm, are half of the force of a healthy one."""
 
@@ -86,8 +86,8 @@ class Parameters(NamedTuple):
     def spread(self, deviations: Array) -> "Parameters":
         """Add independent random steps of these standard deviations, shape (J + p,)."""
         k, after = len(deviations), np.empty_like(self.root)
-        room = pointer(np.empty(2 * k * (k + 1)))
-        lib.spread_root(pointer(self.root), pointer(deviations), k, room, pointer(after))
+        workspace = pointer(np.empty(2 * k * (k + 1)))
+        lib.spread_root(pointer(self.root), pointer(deviations), k, workspace, pointer(after))
         return Parameters(self.mean, after)
 
 
@@ -161,7 +161,7 @@ class ResidualTest:
     dither_hz: float | None = None
     windows: tuple[int, ...] = field(init=False)
     demodulated: int = field(init=False)
-    swing: Array | None = field(init=False)
+    carrier: Array | None = field(init=False)
     threshold: float = field(init=False)
     demodulated_threshold: float = field(init=False)
 
@@ -176,7 +176,7 @@ class ResidualTest:
         vars(self).update(
             windows=windows,
             demodulated=demodulated[0] if demodulated else windows[-1],
-            swing=np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None,
+            carrier=np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None,
             threshold=float(chdtri(p, probability)),
             demodulated_threshold=float(chdtri(2 * p, probability)),
         )
@@ -187,10 +187,10 @@ class ResidualTest:
 
     def alarm(self, recent: Array) -> int:
         """The smallest M for which the latest residuals (max M, p) are more than noise, or 0."""
-        swing = ffi.NULL if self.swing is None else pointer(self.swing)
+        carrier = ffi.NULL if self.carrier is None else pointer(self.carrier)
         thresholds = self.threshold, self.demodulated_threshold
-        own = swing, self.demodulated, *thresholds, pointer(np.empty(3 * self.outputs))
-        return lib.alarming(*recent.shape, pointer(recent), *own)
+        arguments = carrier, self.demodulated, *thresholds, pointer(np.empty(3 * self.outputs))
+        return lib.alarming(*recent.shape, pointer(recent), *arguments)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Sample(NamedTuple):
     number: int
     v: Array
     y: Array | None
-    is_whole: bool
+    is_complete: bool
     before: ObserverState
 
 
@@ -305,24 +305,26 @@ class Observer:
         measured = 0 if y is None else state.measured + 1
         sample = Sample(state.sample, v, y, measured >= len(state.memory), state)
         predicted, X = self.model.step(state.X, v)
-        spectrum, known = state.spectrum, state.parameters
+        spectrum, parameters = state.spectrum, state.parameters
         now: dict[str, Any] = {"sample": state.sample + 1, "X": X, "measured": measured}
         if y is None:
             now["memory"] = np.concatenate([state.memory[1:], np.zeros_like(predicted)[None]])
             now["residual"] = np.zeros(predicted.shape[1])
-            return changed(state, parameters=known.spread(self._drift), **now), sample
+            return changed(state, parameters=parameters.spread(self._drift), **now), sample
         tests = gated and spectrum.samples * self.period_s >= LEARNING_S
         share = 1 / min(spectrum.samples + 1, MEMORY_S / self.period_s)
-        before = state.memory, known.mean, known.root, spectrum.recent, spectrum.covariance
-        after = [np.empty_like(each) for each in before]
+        learned = parameters.mean, parameters.root, spectrum.recent, spectrum.covariance
+        before = state.memory, *learned
+        after = [np.empty_like(array) for array in before]
         p, k = len(y), len(self._drift)
-        residual, room = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
+        residual, workspace = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
+        largest = self.largest if tests else np.inf
         is_learned = lib.correct(
             *(len(state.memory), k - p, p),
-            ffi.new("watched *", [pointer(each) for each in before]),
-            *(pointer(each) for each in (predicted, y, state.whitening, self._drift)),
-            *(share, self.largest if tests else np.inf, learns and sample.is_whole, pointer(room)),
-            ffi.new("watched *", [pointer(each) for each in after]),
+            ffi.new("watched *", [pointer(array) for array in before]),
+            *(pointer(array) for array in (predicted, y, state.whitening, self._drift)),
+            *(share, largest, learns and sample.is_complete, pointer(workspace)),
+            ffi.new("watched *", [pointer(array) for array in after]),
             pointer(residual),
         )
         now |= {"memory": after[0], "residual": residual}
@@ -336,17 +338,17 @@ class Observer:
     ) -> tuple[ObserverState, list[Sample], list[Array]]:
         """Take past samples again: state after them, the samples as seen now, and residuals."""
         history, residuals = [], []
-        for each in past:
-            state, sample = self.step(state, each.v, each.y)
+        for earlier in past:
+            state, sample = self.step(state, earlier.v, earlier.y)
             history.append(sample)
             residuals.append(state.residual)
         return state, history, residuals
 
     def learned(self, state: ObserverState, history: Sequence[Sample]) -> ObserverState:
         """Take the history again with the spectrum measured so far, as if known from the start."""
-        new, first, known = self.start(), history[0].before, self.with_spectrum(state).whitening
+        new, first, whitening = self.start(), history[0].before, self.with_spectrum(state).whitening
         unknown = {"parameters": new.parameters, "spectrum": new.spectrum, "measured": new.measured}
-        start = replace(first, whitening=known, **unknown)
+        start = replace(first, whitening=whitening, **unknown)
         return self.with_spectrum(self.replayed(start, history)[0])
 
     def samples(self, time_s: float) -> int:
@@ -355,15 +357,16 @@ class Observer:
 
     def drift(self, time_s: float) -> Array:
         """Standard deviations of the steps of all parameters in so long, shape (J + p,)."""
-        rows, errors, known = len(self.model.M), self.model.first_limit - 1, self.config.uncertainty
-        rates = known.drift_rate, known.friction_rate, known.offset_rate
+        rows, errors = len(self.model.M), self.model.first_limit - 1
+        uncertainty = self.config.uncertainty
+        rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
         counts = errors, rows - 1 - errors, len(self.model.C)
         return np.repeat(rates, counts) * np.sqrt(time_s)
 
-    def following(self, state: ObserverState) -> ObserverState:
+    def with_larger_offsets(self, state: ObserverState) -> ObserverState:
         """The state whose offsets of the sensors may be as large as the residuals are."""
-        seen = np.abs(state.memory[:, 0]).max(axis=0)
-        spread = np.concatenate([np.zeros(len(state.parameters.mean) - len(seen)), seen])
+        largest = np.abs(state.memory[:, 0]).max(axis=0)
+        spread = np.concatenate([np.zeros(len(state.parameters.mean) - len(largest)), largest])
         return replace(state, parameters=state.parameters.spread(spread))
 
     def relearning(self, state: ObserverState) -> ObserverState:
@@ -373,36 +376,37 @@ class Observer:
         tested by: what is known counts as a quarter of the time of learning.
         """
         spectrum = state.spectrum._replace(samples=self.samples(LEARNING_S) // 4)
-        return replace(self.following(state), spectrum=spectrum)
+        return replace(self.with_larger_offsets(state), spectrum=spectrum)
 
-    def doubting(self, state: ObserverState) -> ObserverState:
+    def after_alarm(self, state: ObserverState) -> ObserverState:
         """The state at an alarm: what weak actuators have left may be anything."""
-        return replace(state, parameters=state.parameters.spread(self._strength_steps(_JUMP)))
+        return replace(state, parameters=state.parameters.spread(self._force_steps(_FORCE_JUMP)))
 
     def strongest(self, state: ObserverState) -> list[tuple[int, float]]:
         """Weak actuators, and the most that each may have of its force: two standard deviations."""
         mean, root = state.parameters.mean, state.parameters.root
         most = 1 + self.config.uncertainty.gain * (mean + 2 * np.linalg.norm(root, axis=1))
         return [
-            (each.actuator, each.effectiveness * float(most[each.actuator])) for each in self.weak
+            (fault.actuator, fault.effectiveness * float(most[fault.actuator]))
+            for fault in self.weak
         ]
 
     def with_spectrum(self, state: ObserverState) -> ObserverState:
         """The state with the filters of the spectrum measured so far."""
         dither_hz, spectrum = self.config.dither_hz, state.spectrum
-        given = len(state.parameters.mean) / len(state.residual), MEMORY_S / self.period_s
-        whitening = decoupled = spectrum.filter(*given)
+        arguments = len(state.parameters.mean) / len(state.residual), MEMORY_S / self.period_s
+        whitening = decoupled = spectrum.filter(*arguments)
         if dither_hz:
-            corner = 2 * np.pi * dither_hz / _SLOWER * self.period_s
-            decoupled = spectrum.filter(*given, corner)
+            corner = 2 * np.pi * dither_hz / _SLOWER_THAN_DITHER * self.period_s
+            decoupled = spectrum.filter(*arguments, corner)
         return replace(state, whitening=whitening, decoupled=decoupled)
 
     @cached_property
     def _drift(self) -> Array:
-        strength = self._strength_steps(0.25 * np.sqrt(self.period_s / _FORGOTTEN_S))
-        return np.hypot(self.drift(self.period_s), strength)
+        force_steps = self._force_steps(0.25 * np.sqrt(self.period_s / _FORCE_MEMORY_S))
+        return np.hypot(self.drift(self.period_s), force_steps)
 
-    def _strength_steps(self, part: float) -> Array:
+    def _force_steps(self, part: float) -> Array:
         """Steps of the parameters (J + p,) by which weak actuators have this part more force."""
         steps = np.zeros(len(self.model.M) - 1 + len(self.model.C))
         for fault in self.weak:

@@ -21,7 +21,7 @@ from kernels import lib, pointer
 
 Complex = NDArray[np.complex128]
 
-ALIKE = 6.18
+SEPARATION_THRESHOLD = 6.18
 """Standard deviations, below which more than one of a thousand is mistaken: Phi(-d / 2) = 1e-3."""
 
 ACCURACY = 1e-6
@@ -97,11 +97,11 @@ def fault_responses(
             "time_s must be at least a period of each frequency_hz, "
             f"{1 / hz.min():g} s, got {time_s}"
         )
-    servo = any(each is not None and each.any() for each in (nominal.feedback, nominal.holding))
+    servo = any(part is not None and part.any() for part in (nominal.feedback, nominal.holding))
     parts = np.array(_SERVO_PARTS if servo else [1.0])  # no servo, no load: linear in the loss
     change = _changes(nominal, parts, hz)
-    wrong = perturbed(nominal, uncertainty)
-    errors = [(_changes(each, parts, hz) - change) / STEP for each in wrong]
+    perturbed_models = perturbed(nominal, uncertainty)
+    errors = [(_changes(model, parts, hz) - change) / STEP for model in perturbed_models]
     if uncertainty.delay_s:
         turn = 2j * np.pi * hz * uncertainty.delay_s
         errors.append(-turn[:, None, None, None, None] * change)
@@ -130,7 +130,7 @@ def _changes(nominal: NominalModel, parts: Array, frequencies_hz: Array) -> Comp
         for k in range(nominal.actuators)
         for fault in (Fault(k, "locked"), *(Fault(k, "weak", 1 - part) for part in parts))
     ]
-    models = [fault_model(nominal, each) for each in ((), *faults)]
+    models = [fault_model(nominal, fault_set) for fault_set in ((), *faults)]
     G = models[0].C @ steady_states(models, nominal.period_s, frequencies_hz)
     return (G[:, 1:] - G[:, :1]).reshape(len(G), nominal.actuators, -1, *G.shape[2:])
 
@@ -138,7 +138,7 @@ def _changes(nominal: NominalModel, parts: Array, frequencies_hz: Array) -> Comp
 def steady_states(models: list[FaultModel], period_s: float, frequencies_hz: Array) -> Complex:
     """Phasors of the states of H models per command at F frequencies, shape (F, H, s, n)."""
     z = np.exp(2j * np.pi * frequencies_hz * period_s)[:, None, None, None]
-    A, B = (np.array([getattr(each, name) for each in models]) for name in "AB")
+    A, B = (np.array([getattr(model, name) for model in models]) for name in "AB")
     # Few frequencies of many models: solved at once, not each model brought to triangular form.
     try:
         states = np.linalg.solve(z * np.eye(len(A[0])) - A, B.astype(complex))
@@ -175,8 +175,8 @@ class Separations:
         On the diagonal: of any failure of the actuator from no failure.
         """
         n, kinds = len(self.faults) // len(KINDS), len(KINDS)
-        both_ways = np.minimum(self.distance, self.distance.T)
-        least = both_ways.reshape(n, kinds, n, kinds).min(axis=(1, 3))
+        symmetric = np.minimum(self.distance, self.distance.T)
+        least = symmetric.reshape(n, kinds, n, kinds).min(axis=(1, 3))
         np.fill_diagonal(least, self.from_none.reshape(n, kinds).min(axis=1))
         return least
 
@@ -189,23 +189,25 @@ class Separations:
         """Failures :data:`ALIKE` or more from no failure and any failure of another actuator."""
         number = np.array([fault.actuator for fault in self.faults])
         others = np.where(number[:, None] != number, self.distance, np.inf).min(axis=1)
-        apart = np.minimum(others, self.from_none) >= ALIKE
-        return tuple(self.faults[k] for k in np.flatnonzero(apart))
+        separated = np.minimum(others, self.from_none) >= SEPARATION_THRESHOLD
+        return tuple(self.faults[k] for k in np.flatnonzero(separated))
 
     def isolates(self, actuator: int, kind: str) -> bool:
         """Whether a failure is among those that are isolable; a loose actuator counts as free."""
         kind = "free" if kind == "loose" else kind
-        return any((each.actuator, each.kind) == (actuator, kind) for each in self.isolable())
+        return any((fault.actuator, fault.kind) == (actuator, kind) for fault in self.isolable())
 
-    def alike_actuators(self) -> tuple[tuple[int, ...], ...]:
+    def indistinguishable_actuators(self) -> tuple[tuple[int, ...], ...]:
         """Groups of two or more actuators, in one chain of pairs nearer than :data:`ALIKE`."""
-        count, label = connected_components(self.between_actuators < ALIKE, directed=False)
+        count, label = connected_components(
+            self.between_actuators < SEPARATION_THRESHOLD, directed=False
+        )
         groups = [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
         return tuple(group for group in groups if len(group) > 1)
 
     def undetected(self) -> tuple[Fault, ...]:
         """Failures that are nearer to no failure than :data:`ALIKE`."""
-        return tuple(self.faults[k] for k in np.flatnonzero(self.from_none < ALIKE))
+        return tuple(self.faults[k] for k in np.flatnonzero(self.from_none < SEPARATION_THRESHOLD))
 
 
 def separations_at(responses: FaultResponses, k: int, commanded: Array) -> Separations:
@@ -221,17 +223,18 @@ def separations_at(responses: FaultResponses, k: int, commanded: Array) -> Separ
     change = _parts(responses.change[k] @ commanded)  # (n, 1 + M, 2 p)
     errors = _parts(responses.errors[k] @ commanded)  # (n, 1 + M, E, 2 p)
     C, S = errors.swapaxes(-1, -2) @ errors, responses.variance * np.eye(change.shape[-1])
-    happens, happens_C = (_happening(each, responses.parts) for each in (change, C))
+    signatures, signature_C = (_failures(array, responses.parts) for array in (change, C))
     first, last = _explanations(change, responses.parts)
     _, last_C = _explanations(C, responses.parts)  # errors of the larger loss, to be safe
-    one = not errors.size
-    if one:  # one covariance for all, factored once
-        happens_C, last_C = np.zeros((2, 1, *S.shape))
-    distance = np.empty((len(happens), len(first)))
-    own, other = (_regular(S + each) / 2 for each in (happens_C, last_C))
-    given = [pointer(each) for each in (happens, first, last - first, own, other)]
-    room = pointer(np.empty(lib.segments_room(len(S))))
-    lib.to_segments(*distance.shape, len(S), *given, one, room, pointer(distance))
+    shared = not errors.size
+    if shared:  # one covariance for all, factored once
+        signature_C, last_C = np.zeros((2, 1, *S.shape))
+    distance = np.empty((len(signatures), len(first)))
+    true_C, explanation_C = (_regular(S + array) / 2 for array in (signature_C, last_C))
+    arrays = signatures, first, last - first, true_C, explanation_C
+    arguments = list(map(pointer, arrays))
+    workspace = pointer(np.empty(lib.segments_room(len(S))))
+    lib.to_segments(*distance.shape, len(S), *arguments, shared, workspace, pointer(distance))
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)
@@ -262,7 +265,7 @@ def _lost(of: Array, parts: Array, amounts: Array) -> Array:
     return (1 - part) * nodes[:, low] + part * nodes[:, low + 1]
 
 
-def _happening(of: Array, parts: Array) -> Array:
+def _failures(of: Array, parts: Array) -> Array:
     """Of what (n, 1 + M, ...) is of each model, what is of each failure of `Separations`."""
     half = _lost(of, parts, np.array([1 - _HALF]))
     return np.concatenate([of[:, :1], of[:, -1:], half], axis=1).reshape(-1, *of.shape[2:])
@@ -274,8 +277,8 @@ def _explanations(of: Array, parts: Array) -> tuple[Array, Array]:
     ends = np.array([least, *parts[(parts > least) & (parts < most)], most])
     weak, fixed, none = _lost(of, parts, ends), of[:, [0, -1]], np.zeros((1, *of.shape[2:]))
     first, last = (
-        np.concatenate([fixed, each], axis=1).reshape(-1, *of.shape[2:])
-        for each in (weak[:, :-1], weak[:, 1:])
+        np.concatenate([fixed, bounds], axis=1).reshape(-1, *of.shape[2:])
+        for bounds in (weak[:, :-1], weak[:, 1:])
     )
     return np.concatenate([first, none]), np.concatenate([last, none])
 
@@ -331,32 +334,33 @@ def distances(
     but without noise.
     """
     (period_s, ticks), count = sampling, len(outputs) // sampling[1]
-    near, back, step = (round(each / (period_s * ticks)) for each in (_NEAR_S, _BACK_S, _STEP_S))
+    near, back, step = (round(time / (period_s * ticks)) for time in (_NEAR_S, _BACK_S, _STEP_S))
     first = onset // ticks
     onsets = np.union1d(
         np.arange(max(0, first - near), min(count, first + near)),
         np.arange(max(0, first - back), count, max(1, step)),
     ).astype(int)
-    rest = Observer(bank.believed, FdiConfig(uncertainty), period_s * ticks).start()
-    evidence = bank.start(onsets, rest.parameters, rest.X, rest.memory[-1:])
+    resting = Observer(bank.base_model, FdiConfig(uncertainty), period_s * ticks).start()
+    evidence = bank.start(onsets, resting.parameters, resting.X, resting.memory[-1:])
     y, u = (
         part[: count * ticks].reshape(count, ticks, -1).mean(axis=1)
         for part in (outputs, commanded)
     )
-    before = np.vstack([np.zeros_like(u[:1]), u[:-1]])
+    previous = np.vstack([np.zeros_like(u[:1]), u[:-1]])
     white = np.full((1, y.shape[1]), np.sqrt(ticks))
     for sample in range(count):
-        v = np.concatenate([u[sample], before[sample], [1.0]])
-        evidence = bank.step(evidence, Sample(sample, v, y[sample], True, rest), 0.0, white)
+        v = np.concatenate([u[sample], previous[sample], [1.0]])
+        evidence = bank.step(evidence, Sample(sample, v, y[sample], True, resting), 0.0, white)
     energy = evidence.marginal()[0]
     least = energy[1:-1].min(axis=1)
     others = np.full((len(bank.effectiveness), len(KINDS)), np.inf)
-    for fault, its in zip(bank.faults, least, strict=False):  # causes come after the faults
+    for fault, value in zip(bank.faults, least, strict=False):  # causes come after the faults
         place = fault.actuator, KINDS.index(fault.kind)
-        others[place] = min(others[place], its)
-    own = (
+        others[place] = min(others[place], value)
+    true_energy = (
         least[len(bank.faults) + bank.causes.index(truth)]
         if isinstance(truth, Cause)
         else others[truth.actuator, KINDS.index(truth.kind)]
     )
-    return np.sqrt(np.maximum(others - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))
+    from_none = float(np.sqrt(max(energy[0, 0] - true_energy, 0)))
+    return np.sqrt(np.maximum(others - true_energy, 0)), from_none

@@ -9,7 +9,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, Indices, Mask
-from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, Rubbing
+from ftc.fdi.fault_model import DryFriction, Fault, FaultModel, NominalModel
 from kernels import lib, pointer
 
 
@@ -113,7 +113,7 @@ class UncertainModel:
     N: Array
     onset: Array
     ticks: int
-    rubbing: Rubbing | None
+    dry_friction: DryFriction | None
     friction: float
     first_limit: int
 
@@ -128,17 +128,19 @@ class UncertainModel:
         Of the models and onsets that `steps` (H, K); the last row's drive is times `age` (K,).
         """
         (H, K, rows, s), p = X.shape, self.C.shape[-2]
-        outputs, room = np.zeros((H, K, rows, p)), np.empty(2 * rows * (p + s))
-        before = None if self.rubbing is None else X.copy()
-        given = pointer(steps), *map(pointer, self._stacked), pointer(v), pointer(age)
+        outputs, workspace = np.zeros((H, K, rows, p)), np.empty(2 * rows * (p + s))
+        before = None if self.dry_friction is None else X.copy()
+        arguments = pointer(steps), *map(pointer, self._stacked), pointer(v), pointer(age)
         changing = pointer(X), pointer(outputs)
-        lib.advance_models(H, K, rows, s, p, len(v), *given, pointer(room), *changing)
-        if self.rubbing is not None and before is not None:
-            every = self.rubbing.given()
-            room = np.empty(lib.sliding_room(every, self.ticks))
-            given = pointer(steps), pointer(before), pointer(v), pointer(self.A), self.ticks
-            limits = self.first_limit, self.friction, pointer(np.empty(every.r, dtype=bool))
-            lib.slide_samples(every, H, K, rows, *given, *limits, pointer(room), *changing)
+        lib.advance_models(H, K, rows, s, p, len(v), *arguments, pointer(workspace), *changing)
+        if self.dry_friction is not None and before is not None:
+            struct = self.dry_friction.struct()
+            workspace = np.empty(lib.sliding_room(struct, self.ticks))
+            arguments = pointer(steps), pointer(before), pointer(v), pointer(self.A), self.ticks
+            limits = self.first_limit, self.friction, pointer(np.empty(struct.r, dtype=bool))
+            lib.slide_samples(
+                struct, H, K, rows, *arguments, *limits, pointer(workspace), *changing
+            )
         return outputs
 
     @cached_property
@@ -164,14 +166,15 @@ _ONE, _AT_ONCE = np.ones((1, 1), dtype=bool), np.ones(1)
 def side_by_side(models: Sequence[UncertainModel]) -> UncertainModel:
     """H models of one size as one."""
     parts: dict[str, Any] = _stacked(models, ("A", "M", "C", "N", "onset"))
-    rubbed = [model.rubbing for model in models if model.rubbing is not None]
-    if rubbed:
-        parts["rubbing"] = rubbed[0]._replace(**_stacked(rubbed, Rubbing._fields[:-1]))
+    frictions = [model.dry_friction for model in models if model.dry_friction is not None]
+    if frictions:
+        stacked = _stacked(frictions, DryFriction._fields[:-1])
+        parts["dry_friction"] = frictions[0]._replace(**stacked)
     return replace(models[0], **parts)
 
 
-def _stacked(every: Sequence[object], names: Sequence[str]) -> dict[str, Array]:
-    return {name: np.array([getattr(each, name) for each in every]) for name in names}
+def _stacked(objects: Sequence[object], names: Sequence[str]) -> dict[str, Array]:
+    return {name: np.array([getattr(part, name) for part in objects]) for name in names}
 
 
 STEP = 1e-3
@@ -198,22 +201,22 @@ def uncertain_model(
     model = plant(faults)
     F, G = _lifted(model, ticks)
     (U, drift), s = np.split(G, [-1], axis=1), F.shape[1]
-    none, same = np.zeros_like(U), np.zeros_like(F)
+    zero_commands, zero_states = np.zeros_like(U), np.zeros_like(F)
     # What states, commands of this sample and the one before, and 1 add, (s + p, s + r) each.
-    drives = [np.hstack([same, U, none, drift])]
+    drives = [np.hstack([zero_states, U, zero_commands, drift])]
     for other in others:
         dF, dG = _lifted(other(faults), ticks)
         dU, moved = np.split((dG - G) / STEP, [-1], axis=1)
-        drives.append(np.hstack([(dF - F) / STEP, dU, none, moved]))
+        drives.append(np.hstack([(dF - F) / STEP, dU, zero_commands, moved]))
     if delay_ticks > 0:  # a part of the sample still has the command before
-        late = delay_ticks / ticks * U
-        drives.append(np.hstack([same, -late, late, np.zeros_like(drift)]))
+        delayed = delay_ticks / ticks * U
+        drives.append(np.hstack([zero_states, -delayed, delayed, np.zeros_like(drift)]))
     first_limit = len(drives)
-    if model.rubbing is not None and friction > 0:
-        drives += [np.zeros_like(drives[0])] * len(model.rubbing.limit)
+    if model.dry_friction is not None and friction > 0:
+        drives += [np.zeros_like(drives[0])] * len(model.dry_friction.limit)
     M, N = np.split(np.array(drives), [s], axis=1)
-    rubs = ticks, model.rubbing, friction, first_limit
-    return UncertainModel(F[:s], M, F[s:], N, model.onset, *rubs)
+    friction_arguments = ticks, model.dry_friction, friction, first_limit
+    return UncertainModel(F[:s], M, F[s:], N, model.onset, *friction_arguments)
 
 
 def _lifted(model: FaultModel, ticks: int) -> tuple[Array, Array]:
@@ -239,7 +242,7 @@ def perturbed(nominal: NominalModel, uncertainty: Uncertainty) -> list[NominalMo
     n, k = nominal.actuators, nominal.plant.nstates // 2
     lower, drive = nominal.plant.A[k:], nominal.plant.B[k:]
     rows, feedback = nominal.displacement, nominal.feedback
-    along, found = np.linalg.pinv(rows[:, :k]), []
+    along, models = np.linalg.pinv(rows[:, :k]), []
     gain, stiffness = STEP * uncertainty.gain, STEP * uncertainty.stiffness
     damping, inertia = STEP * uncertainty.damping, STEP * uncertainty.inertia
     for more in gain * np.eye(n) if gain > 0 else ():
@@ -247,23 +250,23 @@ def perturbed(nominal: NominalModel, uncertainty: Uncertainty) -> list[NominalMo
         stronger = _changed(nominal, fed_back, drive * (1 + more), feedback)
         if nominal.holding is not None:  # the load is what it is
             stronger = replace(stronger, holding=nominal.holding / (1 + more))
-        found.append(stronger)
+        models.append(stronger)
     for actuator in range(n if stiffness > 0 else 0):
         more = np.zeros_like(rows)
         more[actuator, :k] = stiffness * rows[actuator, :k]
         stiffer = None if feedback is None else feedback + more
-        found.append(_changed(nominal, lower - drive @ more, drive, stiffer))
+        models.append(_changed(nominal, lower - drive @ more, drive, stiffer))
     for actuator in range(n if damping > 0 else 0):
         damped, damper = lower.copy(), None if feedback is None else feedback.copy()
-        own = np.outer(along[:, actuator], rows[actuator, :k])
-        damped[:, k:] += damping * lower[:, k:] @ own
+        projector = np.outer(along[:, actuator], rows[actuator, :k])
+        damped[:, k:] += damping * lower[:, k:] @ projector
         if damper is not None:
             damper[actuator, k:] *= 1 + damping
-        found.append(_changed(nominal, damped, drive, damper))
+        models.append(_changed(nominal, damped, drive, damper))
     if inertia > 0:
         less = 1 / (1 + inertia)
-        found.append(_changed(nominal, lower * less, drive * less, feedback))
-    return found
+        models.append(_changed(nominal, lower * less, drive * less, feedback))
+    return models
 
 
 def _changed(

@@ -25,10 +25,10 @@ def carts(seed: int, n: int = 2, noise: float = 1e-3) -> NominalModel:
     stiffness = 900 * np.eye(n) + 50 * coupling @ coupling.T
     lower = -np.hstack([stiffness, 0.02 * stiffness]) / mass[:, None]
     B = np.vstack([np.zeros((n, n)), np.diag(900 / mass)])
-    shown = np.eye(n, 2 * n)
-    C = (np.eye(n) + 0.3 * rng.normal(size=(n, n))) @ shown
+    positions = np.eye(n, 2 * n)
+    C = (np.eye(n) + 0.3 * rng.normal(size=(n, n))) @ positions
     plant = control.ss(np.vstack([np.eye(n, 2 * n, n), lower]), B, C, 0)
-    return NominalModel(plant, shown, np.full(n, noise), period_s=5e-3, step_s=1e-3)
+    return NominalModel(plant, positions, np.full(n, noise), period_s=5e-3, step_s=1e-3)
 
 
 def outputs_of(model: FaultModel, commanded: np.ndarray) -> np.ndarray:
@@ -36,9 +36,9 @@ def outputs_of(model: FaultModel, commanded: np.ndarray) -> np.ndarray:
     return np.array([model.C @ x for x in model.states(commanded)[:-1]])
 
 
-def sample_of(number: int, v: np.ndarray, y: np.ndarray, *, is_whole: bool = True) -> Sample:
+def sample_of(number: int, v: np.ndarray, y: np.ndarray, *, is_complete: bool = True) -> Sample:
     """A sample of which nothing else is known."""
-    return Sample(number, v, y, is_whole, before=None)  # type: ignore[arg-type]
+    return Sample(number, v, y, is_complete, before=None)  # type: ignore[arg-type]
 
 
 Signal = Callable[[int, np.ndarray], np.ndarray]
@@ -50,8 +50,8 @@ def unchanged(tick: int, signal: np.ndarray) -> np.ndarray:
     return signal
 
 
-def flown(
-    watch: Monitor,
+def simulate(
+    fdi_monitor: Monitor,
     seed: int,
     ticks: int,
     *,
@@ -65,21 +65,21 @@ def flown(
     Random slow commands of 4 to 8 mm and the dither, from rest; the fault is there from the tick
     `fails` on. `act` changes commands on their way, `read` what is read, in deviations of noise.
     """
-    nominal, rng = watch.nominal, np.random.default_rng(seed)
+    nominal, rng = fdi_monitor.nominal, np.random.default_rng(seed)
     plant = fault_model(nominal)
     phase, size = rng.uniform(0, 2 * np.pi, 3), rng.uniform(4e-3, 8e-3, 3)
-    x, u, states = np.zeros(6), np.zeros(3), [watch.start()]
+    x, u, states = np.zeros(6), np.zeros(3), [fdi_monitor.start()]
     for tick in range(ticks):
         if fault is not None and tick == fails:
             plant = fault_model(nominal, [fault])
             x = plant.onset @ x
         y = read(tick, plant.C @ x) + rng.standard_normal(3)
-        states.append(watch.step(states[-1], nominal.noise * y, u))
+        states.append(fdi_monitor.step(states[-1], nominal.noise * y, u))
         if (found := states[-1].diagnosis) is not None and found.confirmed:
             break
         time_s = tick * nominal.period_s
         u = size * np.sin(2.2 * time_s * np.array([1.0, 0.8, 1.3]) + phase)
-        u = u + 2e-3 * np.sin(2 * np.pi * (watch.config.dither_hz or 0.0) * time_s)
+        u = u + 2e-3 * np.sin(2 * np.pi * (fdi_monitor.config.dither_hz or 0.0) * time_s)
         x = plant.step(x, act(tick, u))
     return states
 
@@ -139,7 +139,7 @@ def gathered(
     bank: HypothesisBank, record: Record, prior, whitening, onsets=ONSETS, decoupled=None
 ) -> Evidence:
     """The evidence of a run; without another filter for it, the last hypothesis is the first."""
-    rows, s = bank.believed.M.shape[:2]
+    rows, s = bank.base_model.M.shape[:2]
     p = record.y.shape[1]
     memory = np.zeros((len(whitening), rows, p))
     memory[:, 0] -= prior.mean[-p:]  # what the offset has done before is known
@@ -220,7 +220,7 @@ def servo_carts(n: int, seed: int) -> Struts:
     return Struts(np.diag(mass), np.eye(n), springs, kp, kp, 0.03 * kp, none, none, load)
 
 
-def rubbing_carts(seed: int, limit: float | list[float] = 0.05, n: int = 3) -> NominalModel:
+def carts_with_friction(seed: int, limit: float | list[float] = 0.05, n: int = 3) -> NominalModel:
     """Carts on servos with dry friction, each on its rail and some on the next cart."""
     plant, rows = servo_carts(n, seed), np.eye(n) - 0.3 * np.roll(np.eye(n), 1, axis=1)
     push, limits = np.linalg.solve(plant.mass, rows.T), np.broadcast_to(limit, n).astype(float)

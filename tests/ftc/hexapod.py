@@ -58,19 +58,19 @@ def reading(output: np.ndarray) -> Measurement:
     return Measurement(output, np.zeros(6))
 
 
-def steady(pilot, state, ticks: int, secondary_reference=None):
+def steady(controller, state, ticks: int, secondary_reference=None):
     """The compensators see no error: what they ask stands still."""
     for _ in range(ticks):
-        state = pilot.step(state, DESIRED, reading(DESIRED), secondary_reference)
+        state = controller.step(state, DESIRED, reading(DESIRED), secondary_reference)
     return state
 
 
-def pulled(pilot, secondary_reference=None):
+def pulled(controller, secondary_reference=None):
     """Some way out, by an error that lasts a tenth of a second."""
-    state = pilot.start()
+    state = controller.start()
     for _ in range(100):
-        state = pilot.step(state, DESIRED, reading(0.7 * DESIRED), secondary_reference)
-    return steady(pilot, state, 200, secondary_reference)
+        state = controller.step(state, DESIRED, reading(0.7 * DESIRED), secondary_reference)
+    return steady(controller, state, 200, secondary_reference)
 
 
 @cache
@@ -87,7 +87,7 @@ def diagnosis(fault: Fault, displacement_m: float = 0.0, *, confirmed: bool = Fa
 class Script:
     """A monitor that says what it is told to, tick after tick, and counts whom it came after."""
 
-    says: tuple[Diagnosis | None, ...]
+    script: tuple[Diagnosis | None, ...]
     after: int = 0
     ticks: int = 1
 
@@ -96,25 +96,25 @@ class Script:
         """Of the healthy machine."""
         return hexapod_rig().nominal
 
-    def step(self, watch, measured, commanded_m):
+    def step(self, state, measured, commanded_m):
         """The next that it says."""
-        return replace(watch, ticks=watch.ticks + 1, diagnosis=self.says[watch.ticks])
+        return replace(state, ticks=state.ticks + 1, diagnosis=self.script[state.ticks])
 
-    def believing(self, watch):
+    def with_diagnosis(self, state):
         """Itself, one failure later."""
-        return replace(self, after=self.after + 1), replace(watch, diagnosis=None)
+        return replace(self, after=self.after + 1), replace(state, diagnosis=None)
 
 
 @cache
 def far_out(dither: Dither | None):
-    pilot = supervisor(dither)
-    return replace(pilot.start(), controller=pulled(pilot.first))
+    controller = supervisor(dither)
+    return replace(controller.start(), controller=pulled(controller.first))
 
 
-def supervised(*says: Diagnosis | None, dither: Dither | None = None) -> list[Any]:
+def supervised(*script: Diagnosis | None, dither: Dither | None = None) -> list[Any]:
     """The supervisor's states from far out, tick by tick, under a monitor that says this."""
-    states = [replace(far_out(dither), monitor=Script(says))]
-    for tick in range(len(says)):  # a sensor that repeats itself to the bit is stuck
+    states = [replace(far_out(dither), monitor=Script(script))]
+    for tick in range(len(script)):  # a sensor that repeats itself to the bit is stuck
         seen = reading(DESIRED * (1 + 1e-9 * (tick % 2)))
         states.append(supervisor(dither).step(states[-1], DESIRED, seen))
     return states[1:]

@@ -53,7 +53,9 @@ class Stage:
         """Linear."""
         return J @ posture
 
-    def moved(self, posture: np.ndarray, displacements: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def moved(
+        self, posture: np.ndarray, displacements: np.ndarray, fixed: np.ndarray
+    ) -> np.ndarray:
         """Where it is told to."""
         return displacements
 
@@ -89,23 +91,32 @@ def stage() -> Any:
     s.model |= {"period_s": PERIOD_S, "step_s": PERIOD_S}
     s.nominal, s.loop = NominalModel(**s.model), compensator(s.channel, SHAPE, PERIOD_S)
     s.system = ConstrainedSystem(J, None, range(N))
-    s.geometry, s.watch = LocalGeometry(s.system), monitor(s.nominal)
+    s.geometry, s.fdi_monitor = LocalGeometry(s.system), monitor(s.nominal)
 
-    def pilot(goal: Goal = GOAL) -> PrioritizedController[Any]:
+    def make_controller(goal: Goal = GOAL) -> PrioritizedController[Any]:
         return PrioritizedController([s.loop] * M1, s.mapping(goal), DRIVES, 0.1)
 
     s.mapping = lambda goal=GOAL, **how: PrioritizedMapping(s.geometry, goal, [0, 1], [2], **how)
-    s.pilot, s.plain = pilot, pilot()
+    s.make_controller, s.plain = make_controller, make_controller()
     s.task = ControlTask(s.nominal, J, (0, 1), GOAL, DRIVES, LIMITS, np.ones(M1))
     s.guarded = GuardedController("own", lambda _: s.plain, s.task)
-    s.supervised = {"goal": GOAL, "controller": pilot, "monitor": s.watch, "is_possible": possible}
+    s.supervised = {
+        "goal": GOAL,
+        "controller": make_controller,
+        "monitor": s.fdi_monitor,
+        "is_possible": possible,
+    }
     s.supervisor = Supervisor(**s.supervised)
-    s.oracle = {"before": s.plain, "after": pilot(Goal((1.0,) * N, free=(0,))), "tick": 1}
+    s.oracle = {
+        "initial": s.plain,
+        "reconfigured": make_controller(Goal((1.0,) * N, free=(0,))),
+        "tick": 1,
+    }
     s.oracle |= {"lost_displacements": STILL, "acting": STILL, "secondary": lambda time_s: STILL}
     return s
 
 
-def flown(controller: Any) -> Any:
+def simulate(controller: Any) -> Any:
     """What a controller sends in a few ticks, from rest."""
     state = controller.start()
     sent = []

@@ -21,7 +21,7 @@ INTEGRATOR = control.ss([[1.0]], [[PERIOD_S]], [[5.0]], [[0.0]], PERIOD_S)
 """5 / s, by Euler's rule."""
 
 
-def pilot_of(mapping: Any, handover_s: float = 0.0, *, anti_windup: bool = True) -> Any:
+def controller_for(mapping: Any, handover_s: float = 0.0, *, anti_windup: bool = True) -> Any:
     loops = [INTEGRATOR] * 2
     return PrioritizedController(loops, mapping, DirectDrive(), handover_s, anti_windup=anti_windup)
 
@@ -44,10 +44,10 @@ def test_an_integrator_does_not_run_away_from_what_is_achieved(anti_windup):
 
     Four time constants 1 / K after the target has become attainable, the task is there.
     """
-    controller = pilot_of(limited(serial(3)), anti_windup=anti_windup)
+    controller = controller_for(limited(serial(3)), anti_windup=anti_windup)
     reached, state = driven(controller, 10.0, 500)
     error = np.linalg.norm([10.0 - reached[-1, 0], reached[-1, 1]])
-    ahead = np.linalg.norm(state.asked.demand - reached[-1])
+    ahead = np.linalg.norm(state.previous_command.demand - reached[-1])
     returned, _ = driven(controller, 0.0, 80, state)
     left = np.linalg.norm(returned[-1]) / np.linalg.norm(returned[0])
     assert (ahead < 1.05 * error) == anti_windup
@@ -101,7 +101,7 @@ def test_the_circle_margin_of_an_integrator_is_the_one_on_paper(anti_windup):
 def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits(seed):
     delay = control.ss(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), PERIOD_S)
     assert circle_margin(delay, [INTEGRATOR] * 2, anti_windup=True) > 0
-    controller = pilot_of(limited(serial(seed)))
+    controller = controller_for(limited(serial(seed)))
     _, far = driven(controller, 30.0, 30)
     one, _ = driven(controller, 1.0, 200)
     other, _ = driven(controller, 1.0, 200, far)
@@ -113,9 +113,9 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
     """Commands within the limits are those of the new mapping, whatever it would do itself."""
     own, rng = serial(seed), np.random.default_rng(seed)
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
-    pilot = pilot_of(mapping, handover_s=0.1)
-    state = replace(pilot.start(), inputs=commanded_m)
-    last, new = state.asked, pilot.transfer(state).bumpless_transfer
+    controller = controller_for(mapping, handover_s=0.1)
+    state = replace(controller.start(), inputs=commanded_m)
+    last, new = state.previous_command, controller.transfer(state).bumpless_transfer
     assert new is not None
     demand, beside = last.demand + new.demand, new.secondary_reference
     found, _ = mapping.tick(demand, own.nominal, secondary_reference=beside)

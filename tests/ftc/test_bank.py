@@ -9,7 +9,7 @@ import scipy.optimize
 from scipy.stats import multivariate_normal
 
 from ftc.fdi import Cause, Fault, Uncertainty
-from ftc.fdi.bank import Evidence, believed_model, hypothesis_bank
+from ftc.fdi.bank import Evidence, base_model_of, hypothesis_bank
 from ftc.fdi.observer import Parameters
 from ftc.fdi.uncertainty import perturbed
 from kernels import lib, pointer
@@ -129,7 +129,7 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, tick
     nominal = carts(seed)
     record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
     bank = hypothesis_bank(nominal, (), WRONG, ticks)
-    prior, whitening = drawn_prior(len(bank.believed.M) - 1, seed), drawn_whitening(seed)
+    prior, whitening = drawn_prior(len(bank.base_model.M) - 1, seed), drawn_whitening(seed)
     energy, log_det, parameters = gathered(bank, record, prior, whitening).marginal()
     counted = np.zeros(3, dtype=int)
     for h, fault in enumerate([None, *bank.faults, *bank.causes, None]):
@@ -148,7 +148,7 @@ def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain
     """Their log ratio, of filters of any gain, is that of the Gaussians of what was measured."""
     record = Record.of(carts(seed), 2, seed)
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
-    prior = drawn_prior(len(bank.believed.M) - 1, seed)
+    prior = drawn_prior(len(bank.base_model.M) - 1, seed)
     filters = drawn_whitening(seed), gain * drawn_whitening(seed + 10)
     evidence = gathered(bank, record, prior, filters[0], decoupled=filters[1])
     energy, log_det, _ = evidence.marginal()
@@ -167,8 +167,8 @@ def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain
 
 @pytest.mark.parametrize("faults", [(), (Fault(0, "locked"),), (Fault(1, "weak", 0.4),)])
 def test_the_believed_model_alone_is_that_of_all_hypotheses(faults):
-    alone = believed_model(carts(0, n=3), faults, WRONG, 2)
-    together = hypothesis_bank(carts(0, n=3), faults, WRONG, 2).believed
+    alone = base_model_of(carts(0, n=3), faults, WRONG, 2)
+    together = hypothesis_bank(carts(0, n=3), faults, WRONG, 2).base_model
     for name in ("A", "M", "C", "N", "onset"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(together, name))
 
@@ -195,7 +195,7 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
-    prior = Parameters.prior(len(bank.believed.M) - 1, 2, WRONG)
+    prior = Parameters.prior(len(bank.base_model.M) - 1, 2, WRONG)
     now = int(ONSETS[1])
     state = gathered(bank, replace(record, u=record.u[:now], y=record.y[:now]), prior, filters[0])
 
@@ -205,9 +205,9 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
     v, y = rng.normal(size=5), rng.normal(size=2)
     then, given = arrays(state), sample_of(now, v, y)
     after = bank.step(state, given, 1.5, *filters)
-    kept, silent = arrays(after), sample_of(now + 1, v, y, is_whole=False)
+    kept, silent = arrays(after), sample_of(now + 1, v, y, is_complete=False)
     np.testing.assert_equal(arrays(state), then)
-    in_place = arrays(bank.step(state, given, 1.5, *filters, keeps=False))
+    in_place = arrays(bank.step(state, given, 1.5, *filters, copy=False))
     unheard = arrays(bank.step(after, silent, 1.5, *filters))
     np.testing.assert_equal(in_place, kept)
     np.testing.assert_equal(unheard[2:], kept[2:])

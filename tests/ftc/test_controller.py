@@ -75,7 +75,7 @@ def test_no_survivor_steps_when_the_mapping_changes_and_the_task_stays_while_the
     # Six struts' last bits, 10 nm each at most, through J_m.
     assert np.abs(moved @ J_m.T).max() < 6e-8
     for later in (state, steady(after, state, FADE)):
-        own = after.mapping.displacements(later.asked.demand, later.pose)[survivors]
+        own = after.mapping.displacements(later.previous_command.demand, later.pose)[survivors]
         np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
     if name != "locked off centre":  # the least of all struts is the least of those left, too
         assert np.abs(surviving_m(first) - own).max() > 1e-7
@@ -115,12 +115,12 @@ def test_a_weak_actuator_that_is_known_is_commanded_the_more():
 LOST = {"locked": Goal(EQUAL.joint_weight, locked_at={2: -4e-6}), "without force": WITHOUT_2}
 
 
-def moving(pilot, state: ControllerState, ticks: int) -> list[ControllerState]:
+def moving(controller, state: ControllerState, ticks: int) -> list[ControllerState]:
     """States while the detector reads errors of another size at each tick."""
     rng, states = np.random.default_rng(0), []
     for _ in range(ticks):
         seen = reading(DESIRED * rng.uniform(0.8, 1.2))
-        state = pilot.step(state, DESIRED, seen, 1e-6 * jacobian()[0])
+        state = controller.step(state, DESIRED, seen, 1e-6 * jacobian()[0])
         states.append(state)
     return states
 
@@ -135,8 +135,8 @@ def moving(pilot, state: ControllerState, ticks: int) -> list[ControllerState]:
 def test_a_command_that_is_kept_stays_to_the_bit(name, form: DisplacementForm):
     """Whatever the others do, for longer than a handover takes; a second transfer keeps it, too."""
     after, state = controller(LOST[name], form), out(form)
-    later = moving(after, after.transfer(state, keeps=ALL), FADE + 20)
-    later += moving(after, after.transfer(later[-1], keeps=ALL), 5)
+    later = moving(after, after.transfer(state, retained=ALL), FADE + 20)
+    later += moving(after, after.transfer(later[-1], retained=ALL), 5)
     assert abs(state.inputs[2]) > 20 * LSB_PERCENT
     assert all(each.inputs[2] == state.inputs[2] for each in later)
     assert np.ptp([each.inputs[0] for each in later]) > 20 * LSB_PERCENT
@@ -145,7 +145,7 @@ def test_a_command_that_is_kept_stays_to_the_bit(name, form: DisplacementForm):
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton", "incremental"])
 def test_another_falls_to_zero_as_half_a_cosine(form: DisplacementForm):
     after = controller(WITHOUT_2, form)
-    kept = moving(after, after.transfer(out(form), keeps=ALL), 50)[-1]
+    kept = moving(after, after.transfer(out(form), retained=ALL), 50)[-1]
     fading = moving(after, after.transfer(kept), FADE + 10)
     expected = 0.5 * (1 + np.cos(np.pi * np.minimum(np.arange(FADE + 10) / FADE, 1)))
     found = np.array([each.inputs[2] for each in fading]) / kept.inputs[2]
@@ -174,7 +174,7 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     acting = np.array([0, 0, 0.3, 0, 0, 0.4])
     state = out()
     half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
-    kept = steady(second, second.transfer(half, keeps=ALL), 2 * FADE)
+    kept = steady(second, second.transfer(half, retained=ALL), 2 * FADE)
     states = [half, kept, steady(second, second.transfer(kept, acting=acting), FADE + 2)]
     left = np.where(acting, acting, 1.0)
     caused = [pointing_of(left * second.drives.displacements(each.inputs)) for each in states]
@@ -183,7 +183,7 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     assert states[2].inputs[[2, 5]].tolist() == [0.0, 0.0]
 
 
-def tied_pilot(system: ConstrainedSystem, goal: Goal, *form) -> PrioritizedController:
+def tied_controller(system: ConstrainedSystem, goal: Goal, *form) -> PrioritizedController:
     mapping = PrioritizedMapping(LocalGeometry(system), goal, [0], [1], *form)
     loop = control.ss([[1.0]], [[0.01]], [[5.0]], [[0.0]], 0.01)
     return PrioritizedController([loop], mapping, DirectDrive(), handover_s=1.0)
@@ -193,11 +193,13 @@ def tied_pilot(system: ConstrainedSystem, goal: Goal, *form) -> PrioritizedContr
 def test_what_no_motion_follows_fades_once(form):
     """Of actuators tied by a loop: a second handover, half way, continues the first one."""
     tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
-    pilot = tied_pilot(tied, Goal((1.0,) * 3), form)
-    state = pilot.transfer(replace(pilot.start(), inputs=np.array([0.5, -0.5, 0.0])))
+    controller = tied_controller(tied, Goal((1.0,) * 3), form)
+    state = controller.transfer(replace(controller.start(), inputs=np.array([0.5, -0.5, 0.0])))
     apart, still = [], Measurement(np.zeros(1), np.zeros(3))
     for tick in range(160):
-        state = pilot.step(pilot.transfer(state) if tick == 50 else state, np.zeros(1), still)
+        state = controller.step(
+            controller.transfer(state) if tick == 50 else state, np.zeros(1), still
+        )
         apart.append(state.inputs[0] - state.inputs[1])
     assert apart[0] == pytest.approx(1.0) and apart[-1] == pytest.approx(0.0, abs=1e-12)
     assert np.abs(np.diff(apart)).max() < 0.02
@@ -209,14 +211,14 @@ def test_one_that_closed_loops_take_along_is_commanded_where_they_take_it(seed):
     rng = np.random.default_rng(seed)
     C = rng.normal(size=(1, 4))
     system = ConstrainedSystem(rng.normal(size=(2, 4)), C, np.arange(4))
-    pilot = tied_pilot(system, Goal((1.0,) * 4, free=(2,)))
-    state = pilot.transfer(replace(pilot.start(), inputs=rng.normal(size=4)))
+    controller = tied_controller(system, Goal((1.0,) * 4, free=(2,)))
+    state = controller.transfer(replace(controller.start(), inputs=rng.normal(size=4)))
     for tick in range(160):
-        state = pilot.step(state, np.ones(1), Measurement(np.zeros(1), np.zeros(4)))
+        state = controller.step(state, np.ones(1), Measurement(np.zeros(1), np.zeros(4)))
         if tick == 0:  # before that what it was commanded fades
             assert abs(C @ state.inputs) > 1e-3
     np.testing.assert_allclose(C @ state.inputs, 0, atol=1e-9)
-    assert abs(state.inputs[2]) > 1e-2 and pilot.mapping.followed(np.zeros(4)) is not None
+    assert abs(state.inputs[2]) > 1e-2 and controller.mapping.followed(np.zeros(4)) is not None
 
 
 # The loop without a mechanism.

@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 from ftc.fdi import CERTAIN, Fault, NominalModel, Uncertainty, fault_model
 from ftc.fdi.bank import LOST, hypothesis_bank
-from ftc.fdi.decision import verdict as verdict_of
+from ftc.fdi.decision import decide
 from ftc.fdi.observer import Parameters
 from tests.ftc.carts import ONSETS, Record, carts, gathered, outputs
 
@@ -19,9 +19,9 @@ WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
 def concluded(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
     """Evidence and verdict at the end of a record."""
     bank, p = bank or hypothesis_bank(record.nominal, (), uncertainty, 2), record.y.shape[1]
-    prior = Parameters.prior(len(bank.believed.M) - 1, p, uncertainty)
+    prior = Parameters.prior(len(bank.base_model.M) - 1, p, uncertainty)
     evidence = gathered(bank, record, prior, np.ones((1, p)), onsets)
-    return evidence, verdict_of(bank, evidence, len(record.y) - 1, **how)
+    return evidence, decide(bank, evidence, len(record.y) - 1, **how)
 
 
 def failed_state(
@@ -160,4 +160,6 @@ def test_strain_has_nothing_to_do_with_the_zeros_of_sensors():
         concluded(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]
         for off in (0.0, 50.0)
     )
-    assert 0 < sure.strain < 10 and unsure.strain == pytest.approx(sure.strain, abs=1)
+    assert 0 < sure.parameter_deviation < 10 and unsure.parameter_deviation == pytest.approx(
+        sure.parameter_deviation, abs=1
+    )

@@ -30,19 +30,19 @@ def test_a_spiral_is_passed_at_constant_speed_either_way():
 def demands(bench: TestbedConfig, ticks: int, error_rad):
     """What the compensators ask, tick by tick, while the sensor reads a constant error."""
     controller = controller_for(replace(nominal_testbed(), bench=bench), W_A)
-    state, asked = controller.start(), []
+    state, demanded = controller.start(), []
     for _ in range(ticks):
         state = controller.step(state, np.asarray(error_rad), reading(np.zeros(2)))
-        asked.append(state.asked.demand)
-    return controller, state, np.array(asked)
+        demanded.append(state.previous_command.demand)
+    return controller, state, np.array(demanded)
 
 
 def test_no_angle_is_demanded_beyond_the_limit_and_each_has_its_own():
-    _, state, asked = demands(TIGHT, 300, [5e-6, -1e-6])
+    _, state, demanded = demands(TIGHT, 300, [5e-6, -1e-6])
     _, _, free = demands(replace(TIGHT, demand_limit_urad=None), 300, [5e-6, -1e-6])
     beyond = np.abs(free) > TIGHT.demand_limit_rad
     assert beyond[:, 0].any() and not beyond[:, 1].any()
-    np.testing.assert_array_equal(asked, np.where(beyond, TIGHT.demand_limit_rad, free))
+    np.testing.assert_array_equal(demanded, np.where(beyond, TIGHT.demand_limit_rad, free))
     assert np.isfinite(state.compensator).all()
 
 
@@ -52,7 +52,7 @@ def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(anti_windup):
     bench = replace(TIGHT, anti_windup=anti_windup)
     controller, state, _ = demands(bench, 1000, [5e-6, 0.0])
     ticks = 0
-    while state.asked.demand[0] >= TIGHT.demand_limit_rad and ticks < 2000:
+    while state.previous_command.demand[0] >= TIGHT.demand_limit_rad and ticks < 2000:
         state = controller.step(state, np.array([-5e-6, 0.0]), reading(np.zeros(2)))
         ticks += 1
     assert ticks < 60 if anti_windup else ticks > 500

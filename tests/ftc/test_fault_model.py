@@ -19,7 +19,7 @@ from ftc.fdi.uncertainty import UncertainModel, side_by_side, uncertain_model
 from ftc.reconfiguration import used_share
 from sim import Failure, Plant, assemble, load_model
 from tests import models
-from tests.ftc.carts import carts, random_walk, rubbing_carts, servo_carts
+from tests.ftc.carts import carts, carts_with_friction, random_walk, servo_carts
 from tests.profiles import examples
 
 kinds = pytest.mark.parametrize("kind", KINDS)
@@ -27,7 +27,9 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 # The hexapod against MuJoCo.
 
 
-def flown(plant: Plant, nominal: NominalModel, fault: Fault | None, onset: int, sent: np.ndarray):
+def simulate(
+    plant: Plant, nominal: NominalModel, fault: Fault | None, onset: int, sent: np.ndarray
+):
     """Displacements of MuJoCo's plant and of its model, which both fail at a tick, (N, n) each."""
     model, x, moved, expected = fault_model(nominal), np.zeros(nominal.plant.nstates), [], []
     for tick, command in enumerate(sent):
@@ -53,7 +55,7 @@ def test_the_hexapod_moves_as_mujocos_whose_strut_fails_in_flight(strut, kind, m
     time_s = np.arange(240)[:, None] * nominal.period_s
     waves = [np.sin(2 * np.pi * (hz * time_s + rng.uniform(size=6))) for hz in (0.5, 5, 20, 35)]
     sent = 1e-6 * (np.sum(waves, axis=0) - np.sum(waves, axis=0)[0])
-    moved, expected = flown(Plant(model), nominal, Fault(strut, kind, 0.4), 120, sent)
+    moved, expected = simulate(Plant(model), nominal, Fault(strut, kind, 0.4), 120, sent)
     close = 2e-3 if kind == "locked" else 2e-4  # MuJoCo's lock is a soft one
     assert np.abs(moved - expected).max() < close * np.abs(moved).max()
     assert kind != "locked" or np.ptp(expected[120:, strut]) < 1e-15
@@ -136,10 +138,13 @@ def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
     fault = Fault(int(rng.integers(n)), kind, rng.uniform(0.2, 0.7) * (kind == "weak"))
     sent = random_walk(n, 900, rng)
     y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
-    watch, named = monitor(model.nominal()), []
-    state, late = watch.start(), np.vstack([0 * sent[:1], sent[:-1]])  # what came before each tick
+    fdi_monitor, named = monitor(model.nominal()), []
+    state, late = (
+        fdi_monitor.start(),
+        np.vstack([0 * sent[:1], sent[:-1]]),
+    )  # what came before each tick
     for measured, u in zip(y, late, strict=True):
-        state = watch.step(state, measured, u)
+        state = fdi_monitor.step(state, measured, u)
         named += [state.diagnosis] if state.diagnosis else []
         if named and named[-1].confirmed:
             break
@@ -186,7 +191,7 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
     plant = Plant(lifted, base=None, start=assemble(lifted))
     assert plant.implicit_damping == implicit
     nominal = model_of(plant, 1.0, period_s=2e-3)
-    moved, expected = flown(plant, nominal, Fault(0, "free"), 8, np.tile([2e-4, -1e-4], (16, 1)))
+    moved, expected = simulate(plant, nominal, Fault(0, "free"), 8, np.tile([2e-4, -1e-4], (16, 1)))
     error = np.abs(moved - expected).max(axis=1)
     assert (error < 0.01 * np.abs(moved).max(axis=1)).all()
 
@@ -211,7 +216,7 @@ def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
+def test_frictionforces_are_those_of_least_energy_within_the_limits(seed):
     """Forces f minimize f'K f / 2 + f'c: bounded least squares, of a coupled random K."""
     rng, n = np.random.default_rng(seed), 4
     root, nominal = rng.normal(size=(n, n)), servo_carts(n, seed).nominal()
@@ -221,12 +226,12 @@ def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
     model = fault_model(replace(nominal, period_s=STEP_S, friction=rubs))
     x, u = 1e-3 * rng.normal(size=2 * n), 1e-3 * rng.normal(size=n)
     free = fault_model(replace(nominal, period_s=STEP_S)).step(x, u)
-    rub = model.rubbing
-    assert rub is not None
-    c = rub.E @ x + rub.D @ [*u, 1.0]
-    L = np.linalg.cholesky(rub.K)
+    friction = model.dry_friction
+    assert friction is not None
+    c = friction.E @ x + friction.D @ [*u, 1.0]
+    L = np.linalg.cholesky(friction.K)
     best = lsq_linear(L.T, -np.linalg.solve(L, c), (-limit, limit), tol=1e-14)
-    np.testing.assert_allclose(model.step(x, u), free + rub.G @ best.x, atol=1e-9)
+    np.testing.assert_allclose(model.step(x, u), free + friction.G @ best.x, atol=1e-9)
     assert (np.abs(best.x) > 0.99 * limit).any()
 
 
@@ -247,9 +252,9 @@ def wave(sample: int) -> np.ndarray:
 @pytest.mark.parametrize("faults", RUBBED)
 def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
-    ticks, n, nominal = 4, 3, rubbing_carts(2, 0.15)
+    ticks, n, nominal = 4, 3, carts_with_friction(2, 0.15)
     truth = fault_model(nominal, faults)
-    other = fault_model(rubbing_carts(2, [0.075, 0.15, 0.15]), faults)
+    other = fault_model(carts_with_friction(2, [0.075, 0.15, 0.15]), faults)
     model = rubbed(nominal, faults, ticks)
     assert (len(model.M), model.first_limit) == (2 + n, 2)
     X, runs = np.zeros((2 + n, 2 * n)), np.zeros((3, 2 * n))
@@ -273,7 +278,7 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
 
 
 def test_models_that_rub_move_side_by_side_as_each_alone():
-    models = [rubbed(rubbing_carts(2, 0.15), faults) for faults in RUBBED]
+    models = [rubbed(carts_with_friction(2, 0.15), faults) for faults in RUBBED]
     alone = [np.zeros((len(model.M), 6)) for model in models]
     X = np.array(alone)[:, None]
     for sample in range(20):
@@ -287,7 +292,7 @@ def test_models_that_rub_move_side_by_side_as_each_alone():
 
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 @pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
-def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
+def test_the_model_with_frictionmoves_as_mujocos_plant(tmp_path, integrator, fault):
     """Sticking, slipping and creeping alike, before and after a failure; the lock is a soft one."""
     file = models.saved(tmp_path, "rubbing_arm", ("implicitfast", integrator))
     arm = load_model(file, add_locks=True)
@@ -297,7 +302,7 @@ def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fa
     nominal = model_of(plant, 1e-6, period_s=2e-3)
     ticks = np.arange(300)
     sent = 1e-3 * np.column_stack([np.sin(0.03 * ticks), 1 - np.cos(0.05 * ticks)])
-    moved, expected = flown(plant, nominal, fault, 150, sent)
+    moved, expected = simulate(plant, nominal, fault, 150, sent)
     smooth = fault_model(replace(nominal, friction=None)).states(sent)[1:] @ nominal.displacement.T
     size = np.abs(moved).max()
     error, without = np.abs(moved - expected), np.abs(moved - smooth)

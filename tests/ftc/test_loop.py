@@ -10,7 +10,7 @@ import pytest
 from fjh.rig import Rig
 from ftc import Stage, one_tick, run_loop, steps
 from ftc.fdi import fault_model
-from tests.ftc.carts import rubbing_carts
+from tests.ftc.carts import carts_with_friction
 from tests.ftc.small_stage import Still, stage
 
 
@@ -18,17 +18,17 @@ from tests.ftc.small_stage import Still, stage
 def test_one_tick_after_the_other_is_the_loop(kind):
     """Written out here, to the bit."""
     rig = Rig.hexapod()
-    pilot: Any = getattr(rig, kind)()
+    controller: Any = getattr(rig, kind)()
     reference = rig.path("circle", duration_s=0.04)
-    bench, state = rig.bench(np.zeros(len(reference)), (), 1), pilot.start()
+    bench, state = rig.bench(np.zeros(len(reference)), (), 1), controller.start()
     measured, inputs = [], []
     for row in reference:
         read = bench.measure()
-        state = pilot.step(state, row, read)
+        state = controller.step(state, row, read)
         bench.apply(state.inputs)
         measured.append(read.output)
         inputs.append(state.inputs)
-    looped = run_loop(rig.bench(np.zeros(len(reference)), (), 1), pilot, reference)
+    looped = run_loop(rig.bench(np.zeros(len(reference)), (), 1), controller, reference)
     np.testing.assert_array_equal(looped.measured, measured)
     np.testing.assert_array_equal(looped.inputs, inputs)
 
@@ -70,7 +70,7 @@ def test_a_batch_of_settings_is_each_setting_alone(rubs):
     """Limits of demands, anti-windup and starts of a stage; dry friction of carts on servos."""
     rng, own = np.random.default_rng(0), stage()
     settings: dict[str, Any] = {}
-    nominal, disturbance = rubbing_carts(0), None
+    nominal, disturbance = carts_with_friction(0), None
     if rubs:
         whole = Stage(fault_model(nominal))
         loops: Any = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3

@@ -13,10 +13,10 @@ from scipy.stats import chi2
 
 from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Cause, Fault, fault_model, monitor
 from ftc.fdi.bank import HypothesisBank
-from ftc.fdi.decision import CONFIRMATION_S, Verdict
+from ftc.fdi.decision import CONFIRMATION_S, Decision
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.monitor import JUDGED_S, REVISED_S, Monitor, MonitorState
-from tests.ftc.carts import carts, flown
+from ftc.fdi.monitor import DECISION_PERIOD_S, REVISION_PERIOD_S, Monitor, MonitorState
+from tests.ftc.carts import carts, simulate
 
 # Verdicts that are given, in flights of noise with a shock.
 
@@ -42,9 +42,9 @@ class Guarded(HypothesisBank):
         return super().start(onsets, prior, X, memory)
 
 
-def verdict(fault: Fault, actuator: float = 1.0, kind: float = 1.0) -> Verdict:
+def make_decision(fault: Fault, actuator: float = 1.0, kind: float = 1.0) -> Decision:
     kinds = {"locked": (kind, 1 - kind, 0.0), "free": (1 - kind, kind, 0.0)}
-    return Verdict(
+    return Decision(
         fault=fault,
         actuator_confidence=actuator,
         kind_confidences=kinds.get(fault.kind, (0.0, 1 - kind, kind)),
@@ -53,14 +53,14 @@ def verdict(fault: Fault, actuator: float = 1.0, kind: float = 1.0) -> Verdict:
         inflation=1.0,
         unexplained=0.0,
         energy=0.0,
-        strain=0.0,
+        parameter_deviation=0.0,
         onset=SHOCK - 1,
         x=STATE,
         best=np.zeros(1),
     )
 
 
-LOCKED, WEAK = verdict(Fault(2, "locked")), verdict(Fault(2, "weak", 0.5))
+LOCKED, WEAK = make_decision(Fault(2, "locked")), make_decision(Fault(2, "weak", 0.5))
 UNSURE = replace(LOCKED, actuator_confidence=0.9)
 MISFIT = replace(LOCKED, inflation=31.0, unexplained=0.02)
 
@@ -73,30 +73,32 @@ def noise(ticks: int) -> np.ndarray:
 @cache
 def quiet(samples: int, offset: float) -> tuple[Monitor, list]:
     """A monitor, and its states at the ticks of so many samples of noise alone."""
-    watch = replace(usual())
+    fdi_monitor = replace(usual())
     own = {each.name: getattr(usual().bank, each.name) for each in fields(HypothesisBank)}
-    vars(watch)["bank"], states = Guarded(**own), [watch.start()]
+    vars(fdi_monitor)["bank"], states = Guarded(**own), [fdi_monitor.start()]
     for y in noise(TICKS * samples):
-        states.append(watch.step(states[-1], watch.nominal.noise * (y + offset), np.zeros(3)))
-    return watch, states
+        states.append(
+            fdi_monitor.step(states[-1], fdi_monitor.nominal.noise * (y + offset), np.zeros(3))
+        )
+    return fdi_monitor, states
 
 
 def judged(
-    says: Callable[[int], Verdict], samples: int = 360, shock: int = SHOCK, offset: float = 0.0
+    says: Callable[[int], Decision], samples: int = 360, shock: int = SHOCK, offset: float = 0.0
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
-    watch, before = quiet(min(samples, shock), offset)
+    fdi_monitor, before = quiet(min(samples, shock), offset)
     states = {tick // TICKS - 1: before[tick + 1] for tick in range(TICKS, len(before) - 1, TICKS)}
     state = before[-1]
 
-    def said(bank, evidence, sample, *, disturbed):
+    def scripted(bank, evidence, sample, *, disturbed):
         """What is given, with as many likelihoods as there are onsets."""
         return replace(says(sample), best=np.resize(says(sample).best, len(evidence.onsets)))
 
     for tick in range(len(before) - 1, TICKS * samples + 1):
         y = noise(TICKS * samples + 1)[tick] + 50.0 * (tick // TICKS == shock) + offset
-        with patch("ftc.fdi.monitor.verdict", said):
-            state = watch.step(state, watch.nominal.noise * y, np.zeros(3))
+        with patch("ftc.fdi.monitor.decide", scripted):
+            state = fdi_monitor.step(state, fdi_monitor.nominal.noise * y, np.zeros(3))
         if tick and tick % TICKS == 0:
             states[tick // TICKS - 1] = state
             if state.diagnosis is not None and state.diagnosis.confirmed:
@@ -104,7 +106,7 @@ def judged(
     return states
 
 
-def changes_at(sample: int, before: Verdict, after: Verdict, samples: int = 360):
+def changes_at(sample: int, before: Decision, after: Decision, samples: int = 360):
     """States where the verdict becomes another so many samples after the shock."""
     return judged(lambda now: before if now < SHOCK + sample else after, samples)
 
@@ -143,13 +145,13 @@ def test_an_alarm_is_looked_into_until_an_actuator_is_certain_and_named():
         ({"inflation": 31.0, "unexplained": 0.011}, False),
     ],
 )
-def test_a_failure_is_named_if_it_is_certain_and_explains_what_is_seen(change, is_named):
+def test_a_failure_is_named_if_it_is_certain_and_explains_what_is_seen(change, is_isolated):
     """Else the alarm is given up when onsets are no longer looked for so far back."""
     states = judged(lambda sample: replace(LOCKED, **change), SHOCK + 115)
-    assert bool(named(states)) == is_named
+    assert bool(named(states)) == is_isolated
     given_up = [sample for sample, state in states.items() if state.unexplained]
-    assert bool(given_up) == (not is_named)
-    if "actuator_confidence" in change and not is_named:
+    assert bool(given_up) == (not is_isolated)
+    if "actuator_confidence" in change and not is_isolated:
         assert SHOCK + 100 <= min(given_up) < SHOCK + 102
         last = states[min(given_up)]
         assert last.evidence is None and last.relearns == 80  # as many as at the start
@@ -159,9 +161,9 @@ def test_while_nothing_fits_evidence_begins_anew_after_what_was_before():
     """After 0.2 s each, of 20 samples, with onsets in the last half of them."""
     states = changes_at(45, MISFIT, LOCKED, SHOCK + 50)
     first = {k: each.evidence.onsets[0] for k, each in states.items() if each.evidence is not None}
-    begun = [k for k in range(SHOCK + 1, SHOCK + 45) if first[k] != first[k - 1]]
-    assert len(begun) == 2 and all(20 <= gap <= 22 for gap in np.diff([SHOCK, *begun]))
-    assert all(begun_at - 10 <= first[begun_at] < begun_at for begun_at in begun)
+    starts = [k for k in range(SHOCK + 1, SHOCK + 45) if first[k] != first[k - 1]]
+    assert len(starts) == 2 and all(20 <= gap <= 22 for gap in np.diff([SHOCK, *starts]))
+    assert all(at - 10 <= first[at] < at for at in starts)
     assert min(named(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
 
 
@@ -214,12 +216,12 @@ def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, learn
 @pytest.mark.parametrize("missing", [(), (12,), (14, 15), (12, 13, 15)])
 def test_ticks_without_a_measurement_do_not_shift_the_mean_of_a_steady_motion(missing):
     """What is missing of the fourth sample of four ticks is taken from the slope before it."""
-    watch, rate = monitor(carts(0), config=FdiConfig(sample_s=20e-3)), np.array([1.0, -2.0])
-    state = watch.start()
+    fdi_monitor, rate = monitor(carts(0), config=FdiConfig(sample_s=20e-3)), np.array([1.0, -2.0])
+    state = fdi_monitor.start()
     for tick in range(17):
         y = None if tick in missing else tick * rate
-        state = watch.step(state, y, np.zeros(2))
-    assert state.history[-1].y == pytest.approx(13.5 * rate / watch.nominal.noise)
+        state = fdi_monitor.step(state, y, np.zeros(2))
+    assert state.history[-1].y == pytest.approx(13.5 * rate / fdi_monitor.nominal.noise)
 
 
 def test_residuals_are_tested_at_the_stated_rate_of_false_alarms():
@@ -229,16 +231,19 @@ def test_residuals_are_tested_at_the_stated_rate_of_false_alarms():
     assert len(usual().test.start()) == 2**6
 
 
-ACTUATOR_1, AGAIN = verdict(Fault(1, "locked"), kind=0.5), verdict(Fault(2, "weak", 1.0))
+ACTUATOR_1, AGAIN = (
+    make_decision(Fault(1, "locked"), kind=0.5),
+    make_decision(Fault(2, "weak", 1.0)),
+)
 NULL = replace(LOCKED, actuator_confidence=0.0, fault_free_confidence=1.0, energy=1e6)
 LATER = {
     "another actuator": (LOCKED, ACTUATOR_1, "revised"),
     "it is unsure": (LOCKED, replace(ACTUATOR_1, actuator_confidence=0.9), "kept"),
-    "another kind": (LOCKED, verdict(Fault(2, "free"), kind=0.9991), "revised"),
-    "the kind is unsure": (LOCKED, verdict(Fault(2, "free"), kind=0.9), "kept"),
-    "hardly stronger": (WEAK, verdict(Fault(2, "weak", 0.58)), "kept"),
-    "stronger": (WEAK, verdict(Fault(2, "weak", 0.62)), "revised"),
-    "weaker": (WEAK, verdict(Fault(2, "weak", 0.38)), "revised"),
+    "another kind": (LOCKED, make_decision(Fault(2, "free"), kind=0.9991), "revised"),
+    "the kind is unsure": (LOCKED, make_decision(Fault(2, "free"), kind=0.9), "kept"),
+    "hardly stronger": (WEAK, make_decision(Fault(2, "weak", 0.58)), "kept"),
+    "stronger": (WEAK, make_decision(Fault(2, "weak", 0.62)), "revised"),
+    "weaker": (WEAK, make_decision(Fault(2, "weak", 0.38)), "revised"),
     # Four times what it explains is left; it does not fit.
     "less is left": (LOCKED, replace(LOCKED, unexplained=0.79), "kept"),
     "more is left": (LOCKED, replace(LOCKED, unexplained=0.81), "unexplained"),
@@ -287,14 +292,14 @@ def test_what_contradicts_a_named_failure_confirms_it(part, inflation, contradic
     Chance is as much larger as the residuals were before; by that the monitor goes on to test, not
     by the size of what came after.
     """
-    said = replace(LOCKED, inflation=inflation)
+    scripted = replace(LOCKED, inflation=inflation)
     jump = part * inflation * chi2.isf(0.01 * 5 * 10e-3 / 3600, 5 * 3)
-    states = changes_at(24, said, replace(said, energy=jump, inflation=25.0), SHOCK + 40)
+    states = changes_at(24, scripted, replace(scripted, energy=jump, inflation=25.0), SHOCK + 40)
     last = states[max(states)]
     assert last.diagnosis is not None and last.diagnosis.fault == LOCKED.fault
     assert last.diagnosis.confirmed == contradicts
-    assert last.verdict is not None
-    assert last.verdict.inflation == (inflation if contradicts else 25.0)
+    assert last.decision is not None
+    assert last.decision.inflation == (inflation if contradicts else 25.0)
 
 
 def test_a_named_failure_that_is_never_certain_again_is_given_up():
@@ -309,7 +314,7 @@ def test_a_confirmed_failure_is_believed_from_its_onset_on():
     """The monitor goes on as if its model had been known: states by that model, tick by tick."""
     states = judged(lambda sample: replace(LOCKED, inflation=4.0))
     last = states[max(states)]
-    after, state = usual().believing(last)
+    after, state = usual().with_diagnosis(last)
     # What shook the failed plant with four times the variance shakes the one that is believed.
     np.testing.assert_allclose(2 * state.observer.whitening, last.observer.whitening)
     assert after.faults == (LOCKED.fault,)
@@ -317,25 +322,25 @@ def test_a_confirmed_failure_is_believed_from_its_onset_on():
     assert again == {Fault(2, "weak", 1.0), Fault(2, "free")}
     assert (state.diagnosis, state.evidence, state.alarm_ticks) == (None, None, (282,))
     assert state.history[0].number == SHOCK - 1 and state.history[-1] is not last.history[-1]
-    since = (TICKS * state.history[-1].number - last.named_tick + 1) // TICKS
+    since = (TICKS * state.history[-1].number - last.isolation_tick + 1) // TICKS
     assert (np.abs(state.recent).max(axis=1) > 0).sum() == min(since, len(state.recent))
     model = fault_model(usual().nominal, [LOCKED.fault])
-    begun = next(each for each in last.history if each.number == SHOCK - 1)
-    x = model.onset @ begun.before.X[0]
+    starts = next(each for each in last.history if each.number == SHOCK - 1)
+    x = model.onset @ starts.before.X[0]
     for moment in state.history:
         np.testing.assert_allclose(moment.before.X[0], x, atol=1e-15)
         for _ in range(TICKS):
             x = model.A @ x + model.B @ moment.v[:3]
     with pytest.raises(ValueError, match="must hold a confirmed diagnosis"):
-        after.believing(state)
+        after.with_diagnosis(state)
 
 
 @pytest.mark.parametrize(
     ("found", "known"),
     [
-        (verdict(Fault(2, "locked")), (Fault(0, "free"), Fault(2, "locked"))),
-        (verdict(Fault(0, "locked")), (Fault(0, "locked"),)),
-        (verdict(Fault(0, "weak", 1.0)), ()),
+        (make_decision(Fault(2, "locked")), (Fault(0, "free"), Fault(2, "locked"))),
+        (make_decision(Fault(0, "locked")), (Fault(0, "locked"),)),
+        (make_decision(Fault(0, "weak", 1.0)), ()),
     ],
     ids=["another", "the same, further", "sound again"],
 )
@@ -343,13 +348,13 @@ def test_what_was_known_of_other_actuators_stays_known(found, known):
     """A new name replaces what was known of its own actuator alone."""
     before = monitor(usual().nominal, [Fault(0, "free")], usual().config)
     states = judged(lambda _: found)
-    after, _ = before.believing(states[max(states)])
+    after, _ = before.with_diagnosis(states[max(states)])
     assert after.faults == known
 
 
 # Carts on springs: what is no failure names none, and hides none.
 
-TICK_S, HZ, BEGIN, END = 5e-3, 5.0, 260, 460
+TICK_S, HZ, ONSET, END = 5e-3, 5.0, 260, 460
 
 
 @cache
@@ -366,11 +371,11 @@ def direction(seed: int) -> np.ndarray:
 
 def since(tick: int) -> float:
     """Seconds since it began."""
-    return max(tick - BEGIN, 0) * TICK_S
+    return max(tick - ONSET, 0) * TICK_S
 
 
 TIMES: dict[str, Callable[[int], float]] = {
-    "constant": lambda tick: float(tick >= BEGIN),
+    "constant": lambda tick: float(tick >= ONSET),
     "growing": since,
     "hums as the dither": lambda tick: float(np.sin(2 * np.pi * HZ * since(tick))),
 }
@@ -397,17 +402,17 @@ def test_what_no_failure_of_an_actuator_explains_names_none(where, when, flights
     """Of any direction and size, from hardly seen to a hundred times what is seen at once."""
     least, largest, most = STRANGE[where, when]
 
-    def is_named(seed: int) -> bool:
+    def is_isolated(seed: int) -> bool:
         size = np.exp(np.random.default_rng([seed, 2]).uniform(np.log(least), np.log(largest)))
 
         def changed(tick: int, signal: np.ndarray) -> np.ndarray:
             return signal + TIMES[when](tick) * size * direction(seed)
 
         how: Any = {where: changed}
-        states = flown(of_carts(), seed, END, **how)
+        states = simulate(of_carts(), seed, END, **how)
         return any(state.diagnosis is not None for state in states)
 
-    assert sum(map(is_named, range(flights))) <= (most if flights == 50 else 0)
+    assert sum(map(is_isolated, range(flights))) <= (most if flights == 50 else 0)
 
 
 @pytest.mark.parametrize(
@@ -422,14 +427,14 @@ def test_a_lock_after_a_bump_is_named_and_dated_after_it_or_none_is(seeds, least
         push, lock = 0.1 * direction(seed), Fault(1 + seed % 2, "locked")
 
         def bumped(tick: int, u: np.ndarray, push: np.ndarray = push) -> np.ndarray:
-            return u + push * (BEGIN <= tick < BEGIN + 6)
+            return u + push * (ONSET <= tick < ONSET + 6)
 
-        states = flown(of_carts(), seed, BEGIN + 400, fault=lock, fails=BEGIN + 120, act=bumped)
-        assert states[BEGIN + 120].alarm_ticks
+        states = simulate(of_carts(), seed, ONSET + 400, fault=lock, fails=ONSET + 120, act=bumped)
+        assert states[ONSET + 120].alarm_ticks
         found = [state.diagnosis for state in states if state.diagnosis is not None]
         assert {each.fault.actuator for each in found} <= {lock.actuator}
         assert {each.fault for each in found[-1:]} <= {lock}
-        assert all(each.onset_tick > BEGIN + 80 for each in found)
+        assert all(each.onset_tick > ONSET + 80 for each in found)
         least -= bool(found)
     assert least <= 0
 
@@ -449,10 +454,10 @@ def test_a_cause_that_is_no_failure_is_named_and_no_actuator_is(name, seed):
     cause, where, event = EVENTS[name]
 
     def changed(tick: int, signal: np.ndarray) -> np.ndarray:
-        return signal if tick < BEGIN else event(since(tick), signal)
+        return signal if tick < ONSET else event(since(tick), signal)
 
     how: Any = {where: changed}
-    states = flown(of_carts(1e3, 0.3, 0.3), seed, END, **how)
+    states = simulate(of_carts(1e3, 0.3, 0.3), seed, END, **how)
     assert all(state.diagnosis is None for state in states)
     assert states[-1].causes[0] == cause
 
@@ -471,9 +476,9 @@ def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault
     """
     alarms_s, config = [], replace(DEFAULT_CONFIG, uncertainty=OFFSETS, dither_hz=HZ)
     for period_s in (20e-3, 10e-3, 5e-3):
-        watch = monitor(replace(carts(0, n=3), period_s=period_s), config=config)
+        fdi_monitor = monitor(replace(carts(0, n=3), period_s=period_s), config=config)
         ticks, fails = round(3.5 / period_s), round(FAILS_S / period_s)
-        states = flown(watch, seed, ticks, fault=fault, fails=fails)
+        states = simulate(fdi_monitor, seed, ticks, fault=fault, fails=fails)
         filters = [state.observer.whitening for state in states[:fails]]
         made = np.flatnonzero([now is not then for then, now in pairwise(filters)])
         assert (made[1:] % 50 == 0).all()  # after it has learned, of as many samples at any rate
@@ -482,8 +487,8 @@ def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault
         first, last = found[0], found[-1]
         alarms_s.append(first.alarm_tick * period_s - FAILS_S)
         waited_s = (first.tick - first.alarm_tick) * period_s
-        assert 1 / HZ <= waited_s + period_s / 2 < 1 / HZ + JUDGED_S + 2 * period_s
+        assert 1 / HZ <= waited_s + period_s / 2 < 1 / HZ + DECISION_PERIOD_S + 2 * period_s
         assert last.confirmed
         confirmed_s = (last.tick - first.tick) * period_s - CONFIRMATION_S
-        assert -1.5 * period_s < confirmed_s < REVISED_S + 2 * period_s
+        assert -1.5 * period_s < confirmed_s < REVISION_PERIOD_S + 2 * period_s
     assert min(alarms_s) >= 0 and max(alarms_s) < min(alarms_s) + 0.1

@@ -35,14 +35,14 @@ WRONG = replace(
 
 def cart_observer(uncertainty: Uncertainty, *faults: Fault, **options) -> Observer:
     bank = hypothesis_bank(carts(1), faults, uncertainty, 2)
-    return Observer(bank.believed, FdiConfig(uncertainty=uncertainty), PERIOD_S, **options)
+    return Observer(bank.base_model, FdiConfig(uncertainty=uncertainty), PERIOD_S, **options)
 
 
-def watched(watch: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverState]:
+def observe(kalman: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverState]:
     """After each of N samples of outputs (N, p) under commands (N, n)."""
-    states, before = [watch.start()], np.zeros(2)
+    states, before = [kalman.start()], np.zeros(2)
     for measured, command in zip(y, u, strict=True):
-        states.append(watch.step(states[-1], np.array([*command, *before, 1.0]), measured)[0])
+        states.append(kalman.step(states[-1], np.array([*command, *before, 1.0]), measured)[0])
         before = command
     return states[1:]
 
@@ -90,14 +90,14 @@ def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch
     monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples forget
     monkeypatch.setattr(observer, "LEARNING_S", LEARNS_S)
     record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
-    watch = cart_observer(WRONG, largest=LARGEST)
-    state, before, gated = watch.start(), np.zeros(2), 0
+    kalman = cart_observer(WRONG, largest=LARGEST)
+    state, before, gated = kalman.start(), np.zeros(2), 0
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
         given = None if sample in (60, 61, 90) else y + 30.0 * (sample == 120)
-        expected = by_hand(watch.model, state, v, given)
+        expected = by_hand(kalman.model, state, v, given)
         samples, before = state.spectrum.samples, u
-        state, _ = watch.step(state, v, given)
+        state, _ = kalman.step(state, v, given)
         gated += given is not None and state.spectrum.samples == samples
         found = {name: getattr(state, name) for name in ("X", "residual", "memory")}
         found |= {"mean": state.parameters.mean, "P": state.parameters.covariance}
@@ -106,7 +106,7 @@ def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch
             tiny = 1e-9 * np.abs(value).max()
             np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=tiny, err_msg=name)
         if sample % 40 == 30:
-            state = watch.with_spectrum(state)
+            state = kalman.with_spectrum(state)
     assert gated > 2 * ORDER
 
 
@@ -124,12 +124,12 @@ def test_a_random_step_adds_its_variance_and_leaves_the_root_triangular(seed):
 
 def test_after_relearning_the_machine_is_what_it_has_shown_since():
     """Louder, and its sensors off: of what was known a quarter of the time of learning counts."""
-    watch, rng = cart_observer(replace(CERTAIN, offset=3.0)), np.random.default_rng(0)
-    known = watched(watch, rng.standard_normal((400, 2)), np.zeros((400, 2)))[-1]
+    kalman, rng = cart_observer(replace(CERTAIN, offset=3.0)), np.random.default_rng(0)
+    known = observe(kalman, rng.standard_normal((400, 2)), np.zeros((400, 2)))[-1]
     v, zero = np.append(np.zeros(4), 1.0), np.array([40.0, -60.0])
-    state, since = watch.relearning(watch.step(known, v, zero, learns=False)[0]), []
+    state, since = kalman.relearning(kalman.step(known, v, zero, learns=False)[0]), []
     for _ in range(round(LEARNING_S / PERIOD_S)):
-        state, _ = watch.step(state, v, zero + 4 * rng.normal(size=2))
+        state, _ = kalman.step(state, v, zero + 4 * rng.normal(size=2))
         since.append(state.spectrum.recent[-1])
     np.testing.assert_allclose(state.parameters.mean, zero, atol=2.0)
     expected = 0.2 * known.spectrum.covariance[0] + 0.8 * np.mean(np.square(since), axis=0)
@@ -139,13 +139,13 @@ def test_after_relearning_the_machine_is_what_it_has_shown_since():
 def strongest(left: np.ndarray, u: np.ndarray) -> np.ndarray:
     """The most that cart 0, believed weak by half, may have of its force, while it has `left`."""
     weak = Fault(0, "weak", 0.5)
-    watch = cart_observer(replace(CERTAIN, gain=0.02), weak, weak=(weak,))
+    kalman = cart_observer(replace(CERTAIN, gain=0.02), weak, weak=(weak,))
     y = outputs(carts(1), 2, u * np.column_stack([left, np.ones(len(u))]))
     y += np.random.default_rng(0).standard_normal(y.shape)
-    states = watched(watch, y, u)
-    [(_, doubted)] = watch.strongest(watch.doubting(states[-1]))
+    states = observe(kalman, y, u)
+    [(_, doubted)] = kalman.strongest(kalman.after_alarm(states[-1]))
     assert doubted >= 1.0  # at an alarm it may be healthy, whatever was believed
-    seen = [watch.strongest(state) for state in states]
+    seen = [kalman.strongest(state) for state in states]
     assert all(actuator == 0 for [(actuator, _)] in seen)
     return np.array([most for [(_, most)] in seen])
 
@@ -182,14 +182,14 @@ def tracked(regressors, white) -> tuple[Parameters, np.ndarray]:
     M, N = np.zeros((J + 1, 0, 1)), np.zeros((J + 1, P, 1))
     none = np.zeros((0, 0)), M, np.zeros((P, 0)), N, np.zeros((0, 0))
     model = UncertainModel(*none, 1, None, 0.0, J + 1)
-    watch, plain = Observer(model, FdiConfig(uncertainty=CERTAIN), 0.01), np.ones((1, P))
+    kalman, plain = Observer(model, FdiConfig(uncertainty=CERTAIN), 0.01), np.ones((1, P))
     found, innovations = Parameters.prior(J, P, replace(CERTAIN, offset=OFFSET)), []
     for H, e in zip(regressors, white, strict=True):
         predicted, memory = np.vstack([np.zeros(P), H[:J]]), np.zeros((1, J + 1, P))
         spectrum = Spectrum(e[None], e[None], 0)
         before = ObserverState(0, H[:J], memory, found, spectrum, plain, plain, e, 1)
         with patch.object(UncertainModel, "step", return_value=(predicted, H[:J])):
-            after, _ = watch.step(before, np.zeros(1), e)
+            after, _ = kalman.step(before, np.zeros(1), e)
         found = after.parameters
         innovations.append(after.residual)
     return found, np.array(innovations)
@@ -325,9 +325,9 @@ def test_the_rate_of_false_alarms_is_kept_and_not_by_far(outputs, dither_hz):
 
     The latest samples of independent records, so that the count is binomial.
     """
-    watch = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
+    kalman = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
     rng = np.random.default_rng(outputs)
-    records, shape = 4000, watch.start().shape
-    found = sum(watch.alarm(rng.standard_normal(shape)) > 0 for _ in range(records))
+    records, shape = 4000, kalman.start().shape
+    found = sum(kalman.alarm(rng.standard_normal(shape)) > 0 for _ in range(records))
     assert found <= binom.ppf(0.999, records, 0.02)
     assert found >= binom.ppf(0.001, records, 0.02 / 2)

@@ -14,7 +14,7 @@ from fjh.rig import Rig
 from fjh.rig.hexapod.rig import hexapod_rig
 from ftc import DirectDrive, goal_after
 from ftc.fdi import Fault
-from ftc.reconfiguration import Case, Outlook, lost_displacement
+from ftc.reconfiguration import ErrorPrediction, Scenario, lost_displacement
 from sim import Failure
 from tests.ftc.hexapod import EQUAL, diagnosis
 
@@ -57,64 +57,64 @@ def test_a_weak_coil_is_commanded_more_with_care():
 
 
 @cache
-def outlook(duration_s: float = 0.4) -> tuple[Rig, Any, Outlook]:
+def error_prediction(duration_s: float = 0.4) -> tuple[Rig, Any, ErrorPrediction]:
     """The rig, its controller, and a circle ahead."""
     rig = Rig.hexapod()
     path = rig.path("circle", duration_s=0.4)[: round(duration_s / rig.period_s)]
     still = np.zeros((3 * len(path), 6))
-    ahead = Outlook(rig.nominal, np.zeros(2), path, secondary=still, unused=still)
+    ahead = ErrorPrediction(rig.nominal, np.zeros(2), path, secondary=still, unused=still)
     return rig, rig.controller(), ahead
 
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
 def test_the_predicted_error_is_that_of_the_linear_loop(kind):
     """The controller, stepped against the model, errs as the closed loop in matrices does."""
-    rig, controller, ahead = outlook()
-    pilot, left = copy.copy(controller), 0.5 if kind == "weak" else 0.0
-    pilot.drives = DirectDrive()  # converters round
-    found = ahead.rms(pilot, pilot.start(), Case(1.0, [Fault(2, kind, left)], STILL))
-    told = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
-    expected = rig.predict(ahead.references, **told).rms_after / rig.nominal.noise
+    rig, controller, ahead = error_prediction()
+    exact, left = copy.copy(controller), 0.5 if kind == "weak" else 0.0
+    exact.drives = DirectDrive()  # converters round
+    found = ahead.rms(exact, exact.start(), Scenario(1.0, [Fault(2, kind, left)], STILL))
+    arguments = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
+    expected = rig.predict(ahead.references, **arguments).rms_after / rig.nominal.noise
     assert found == pytest.approx(np.linalg.norm(expected), rel=1e-6)
 
 
 def test_what_the_model_is_off_now_stays():
     """A reading that is 3 urad from the model's is 3 urad from it all the time, and integrated."""
-    rig, pilot, ahead = outlook()
+    rig, exact, ahead = error_prediction()
     resting = replace(ahead, references=np.zeros((1, 2)), output=np.array([3e-6, 0.0]))
-    found = resting.rms(pilot, pilot.start(), Case(1.0, [], STILL))
+    found = resting.rms(exact, exact.start(), Scenario(1.0, [], STILL))
     assert found == pytest.approx(3e-6 / rig.nominal.noise[0])
 
 
 @given(part=st.floats(0.0, 2.0))
 def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
     """What is returned then lies between what was enough and the error to its end."""
-    _, pilot, short = outlook(0.04)
-    case = Case(1.0, [Fault(2, "free")], STILL)
-    whole = short.rms(pilot, pilot.start(), case)
-    found = short.rms(pilot, pilot.start(), case, part * whole)
+    _, exact, short = error_prediction(0.04)
+    case = Scenario(1.0, [Fault(2, "free")], STILL)
+    whole = short.rms(exact, exact.start(), case)
+    found = short.rms(exact, exact.start(), case, part * whole)
     assert part * whole * (1 - 1e-12) <= found <= whole if part < 1 else found == whole
 
 
 # Decisions by errors that are given.
 
 
-def goes_over(*cases: tuple[float, float, float]) -> tuple[bool, list]:
+def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
     """Whether it does, and what was predicted; cases of probability and error to stay and to go."""
-    asked: list = []
+    requested: list = []
     errors: dict[Any, float] = {("stays", p): stays for p, stays, _ in cases}
     errors |= {("goes", p): goes for p, _, goes in cases}
 
-    class Table(Outlook):
-        def rms(self, pilot, state, case, enough=np.inf):
+    class Table(ErrorPrediction):
+        def rms(self, controller, state, case, enough=np.inf):
             """As little of it as is enough."""
-            asked.append((pilot, case.probability))
-            return min(errors[pilot, case.probability], enough)
+            requested.append((controller, case.probability))
+            return min(errors[controller, case.probability], enough)
 
     stays: Any = ("stays", None)
     goes: Any = ("goes", None)
-    table = Table(**vars(outlook()[2]))
-    return table.goes_over(stays, goes, [Case(p, [], STILL) for p, *_ in cases]), asked
+    table = Table(**vars(error_prediction()[2]))
+    return table.should_switch(stays, goes, [Scenario(p, [], STILL) for p, *_ in cases]), requested
 
 
 COSTS = st.floats(1e-3, 1e3)
@@ -124,21 +124,21 @@ COSTS = st.floats(1e-3, 1e3)
 @example(p=0.9, costs=(0.1, 0.1, 2.0, 2.0))
 @given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
 def test_it_goes_over_if_the_expected_error_is_no_larger(p, costs):
-    found, _ = goes_over((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
+    found, _ = should_switch((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
     staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
     assert found == (going <= max(staying, np.sqrt(2)))
 
 
 def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
-    assert not goes_over((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
+    assert not should_switch((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
 
 
 def test_what_cannot_be_is_not_predicted_and_does_not_count():
     """Nor are more cases of staying, once those before them cost as much as to go."""
-    decided, asked = goes_over((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
-    assert decided and asked == [("goes", 1.0), ("stays", 1.0)]
-    decided, asked = goes_over((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
-    assert decided and ("stays", 0.1) not in asked
+    decided, requested = should_switch((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
+    assert decided and requested == [("goes", 1.0), ("stays", 1.0)]
+    decided, requested = should_switch((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
+    assert decided and ("stays", 0.1) not in requested
 
 
 @pytest.mark.long
@@ -146,11 +146,11 @@ def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
     """The references of the last second, the latest first, and two cases that are all there is."""
     rig, seen = Rig.hexapod(), []
 
-    def declined(self: Outlook, _stays: Any, _goes: Any, cases: list[Case]) -> bool:
+    def declined(self: ErrorPrediction, _stays: Any, _goes: Any, cases: list[Scenario]) -> bool:
         seen.append((self, cases))
         return False
 
-    monkeypatch.setattr(Outlook, "goes_over", declined)
+    monkeypatch.setattr(ErrorPrediction, "goes_over", declined)
     path = rig.path("circle", duration_s=2.5)
     run = rig.fly(rig.supervisor(), path, failures=[Failure(1, "locked", 1.5)])
     ahead, cases = seen[0]

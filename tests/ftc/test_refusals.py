@@ -31,10 +31,10 @@ def test_a_plant_of_which_one_command_is_felt_at_once_is_refused():
 
 
 def test_without_a_sensor_check_a_gap_is_refused():
-    pilot = stage().plain
+    controller = stage().plain
     for gap in (np.full(2, np.nan), np.ma.array(READ.output, mask=[True, False])):
         with pytest.raises(ValueError, match=r"measurement\.output must "):
-            pilot.step(pilot.start(), DESIRED, Measurement(gap, READ.displacement))
+            controller.step(controller.start(), DESIRED, Measurement(gap, READ.displacement))
 
 
 def arrays(value: Any) -> list[np.ndarray]:
@@ -87,9 +87,9 @@ def test_what_is_frozen_does_not_change_with_what_it_was_made_of(kind):
 def test_no_clock_is_read(monkeypatch):
     """Time goes by ticks: a clock that goes backwards changes nothing."""
 
-    def flight() -> list[list[float]]:
+    def simulate() -> list[list[float]]:
         rng, sent = np.random.default_rng(0), []
-        for controller in (stage().supervisor, stage().guarded, stage().pilot()):
+        for controller in (stage().supervisor, stage().guarded, stage().controller()):
             state = controller.start()
             for _ in range(20):
                 read = Measurement(READ.output + 1e-3 * rng.normal(size=2), READ.displacement)
@@ -97,10 +97,10 @@ def test_no_clock_is_read(monkeypatch):
                 sent.append(state.inputs.tolist())
         return sent
 
-    usual, hands = flight(), iter(range(10**9, 0, -1000))
+    usual, hands = simulate(), iter(range(10**9, 0, -1000))
     for clock in ("time", "monotonic", "perf_counter"):
         monkeypatch.setattr(time, clock, lambda: next(hands))
-    assert flight() == usual
+    assert simulate() == usual
 
 
 def test_a_state_does_not_grow_with_its_ticks():
@@ -111,5 +111,5 @@ def test_a_state_does_not_grow_with_its_ticks():
         read = Measurement(1e-3 * rng.normal(size=2), STILL)
         state = supervisor.step(state, DESIRED, read)
         if tick in (2999, 5999):
-            sizes.append(len(pickle.dumps((state.watch, state.sensors, state.controller))))
+            sizes.append(len(pickle.dumps((state.monitor_state, state.sensors, state.controller))))
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)

@@ -50,7 +50,7 @@ def test_the_rule_is_that_of_a_few_lines(spec):
     states = read(readings, replace(CHECK, period_s=STUCK / SOON * PERIOD_S))
     missing = [kind >= 0 for kind, _ in spec]
     assert [state.missing for state in states] == np.cumsum(missing, dtype=int).tolist()
-    assert [state.held_ticks for state in states] == np.cumsum(
+    assert [state.unusable_ticks for state in states] == np.cumsum(
         [not state.usable for state in states], dtype=int
     ).tolist()
     lost = False

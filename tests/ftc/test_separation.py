@@ -33,7 +33,7 @@ from ftc.fdi import (
     separations_at,
 )
 from ftc.fdi.bank import hypothesis_bank
-from ftc.fdi.separation import ALIKE, distances
+from ftc.fdi.separation import SEPARATION_THRESHOLD, distances
 from ftc.fdi.uncertainty import TYPICAL
 from tests.ftc.hexapod import DITHER, jacobian
 from tests.random_systems import bits
@@ -232,7 +232,7 @@ def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo
 
 
 def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
-    assert norm.cdf(-ALIKE / 2) == pytest.approx(1e-3, rel=0.01)
+    assert norm.cdf(-SEPARATION_THRESHOLD / 2) == pytest.approx(1e-3, rel=0.01)
 
 
 # Motions that tell failures apart, and sensors that do.
@@ -243,18 +243,18 @@ def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
     nominal, known = twins(), (1.0,)
     step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     found = separations(nominal, step, *known)
-    assert found.alike_actuators() == ((0, 1),) and found.least == 0.0
+    assert found.indistinguishable_actuators() == ((0, 1),) and found.least == 0.0
     assert found.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
     # Uncoupled, each stands still when locked and when free.
     assert not found.distance[[0, 3, 6], [1, 4, 7]].any()
     in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
-    assert in_turn.alike_actuators() == () and found.isolable() == ()
+    assert in_turn.indistinguishable_actuators() == () and found.isolable() == ()
     assert [fault.actuator for fault in in_turn.isolable()] == [0, 0, 0, 1, 1, 1]
 
     sum_again, third, first = np.eye(1, 6)[0] + np.eye(1, 6, 1)[0], np.eye(1, 6, 2)[0], np.eye(6)[0]
     candidates = {"sum": (sum_again, 1e-5), "third": (third, 1e-5), "first": (first, 1e-5)}
     ranked = ranked_sensors(nominal, candidates, step, *known)
-    assert [each.alike for each in ranked] == [1, 1, 2]
+    assert [each.indistinguishable for each in ranked] == [1, 1, 2]
     assert {each.name for each in ranked[:2]} == {"third", "first"}
     assert ranked_sensors(nominal, {}, step, *known) == ()
 
@@ -276,7 +276,7 @@ def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, 
         np.testing.assert_allclose(each.separations.distance, alone.distance, atol=slack)
         assert (each.separations.distance >= before.distance - slack).all()
         assert (each.separations.from_none >= before.from_none - slack).all()
-    order = [(each.alike, -each.separations.least) for each in ranked]
+    order = [(each.indistinguishable, -each.separations.least) for each in ranked]
     assert order == sorted(order) and len(ranked) == 3
 
 
@@ -384,8 +384,8 @@ def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.nd
 
 def apart(fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN) -> tuple[np.ndarray, float]:
     """From each failure, and from none, after so many ticks of a failure."""
-    flown = dithered(ONSET + ticks, DITHER, fault)
-    return isolability(hexapod_rig().nominal, fault, ONSET, *flown, uncertainty)
+    simulate = dithered(ONSET + ticks, DITHER, fault)
+    return isolability(hexapod_rig().nominal, fault, ONSET, *simulate, uncertainty)
 
 
 def test_gauges_on_the_struts_tell_all_apart_without_a_dither():

@@ -46,16 +46,16 @@ def displacements(states) -> np.ndarray:
 
 
 def test_a_supervisor_says_when_the_task_is_lost():
-    pilot = supervisor()
+    controller = supervisor()
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
-    assert pilot.is_possible(locked)
-    assert not pilot.is_possible([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
-    assert pilot.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
+    assert controller.is_possible(locked)
+    assert not controller.is_possible([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
+    assert controller.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
 
 
 def test_of_one_actuator_stands_what_was_settled_last():
     weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
-    assert replace(supervisor().start(), confirmed=(weak, locked)).standing == [locked]
+    assert replace(supervisor().start(), confirmed=(weak, locked)).active_diagnoses == [locked]
 
 
 def test_what_is_named_is_flown_around_and_what_is_settled_stays():
@@ -68,7 +68,7 @@ def test_what_is_named_is_flown_around_and_what_is_settled_stays():
     assert (first.confirmed, first.diagnoses, after(first)) == ((), (named,), 0)
     assert (known.confirmed, known.diagnoses, after(known)) == ((settled,), (named, settled), 1)
     assert goal_of(both).locked_at == {1: 3e-6, 4: 0.0}
-    assert (both.confirmed, both.standing) == ((settled,), [settled, other])
+    assert (both.confirmed, both.active_diagnoses) == ((settled,), [settled, other])
     assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
 
 
@@ -88,12 +88,15 @@ def test_the_others_make_up_at_once_for_what_a_named_one_loses():
 
 
 def test_without_a_name_the_supervisor_is_its_controller_with_the_dither_to_the_bit():
-    pilot = supervisor(DITHER)
-    state, alone = replace(pilot.start(), monitor=Script((None,) * 9)), pilot.first.start()
+    controller = supervisor(DITHER)
+    state, alone = (
+        replace(controller.start(), monitor=Script((None,) * 9)),
+        controller.first.start(),
+    )
     for tick in range(9):
         seen = reading(DESIRED * (0.5 + tick / 9))
-        state = pilot.step(state, DESIRED, seen)
-        alone = pilot.first.step(alone, DESIRED, seen, DITHER.at(tick * 1e-3))
+        state = controller.step(state, DESIRED, seen)
+        alone = controller.first.step(alone, DESIRED, seen, DITHER.at(tick * 1e-3))
         np.testing.assert_array_equal(state.inputs, alone.inputs)
 
 
@@ -108,7 +111,7 @@ def test_commands_stand_while_the_task_is_lost():
     for state in states[4:6]:
         np.testing.assert_array_equal(state.inputs, states[3].inputs)
         assert state.current is states[2].current
-    assert states[4].confirmed[-1].fault == last.fault and states[4].watch.diagnosis is None
+    assert states[4].confirmed[-1].fault == last.fault and states[4].monitor_state.diagnosis is None
     assert [after(state) for state in states] == [1, 2, 3, 3, 4, 4, 5, 5]
     assert set(goal_of(states[7]).locked_at) == {1, 3, 4}
 
@@ -130,7 +133,7 @@ def test_one_that_works_again_is_used_once_that_is_confirmed(confirmed):
     last = replace(again, confirmed=True) if confirmed else None
     *_, waits, last = supervised(diagnosis(Fault(2, "free"), confirmed=True), again, last)
     assert waits.current.mapping.unused[2] and last.current.mapping.unused[2] != confirmed
-    assert bool(last.standing) != confirmed
+    assert bool(last.active_diagnoses) != confirmed
 
 
 def test_one_out_of_use_gets_a_quarter_of_the_dither():
@@ -145,13 +148,13 @@ def test_one_out_of_use_gets_a_quarter_of_the_dither():
 
 def pointing(*says: Diagnosis | None) -> np.ndarray:
     """Of the linear healthy machine under a monitor that says this, (N, 2)."""
-    nominal, pilot = hexapod_rig().nominal, supervisor()
+    nominal, controller = hexapod_rig().nominal, supervisor()
     model, x = fault_model(nominal), np.zeros(12)
-    state, seen = replace(pilot.start(), monitor=Script(says)), []
+    state, seen = replace(controller.start(), monitor=Script(says)), []
     for _ in says:
         y = nominal.noise * (model.C @ x)
-        state = pilot.step(state, DESIRED, reading(y))
-        x = model.A @ x + model.B @ pilot.first.drives.displacements(state.inputs)
+        state = controller.step(state, DESIRED, reading(y))
+        x = model.A @ x + model.B @ controller.first.drives.displacements(state.inputs)
         seen.append(y)
     return np.array(seen)
 
@@ -171,13 +174,13 @@ def test_a_wrong_name_of_a_healthy_actuator_hardly_moves_the_pointing(strut):
 
 
 def test_the_status_says_what_is_believed_and_done():
-    start, locked = supervisor().start(), Diagnosis.told(Fault(2, "locked"), 1e-6)
-    again = Diagnosis.told(Fault(2, "weak", 1.0))
+    start, locked = supervisor().start(), Diagnosis.known(Fault(2, "locked"), 1e-6)
+    again = Diagnosis.known(Fault(2, "weak", 1.0))
     confirmed = replace(start, confirmed=(locked,))
     assert replace(start, confirmed=(locked, again)).status == start.status
 
     def watching(state, **changed):
-        return replace(state, watch=replace(state.watch, **changed))
+        return replace(state, monitor_state=replace(state.monitor_state, **changed))
 
     doubt = replace(locked, confirmed=False, kinds=("locked", "free"))
     for state, words in (
@@ -185,7 +188,7 @@ def test_the_status_says_what_is_believed_and_done():
         (confirmed, "strut3 is locked; the other actuators do the task"),
         (watching(start, diagnosis=doubt), "strut3 is locked or free, not yet confirmed"),
         (replace(confirmed, task_lost=True), "the major task is lost"),
-        (replace(confirmed, refused=locked), "expected to cost less"),
+        (replace(confirmed, rejected=locked), "expected to cost less"),
         (watching(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
         (watching(start, relearns=3), "learned as part of the machine"),
         (watching(start, causes=(None,)), "explained by something slow, which is no failure"),
@@ -211,7 +214,7 @@ def test_an_actuator_that_works_again_is_given_back_without_a_step():
     named = run.diagnoses[0]
     assert named.actuator == "strut2" and named.withdrawn_s is not None
     assert 2.4 < named.withdrawn_s < 3.4  # a second to confirm it
-    assert 1 not in [each.fault.actuator for each in run.state.standing]
+    assert 1 not in [each.fault.actuator for each in run.state.active_diagnoses]
     assert not run.state.current.mapping.unused[1]
     back = round(named.withdrawn_s / rig(3).period_s)
     steps = np.abs(np.diff(run.inputs, axis=0)).max(axis=1)
@@ -222,27 +225,27 @@ def test_an_actuator_that_works_again_is_given_back_without_a_step():
 def test_what_another_run_has_learned_lets_a_failure_at_once_be_named():
     """A lock 0.3 s after the start, within 0.3 s; else it is learned as part of the machine."""
     own = rig(5)
-    pilot = own.supervisor()
-    learned = own.fly(pilot, own.path("circle", duration_s=2.0), seed=1).state
+    controller = own.supervisor()
+    learned = own.fly(controller, own.path("circle", duration_s=2.0), seed=1).state
     path, lock = own.path("circle", duration_s=1.2), [Failure(3, "locked", 0.3)]
-    seen = own.fly(pilot.calibrated(learned), path, failures=lock).diagnoses
+    seen = own.fly(controller.calibrated(learned), path, failures=lock).diagnoses
     assert [each.actuator for each in seen] == ["strut4"] and seen[0].time_s < 0.6
-    assert not own.fly(pilot, path, failures=lock).diagnoses
-    again = own.fly(pilot.calibrated(learned), path)
-    assert not again.diagnoses and not again.state.watch.alarm_ticks
+    assert not own.fly(controller, path, failures=lock).diagnoses
+    again = own.fly(controller.calibrated(learned), path)
+    assert not again.diagnoses and not again.state.monitor_state.alarm_ticks
     with pytest.raises(ValueError, match=r"^state must be of a run without a failure, longer than"):
-        pilot.calibrated(pilot.start())
+        controller.calibrated(controller.start())
     failed = [Failure(3, "locked", 1.1)]
-    run = own.fly(pilot, own.path("circle", duration_s=1.5), failures=failed)
+    run = own.fly(controller, own.path("circle", duration_s=1.5), failures=failed)
     with pytest.raises(ValueError, match=r"got: strut4 is locked"):
-        pilot.calibrated(run.state)
+        controller.calibrated(run.state)
 
 
 # A pilot that takes over in flight.
 
 
 @cache
-def pilots():
+def controllers():
     """A supervisor, and one of another goal."""
     other = rig().supervisor(goal=Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)))
     return {"same goal": rig().supervisor(), "another goal": other}
@@ -252,35 +255,35 @@ def pilots():
 def after_a_lock():
     """A state 0.15 s after a strut was locked, and a tick that follows."""
     path = rig().path("circle", duration_s=1.05)
-    run = rig().fly(pilots()["same goal"], path, failures=[Failure(3, "locked", 0.9)])
-    assert [each.fault.actuator for each in run.state.standing] == [3]
+    run = rig().fly(controllers()["same goal"], path, failures=[Failure(3, "locked", 0.9)])
+    assert [each.fault.actuator for each in run.state.active_diagnoses] == [3]
     return run.state, path[-1], reading(run.measured[-1])
 
 
 @pytest.mark.parametrize("name", ["same goal", "another goal"])
 def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
     """Against the tick that the former one would have done."""
-    pilot, (state, reference, seen) = pilots()[name], after_a_lock()
-    transferred = pilot.transfer(state)
+    controller, (state, reference, seen) = controllers()[name], after_a_lock()
+    transferred = controller.transfer(state)
     for each in ("standing", "diagnoses", "confirmed", "withdrawn", "ticks", "task_lost"):
         assert getattr(transferred, each) == getattr(state, each), each
-    assert transferred.watch is state.watch and transferred.sensors is state.sensors
+    assert transferred.monitor_state is state.monitor_state and transferred.sensors is state.sensors
     assert 3 in goal_of(transferred).locked_at
-    assert goal_of(transferred).joint_weight == pilot.first.mapping.goal.joint_weight
-    change = pilot.step(transferred, reference, seen).inputs
-    change = change - pilots()["same goal"].step(state, reference, seen).inputs
+    assert goal_of(transferred).joint_weight == controller.first.mapping.goal.joint_weight
+    change = controller.step(transferred, reference, seen).inputs
+    change = change - controllers()["same goal"].step(state, reference, seen).inputs
     # The first tick of the fade, and the converters' last bit.
     assert np.abs(np.delete(change, 3)).max() <= 2 * LSB_PERCENT
 
 
 def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
-    path, pilot = rig().path("circle", duration_s=0.3), rig().controller()
-    run, other = rig().fly(pilot, path), pilots()["another goal"]
+    path, controller = rig().path("circle", duration_s=0.3), rig().controller()
+    run, other = rig().fly(controller, path), controllers()["another goal"]
     taken_over = other.transfer(run.state)
     assert taken_over.is_learning and taken_over.ticks == 0
-    assert not taken_over.diagnoses and not taken_over.standing
+    assert not taken_over.diagnoses and not taken_over.active_diagnoses
     assert taken_over.current is other.first
     seen = Measurement(run.measured[-1], np.zeros(6))
-    goes_on = pilot.step(run.state, path[-1], seen).inputs
+    goes_on = controller.step(run.state, path[-1], seen).inputs
     change = other.step(taken_over, path[-1], seen).inputs - goes_on
     assert np.abs(change).max() <= 1.5 * LSB_PERCENT

@@ -182,10 +182,12 @@ def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
     assert np.abs(q - linear).max() > 1e-4  # the curvature is not small
     of_task = kinematics.J[list(track.major)] @ linear
     expected = {"task": of_task, "joints": linear, "both": np.append(of_task, linear)}[sense]
-    pilot = track.supervisor()
-    assert pilot.watched is not None and (pilot.estimate is None) == (sense == "task")
+    controller = track.supervisor()
+    assert controller.diagnosis_outputs is not None and (controller.estimate is None) == (
+        sense == "task"
+    )
     task = track.model.task(posture)[list(track.major)]
-    seen = pilot.watched(Measurement(task, q), posture, faults)
+    seen = controller.diagnosis_outputs(Measurement(task, q), posture, faults)
     np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-8)
 
 
@@ -196,10 +198,10 @@ def test_both_sensors_together_are_those_of_each_alone():
         closed("hand", (3, 4), crossover_hz=0.7, sense=sense, noise=part)
         for sense, part in (("task", noise[:2]), ("joints", noise[2:]), ("both", noise))
     )
-    np.testing.assert_array_equal(both.watched.noise, noise)
+    np.testing.assert_array_equal(both.diagnosis_model.noise, noise)
     np.testing.assert_array_equal(both.nominal.noise, task.nominal.noise)
-    rows = [task.watched.plant.C, joints.watched.plant.C]
-    np.testing.assert_array_equal(both.watched.plant.C, np.vstack(rows))
+    rows = [task.diagnosis_model.plant.C, joints.diagnosis_model.plant.C]
+    np.testing.assert_array_equal(both.diagnosis_model.plant.C, np.vstack(rows))
     assert (joints.nominal.noise != noise[:2]).all()
 
 
@@ -208,6 +210,6 @@ def test_the_reference_is_demanded_at_once_unless_that_is_declined():
     reference = np.array([1e-3, -2e-3])
     assert arm().feedforward
     for feedforward in (True, False):
-        pilot = replace(arm(), feedforward=feedforward).controller(arm().goal)
-        state = pilot.step(pilot.start(), reference, Measurement(reference, np.zeros(2)))
-        np.testing.assert_allclose(state.asked.demand, feedforward * reference)
+        controller = replace(arm(), feedforward=feedforward).controller(arm().goal)
+        state = controller.step(controller.start(), reference, Measurement(reference, np.zeros(2)))
+        np.testing.assert_allclose(state.previous_command.demand, feedforward * reference)

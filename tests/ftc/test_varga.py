@@ -19,8 +19,8 @@ from scipy.signal import lfilter
 
 from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault
 from ftc.fdi.bank import HypothesisBank, bank_of
-from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Verdict
-from ftc.fdi.decision import verdict as verdict_of
+from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Decision
+from ftc.fdi.decision import decide
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.observer import Parameters, ResidualTest
 from ftc.fdi.separation import distances
@@ -240,21 +240,23 @@ def sound_residuals(seed: int, gusts: bool) -> np.ndarray:
     return y / SIGMA - outputs_of(input_fault_model(), commands())
 
 
-def judged(bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE) -> Verdict:
+def judged(
+    bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE
+) -> Decision:
     """At this tick, with onsets at growing distances back to the start of the record."""
     back = {0, *np.geomspace(1, tick, 10).round().astype(int).tolist()}
     record = Record(None, 1, commands()[: tick + 1], y[: tick + 1] / SIGMA)
     onsets, prior = tick - np.array(sorted(back, reverse=True)), Parameters.prior(0, 2, CERTAIN)
-    return verdict_of(bank, gathered(bank, record, prior, filtered, onsets), tick)
+    return decide(bank, gathered(bank, record, prior, filtered, onsets), tick)
 
 
-def names(verdict: Verdict) -> bool:
+def names(verdict: Decision) -> bool:
     """Whether an actuator would be named, by the settings of a monitor."""
     sure = verdict.actuator_confidence >= CONFIDENCE
     return sure and verdict.unexplained <= LARGEST_UNEXPLAINED
 
 
-def assert_found(verdict: Verdict, actuator: int, left: float, error: float = 1e-3) -> None:
+def assert_found(verdict: Decision, actuator: int, left: float, error: float = 1e-3) -> None:
     """The actuator would be named, as weak as it is, and what is left is noise."""
     assert names(verdict)
     assert verdict.inflation < 1.5

@@ -115,7 +115,7 @@ def test_readings_missing_now_and_then_cost_little_and_raise_no_alarm(what):
         assert abs(rms(run) - rms(sound)) < rig("hexapod").noise
     else:
         assert rms(run) < 1.2 * rms(sound)
-    assert not run.state.watch.alarm_ticks and not run.diagnoses
+    assert not run.state.monitor_state.alarm_ticks and not run.diagnoses
     sensors = run.state.sensors.task
     assert sensors.missing + sensors.repeated > 0 and sensors.usable
     assert sensors.losses == (what == "50 ms")
