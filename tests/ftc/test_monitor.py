@@ -133,7 +133,7 @@ def test_an_alarm_is_looked_into_until_an_actuator_is_certain_and_named():
 
 
 @pytest.mark.parametrize(
-    ("change", "is_named"),
+    ("change", "is_isolated"),
     [
         ({"actuator_confidence": 0.9989}, False),
         ({"actuator_confidence": 0.9991}, True),

@@ -19,8 +19,7 @@ from scipy.signal import lfilter
 
 from ftc.fdi import CERTAIN, DEFAULT_CONFIG, Fault
 from ftc.fdi.bank import HypothesisBank, bank_of
-from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Decision
-from ftc.fdi.decision import decide
+from ftc.fdi.decision import CONFIDENCE, LARGEST_UNEXPLAINED, Decision, decide
 from ftc.fdi.fault_model import FaultModel
 from ftc.fdi.observer import Parameters, ResidualTest
 from ftc.fdi.separation import distances
