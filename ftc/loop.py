@@ -1,4 +1,4 @@
-"""The loop of a controller and a machine, tick by tick; and that with a linear plant."""
+"""Closed loops of a controller with a machine, and with a linear plant, tick by tick."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from ftc.fdi.fault_model import FaultModel
 
 
 class Machine(Protocol):
-    """A machine as its controller meets it, once in a control period: simulated or real."""
+    """Protocol of a simulated or real machine, used once in each control period."""
 
     def measure(self) -> Any:
-        """What the sensors read now, with the attributes of a :class:`Measurement`."""
+        """Return the present readings, with the attributes of a :class:`Measurement`."""
 
     def apply(self, inputs: Array, /) -> None:
         """Send inputs (n,) to the drives and hold them for a period."""
@@ -29,29 +29,29 @@ State = TypeVar("State", bound=Any)
 
 
 class Controller(Protocol[State]):
-    """Controller from measurements to inputs of the drives; `step` is a pure function.
+    """Protocol of a controller from measurements to drive inputs; `step` is a pure function.
 
-    Its states have `inputs`, those to send to the drives, shape (n,).
+    Its states have the `inputs` to send to the drives, shape (n,).
     """
 
     def start(self) -> State:
-        """State at rest at the nominal pose."""
+        """Return the state at rest at the nominal pose."""
         ...
 
     def step(self, state: State, reference: Array, measurement: Measurement) -> State:
-        """State after a control tick."""
+        """Return the state after a control tick."""
         ...
 
 
 @dataclass(frozen=True)
 class LoopRun(Generic[State]):
-    """What passed between a controller and a machine.
+    """Signals between a controller and a machine in one run.
 
     Attributes:
-        measured: Of the major task, shape (N, m1); NaN where nothing of that shape was.
-        inputs: Inputs of the drives, shape (N, n).
-        state: Of the controller after the last tick.
-        kept: What was to be kept of its states, one of each tick.
+        measured: Measured major task, shape (N, m1); NaN in ticks without a reading of this shape.
+        inputs: Drive inputs, shape (N, n).
+        state: State of the controller after the last tick.
+        logged: Result of the `log` function for the state of each tick.
     """
 
     measured: Array
@@ -68,18 +68,17 @@ def run_loop(
     *,
     log: Callable[[State], Any] | None = None,
 ) -> LoopRun[State]:
-    """Close the loop for as many ticks as there are references.
+    """Run a controller with a machine, one tick for each reference.
 
-    At each tick: measure, one step of the controller, send its inputs. The machine decides what
-    else happens, failures above all, and keeps what only it knows. What it measures may be of
-    any kind, if the controller can do with it.
+    Each tick measures, steps the controller and sends its inputs. Failures and other events are
+    part of the machine. Its measurements may be of any type that the controller accepts.
 
     Args:
-        machine: Simulated or real.
+        machine: Simulated or real machine.
         controller: Controller to run.
-        reference: Of the major task, tick by tick, shape (N, m1).
-        feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
-            takes `feedforward`, as those of `ftc`; None is none.
+        reference: Reference of the major task, tick by tick, shape (N, m1).
+        feedforward: Demands that are known in advance, shape (N, m1), for a controller whose `step`
+            accepts `feedforward`, such as those of `ftc`; None is zero.
         log: Function that returns what to log of each state, such as its estimate of the pose (a
             whole state has some kilobytes); None logs nothing.
     """
@@ -111,13 +110,12 @@ def run_loop(
 def one_tick(
     machine: Machine, step: Callable[..., State], state: State, reference: Array, **arguments: Array
 ) -> tuple[State, Array | float]:
-    """One tick of :func:`run_loop`, for who cannot know the references beforehand.
+    """Run one tick of :func:`run_loop`, for references that are not known in advance.
 
-    `known` is what else the `step` of the controller takes beside a reference (m1,), such as
-    `feedforward`.
+    `arguments` are further keyword arguments of the controller's `step`, such as `feedforward`.
 
     Returns:
-        The state after it, and what was measured of the major task, as of :class:`LoopRun`.
+        State after the tick, and the measured major task (m1,); NaN without a usable reading.
     """
     measurement = machine.measure()
     state = step(state, reference, measurement, **arguments)
@@ -129,15 +127,15 @@ def one_tick(
 
 @dataclass(frozen=True)
 class Stage:
-    """The plant from one tick on, and what the mapping makes of demands from then on.
+    """Plant and mapping of a linear loop from one tick on.
 
     Attributes:
-        model: The plant, with the faults that it has by then.
-        tick: The first.
-        gain: Commands per demand, shape (n, m); None: as before, and without any the demands are
-            the commands.
-        carried: Which actuators go on from what was commanded, 0 or 1 each, shape (n,), as after a
-            bumpless transfer; None: the new gain's commands come at once.
+        model: Plant with the faults present from `tick` on.
+        tick: First tick of the stage.
+        gain: Commands per demand, shape (n, m); None keeps the previous gain (at first: commands
+            are the demands).
+        bumpless: 1 for actuators whose commands continue without a step (bumpless transfer), else
+            0, shape (n,); None: the commands of the new gain apply at once.
     """
 
     model: FaultModel
@@ -147,7 +145,7 @@ class Stage:
 
 
 class Step(NamedTuple):
-    """One tick of a loop: states (..., s), outputs (..., m) and commands (..., n)."""
+    """States (..., s), outputs (..., m) and commands (..., n) of a loop at one tick."""
 
     x: Array
     output: Array
@@ -167,19 +165,18 @@ def steps(
     feedforward: Array | None = None,
     start: Array | None = None,
 ) -> Iterator[Step]:
-    """The loop, tick by tick, for one setting or for S settings at once.
+    """Simulate a linear loop tick by tick, for one setting or for S settings at once.
 
     Args:
-        stages: The plant, and what it becomes, in the order of time.
+        stages: Stages of the plant in order of time.
         C: Outputs per state, shape (m, s).
-        compensators: One for each output.
-        reference: For the outputs, shape (N, m) or (S, N, m); what a sensor adds to them is to be
-            taken off it.
-        secondary: Added to the commands, shape (N, n).
-        disturbance: Added to the next state, shape (N, s).
+        compensators: One compensator for each output.
+        reference: Reference of the outputs minus the sensor noise, shape (N, m) or (S, N, m).
+        secondary: Displacements added to the commands, shape (N, n).
+        disturbance: Vector added to the next state, shape (N, s).
         limit: Largest demand of each compensator, a number or shape (S,).
         anti_windup: Whether a compensator at its limit is held, a truth value or shape (S,).
-        feedforward: Demands to which the compensators add, of the shape of `reference`.
+        feedforward: Demands added to those of the compensators, of the shape of `reference`.
         start: First state of the plant, shape (..., s); None is rest.
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]

@@ -1,9 +1,9 @@
-"""Whether readings are usable: numbers within range that change from tick to tick.
+"""Sensor validation: usable readings are numbers within range that change from tick to tick.
 
-Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test of the noise: a
-sensor that has some hardly ever reads the same twice, bit by bit. One that does has repeated its
-last reading, which a loop can use once more, or is stuck. A bias, another scale or more noise
-cannot be seen from the sensor itself: the offsets that the diagnosis tracks take up a bias.
+Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test for noise: a noisy
+sensor hardly ever gives the same reading twice, bit by bit. If it does, it has repeated its last
+reading, which a loop can use once more, or is stuck. A bias, another scale or more noise is not
+detected here; the sensor offsets that the diagnosis tracks include a bias.
 """
 
 from dataclasses import dataclass, replace
@@ -19,34 +19,32 @@ from argument_checks.records import changed
 from ftc.controller import Measurement
 
 _STUCK_S, _FEWEST = 35e-3, 5
-"""A row that repeats for so long is stuck; so is one at the end of what its sensor can show. A bus
-or a driver that is late repeats for some tens of milliseconds, in which a loop is better off with
-the old reading. Not before so many readings: in a slow loop one late reading is no stuck sensor."""
+"""Time [s] and number of readings after which a repeated row counts as stuck (or saturated). A late
+bus or driver repeats readings for some tens of milliseconds, in which a loop does better with the
+old reading; in a slow loop one late reading is no stuck sensor."""
 
 _GAP_S = 20e-3
-"""A longer gap is a loss. Commands that are held for so long are late by half of it, by 29 degrees
-in a loop of 8 Hz: about as much as loops can bear (34 degrees: `LARGEST_PEAK`)."""
+"""Longest gap that is not a loss [s]. Commands held that long are late by half of it, 29 degrees in
+a loop of 8 Hz: about the phase margin of the loops (34 degrees: `LARGEST_PEAK`)."""
 
 
 @dataclass(frozen=True)
 class SensorState:
-    """What is known of a sensor after a tick.
-
-    Counts are of ticks so far.
+    """State of a sensor check after a tick; counts are numbers of ticks so far.
 
     Attributes:
-        last: Latest reading of numbers, one a row; NaN before the first.
-        sent: Inputs of the drives before that reading, shape (n,); None before the first.
-        repeats: Of each row, ticks since it last changed while the commands did.
-        ticks: All.
-        gap_ticks: Without a usable reading, up to now; 0: this one is usable.
-        lost: Whether the gap is longer than a short one, or a row is stuck.
-        since: The tick at which the present gap, or the last one, began.
-        cause: What was wrong with the latest reading that was not usable.
-        missing: Whose readings were no numbers, of another shape, or beyond range.
-        repeated: Whose readings repeated all rows, or one that is stuck.
-        held_ticks: Without a usable reading.
-        losses: At which the sensor was lost.
+        last: Latest numeric reading, one number a row; NaN before the first.
+        sent: Drive inputs before that reading, shape (n,); None before the first.
+        repeats: Ticks since each row last changed while the commands did.
+        ticks: Number of readings.
+        gap_ticks: Length of the present gap without a usable reading; 0: no gap.
+        lost: Whether the gap is longer than 20 ms, or a row is stuck.
+        since: Tick at which the present or last gap began.
+        cause: Fault of the latest unusable reading.
+        missing: Ticks with a reading that was not numeric, of another shape, or out of range.
+        repeated: Ticks with a reading that repeated all rows.
+        unusable_ticks: Ticks without a usable reading.
+        losses: Ticks at which the sensor became lost.
     """
 
     last: tuple[float, ...]
@@ -64,21 +62,21 @@ class SensorState:
 
     @property
     def usable(self) -> bool:
-        """Whether the latest reading is."""
+        """Return whether the latest reading is usable."""
         return not self.gap_ticks
 
     @property
     def new(self) -> bool:
-        """Whether it also says something new, and no row repeats the reading before."""
+        """Return whether the latest reading is usable and no row repeats the previous one."""
         return not self.gap_ticks and not any(self.repeats)
 
     @property
     def failed(self) -> bool:
-        """Whether a reading was missing or repeated so far."""
+        """Return whether a reading was missing or repeated so far."""
         return self.unusable_ticks > 0 or self.repeated > 0
 
     def sentence(self, period_s: float, name: str, instead: str) -> str:
-        """What the sensor does, and what is done `instead` of using it."""
+        """Describe the sensor's state, and what is done `instead` of using it."""
         counts = ((self.missing, "missing"), (self.repeated, "repeated"))
         bad = ", ".join(f"{count} {what}" for count, what in counts if count)
         if self.usable:
@@ -91,19 +89,17 @@ class SensorState:
 
 @dataclass(frozen=True)
 class SensorCheck:
-    """The rule by which a reading is usable.
+    """Rule that decides whether a reading is usable.
 
-    After a gap of 20 ms the sensor is lost; a row that repeats for 35 ms, and for 5 readings, is
-    stuck. The next usable reading is used at once: to wait for more of them leaves the loop open
-    for longer than the sensor does.
+    The sensor is lost after a gap of 20 ms; a row is stuck when it repeats for 35 ms and 5
+    readings. The next usable reading is used at once: waiting for more would only lengthen the gap.
 
     Attributes:
-        period_s: Between readings.
-        limits: Largest size of each row, such as several times what the sensor can show; None is
-            none.
-        noisy: Whether noise changes each reading. Not so for a sensor whose noise is below its
-            resolution, or that is slower than the loop, nor in a simulation without noise, where a
-            machine at rest repeats itself.
+        period_s: Time between readings [s].
+        limits: Largest absolute value of each row, such as several times the sensor's range; None
+            is no limit.
+        noisy: Whether noise changes each reading. False for a sensor whose noise is below its
+            resolution or that is slower than the loop, and in simulations without noise.
     """
 
     period_s: float
@@ -119,19 +115,19 @@ class SensorCheck:
             vars(self)["limits"] = tuple(limits.tolist())
 
     def start(self, rows: int) -> SensorState:
-        """Before the first reading of so many rows, as many as limits; none for no sensor."""
+        """Return the state before the first reading of `rows` rows; zero rows: no sensor."""
         if check.integer("rows", rows) and self.limits is not None and rows != len(self.limits):
             raise ValueError(f"rows must be as many as limits, {len(self.limits)}, got {rows}")
         return SensorState((nan,) * rows, None, (0,) * rows)
 
     def step(self, state: SensorState, reading: Any, sent: Array) -> SensorState:
-        """The state after a reading; whatever that is, nothing is raised.
+        """Return the state after a reading of any kind, without raising an error.
 
         Args:
-            state: Before it.
-            reading: What should be a vector of as many finite numbers as there are rows.
-            sent: Inputs that the drives have had since the reading before, shape (n,). Only
-                while these change does a reading have to.
+            state: State before the reading.
+            reading: Reading, usable if it is a vector of one finite number for each row.
+            sent: Drive inputs since the previous reading, shape (n,). A reading has to change only
+                while these change.
         """
         last, repeats, repeated = state.last, (0,) * len(state.last), state.repeated
         seen = _numbers(reading, len(last))
@@ -140,8 +136,8 @@ class SensorCheck:
             after = changed(state, ticks=state.ticks + 1, missing=state.missing + 1)
             return self._without(state, after, cause)
         if self.noisy and any(map(eq, seen, last)):
-            # A row begins to while the commands change. After a loss they do not, and one that
-            # repeats is no usable one.
+            # A repetition starts only while the commands change. After a loss the commands are
+            # held, and a repeated reading is not usable.
             before = state.sent
             moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
             rows = zip(state.repeats, map(eq, seen, last), strict=True)
@@ -154,7 +150,7 @@ class SensorCheck:
         return after
 
     def _without(self, before: SensorState, after: SensorState, cause: str) -> SensorState:
-        """The state after a reading that is not used."""
+        """Return the state after an unusable reading."""
         gap, longest = before.gap_ticks + 1, max(after.repeats)
         lost = before.lost or self._is_stuck(after.repeats) or gap > self._ticks(_GAP_S)
         return replace(
@@ -176,11 +172,11 @@ class SensorCheck:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What is known of the sensors after a tick.
+    """States of all sensors after a tick.
 
     Attributes:
-        task: Of the major task.
-        encoders: Of the actuators; without rows where they are not used.
+        task: State of the sensor of the major task.
+        encoders: State of the actuator encoders; without rows if they are not used.
         estimates: Whether the major task is estimated from the encoders.
     """
 
@@ -197,14 +193,14 @@ class Sensors:
         *,
         estimable: bool = False,
     ) -> "Sensors":
-        """What is known after a measurement; whatever that is, nothing is raised.
+        """Return the states after a measurement of any kind, without raising an error.
 
         Args:
-            measurement: What should have the attributes of a :class:`ftc.Measurement`.
-            sent: Inputs of the drives since the measurement before, shape (n,).
-            of_task: When the readings of the task are usable.
-            of_encoders: And those of the encoders.
-            estimable: Whether encoders can stand in for a task's sensor that is lost.
+            measurement: Object with the attributes of a :class:`ftc.Measurement`.
+            sent: Drive inputs since the previous measurement, shape (n,).
+            of_task: Check of the readings of the task.
+            of_encoders: Check of the readings of the encoders.
+            estimable: Whether encoders can replace a lost sensor of the task.
         """
         task = of_task.step(self.task, getattr(measurement, "output", None), sent)
         encoders = self.encoders
@@ -215,11 +211,11 @@ class Sensors:
 
     @property
     def failed(self) -> bool:
-        """Whether a reading was missing or repeated so far."""
+        """Return whether a reading was missing or repeated so far."""
         return self.task.failed or self.encoders.failed
 
     def sentence(self, period_s: float) -> str:
-        """What the sensors read, and what is done about it."""
+        """Describe the states of the sensors and their consequences."""
         if not self.failed:
             return "all readings are usable"
         default = "the commands are held"
@@ -227,12 +223,12 @@ class Sensors:
         text = self.task.sentence(period_s, "the sensor of the task", instead)
         if not self.encoders.failed:
             return text
-        waits = "what needs them waits"
+        waits = "their use is suspended"
         return f"{text}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
 
 
 def numeric_measurement(measurement: Any, rows: int, actuators: int) -> Measurement:
-    """Vectors of what should be a measurement: NaN where a reading is none, or a masked one."""
+    """Return the readings as float vectors; a missing, masked or invalid one is NaN."""
     vectors = []
     for name, size in (("output", rows), ("displacement", actuators)):
         reading = getattr(measurement, name, None)
@@ -244,7 +240,7 @@ def numeric_measurement(measurement: Any, rows: int, actuators: int) -> Measurem
 
 
 def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
-    """The numbers of a reading; None where they are not `rows` moderate ones in a vector."""
+    """Return the numbers of a reading; None unless they are a finite vector of `rows`."""
     try:
         seen = tuple(reading.tolist())
         return seen if len(seen) == rows and hypot(*seen) < check.LARGEST else None

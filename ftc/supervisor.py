@@ -1,4 +1,4 @@
-"""Supervised control: a controller that isolates failed actuators and is reconfigured."""
+"""Supervised control: isolation of actuator failures and reconfiguration of the controller."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,17 +31,17 @@ from ftc.reconfiguration import (
 from ftc.sensors import SensorCheck, Sensors, numeric_measurement
 
 TEST_PART = 0.25
-"""An actuator out of use is given this part of the dither: if it works, the task feels it, because
-the others do not know, and a diagnosis sees it; the sound ones' cancels out."""
+"""Fraction of the dither that an actuator out of use is commanded: if it works, its motion is not
+compensated by the others, and the diagnosis detects it; the dither of healthy ones cancels out."""
 
 _NEARLY_ALL = 0.999
-"""Of its force: what a weak actuator that may be sound by now counts as."""
+"""Effectiveness assumed for a weak actuator that may be healthy again."""
 
 _AHEAD_S = 1.0
-"""So far ahead errors are predicted for a decision; what was asked of late is taken backwards."""
+"""Horizon of error predictions [s]; recent references are replayed in reverse as a forecast."""
 
 _StatefulController = tuple[PrioritizedController[Any], ControllerState[Any]]
-"""A controller and its state."""
+"""Controller and its state."""
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,20 @@ class SupervisorState(NestedState):
     """State of the supervisor.
 
     Attributes:
-        current: The controller in use; `controller` is its state.
-        monitor: The monitor, and `watch` its state.
-        sensors: What they read so far, and whether it was usable.
-        diagnoses: All that were made, revised and withdrawn ones included, in order.
-        task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
-            task; the controller then goes on as it was, with what it still reaches.
-        withdrawn: Diagnoses that were taken back, and when.
-        acted: Diagnoses from which the controller in use changed.
-        references: Of the major task of late, one for each sample of the diagnosis, newest first.
-        feedforward: Demands beside the compensators, likewise; empty: none were given.
-        refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
+        current: Controller in use; `controller` is its state.
+        monitor_state: State of the monitor.
+        monitor: Monitor of the plant with the confirmed failures.
+        sensors: States of the sensors.
+        confirmed: Confirmed diagnoses, in order.
+        diagnoses: All diagnoses, revised and withdrawn ones included, in order.
+        task_lost: Whether the remaining actuators cannot do the major task, by confirmed diagnoses;
+            the controller then continues unchanged.
+        withdrawn: Withdrawn diagnoses and the ticks of their withdrawal.
+        acted: Diagnoses that changed the controller in use.
+        references: Recent references of the major task, one for each sample of the diagnosis,
+            newest first.
+        feedforward: Recent feedforward demands in the same order; empty: none were given.
+        rejected: Last diagnosis without a switch, because its expected error was larger.
     """
 
     current: PrioritizedController[Any]
@@ -77,34 +80,32 @@ class SupervisorState(NestedState):
 
     @property
     def status(self) -> str:
-        """What is believed, not understood and done, in one sentence.
+        """Diagnosis and reaction in one sentence.
 
-        Actuators are called by the names that the monitor's model has, or by their numbers.
+        Actuators have the names of the monitor's model, or else their numbers.
         """
         monitor_state, names = self.monitor_state, self.monitor.nominal.names
         failed = ", ".join(map(self._described, self.active_diagnoses))
-        parts = [failed or "all actuators are believed sound"]
+        parts = [failed or "all actuators are assumed healthy"]
         current = monitor_state.diagnosis
         if current is not None and current.fault.is_healthy:
             parts.append(f"{_name(current.fault.actuator, names)} seems to work again")
         if monitor_state.relearns > 0:
-            parts.append("what no failure explains is learned as part of the machine")
+            parts.append("residuals that no failure explains are learned as part of the machine")
         elif monitor_state.evidence is not None and current is None:
-            parts.append("an alarm is looked into")
+            parts.append("an alarm is being investigated")
         elif monitor_state.causes and not self.active_diagnoses:
             cause = explanation(monitor_state.causes[-1], names)
             parts.append(f"the last alarm is explained by {cause}, which is no failure")
         known = self.current.mapping.goal.failed
         if self.task_lost:
-            parts.append(
-                "the major task is lost, and the controller goes on with what it still reaches"
-            )
+            parts.append("the major task is lost, and the controller continues unchanged")
         elif self.rejected is not None and self.rejected.fault.actuator not in known:
-            parts.append("the controller goes on as it was, which is expected to cost less")
+            parts.append("the controller is unchanged, which is expected to give a smaller error")
         elif self.active_diagnoses:
-            parts.append("the other actuators do the task")
+            parts.append("the other actuators perform the task")
         text = "; ".join(parts)
-        if names is None or not self.active_diagnoses:  # a name stays as it is
+        if names is None or not self.active_diagnoses:  # the case of a name is kept
             text = text[0].upper() + text[1:]
         return f"{text}."
 
@@ -114,20 +115,21 @@ class SupervisorState(NestedState):
         return f"{name} is {' or '.join(diagnosis.kinds)}{suffix}"
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return one line for interactive use."""
         return f"<SupervisorState after {self.ticks} ticks. {self.status}>"
 
     @property
     def is_learning(self) -> bool:
-        """Whether what the sensors read is still taken for the machine without a failure."""
+        """Return whether the readings are still assumed to be those of a healthy machine."""
         learned_s = self.monitor_state.observer.spectrum.samples * self.monitor.observer.period_s
         return learned_s <= LEARNING_S
 
     @property
     def active_diagnoses(self) -> list[Diagnosis]:
-        """The last diagnosis confirmed of each actuator, and the one being confirmed.
+        """Latest diagnosis of each failed actuator, confirmed or being confirmed.
 
-        Without those that work again, once that is confirmed: one that comes and goes stays out.
+        An actuator that works again stays in the list until that is confirmed, so that an
+        intermittent one stays out of use.
         """
         latest, current = self.confirmed, self.monitor_state.diagnosis
         if current is not None and current.is_acted_on:
@@ -137,12 +139,12 @@ class SupervisorState(NestedState):
 
 
 def explanation(cause: Cause | None, names: Sequence[str] | None = None) -> str:
-    """What an alarm is explained by that is no failure."""
+    """Describe a cause of an alarm that is not a failure; None is a slow disturbance."""
     if cause is None:
-        return "something slow"
+        return "a slow disturbance"
     if cause.kind == "offset":
         return f"an offset of {_name(cause.actuator, names)}"
-    shared = {"supply": "what all commands do", "scale": "the sensors' scale"}
+    shared = {"supply": "the gain of all commands", "scale": "the scale of all sensors"}
     return f"a change of {shared[cause.kind]}"
 
 
@@ -155,21 +157,21 @@ class Supervisor:
     """Controller of any mechanism that diagnoses actuator failures and is reconfigured.
 
     Attributes:
-        goal: While all actuators work.
-        controller: For a goal, failures that it knows included.
-        monitor: Of the sound machine, with the frequency of the dither in its `config`.
-        is_possible: Whether the major task can still be done in spite of these faults.
-        task: Linear model of the sound machine to the major task; None: the monitor's model, whose
-            first outputs it is.
-        unused: As of :func:`goal_after`.
-        dither: Secondary motion by which failures are told apart; None is none.
-        watched: What the diagnosis looks at, where the controller estimates the pose and has found
-            these faults; None: the major task, then the displacements, as many as the monitor's
-            model has outputs.
-        estimate: The major task (m1,) by the encoders alone, near an estimated pose, for a time
-            when its own sensor is lost; None: the commands are held.
-        sensor_check: When readings of the task are usable; None is :class:`.SensorCheck` as it is,
-            which is that of the encoders, where they are used.
+        goal: Goal while all actuators work.
+        controller: Function that returns the controller for a goal with its known failures.
+        monitor: Monitor of the healthy machine, with the frequency of the dither in its `config`.
+        is_possible: Function that returns whether the major task can be done with these faults.
+        task: Linear model of the healthy machine to the major task; None: the monitor's model,
+            whose first outputs are the major task.
+        unused: Argument `unused` of :func:`goal_after`.
+        dither: Secondary motion that separates failures; None: no dither.
+        diagnosis_outputs: Function from a measurement, the estimated pose and the diagnosed faults
+            to the outputs of the monitor's model; None: the major task, then the displacements, as
+            many as the model has outputs.
+        estimate: Function from a measurement and the estimated pose to the major task (m1,) by the
+            encoders, used while its own sensor is lost; None: the commands are held.
+        sensor_check: Check of the readings of the task; None is the default :class:`.SensorCheck`,
+            which is also that of the encoders.
     """
 
     goal: Goal
@@ -184,13 +186,13 @@ class Supervisor:
     sensor_check: SensorCheck | None = None
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return one line for interactive use."""
         nominal = self.monitor.nominal
         names = ", ".join(nominal.names or (f"{nominal.actuators} actuators",))
         return f"<Supervisor of {names}>"
 
     def __post_init__(self) -> None:
-        for name in ("controller", "is_possible", "watched", "estimate"):
+        for name in ("controller", "is_possible", "diagnosis_outputs", "estimate"):
             function = getattr(self, name)
             if function is not None or name in ("controller", "is_possible"):
                 check.function(name, function)
@@ -213,23 +215,23 @@ class Supervisor:
 
     @cached_property
     def first(self) -> PrioritizedController[Any]:
-        """The controller of the sound machine."""
+        """Controller of the healthy machine."""
         return check.instance("controller(goal)", self.controller(self.goal), PrioritizedController)
 
     def reconfigured(self, diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Any]:
-        """The controller that knows of these failures."""
+        """Return the controller for these failures."""
         known = goal_after(self.goal, diagnoses, self.monitor.nominal, self.unused)
         return self.controller(with_margin(known, self.goal))
 
     def secondary(self, time_s: float) -> Array:
-        """Reference (n,) of the secondary goal at a time of the run."""
+        """Return the reference (n,) of the secondary goal at a time of the run [s]."""
         if self.dither is None:
             return np.zeros(self.monitor.nominal.actuators)
         return self.dither.at(time_s)
 
     @cached_property
     def _test_motion(self) -> Callable[[float], Array]:
-        """Command (n,) of actuators out of use at each time: one that works is seen by it."""
+        """Function of time [s] that returns the test commands (n,) of actuators out of use."""
         if self.dither is None:
             return self.secondary
         return replace(self.dither, amplitude=TEST_PART * self.dither.amplitude, offset=0.0).at
@@ -240,17 +242,17 @@ class Supervisor:
 
     @cached_property
     def _checks(self) -> tuple[SensorCheck, SensorCheck]:
-        """Of the task, and of the encoders."""
+        """Checks of the task's sensor and of the encoders."""
         usual = SensorCheck(self.first.period_s)
         return usual if self.sensor_check is None else self.sensor_check, usual
 
     @cached_property
     def _rows(self) -> int:
-        """Number of rows of the major task."""
+        """Number of rows m1 of the major task."""
         return len(self.first.mapping.initial_command().demand)
 
     def start(self) -> SupervisorState:
-        """State at rest at the nominal pose, without known failures."""
+        """Return the state at rest at the nominal pose, without known failures."""
         of_task, of_encoders = self._checks
         used = (
             self.diagnosis_outputs or self.estimate or len(self.monitor.nominal.noise) > self._rows
@@ -262,12 +264,12 @@ class Supervisor:
         )
 
     def calibrated(self, state: SupervisorState) -> "Supervisor":
-        """The supervisor that begins with what another run has learned of the same machine.
+        """Return the supervisor calibrated by the final state of another run of the same machine.
 
-        It need not take its first samples for those of a sound machine.
+        It starts testing at once, instead of learning the spectrum from its first samples.
 
         Raises:
-            ValueError: That run had a failure, or ended before anything was learned.
+            ValueError: That run had a failure, or ended before the spectrum was learned.
         """
         observer = check.instance("state", state, SupervisorState).monitor_state.observer
         if state.diagnoses or state.monitor_state.relearns or state.is_learning:
@@ -278,10 +280,10 @@ class Supervisor:
         return replace(self, monitor=replace(self.monitor, calibration=observer))
 
     def transfer(self, state: SupervisorState | ControllerState[Any]) -> SupervisorState:
-        """The state of another pilot of the machine, so that this one continues without a step.
+        """Return the state with which this supervisor continues another controller without a step.
 
-        What a supervisor believes stays, though its goal was another one. A controller alone
-        believes nothing: the diagnosis then begins to learn what the machine is like.
+        The diagnoses of another supervisor remain, even if its goal differs. After a controller
+        without diagnosis, the monitor starts learning.
         """
         if isinstance(state, SupervisorState):
             current, controller = self._transferred(state, state.active_diagnoses)
@@ -296,11 +298,11 @@ class Supervisor:
         *,
         feedforward: Array | None = None,
     ) -> SupervisorState:
-        """One control tick: first the sensors, then the diagnosis, then the control.
+        """Advance by one control tick: check sensors, diagnose, then control.
 
-        Without a usable reading of the task the commands and the controller's state stay as they
-        are, unless the encoders give an estimate; the diagnosis goes on without what is missing:
-        what is no numbers, or masked.
+        Without a usable reading of the task, commands and controller state are held, unless the
+        encoders give an estimate. The diagnosis continues without missing (non-numeric or masked)
+        readings.
         """
         check.instance("state", state, SupervisorState)
         reference = check.array("reference", reference, self._rows)
@@ -345,7 +347,7 @@ class Supervisor:
     def _outputs_for_diagnosis(
         self, state: SupervisorState, measurement: Measurement, sensors: Sensors
     ) -> Array | None:
-        """What the diagnosis looks at; None where any of it is missing."""
+        """Return the outputs for the diagnosis, or None if any reading is missing."""
         new = sensors.task.new
         if not sensors.encoders.new or not (new or self.diagnosis_outputs):
             return None
@@ -366,11 +368,11 @@ class Supervisor:
         commanded: Array,
         measurement: Measurement,
     ) -> SupervisorState:
-        """State after a change of the diagnosis to that of `watch`; compensators unchanged."""
+        """Return the state after a change of the diagnosis to that of `monitor_state`."""
         previous, diagnosis = state.monitor_state.diagnosis, monitor_state.diagnosis
         present = state.current, state.controller
         state = replace(state, monitor_state=monitor_state)
-        # Another actuator, or none, is named now; another kind is a revision.
+        # The diagnosis is withdrawn unless only its kind is revised.
         isolated = None if diagnosis is None else diagnosis.fault.actuator
         if previous is not None and previous.fault.actuator != isolated:
             state = replace(state, withdrawn=(*state.withdrawn, (previous, state.ticks)))
@@ -386,7 +388,7 @@ class Supervisor:
             active = state.active_diagnoses
             faults = [entry.fault for entry in active]
             possible = self.is_possible(faults)
-            # The present controller goes on then: to stand still is worse, and names may be wrong.
+            # Otherwise the present controller continues: the diagnosis may be wrong.
             state = replace(state, task_lost=diagnosis.confirmed and not possible)
             if possible:
                 lost = lost_displacement(self.monitor.nominal, diagnosis, faults, commanded)
@@ -406,10 +408,10 @@ class Supervisor:
     def _with_tracked_effectiveness(
         self, state: SupervisorState, monitor_state: MonitorState
     ) -> SupervisorState:
-        """State in which weak actuators are driven by the inverse of the most that they may have.
+        """Return the state with weak actuators scaled by the largest effectiveness they may have.
 
-        So that none ever does more than a sound one: what evidence is older than, or an alarm calls
-        in question, is given up before anything else is known.
+        No actuator then does more than a healthy one: an estimate that is outdated, or called in
+        question by an alarm, is increased before its successor is known.
         """
         strongest, confirmed = dict(state.monitor.observer.strongest(monitor_state.observer)), []
         driven = state.current.mapping.goal.effectiveness
@@ -427,7 +429,7 @@ class Supervisor:
         current, controller = self._transferred(state, state.active_diagnoses)
         is_new = monitor_state.alarm_ticks != state.monitor_state.alarm_ticks
         if monitor_state.evidence is not None or is_new:
-            # What moved may be what was commanded more: that is taken back at once.
+            # The larger command may have caused the alarm: it is withdrawn without a transfer.
             controller = state.controller
         return replace(state, current=current, controller=controller)
 
@@ -437,12 +439,12 @@ class Supervisor:
         diagnoses: Sequence[Diagnosis],
         lost_displacements: Array | None = None,
     ) -> _StatefulController:
-        """The controller for these diagnoses, and its state if it took over now."""
+        """Return the controller for these diagnoses, and its state after a transfer now."""
         diagnoses = [_in_use(diagnosis) for diagnosis in diagnoses]
         current = self.reconfigured(diagnoses)
         acting, keeps = np.zeros((2, self.first.mapping.actuators))
         if lost_displacements is not None:
-            # One that the others carry loses nothing when its force is gone.
+            # A free actuator that follows the others keeps its displacement.
             lost_displacements[list(current.mapping.goal.free)] = 0.0
         for diagnosis in diagnoses:
             acting[diagnosis.fault.actuator] = static_share(self.monitor.nominal, diagnosis.fault)
@@ -460,7 +462,7 @@ class Supervisor:
         candidate: _StatefulController,
         measurement: Measurement,
     ) -> bool:
-        """Whether to go over is not expected to cost much more than to stay."""
+        """Return whether the expected error after a switch is acceptable."""
         decision, monitor = state.monitor_state.decision, state.monitor
         if decision is None or not np.isfinite(measurement.output).all():
             return True
@@ -482,9 +484,9 @@ class Supervisor:
 
 
 def _in_use(diagnosis: Diagnosis) -> Diagnosis:
-    """The diagnosis; of one too weak to be used by less than its estimate may be off, as if used.
+    """Return the diagnosis, with an effectiveness slightly below `WEAKEST` raised to it.
 
-    Nothing is taken out of use, nor given back, because an estimate is revised a little.
+    Small revisions of an estimate then neither take an actuator out of use nor put it back.
     """
     fault = diagnosis.fault
     if fault.kind != "weak" or not WEAKEST - EFFECTIVENESS_STEP < fault.effectiveness < WEAKEST:

@@ -28,7 +28,7 @@ def main(folder: Path) -> None:
                 # That the browser draws without a graphics card.
                 notice = page.page.get_by_role("alert").filter(has_text="Software WebGL")
                 notice.get_by_role("button").click()
-                begin = page.until(lambda said: "believed sound" in said.supervised).clock_s
+                begin = page.until(lambda said: "assumed healthy" in said.supervised).clock_s
                 page.make(actuator, word)
                 page.until(lambda said, end=begin + SINCE_S: said.clock_s > end)
                 page.page.screenshot(path=folder / f"{name}.png")

@@ -82,7 +82,7 @@ class MechanismModel(Protocol[Pose]):
         ...
 
     def task(self, posture: Pose) -> Array:
-        """Return the task coordinates (m,), whose rates follow from J_T near the nominal posture."""
+        """Return the task coordinates (m,), with rates given by J_T near the nominal posture."""
         ...
 
     def moved(self, posture: Pose, displacements: Array, fixed: Indices, /) -> Pose:

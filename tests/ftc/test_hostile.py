@@ -124,7 +124,7 @@ def broken(nominal: NominalModel) -> Any:
     faulty = fault_model(nominal, [Fault(0, "locked"), Fault(1, "free")])
     return (
         fault_model(nominal),
-        replace(faulty, friction_model=None),
+        replace(faulty, dry_friction=None),
         nominal.noise,
         nominal.displacement,
     )

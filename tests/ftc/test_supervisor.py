@@ -184,17 +184,17 @@ def test_the_status_says_what_is_believed_and_done():
 
     doubt = replace(locked, confirmed=False, kinds=("locked", "free"))
     for state, words in (
-        (start, "believed sound"),
-        (confirmed, "strut3 is locked; the other actuators do the task"),
+        (start, "assumed healthy"),
+        (confirmed, "strut3 is locked; the other actuators perform the task"),
         (watching(start, diagnosis=doubt), "strut3 is locked or free, not yet confirmed"),
         (replace(confirmed, task_lost=True), "the major task is lost"),
-        (replace(confirmed, rejected=locked), "expected to cost less"),
+        (replace(confirmed, rejected=locked), "expected to give a smaller error"),
         (watching(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
         (watching(start, relearns=3), "learned as part of the machine"),
-        (watching(start, causes=(None,)), "explained by something slow, which is no failure"),
+        (watching(start, causes=(None,)), "explained by a slow disturbance, which is no failure"),
         (watching(start, causes=(Cause("offset", 3),)), "an offset of strut4"),
-        (watching(start, causes=(Cause("supply"),)), "a change of what all commands do"),
-        (watching(start, causes=(Cause("scale"),)), "a change of the sensors' scale"),
+        (watching(start, causes=(Cause("supply"),)), "a change of the gain of all commands"),
+        (watching(start, causes=(Cause("scale"),)), "a change of the scale of all sensors"),
     ):
         assert words in state.status
 
@@ -265,7 +265,7 @@ def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
     """Against the tick that the former one would have done."""
     controller, (state, reference, seen) = controllers()[name], after_a_lock()
     transferred = controller.transfer(state)
-    for each in ("standing", "diagnoses", "confirmed", "withdrawn", "ticks", "task_lost"):
+    for each in ("active_diagnoses", "diagnoses", "confirmed", "withdrawn", "ticks", "task_lost"):
         assert getattr(transferred, each) == getattr(state, each), each
     assert transferred.monitor_state is state.monitor_state and transferred.sensors is state.sensors
     assert 3 in goal_of(transferred).locked_at
