@@ -332,9 +332,8 @@ class OracleController:
             for name in ("initial", "reconfigured")
         )
         if initial != reconfigured:
-            raise ValueError(
-                f"reconfigured must have the {initial} actuators of initial, got {reconfigured}"
-            )
+            expected = f"reconfigured must have the {initial} actuators of initial"
+            raise ValueError(f"{expected}, got {reconfigured}")
         if self.tick is not None:
             check.integer("tick", self.tick)
         if self.secondary is not None:
@@ -356,18 +355,16 @@ class OracleController:
         feedforward: Array | None = None,
     ) -> NestedState:
         """Advance by one control tick."""
-        controller_state = check.instance("state", state, NestedState).controller
+        last = check.instance("state", state, NestedState).controller
         if state.ticks == self.tick:
             if (lost := self.lost_displacements) is None:
                 # An actuator with a damper falls slower than this compensation assumes.
-                lost = self.initial.drives.displacements(controller_state.inputs)
+                lost = self.initial.drives.displacements(last.inputs)
                 free = np.isin(range(len(lost)), self.reconfigured.mapping.goal.free)
                 lost = np.where(free, lost, 0.0)
-            controller_state = self.reconfigured.transfer(controller_state, lost, self.acting)
+            last = self.reconfigured.transfer(last, lost, self.acting)
         has_switched = self.tick is not None and state.ticks >= self.tick
         active = self.reconfigured if has_switched else self.initial
         secondary = self.secondary and self.secondary(state.ticks * active.period_s)
-        controller = active.step(
-            controller_state, reference, measurement, secondary, feedforward=feedforward
-        )
+        controller = active.step(last, reference, measurement, secondary, feedforward=feedforward)
         return NestedState(controller, state.ticks + 1)

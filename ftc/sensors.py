@@ -130,20 +130,22 @@ class SensorCheck:
                 while these change.
         """
         last, repeats, repeated = state.last, (0,) * len(state.last), state.repeated
-        seen = _numbers(reading, len(last))
-        if seen is None or (self.limits is not None and any(map(gt, map(abs, seen), self.limits))):
-            cause = "gives no numbers" if seen is None else "reads beyond its range"
+        numbers = _numbers(reading, len(last))
+        if numbers is None or (
+            self.limits is not None and any(map(gt, map(abs, numbers), self.limits))
+        ):
+            cause = "gives no numbers" if numbers is None else "reads beyond its range"
             after = changed(state, ticks=state.ticks + 1, missing=state.missing + 1)
             return self._without(state, after, cause)
-        if self.noisy and any(map(eq, seen, last)):
+        if self.noisy and any(map(eq, numbers, last)):
             # A repetition starts only while the commands change. After a loss the commands are
             # held, and a repeated reading is not usable.
             before = state.sent
             moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
-            rows = zip(state.repeats, map(eq, seen, last), strict=True)
+            rows = zip(state.repeats, map(eq, numbers, last), strict=True)
             repeats = tuple(count + 1 if same and (count or moved) else 0 for count, same in rows)
             repeated += all(repeats)
-        read = {"last": seen, "sent": sent, "repeats": repeats, "repeated": repeated}
+        read = {"last": numbers, "sent": sent, "repeats": repeats, "repeated": repeated}
         after = changed(state, **read, ticks=state.ticks + 1, gap_ticks=0, lost=False)
         if any(repeats) and (state.lost or self._is_stuck(repeats)):
             return self._without(state, after, "repeats one value")
@@ -233,8 +235,8 @@ def numeric_measurement(measurement: Any, rows: int, actuators: int) -> Measurem
     for name, size in (("output", rows), ("displacement", actuators)):
         reading = getattr(measurement, name, None)
         if not check.is_plain(reading) or reading.shape != (size,):
-            seen = _numbers(reading, size)
-            reading = np.full(size, nan) if seen is None else np.array(seen, dtype=float)
+            numbers = _numbers(reading, size)
+            reading = np.full(size, nan) if numbers is None else np.array(numbers, dtype=float)
         vectors.append(reading)
     return Measurement(*vectors)
 
@@ -242,7 +244,7 @@ def numeric_measurement(measurement: Any, rows: int, actuators: int) -> Measurem
 def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
     """Return the numbers of a reading; None unless they are a finite vector of `rows`."""
     try:
-        seen = tuple(reading.tolist())
-        return seen if len(seen) == rows and hypot(*seen) < check.LARGEST else None
+        numbers = tuple(reading.tolist())
+        return numbers if len(numbers) == rows and hypot(*numbers) < check.LARGEST else None
     except (AttributeError, TypeError, ValueError, OverflowError):
         return None

@@ -254,14 +254,12 @@ class Supervisor:
     def start(self) -> SupervisorState:
         """Return the state at rest at the nominal pose, without known failures."""
         of_task, of_encoders = self._checks
-        used = (
-            self.diagnosis_outputs or self.estimate or len(self.monitor.nominal.noise) > self._rows
-        )
+        more = len(self.monitor.nominal.noise) > self._rows
+        used = self.diagnosis_outputs or self.estimate or more
         encoders = of_encoders.start(self.first.mapping.actuators if used else 0)
-        sensors, monitor_state = Sensors(of_task.start(self._rows), encoders), self.monitor.start()
-        return SupervisorState(
-            self.first.start(), 0, self.first, monitor_state, self.monitor, sensors
-        )
+        sensors = Sensors(of_task.start(self._rows), encoders)
+        start = self.first.start(), 0, self.first, self.monitor.start(), self.monitor, sensors
+        return SupervisorState(*start)
 
     def calibrated(self, state: SupervisorState) -> "Supervisor":
         """Return the supervisor calibrated by the final state of another run of the same machine.
@@ -314,7 +312,7 @@ class Supervisor:
         estimable = self.estimate is not None
         read = measurement, state.inputs, *self._checks
         sensors = state.sensors.after(*read, estimable=estimable)
-        measured = self._outputs_for_diagnosis(state, measurement, sensors)
+        measured = self._readings(state, measurement, sensors)
         monitor_state = state.monitor.step(state.monitor_state, measured, commanded)
         if is_sample:
             ahead = round(_AHEAD_S / (state.monitor.ticks * self.first.period_s))
@@ -325,7 +323,7 @@ class Supervisor:
             state = self._reconfigured(state, monitor_state, commanded, measurement)
             monitor_state = state.monitor_state
         elif is_sample and state.current.mapping.goal.effectiveness:
-            state = self._with_tracked_effectiveness(state, monitor_state)
+            state = self._rescaled(state, monitor_state)
         if not (sensors.task.usable or sensors.estimates):
             return changed(state, monitor_state=monitor_state, sensors=sensors, ticks=ticks)
         if self.estimate is not None and sensors.estimates:
@@ -344,7 +342,7 @@ class Supervisor:
             state, monitor_state=monitor_state, sensors=sensors, controller=controller, ticks=ticks
         )
 
-    def _outputs_for_diagnosis(
+    def _readings(
         self, state: SupervisorState, measurement: Measurement, sensors: Sensors
     ) -> Array | None:
         """Return the outputs for the diagnosis, or None if any reading is missing."""
@@ -405,9 +403,7 @@ class Supervisor:
         monitor, monitor_state = state.monitor.with_diagnosis(state.monitor_state)
         return replace(state, monitor=monitor, monitor_state=monitor_state)
 
-    def _with_tracked_effectiveness(
-        self, state: SupervisorState, monitor_state: MonitorState
-    ) -> SupervisorState:
+    def _rescaled(self, state: SupervisorState, monitor_state: MonitorState) -> SupervisorState:
         """Return the state with weak actuators scaled by the largest effectiveness they may have.
 
         No actuator then does more than a healthy one: an estimate that is outdated, or called in

@@ -406,7 +406,7 @@ def _singular(J_m: Array, rows: tuple[int, ...], least: float) -> str:
     worst = rows[greatest(np.abs(U[:, -1]))]
     return (
         f"the posture is nearly singular, as the actuators move row {worst} by "
-        f"{moved[-1] / moved[0]:.1g} of what they move others; begin at another pose, or leave it "
+        f"{moved[-1] / moved[0]:.1g} of what they move others; start at another pose, or leave it "
         "out of the major rows"
     )
 

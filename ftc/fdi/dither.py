@@ -50,7 +50,6 @@ class Dither:
 
     Attributes:
         amplitude: Amplitude in units of `direction`.
-        frequency_hz: Frequency.
         direction: Actuator displacements, shape (n,); the mapping keeps their null-space part.
         offset: Mean displacements, shape (n,), or one number for all.
     """
@@ -111,7 +110,6 @@ class AddedSensor:
     """Separations with one more sensor.
 
     Attributes:
-        name: Name of the sensor.
         separations: Distances between failures with this sensor.
         indistinguishable: Number of pairs of actuators, and of actuators with an undetected
             failure, below :data:`ftc.fdi.separation.SEPARATION_THRESHOLD`.

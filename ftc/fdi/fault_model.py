@@ -299,21 +299,16 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     # One step of the integration: velocities first, then positions with the new ones.
     h, eye = nominal.step_s, np.eye(k)
     floor = np.zeros((k, 3)) if nominal.floor is None else nominal.floor
-    damping, factor = (h * P).dot(lower[:, k:]), eye
+    damping, late = (h * P).dot(lower[:, k:]), eye
     decay = eye + damping
     if nominal.implicit_damping:
-        decay = factor = np.linalg.inv(eye - damping)
-    stiffness, gains = (
-        factor @ (h * P @ part) for part in (lower[:, :k], np.hstack([drive, floor]))
-    )
-    A, B = (
-        _blocks(eye + h * stiffness, h * decay, stiffness, decay),
-        np.vstack([h * gains, gains]),
-    )
+        decay = late = np.linalg.inv(eye - damping)
+    stiffness, gains = (late @ (h * P @ part) for part in (lower[:, :k], np.hstack([drive, floor])))
+    A, B = _blocks(eye + h * stiffness, h * decay, stiffness, decay), np.vstack([h * gains, gains])
     steps = round(nominal.period_s / h)
     moved = sum(np.linalg.matrix_power(A, step) for step in range(steps)) @ B
     commanded, loaded, shaken = (part.copy() for part in np.split(moved, [n, n + 1], axis=1))
-    zero = np.zeros((k, k))
+    zero, accelerations = np.zeros((k, k)), [P @ lower, P @ drive]
     model = FaultModel(
         A=np.linalg.matrix_power(A, steps),
         B=commanded,
@@ -321,9 +316,7 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
         onset=_blocks(eye, zero, zero, P),
         drift=loaded[:, 0],
         floor=None if nominal.floor is None else shaken,
-        dry_friction=_dry_friction(
-            nominal, P, [P @ lower, P @ drive], A, B[:, : n + 1].copy(), h * factor
-        ),
+        dry_friction=_dry_friction(nominal, P, accelerations, A, B[:, : n + 1].copy(), h * late),
     )
     if not all(map(check.is_moderate, (model.A, model.B, model.C, model.onset, model.drift))):
         raise ValueError(

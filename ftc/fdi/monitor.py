@@ -67,7 +67,6 @@ class MonitorState:
         commanded: Commands (n,) of the ticks of the incomplete sample.
         outputs: Outputs (p,) of these ticks, in units of their noise; None: not measured.
         last_commanded: Mean command of the sample before, shape (n,).
-        observer: State of the observer.
         history: Latest samples, the newest last.
         recent: Latest residuals, for their test.
         evidence: Evidence of the hypotheses since an alarm; None without an alarm.
@@ -283,11 +282,8 @@ class Monitor:
         return replace(state, evidence=evidence, diagnosis=self._diagnosis(state, now))
 
     def _dismissed(self, state: MonitorState, now: Decision) -> MonitorState:
-        observer, cleared = (
-            self.observer.with_larger_offsets(state.observer),
-            state.history[-1].number,
-        )
-        causes = (*state.causes, now.cause)
+        observer = self.observer.with_larger_offsets(state.observer)
+        cleared, causes = state.history[-1].number, (*state.causes, now.cause)
         return replace(state.reset(), observer=observer, cleared=cleared, causes=causes)
 
     def _given_up(self, state: MonitorState) -> MonitorState:
@@ -351,9 +347,8 @@ class Monitor:
             decoupled=former.decoupled / np.sqrt(inflation),
         )
         observer, history, residuals = after.observer.replayed(started, past)
-        later = [
-            item.is_complete and item.number * self.ticks > state.isolation_tick for item in history
-        ]
+        since = state.isolation_tick
+        later = [item.is_complete and item.number * self.ticks > since for item in history]
         recent = self.test.start()
         recent = np.vstack([recent, *compress(residuals, later)])[-len(recent) :]
         return after, replace(

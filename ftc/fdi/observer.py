@@ -97,7 +97,6 @@ class Spectrum(NamedTuple):
     Attributes:
         recent: Latest residuals, the newest last, shape (q + 1, p).
         covariance: Mean products of the residuals with the newest, by lag, shape (q + 1, p).
-        samples: Number of samples in the spectrum.
     """
 
     recent: Array
@@ -147,10 +146,6 @@ class ResidualTest:
     false alarms is at most the sum of the rates of all means, exact for Gaussian noise.
 
     Attributes:
-        outputs: Number p of outputs.
-        false_alarms_per_hour: Largest rate of false alarms.
-        period_s: Sample period.
-        dither_hz: Frequency of the dither; None: no dither.
         windows: All M, ascending powers of two.
         demodulated: Smallest M of a demodulated mean, at least half a period of the dither: in less
             time its cosine and sine are not independent.
@@ -206,8 +201,6 @@ class ObserverState:
         sample: Number of samples so far.
         X: State of the nominal model and its sensitivities to errors, shape (1 + J, s).
         memory: Latest residuals and regressors, newest last, shape (q + 1, 1 + J, p).
-        parameters: Estimated model errors and offsets.
-        spectrum: Spectrum of the residuals.
         whitening: Filter of the residuals, shape (q + 1, p).
         decoupled: Filter decoupled from unknown inputs much slower than the dither, which then
             reveals a failure; without a dither it is `whitening`.
@@ -239,7 +232,6 @@ class Sample(NamedTuple):
         v: Inputs, shape (r,).
         y: Mean outputs, in units of their noise, shape (p,); None: not measured.
         is_complete: Whether this sample and all that its whitening needs were measured.
-        before: State of the observer before the sample.
     """
 
     number: int
@@ -254,8 +246,6 @@ class Observer:
     """Observer with the model of the plant with its known failures; it estimates model errors.
 
     Attributes:
-        model: Model of the plant with its possible errors.
-        config: Settings of the diagnosis.
         period_s: Sample period.
         largest: Largest squared innovation used for learning once the spectrum is known, so that
             failures do not change the parameters.

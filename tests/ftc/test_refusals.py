@@ -89,7 +89,7 @@ def test_no_clock_is_read(monkeypatch):
 
     def simulate() -> list[list[float]]:
         rng, sent = np.random.default_rng(0), []
-        for controller in (stage().supervisor, stage().guarded, stage().controller()):
+        for controller in (stage().supervisor, stage().guarded, stage().make_controller()):
             state = controller.start()
             for _ in range(20):
                 read = Measurement(READ.output + 1e-3 * rng.normal(size=2), READ.displacement)
