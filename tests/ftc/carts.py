@@ -75,7 +75,7 @@ def simulate(
             x = plant.onset @ x
         y = read(tick, plant.C @ x) + rng.standard_normal(3)
         states.append(fdi_monitor.step(states[-1], nominal.noise * y, u))
-        if (found := states[-1].diagnosis) is not None and found.confirmed:
+        if (diagnosis := states[-1].diagnosis) is not None and diagnosis.confirmed:
             break
         time_s = tick * nominal.period_s
         u = size * np.sin(2.2 * time_s * np.array([1.0, 0.8, 1.3]) + phase)
@@ -113,14 +113,14 @@ class Record:
 
 
 def outputs(
-    nominal, ticks, u, fault=None, onset=0, nudged: np.ndarray | float = 0.0, late=0.0, before=()
+    nominal, ticks, u, fault=None, onset=0, displaced: np.ndarray | float = 0.0, late=0.0, before=()
 ):
     """Means (N, p) over the samples of a plant from rest, tick by tick.
 
     `nudged` (s,) moves the state at the end of the sample of onset; `late` is the part of each
     sample in which the command before still holds.
     """
-    model, x, seen = fault_model(nominal, before), np.zeros(nominal.plant.nstates), []
+    model, x, means = fault_model(nominal, before), np.zeros(nominal.plant.nstates), []
     last = np.vstack([np.zeros_like(u[:1]), u[:-1]])
     for sample, command in enumerate(u - late * (u - last)):
         if fault is not None and sample == onset:
@@ -130,9 +130,9 @@ def outputs(
         for _ in range(ticks):
             over.append(model.C @ x)
             x = model.A @ x + model.B @ command + model.drift
-        x = x + (nudged if sample == onset else 0.0)
-        seen.append(np.mean(over, axis=0))
-    return np.array(seen)
+        x = x + (displaced if sample == onset else 0.0)
+        means.append(np.mean(over, axis=0))
+    return np.array(means)
 
 
 def gathered(
@@ -164,7 +164,7 @@ class Struts:
     mass: np.ndarray
     along: np.ndarray
     structure: np.ndarray
-    held: np.ndarray
+    command_gain: np.ndarray
     kp: np.ndarray
     kv: np.ndarray
     spring: np.ndarray
@@ -179,7 +179,7 @@ class Struts:
         K, D = self.spring + self.gain * self.kp, self.damper + self.gain * self.kv
         stiffness = push * K @ c + np.linalg.solve(self.mass, self.structure)
         A = np.block([[np.eye(n, 2 * n, n)], [-stiffness, -push * D @ c]])
-        B = np.vstack([np.zeros((n, n)), push * (self.gain * self.held)])
+        B = np.vstack([np.zeros((n, n)), push * (self.gain * self.command_gain)])
         fed_back = np.hstack([self.kp[:, None] * c, self.kv[:, None] * c])
         return NominalModel(
             control.ss(A, B, np.eye(n, 2 * n), 0),
@@ -187,14 +187,14 @@ class Struts:
             np.full(n, 2e-5),
             period_s=2e-3,
             step_s=1e-3,
-            feedback=fed_back / self.held[:, None] if servo else None,
-            holding=self.load / (self.gain * self.held) if servo else None,
+            feedback=fed_back / self.command_gain[:, None] if servo else None,
+            holding=self.load / (self.gain * self.command_gain) if servo else None,
         )
 
     def run(self, fault: Fault, onset: int, sent: np.ndarray) -> np.ndarray:
         """Positions (N, n) of carts at each tick, cart by cart: Newton, force by force."""
         n, step_s, mass = len(self.mass), 1e-3, np.diag(self.mass)
-        q, v, seen = np.zeros(n), np.zeros(n), []
+        q, v, positions = np.zeros(n), np.zeros(n), []
         strength, moving = np.ones(n), np.ones(n)
         for tick, u in enumerate(sent):
             if tick == onset:
@@ -203,12 +203,12 @@ class Struts:
                 else:
                     strength[fault.actuator] = fault.effectiveness
                 v = v * moving
-            seen.append(q)
+            positions.append(q)
             for _ in range(2):
                 servo = strength * (self.kp * (u - q) - self.kv * v + self.load)
                 v = v + step_s * moving * (servo - self.load - self.structure @ q) / mass
                 q = q + step_s * v
-        return np.array(seen)
+        return np.array(positions)
 
 
 def servo_carts(n: int, seed: int) -> Struts:

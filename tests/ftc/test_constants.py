@@ -14,14 +14,14 @@ RULES = "observer", "monitor", "decision"
 """Files whose every constant is one of the diagnosis; of the others those that decide."""
 
 
-@pytest.mark.parametrize(("file", "name", "written", "unit", "reason"), ROWS)
-def test_a_constant_of_the_page_is_that_of_the_code(file, name, written, unit, reason):
+@pytest.mark.parametrize(("file", "name", "value_text", "unit", "reason"), ROWS)
+def test_a_constant_of_the_page_is_that_of_the_code(file, name, value_text, unit, reason):
     inside = (Path(ftc.fdi.__file__).parent / f"{file}.py").exists()
     value = import_module(f"ftc.fdi.{file}" if inside else f"ftc.{file}")
     for part in name.split("."):
         value = getattr(value, part)
     numbers = value if isinstance(value, tuple) else (value,)
-    assert [float(each) for each in written.split(",")] == [*numbers]
+    assert [float(each) for each in value_text.split(",")] == [*numbers]
     assert unit.strip() and reason.strip()
 
 
@@ -29,8 +29,8 @@ def test_a_constant_of_the_page_is_that_of_the_code(file, name, written, unit, r
 def test_every_constant_of_the_rules_is_on_the_page(file):
     code = (Path(ftc.fdi.__file__).parent / f"{file}.py").read_text()
     lines = re.findall(r"^((?:_?[A-Z]\w+, )*_?[A-Z]{2}\w+) = [-\d(]", code, re.MULTILINE)
-    found = {name for line in lines for name in line.split(", ")}
-    assert found - {name for of, name, *_ in ROWS if of == file} <= ROUND_OFF
+    constants = {name for line in lines for name in line.split(", ")}
+    assert constants - {name for of, name, *_ in ROWS if of == file} <= ROUND_OFF
 
 
 ROUND_OFF = {"_LEAST_OFFSET", "_MOST_SAMPLES", "_TIE"}

@@ -51,9 +51,7 @@ ALL = np.ones(6)
 
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton"])
 @pytest.mark.parametrize("name", GOALS)
-def test_no_survivor_steps_when_the_mapping_changes_and_the_task_stays_while_the_rest_fades(
-    name, form
-):
+def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
     after, state = controller(GOALS[name], form), out(form)
     survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
     sent, bare = state.inputs[survivors], steady(after, state, 1).inputs[survivors]
@@ -81,7 +79,7 @@ def test_no_survivor_steps_when_the_mapping_changes_and_the_task_stays_while_the
         assert np.abs(surviving_m(first) - own).max() > 1e-7
 
 
-def test_a_handover_of_a_handover_owes_both_and_the_dither_goes_through():
+def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
     first, second, third = map(controller, (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"]))
     state = steady(second, second.transfer(out()), 100)
     then = steady(third, third.transfer(state), 1)
@@ -92,7 +90,7 @@ def test_a_handover_of_a_handover_owes_both_and_the_dither_goes_through():
     assert np.abs(then.inputs - state.inputs).max() <= 1.5 * LSB_PERCENT
 
 
-def test_a_weak_actuator_that_is_known_is_commanded_the_more():
+def test_the_command_of_a_known_weak_actuator_is_scaled():
     """Twice the command at half the strength is the same displacement, pose and handover."""
     aware = controller(replace(EQUAL, effectiveness={4: 0.5}))
     expected, state = out(), pulled(aware)
@@ -100,14 +98,14 @@ def test_a_weak_actuator_that_is_known_is_commanded_the_more():
     np.testing.assert_allclose(state.inputs, twice, atol=2 * LSB_PERCENT)
     assert abs(state.inputs[4]) > 40 * LSB_PERCENT
     # Six struts' last bits, 20 nm each at most, through J.
-    found, same = state.pose, expected.pose
-    np.testing.assert_allclose(found.translation_m, same.translation_m, atol=4e-8)
-    angles = pointing_angles(found.rotation), pointing_angles(same.rotation)
+    result, same = state.pose, expected.pose
+    np.testing.assert_allclose(result.translation_m, same.translation_m, atol=4e-8)
+    angles = pointing_angles(result.rotation), pointing_angles(same.rotation)
     np.testing.assert_allclose(*angles, atol=2e-7)
-    owed = aware.transfer(state).bumpless_transfer
-    assert owed is not None
-    np.testing.assert_allclose(owed.demand, 0, atol=2e-7)
-    np.testing.assert_allclose(owed.secondary_reference, 0, atol=4e-8)
+    transfer = aware.transfer(state).bumpless_transfer
+    assert transfer is not None
+    np.testing.assert_allclose(transfer.demand, 0, atol=2e-7)
+    np.testing.assert_allclose(transfer.secondary_reference, 0, atol=4e-8)
 
 
 # An actuator out of use: its command stays or fades, and the others take over.
@@ -132,7 +130,7 @@ def moving(controller, state: ControllerState, ticks: int) -> list[ControllerSta
         ("without force", "incremental"),  # a lock off centre has no incremental form
     ],
 )
-def test_a_command_that_is_kept_stays_to_the_bit(name, form: DisplacementForm):
+def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):
     """Whatever the others do, for longer than a handover takes; a second transfer keeps it, too."""
     after, state = controller(LOST[name], form), out(form)
     later = moving(after, after.transfer(state, retained=ALL), FADE + 20)
@@ -143,27 +141,27 @@ def test_a_command_that_is_kept_stays_to_the_bit(name, form: DisplacementForm):
 
 
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton", "incremental"])
-def test_another_falls_to_zero_as_half_a_cosine(form: DisplacementForm):
+def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
     after = controller(WITHOUT_2, form)
-    kept = moving(after, after.transfer(out(form), retained=ALL), 50)[-1]
-    fading = moving(after, after.transfer(kept), FADE + 10)
+    retained_state = moving(after, after.transfer(out(form), retained=ALL), 50)[-1]
+    fading = moving(after, after.transfer(retained_state), FADE + 10)
     expected = 0.5 * (1 + np.cos(np.pi * np.minimum(np.arange(FADE + 10) / FADE, 1)))
-    found = np.array([each.inputs[2] for each in fading]) / kept.inputs[2]
-    np.testing.assert_allclose(found, expected, atol=LSB_PERCENT / abs(kept.inputs[2]))
+    result = np.array([each.inputs[2] for each in fading]) / retained_state.inputs[2]
+    np.testing.assert_allclose(result, expected, atol=LSB_PERCENT / abs(retained_state.inputs[2]))
     assert fading[-1].inputs[2] == 0.0
 
 
-@pytest.mark.parametrize("left", [0.0, 0.3, 1.0])
-def test_the_others_take_over_what_a_weak_actuator_still_did(left):
+@pytest.mark.parametrize("remaining", [0.0, 0.3, 1.0])
+def test_the_others_take_over_the_remaining_effect_of_a_weak_actuator(remaining):
     """Statics: they and what is left of its force cause the same major task, tick by tick."""
     after, start, second = controller(WITHOUT_2), out(), np.arange(6) == 2
     u = after.drives.displacements(start.inputs)
-    lost = np.where(second, (1 - left) * u, 0.0)  # at the very moment of the failure
-    caused, state = [], after.transfer(start, lost, np.where(second, left, 0.0))
+    lost = np.where(second, (1 - remaining) * u, 0.0)  # at the very moment of the failure
+    caused, state = [], after.transfer(start, lost, np.where(second, remaining, 0.0))
     for _ in range(FADE + 2):
         state = steady(after, state, 1)
         sent = after.drives.displacements(state.inputs)
-        caused.append(pointing_of(np.where(second, left * sent, sent)))
+        caused.append(pointing_of(np.where(second, remaining * sent, sent)))
     assert state.inputs[2] == 0.0
     np.testing.assert_allclose(caused, [pointing_of(u)] * len(caused), atol=8e-8)
 
@@ -174,10 +172,14 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     acting = np.array([0, 0, 0.3, 0, 0, 0.4])
     state = out()
     half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
-    kept = steady(second, second.transfer(half, retained=ALL), 2 * FADE)
-    states = [half, kept, steady(second, second.transfer(kept, acting=acting), FADE + 2)]
-    left = np.where(acting, acting, 1.0)
-    caused = [pointing_of(left * second.drives.displacements(each.inputs)) for each in states]
+    retained_state = steady(second, second.transfer(half, retained=ALL), 2 * FADE)
+    states = [
+        half,
+        retained_state,
+        steady(second, second.transfer(retained_state, acting=acting), FADE + 2),
+    ]
+    remaining = np.where(acting, acting, 1.0)
+    caused = [pointing_of(remaining * second.drives.displacements(each.inputs)) for each in states]
     np.testing.assert_allclose(caused, [caused[0]] * 3, atol=8e-8)
     assert states[1].inputs[2] == pytest.approx(0.5 * state.inputs[2], abs=0.01 * state.inputs[2])
     assert states[2].inputs[[2, 5]].tolist() == [0.0, 0.0]
@@ -190,23 +192,23 @@ def tied_controller(system: ConstrainedSystem, goal: Goal, *form) -> Prioritized
 
 
 @pytest.mark.parametrize("form", ["absolute", "incremental"])
-def test_what_no_motion_follows_fades_once(form):
+def test_an_inadmissible_displacement_fades_once(form):
     """Of actuators tied by a loop: a second handover, half way, continues the first one."""
     tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
     controller = tied_controller(tied, Goal((1.0,) * 3), form)
     state = controller.transfer(replace(controller.start(), inputs=np.array([0.5, -0.5, 0.0])))
-    apart, still = [], Measurement(np.zeros(1), np.zeros(3))
+    difference, still = [], Measurement(np.zeros(1), np.zeros(3))
     for tick in range(160):
         state = controller.step(
             controller.transfer(state) if tick == 50 else state, np.zeros(1), still
         )
-        apart.append(state.inputs[0] - state.inputs[1])
-    assert apart[0] == pytest.approx(1.0) and apart[-1] == pytest.approx(0.0, abs=1e-12)
-    assert np.abs(np.diff(apart)).max() < 0.02
+        difference.append(state.inputs[0] - state.inputs[1])
+    assert difference[0] == pytest.approx(1.0) and difference[-1] == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(np.diff(difference)).max() < 0.02
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_that_closed_loops_take_along_is_commanded_where_they_take_it(seed):
+def test_a_free_actuator_in_closed_loops_is_commanded_to_its_position(seed):
     """Then its servo and the others agree, whether it is free, sound after all, or works again."""
     rng = np.random.default_rng(seed)
     C = rng.normal(size=(1, 4))
@@ -234,11 +236,11 @@ def test_the_stepped_loop_is_the_linear_one_of_python_control():
     L = P * control.ss([], [], [], gain, PERIOD_S) * control.append(*[own.loop.discrete] * 2)
     T, time_s = control.feedback(L, np.eye(2)), PERIOD_S * np.arange(len(reference))
     expected = np.asarray(control.forced_response(T, time_s, reference.T).outputs).T
-    found = [tick.output for tick in ticks]
-    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12)
+    result = [tick.output for tick in ticks]
+    np.testing.assert_allclose(result, expected, rtol=1e-8, atol=1e-12)
     assert np.linalg.norm(reference - expected) < 0.7 * np.linalg.norm(reference)
 
 
-def test_a_crossover_that_no_loop_can_have_is_refused():
+def test_an_unstable_crossover_is_rejected():
     with pytest.raises(UnstableLoop, match="crossover of 80"):
         compensator(stage().channel, LoopShape(80.0, 400.0, 0.7), PERIOD_S)

@@ -16,7 +16,7 @@ TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)
 """Reached within the first second."""
 
 
-def test_a_spiral_is_passed_at_constant_speed_either_way():
+def test_a_spiral_has_constant_speed_in_both_directions():
     time_s = np.arange(16000) * 1e-3
     path = spiral(time_s, radius_rad=1e-4, turns=8, duration_s=16.0, exponent=0.5)
     speed = np.linalg.norm(np.diff(path, axis=0), axis=1)[2000:]
@@ -47,7 +47,7 @@ def test_no_angle_is_demanded_beyond_the_limit_and_each_has_its_own():
 
 
 @pytest.mark.parametrize("anti_windup", [False, True])
-def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(anti_windup):
+def test_an_integrator_at_its_limit_winds_up_without_anti_windup(anti_windup):
     """After the error has changed its sign a held one leaves the limit at once, the other late."""
     bench = replace(TIGHT, anti_windup=anti_windup)
     controller, state, _ = demands(bench, 1000, [5e-6, 0.0])

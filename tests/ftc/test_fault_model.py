@@ -49,7 +49,7 @@ def simulate(
 
 @kinds
 @pytest.mark.parametrize("strut", range(6))
-def test_the_hexapod_moves_as_mujocos_whose_strut_fails_in_flight(strut, kind, model):
+def test_the_hexapod_moves_as_mujocos_with_a_failed_strut(strut, kind, model):
     """By the healthy machine's model alone; a lock takes the speed by an impact, and stays."""
     nominal, rng = hexapod_rig().nominal, np.random.default_rng(strut)
     time_s = np.arange(240)[:, None] * nominal.period_s
@@ -84,7 +84,7 @@ def test_a_failure_leaves_one_fault_behind():
         Fault.of(Failure("strut1", "free"))
 
 
-def test_a_plant_whose_states_are_no_positions_and_velocities_is_refused():
+def test_a_plant_without_positions_and_velocities_is_rejected():
     plant = control.ss(np.eye(6), np.ones((6, 3)), np.ones((3, 6)), 0)
     with pytest.raises(ValueError, match=r"\[q; q_dot\]"):
         replace(carts(0, n=3), plant=plant)
@@ -108,12 +108,12 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
 def test_a_weak_servo_rests_where_its_forces_balance():
     """Springs and servos against loads: K x = kp left u + load, as statics has it."""
     plant, u = servo_carts(3, 4), np.array([1e-3, -2e-3, 5e-4])
-    left = np.array([1.0, 0.4, 1.0])
-    stiffness = plant.structure + np.diag(left * plant.kp)
-    at_rest = np.linalg.solve(stiffness, left * plant.kp * u + (left - 1) * plant.load)
-    found = resting_displacements(plant.nominal(), [Fault(1, "weak", 0.4)], u)
-    assert found is not None
-    np.testing.assert_allclose(found, at_rest, rtol=1e-9)
+    remaining = np.array([1.0, 0.4, 1.0])
+    stiffness = plant.structure + np.diag(remaining * plant.kp)
+    expected = np.linalg.solve(stiffness, remaining * plant.kp * u + (remaining - 1) * plant.load)
+    result = resting_displacements(plant.nominal(), [Fault(1, "weak", 0.4)], u)
+    assert result is not None
+    np.testing.assert_allclose(result, expected, rtol=1e-9)
     falls = replace(plant, structure=np.zeros((3, 3))).nominal()
     assert resting_displacements(falls, [Fault(0, "free")], u) is None
     assert resting_displacements(falls, [Fault(0, "weak", 0.1)], u) is not None
@@ -123,7 +123,7 @@ def test_a_weak_servo_rests_where_its_forces_balance():
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 8))]
 )
-def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
+def test_a_failed_servo_is_isolated_despite_model_errors(seed, kind):
     """Masses, springs and servos wrong by some percent, two to five of them loaded.
 
     Up to the confirmation: what springs leave of a free cart is known as little.
@@ -138,19 +138,19 @@ def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
     fault = Fault(int(rng.integers(n)), kind, rng.uniform(0.2, 0.7) * (kind == "weak"))
     sent = random_walk(n, 900, rng)
     y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
-    fdi_monitor, named = monitor(model.nominal()), []
+    fdi_monitor, diagnoses = monitor(model.nominal()), []
     state, late = (
         fdi_monitor.start(),
         np.vstack([0 * sent[:1], sent[:-1]]),
     )  # what came before each tick
     for measured, u in zip(y, late, strict=True):
         state = fdi_monitor.step(state, measured, u)
-        named += [state.diagnosis] if state.diagnosis else []
-        if named and named[-1].confirmed:
+        diagnoses += [state.diagnosis] if state.diagnosis else []
+        if diagnoses and diagnoses[-1].confirmed:
             break
-    assert named and not state.unexplained
-    assert {each.fault.actuator for each in named} == {fault.actuator}
-    assert kind in named[-1].kinds
+    assert diagnoses and not state.unexplained
+    assert {each.fault.actuator for each in diagnoses} == {fault.actuator}
+    assert kind in diagnoses[-1].kinds
 
 
 def model_of(plant: Plant, noise: float, period_s: float) -> NominalModel:
@@ -216,14 +216,14 @@ def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_frictionforces_are_those_of_least_energy_within_the_limits(seed):
+def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
     """Forces f minimize f'K f / 2 + f'c: bounded least squares, of a coupled random K."""
     rng, n = np.random.default_rng(seed), 4
     root, nominal = rng.normal(size=(n, n)), servo_carts(n, seed).nominal()
     M = root @ root.T + np.eye(n)
     limit = rng.uniform(0.01, 0.1, n)
-    rubs = M, np.eye(n), limit, rng.uniform(0.1, 1, n), np.ones(n)
-    model = fault_model(replace(nominal, period_s=STEP_S, friction=rubs))
+    friction_arrays = M, np.eye(n), limit, rng.uniform(0.1, 1, n), np.ones(n)
+    model = fault_model(replace(nominal, period_s=STEP_S, friction=friction_arrays))
     x, u = 1e-3 * rng.normal(size=2 * n), 1e-3 * rng.normal(size=n)
     free = fault_model(replace(nominal, period_s=STEP_S)).step(x, u)
     friction = model.dry_friction
@@ -235,11 +235,13 @@ def test_frictionforces_are_those_of_least_energy_within_the_limits(seed):
     assert (np.abs(best.x) > 0.99 * limit).any()
 
 
-RUBBED = [[], [Fault(1, "locked")], [Fault(0, "free")]]
+FRICTION_FAULTS = [[], [Fault(1, "locked")], [Fault(0, "free")]]
 """Faults of carts that rub."""
 
 
-def rubbed(nominal: NominalModel, faults: list[Fault], ticks: int = 4) -> UncertainModel:
+def uncertain_model_of(
+    nominal: NominalModel, faults: list[Fault], ticks: int = 4
+) -> UncertainModel:
     """Its model, with an error that is none, and limits that may be half of what they are."""
     plant = partial(fault_model, nominal)
     return uncertain_model(plant, faults, others=[plant], friction=0.5, ticks=ticks)
@@ -249,13 +251,13 @@ def wave(sample: int) -> np.ndarray:
     return 5e-4 * np.array([np.sin(0.2 * sample), np.cos(0.1 * sample), 1.0])
 
 
-@pytest.mark.parametrize("faults", RUBBED)
+@pytest.mark.parametrize("faults", FRICTION_FAULTS)
 def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
     ticks, n, nominal = 4, 3, carts_with_friction(2, 0.15)
     truth = fault_model(nominal, faults)
     other = fault_model(carts_with_friction(2, [0.075, 0.15, 0.15]), faults)
-    model = rubbed(nominal, faults, ticks)
+    model = uncertain_model_of(nominal, faults, ticks)
     assert (len(model.M), model.first_limit) == (2 + n, 2)
     X, runs = np.zeros((2 + n, 2 * n)), np.zeros((3, 2 * n))
     X[1] = 1e-9 * np.random.default_rng(0).normal(size=2 * n)
@@ -263,22 +265,24 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     for sample in range(60):
         u = wave(sample)
         Y, X = model.step(X, np.array([*u, *u, 1.0]))
-        seen = []
+        samples = []
         for _ in range(ticks):
-            seen.append([truth.C @ x for x in runs])
+            samples.append([truth.C @ x for x in runs])
             runs = np.array(
                 [of.step(x, u) for of, x in zip((truth, truth, other), runs, strict=True)]
             )
-        x, _, smaller = np.mean(seen, axis=0)
+        x, _, smaller = np.mean(samples, axis=0)
         np.testing.assert_allclose(Y[[0, 2]], [x, x - smaller], atol=1e-6)
-        beside = runs[1] - runs[0]
-        np.testing.assert_allclose(X[1], beside, atol=1e-3 * np.abs(beside).max())
+        deviation = runs[1] - runs[0]
+        np.testing.assert_allclose(X[1], deviation, atol=1e-3 * np.abs(deviation).max())
     np.testing.assert_allclose(X[[0, 2]], [runs[0], runs[0] - runs[2]], atol=1e-12)
     assert np.abs(X[2]).max() > 1e-6
 
 
-def test_models_that_rub_move_side_by_side_as_each_alone():
-    models = [rubbed(carts_with_friction(2, 0.15), faults) for faults in RUBBED]
+def test_models_with_friction_move_together_as_each_alone():
+    models = [
+        uncertain_model_of(carts_with_friction(2, 0.15), faults) for faults in FRICTION_FAULTS
+    ]
     alone = [np.zeros((len(model.M), 6)) for model in models]
     X = np.array(alone)[:, None]
     for sample in range(20):
@@ -292,7 +296,7 @@ def test_models_that_rub_move_side_by_side_as_each_alone():
 
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 @pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
-def test_the_model_with_frictionmoves_as_mujocos_plant(tmp_path, integrator, fault):
+def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
     """Sticking, slipping and creeping alike, before and after a failure; the lock is a soft one."""
     file = models.saved(tmp_path, "rubbing_arm", ("implicitfast", integrator))
     arm = load_model(file, add_locks=True)
@@ -319,14 +323,14 @@ LEFT = st.floats(0.01, 1.0)
 
 @examples(30)
 @given(SEEDS, NUMBERS, LEFT)
-def test_a_servo_goes_where_it_is_told_within_the_compliance_of_its_load(seed, n, left):
+def test_a_weak_servo_reaches_its_command_within_the_compliance_of_its_load(seed, n, remaining):
     """Of stiffness e k against a load s: e k / (s + e k), which of a stiff servo is almost one."""
     plant = servo_carts(n, seed)
     for k in range(n):
         others = np.where(np.arange(n) == k, 0.0, plant.kp)
         s, kp = 1 / np.linalg.inv(plant.structure + np.diag(others))[k, k], plant.kp[k]
-        expected = left * (s + kp) / (s + left * kp)
-        share = static_share(plant.nominal(), Fault(k, "weak", left))
+        expected = remaining * (s + kp) / (s + remaining * kp)
+        share = static_share(plant.nominal(), Fault(k, "weak", remaining))
         assert abs(share - expected) < 2e-3
 
 
@@ -350,7 +354,7 @@ def test_a_mass_that_nothing_holds_is_moved_by_the_force_that_is_left():
 
 
 @pytest.mark.parametrize("ticks_a_second", [2000, 1000, 500, 250])
-def test_what_nothing_brings_to_rest_has_moved_as_far_at_any_control_rate(ticks_a_second):
+def test_a_motion_without_restoring_force_does_not_depend_on_the_control_rate(ticks_a_second):
     """In a hundred seconds, by 3 m/s^2 against a damper of 5 /s; a servo beside it is at rest."""
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.diag([0.0, -900.0]), np.diag([-5.0, -30.0])]])
     plant = control.ss(A, np.vstack([np.zeros((2, 2)), np.diag([3.0, 900.0])]), np.eye(1, 4), 0)
@@ -358,7 +362,7 @@ def test_what_nothing_brings_to_rest_has_moved_as_far_at_any_control_rate(ticks_
     np.testing.assert_allclose(static_gain(slides), np.diag([3 / 5 / 1e-2, 1.0]), rtol=3e-3)
 
 
-def test_what_moves_less_than_half_of_what_it_is_told_is_not_used():
+def test_an_actuator_with_less_than_half_its_displacement_is_not_used():
     coil, servo = carts(0), servo_carts(2, 0).nominal()
     assert used_share(coil, Fault(0, "weak", WEAKEST + 0.01)) > WEAKEST
     assert used_share(coil, Fault(0, "weak", WEAKEST - 0.01)) == 0.0

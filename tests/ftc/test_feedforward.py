@@ -57,27 +57,27 @@ ONE = np.eye(1)
 def test_the_response_to_the_demands_is_the_path(seed):
     """Servos lag by many times what is left of the error."""
     (nominal, gain), path = servos(seed), circle()
-    left = path - response(nominal, gain, inverse_feedforward(nominal, gain, path))
+    remaining = path - response(nominal, gain, inverse_feedforward(nominal, gain, path))
     lag = path - response(nominal, gain, path)
     assert np.linalg.norm(lag) > 0.15 * np.linalg.norm(path)
-    assert np.linalg.norm(left) < 0.1 * np.linalg.norm(lag)
+    assert np.linalg.norm(remaining) < 0.1 * np.linalg.norm(lag)
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_the_demands_are_the_least_squares_answer(backwards):
+def test_the_demands_are_the_least_squares_solution(backwards):
     """Against one dense least-squares problem over all demands of the path, and after it."""
     nominal, gain = (BACKWARDS, ONE) if backwards else servos(1)
     path = circle(0.3, 150)[:, : len(gain.T)]
-    held = np.vstack([path, np.tile(path[-1], (450 // len(path.T), 1))])
-    ticks, m = held.shape
+    extended = np.vstack([path, np.tile(path[-1], (450 // len(path.T), 1))])
+    ticks, m = extended.shape
     after = [response(nominal, gain, np.eye(1, ticks).T * axis).T for axis in np.eye(m)]
     T = np.block([[toeplitz(h[row], np.zeros(ticks)) for h in after] for row in range(m)])
-    weight, wanted = np.sqrt(WEIGHT), held.T.ravel()
+    weight, target = np.sqrt(WEIGHT), extended.T.ravel()
     stacked = np.vstack([T, weight * np.eye(ticks * m)])
-    best = np.linalg.lstsq(stacked, np.concatenate([wanted, weight * wanted]), rcond=None)[0]
+    best = np.linalg.lstsq(stacked, np.concatenate([target, weight * target]), rcond=None)[0]
     best = best.reshape(m, ticks).T[: len(path)]
-    found = inverse_feedforward(nominal, gain, path)
-    np.testing.assert_allclose(found, best, atol=5e-4 * np.abs(best).max())
+    result = inverse_feedforward(nominal, gain, path)
+    np.testing.assert_allclose(result, best, atol=5e-4 * np.abs(best).max())
 
 
 @given(scale=st.floats(1e-6, 1e6), row=st.integers(0, 1))
@@ -89,12 +89,12 @@ def test_units_do_not_matter(scale, row):
     unit = np.ones(2)
     unit[row] = scale
     scaled = nominal.measured(unit[:, None] * nominal.plant.C, unit * nominal.noise)
-    found, expected = inverse_feedforward(scaled, gain / unit, path * unit), demands * unit
+    result, expected = inverse_feedforward(scaled, gain / unit, path * unit), demands * unit
     tiny = 1e-9 * np.abs(expected).max(axis=0).min()
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=tiny)
+    np.testing.assert_allclose(result, expected, rtol=1e-6, atol=tiny)
 
 
-def test_what_no_output_sees_does_no_harm():
+def test_unobservable_modes_do_not_matter():
     """A rod that spins about itself drifts for ever; it is no part of the inverse."""
     path = circle()
     w, zeta = np.array([80.0, 90.0, 0.0]), np.array([3.0, 4.0, 0.0])

@@ -98,7 +98,7 @@ HERE = r"\(test_guarded_controller.py, line \d+\)"
         (hang_twice, r"took longer than 0\.05 s"),
     ],
 )
-def test_after_a_failure_the_last_inputs_are_held_and_a_sentence_says_why(bad, sentence):
+def test_after_a_failure_the_last_inputs_are_held_and_the_reason_is_reported(bad, sentence):
     """Before it the run is bit for bit that of a controller that does not fail."""
     healthy, failed = run(Proportional), run(failing(bad), limit_s=0.05)
     assert healthy.state.failure is None
@@ -117,12 +117,12 @@ def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, 
     assert re.fullmatch(sentence, done.state.failure or "")
 
 
-def test_a_controller_gets_floats_whatever_a_sensor_counts_in():
+def test_a_controller_gets_floats_for_integer_readings():
     done = run(Proportional, machine=Still(int))
     assert done.state.failure is None and done.inputs.any()
 
 
-def test_after_a_missing_reading_a_controller_goes_on():
+def test_after_a_missing_reading_a_controller_continues():
     """In the tick of the gap alone its commands stand, and it is not asked."""
 
     class Blinking(Still):
@@ -151,9 +151,9 @@ def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
                 self.sent[:] = np.nan
             return State(0, self.sent)
 
-    kept, done, usual = REFERENCE.copy(), run(Overwriting), run(Proportional)
+    expected_reference, done, usual = REFERENCE.copy(), run(Overwriting), run(Proportional)
     np.testing.assert_array_equal(done.measured, usual.measured)
-    assert np.array_equal(kept, REFERENCE)
+    assert np.array_equal(expected_reference, REFERENCE)
     ticks = np.arange(TICKS)
     expected = usual.inputs[np.minimum(ticks, BAD - 1) if fails else ticks]
     np.testing.assert_array_equal(done.inputs, expected)
@@ -168,6 +168,6 @@ def test_the_clock_is_stopped_between_steps():
     assert signal.getsignal(signal.SIGALRM) is before
 
 
-def test_a_task_that_does_not_fit_together_is_refused():
+def test_an_inconsistent_task_is_rejected():
     with pytest.raises(ValueError, match="major must have a row for each of the 2 outputs"):
         replace(stage().task, major=(0,))

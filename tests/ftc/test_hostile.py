@@ -89,7 +89,7 @@ TRUSTED = {
     *("PrioritizedMapping.estimate", "PrioritizedMapping.at"),
     *("DirectDrive.inputs", "DirectDrive.displacements"),
 }
-FOUND = public(
+TARGETS = public(
     *(
         ftc,
         loops.sensitivity_peak,
@@ -141,8 +141,8 @@ def on_three(geometry: Any) -> Any:
     return geometry.moved(geometry.nominal, STILL), geometry.system.J_T
 
 
-def separated(found: Any) -> Any:
-    return found.distance, found.from_none, found.between_actuators
+def separated(result: Any) -> Any:
+    return result.distance, result.from_none, result.between_actuators
 
 
 @cache
@@ -251,7 +251,7 @@ def room() -> Room:
         "Goal": lambda goal: (s.mapping(goal).major_gain(), simulate(s.make_controller(goal))),
         **{"PrioritizedMapping": mapped, "LocalGeometry": on_three, "MechanismGeometry": on_three},
         "LoopShape": lambda shape: ftc.compensator(s.channel, shape, PERIOD_S),
-        **{"Margins": lambda found: found.phase_margin_deg, "NominalModel": broken},
+        **{"Margins": lambda result: result.phase_margin_deg, "NominalModel": broken},
         "Tracking": lambda made: (made.loops, made.nominal.noise, simulate(made.controller(GOAL))),
         "Manipulability": lambda report: report.worst_gain,
         "LoopRun": lambda run: (run.measured, run.inputs),
@@ -273,7 +273,7 @@ def room() -> Room:
     gaps |= {"Supervisor.step": ("measurement",)}
     gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy takes masks off, not we
     return Room(
-        found=FOUND,
+        found=TARGETS,
         good=good,
         special=special,
         of=of,
@@ -285,5 +285,5 @@ def room() -> Room:
     )
 
 
-test_a_hostile_argument_is_named_or_harmless = one_by_one(room, FOUND)
+test_a_hostile_argument_is_reported_or_harmless = one_by_one(room, TARGETS)
 test_so_are_two_of_them = two_at_once(room)

@@ -33,7 +33,7 @@ def test_one_tick_after_the_other_is_the_loop(kind):
     np.testing.assert_array_equal(looped.inputs, inputs)
 
 
-class Own:
+class UserController:
     """A controller that a user brings: it knows of no feedforward."""
 
     def start(self) -> Any:
@@ -45,7 +45,7 @@ class Own:
         return SimpleNamespace(inputs=reference)
 
 
-class Taking(Own):
+class WithFeedforward(UserController):
     """One that does."""
 
     def step(self, state, reference, measurement, *, feedforward=None):
@@ -55,29 +55,31 @@ class Taking(Own):
 
 def test_feedforward_reaches_the_controllers_that_take_it():
     path, ahead = np.ones((3, 2)), np.arange(6.0).reshape(3, 2)
-    np.testing.assert_array_equal(run_loop(Still(), Taking(), path, ahead).inputs, ahead)
-    np.testing.assert_array_equal(run_loop(Still(), Taking(), path).inputs, path)
-    np.testing.assert_array_equal(run_loop(Still(), Own(), path, ahead).inputs, path)
-    state, seen = one_tick(Still(), Taking().step, Taking().start(), path[0], feedforward=ahead[1])
+    np.testing.assert_array_equal(run_loop(Still(), WithFeedforward(), path, ahead).inputs, ahead)
+    np.testing.assert_array_equal(run_loop(Still(), WithFeedforward(), path).inputs, path)
+    np.testing.assert_array_equal(run_loop(Still(), UserController(), path, ahead).inputs, path)
+    state, seen = one_tick(
+        Still(), WithFeedforward().step, WithFeedforward().start(), path[0], feedforward=ahead[1]
+    )
     np.testing.assert_array_equal(state.inputs, ahead[1])
     np.testing.assert_array_equal(seen, Still().measure().output)
     with pytest.raises(ValueError, match="feedforward must have shape"):
-        run_loop(Still(), Taking(), path, ahead[:2])
+        run_loop(Still(), WithFeedforward(), path, ahead[:2])
 
 
-@pytest.mark.parametrize("rubs", [False, True])
-def test_a_batch_of_settings_is_each_setting_alone(rubs):
+@pytest.mark.parametrize("has_friction", [False, True])
+def test_a_batch_of_settings_is_each_setting_alone(has_friction):
     """Limits of demands, anti-windup and starts of a stage; dry friction of carts on servos."""
-    rng, own = np.random.default_rng(0), stage()
+    rng, small = np.random.default_rng(0), stage()
     settings: dict[str, Any] = {}
     nominal, disturbance = carts_with_friction(0), None
-    if rubs:
+    if has_friction:
         whole = Stage(fault_model(nominal))
         loops: Any = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3
         reference = 1e-3 * rng.normal(size=(3, 20, 3)).cumsum(axis=1)
     else:
-        nominal, loops = own.nominal, [own.loop] * 2
-        whole = Stage(fault_model(nominal), gain=own.mapping().major_gain())
+        nominal, loops = small.nominal, [small.loop] * 2
+        whole = Stage(fault_model(nominal), gain=small.mapping().major_gain())
         settings["limit"] = np.array([1e-2, 2e-2, np.inf])
         settings["anti_windup"] = np.array([True, False, True])
         settings["start"] = 1e-4 * rng.normal(size=(3, 6))
@@ -94,6 +96,6 @@ def test_a_batch_of_settings_is_each_setting_alone(rubs):
     many = states(slice(None))
     for k in range(3):
         np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-15)
-    if rubs:  # and a tick of it is that of the model
+    if has_friction:  # and a tick of it is that of the model
         u = 0.2 * (reference[1, 7] - nominal.plant.C @ many[1, 7])
         np.testing.assert_allclose(whole.model.step(many[1, 7], u), many[1, 8], atol=1e-12)

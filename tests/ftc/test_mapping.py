@@ -28,20 +28,20 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @examples(40)
 @given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
-def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_at):
+def test_the_achieved_task_is_the_nearest_within_the_limits(seed, locked_at):
     """An independent bounded solver finds the same error, stuck actuators included.
 
     Whatever the others are told to do beside it, beyond their limits or not.
     """
     own, rng = serial(seed), np.random.default_rng(seed + 1)
-    demand, beside = rng.normal(size=2), rng.choice([0.0, 10.0]) * rng.normal(size=5)
+    demand, secondary = rng.normal(size=2), rng.choice([0.0, 10.0]) * rng.normal(size=5)
     mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_at=locked_at))
-    found_m, residual = mapping.tick(demand, own.nominal, secondary_reference=beside)
-    assert np.abs(found_m).max() <= 0.5
-    assert not found_m[list(locked_at)].any()
-    standing_m = found_m.copy()
-    standing_m[list(locked_at)] = list(locked_at.values())
-    achieved = mapping.major_motion(standing_m, own.nominal)
+    result_m, residual = mapping.tick(demand, own.nominal, secondary_reference=secondary)
+    assert np.abs(result_m).max() <= 0.5
+    assert not result_m[list(locked_at)].any()
+    all_m = result_m.copy()
+    all_m[list(locked_at)] = list(locked_at.values())
+    achieved = mapping.major_motion(all_m, own.nominal)
     assert residual is not None
     np.testing.assert_allclose(residual, demand - achieved, atol=1e-9)
     J = own.system.J_T[MAJOR]
@@ -58,14 +58,14 @@ def test_limits_that_are_not_reached_change_nothing(seed):
     demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
     unlimited = limited(own, None)
     free = unlimited.displacements(demand, own.nominal, secondary_reference=reference_m)
-    found, residual = unlimited.tick(demand, own.nominal, secondary_reference=reference_m)
-    np.testing.assert_array_equal(found, free)
+    result, residual = unlimited.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_array_equal(result, free)
     assert residual is None
     wide = np.where(np.arange(5) % 2, np.inf, 2 * np.abs(free).max())
     box = (-wide, wide)
     mapping = PrioritizedMapping(own, Goal((1.0,) * 5), MAJOR, SECONDARY, limits=box)
-    found, residual = mapping.tick(demand, own.nominal, secondary_reference=reference_m)
-    np.testing.assert_allclose(found, free, atol=1e-10)
+    result, residual = mapping.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_allclose(result, free, atol=1e-10)
     assert residual is not None and np.abs(residual).max() < 1e-10
 
 
@@ -85,7 +85,7 @@ def test_scaled_demands_keep_their_direction(seed):
         (Goal(locked_at={1: 0.1}), None, "with an actuator locked off centre"),
     ],
 )
-def test_what_increments_cannot_do_is_refused(goal, limits, why):
+def test_the_incremental_form_rejects_limits_and_locks_off_centre(goal, limits, why):
     with pytest.raises(ValueError, match=f'form must be "absolute" or "gauss_newton" {why}'):
         PrioritizedMapping(serial(0), goal, MAJOR, SECONDARY, limits=limits, form="incremental")
 
@@ -123,8 +123,8 @@ def by_objects(mapping: PrioritizedMapping[Any]) -> PrioritizedMapping[Any]:
 def goal_of(rng: np.random.Generator, n: int, rows: int, *, fails: bool) -> Goal:
     """Random weights, and perhaps an actuator that stands, off centre or not."""
     secondary = tuple(rng.uniform(0.5, 2.0, rows)) if rng.random() < 0.5 else None
-    standing = {int(rng.integers(n)): float(rng.choice([0.0, 1e-4]))} if fails else {}
-    return Goal(tuple(rng.uniform(0.5, 2.0, n)), secondary, locked_at=standing)
+    locked = {int(rng.integers(n)): float(rng.choice([0.0, 1e-4]))} if fails else {}
+    return Goal(tuple(rng.uniform(0.5, 2.0, n)), secondary, locked_at=locked)
 
 
 Ticks = tuple[PrioritizedMapping[Any], Callable[[], tuple[Any, ...]]]
@@ -177,22 +177,22 @@ def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mapping
     """Ten thousand of them, if it is to take long."""
     rng, compiled = np.random.default_rng(0), 0
     for _ in range(mappings):
-        mapping, draw = hexapod_ticks(rng) if name == "hexapod" else robot_ticks(name, rng)
+        mapping, sample_tick = hexapod_ticks(rng) if name == "hexapod" else robot_ticks(name, rng)
         for _ in range(ticks):
-            demand, pose, *rest = draw()
-            found, lacking = mapping.tick(demand, pose, *rest)
-            expected, known = by_objects(mapping).tick(demand, pose, *rest)
+            demand, pose, *others = sample_tick()
+            result, residual = mapping.tick(demand, pose, *others)
+            expected, known = by_objects(mapping).tick(demand, pose, *others)
             size = np.abs(expected).max()
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * size)
-            assert (lacking is None) == (known is None)
-            if lacking is not None and known is not None:
-                np.testing.assert_allclose(lacking, known, atol=1e-9 * np.abs(demand).max())
+            np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-9 * size)
+            assert (residual is None) == (known is None)
+            if residual is not None and known is not None:
+                np.testing.assert_allclose(residual, known, atol=1e-9 * np.abs(demand).max())
         compiled += mapping._ticks[mapping.limits is not None] is not None
     assert compiled == mappings
 
 
 @pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
-def test_the_secondary_gain_is_what_a_reference_moves(weights):
+def test_the_secondary_gain_is_the_effect_of_a_reference(weights):
     """A small reference at the nominal pose moves the commands by the gain, the task not at all."""
     goal = Goal(
         joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,
@@ -204,6 +204,6 @@ def test_the_secondary_gain_is_what_a_reference_moves(weights):
     system = ConstrainedSystem.of(mechanism("arm").jacobians(mapping.nominal))
     assert np.linalg.matrix_rank(gain, 1e-9) == 5 - ("off" in weights) - ("secondary" in weights)
     np.testing.assert_allclose(system.kinematics().J[[0, 1]] @ gain, 0.0, atol=1e-12)
-    for wish in 1e-3 * np.eye(7):
-        moved = mapping.displacements(still, mapping.nominal, np.zeros(7), None, wish)
-        np.testing.assert_allclose(moved, gain @ wish, atol=1e-12)
+    for reference in 1e-3 * np.eye(7):
+        moved = mapping.displacements(still, mapping.nominal, np.zeros(7), None, reference)
+        np.testing.assert_allclose(moved, gain @ reference, atol=1e-12)

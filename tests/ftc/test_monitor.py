@@ -83,8 +83,11 @@ def quiet(samples: int, offset: float) -> tuple[Monitor, list]:
     return fdi_monitor, states
 
 
-def judged(
-    says: Callable[[int], Decision], samples: int = 360, shock: int = SHOCK, offset: float = 0.0
+def run_monitor(
+    decisions: Callable[[int], Decision],
+    samples: int = 360,
+    shock: int = SHOCK,
+    offset: float = 0.0,
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
     fdi_monitor, before = quiet(min(samples, shock), offset)
@@ -93,7 +96,9 @@ def judged(
 
     def scripted(bank, evidence, sample, *, disturbed):
         """What is given, with as many likelihoods as there are onsets."""
-        return replace(says(sample), best=np.resize(says(sample).best, len(evidence.onsets)))
+        return replace(
+            decisions(sample), best=np.resize(decisions(sample).best, len(evidence.onsets))
+        )
 
     for tick in range(len(before) - 1, TICKS * samples + 1):
         y = noise(TICKS * samples + 1)[tick] + 50.0 * (tick // TICKS == shock) + offset
@@ -108,10 +113,10 @@ def judged(
 
 def changes_at(sample: int, before: Decision, after: Decision, samples: int = 360):
     """States where the verdict becomes another so many samples after the shock."""
-    return judged(lambda now: before if now < SHOCK + sample else after, samples)
+    return run_monitor(lambda now: before if now < SHOCK + sample else after, samples)
 
 
-def named(states: dict[int, MonitorState]) -> dict[int, Fault]:
+def isolated_faults(states: dict[int, MonitorState]) -> dict[int, Fault]:
     return {
         sample: state.diagnosis.fault
         for sample, state in states.items()
@@ -119,17 +124,17 @@ def named(states: dict[int, MonitorState]) -> dict[int, Fault]:
     }
 
 
-def test_an_alarm_is_looked_into_until_an_actuator_is_certain_and_named():
+def test_an_alarm_leads_to_the_isolation_of_a_certain_actuator():
     states = changes_at(20, UNSURE, LOCKED)
     assert all(state.evidence is None for sample, state in states.items() if sample < SHOCK)
     assert states[SHOCK].evidence is not None and states[SHOCK].alarm_ticks == (282,)
-    first = min(named(states))
+    first = min(isolated_faults(states))
     assert SHOCK + 20 <= first < SHOCK + 22  # hypotheses are judged every 16 ms
-    found = states[first].diagnosis
-    assert found is not None and found.fault == LOCKED.fault and not found.confirmed
-    assert (found.alarm_tick, found.tick) == (282, TICKS * first + TICKS)
-    assert found.onset_tick == TICKS * (SHOCK - 1)
-    assert found.displacement == pytest.approx(usual().nominal.displacement[2] @ STATE)
+    result = states[first].diagnosis
+    assert result is not None and result.fault == LOCKED.fault and not result.confirmed
+    assert (result.alarm_tick, result.tick) == (282, TICKS * first + TICKS)
+    assert result.onset_tick == TICKS * (SHOCK - 1)
+    assert result.displacement == pytest.approx(usual().nominal.displacement[2] @ STATE)
 
 
 @pytest.mark.parametrize(
@@ -145,10 +150,10 @@ def test_an_alarm_is_looked_into_until_an_actuator_is_certain_and_named():
         ({"inflation": 31.0, "unexplained": 0.011}, False),
     ],
 )
-def test_a_failure_is_named_if_it_is_certain_and_explains_what_is_seen(change, is_isolated):
+def test_a_failure_is_isolated_if_it_is_certain_and_explains_the_residuals(change, is_isolated):
     """Else the alarm is given up when onsets are no longer looked for so far back."""
-    states = judged(lambda sample: replace(LOCKED, **change), SHOCK + 115)
-    assert bool(named(states)) == is_isolated
+    states = run_monitor(lambda sample: replace(LOCKED, **change), SHOCK + 115)
+    assert bool(isolated_faults(states)) == is_isolated
     given_up = [sample for sample, state in states.items() if state.unexplained]
     assert bool(given_up) == (not is_isolated)
     if "actuator_confidence" in change and not is_isolated:
@@ -157,19 +162,19 @@ def test_a_failure_is_named_if_it_is_certain_and_explains_what_is_seen(change, i
         assert last.evidence is None and last.relearns == 80  # as many as at the start
 
 
-def test_while_nothing_fits_evidence_begins_anew_after_what_was_before():
+def test_evidence_is_restarted_while_no_hypothesis_fits():
     """After 0.2 s each, of 20 samples, with onsets in the last half of them."""
     states = changes_at(45, MISFIT, LOCKED, SHOCK + 50)
     first = {k: each.evidence.onsets[0] for k, each in states.items() if each.evidence is not None}
     starts = [k for k in range(SHOCK + 1, SHOCK + 45) if first[k] != first[k - 1]]
     assert len(starts) == 2 and all(20 <= gap <= 22 for gap in np.diff([SHOCK, *starts]))
     assert all(at - 10 <= first[at] < at for at in starts)
-    assert min(named(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
+    assert min(isolated_faults(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
 
 
 def test_after_an_unexplained_alarm_the_monitor_is_not_blind():
     """What it knew before is tested by from the next sample on, and what is new is learned."""
-    states = judged(lambda sample: UNSURE, SHOCK + 190)
+    states = run_monitor(lambda sample: UNSURE, SHOCK + 190)
     given_up = min(sample for sample, state in states.items() if state.unexplained)
     last, then = states[given_up - 1], states[given_up]
     np.testing.assert_array_equal(then.observer.whitening, last.observer.whitening)
@@ -188,29 +193,29 @@ def test_an_alarm_is_dismissed_when_health_is_certain(free, over):
     assert (last.diagnosis, last.unexplained, last.alarm_ticks[0]) == (None, False, 282)
 
 
-def test_onsets_are_looked_for_as_far_back_as_stated():
+def test_onsets_reach_as_far_back_as_stated():
     """From the last sample to a second before it; each 1.25 times as far as the one after it.
 
     The prior is the tracked one, an offset's walk over that second added.
     """
-    state = judged(lambda sample: UNSURE, SHOCK + 1, offset=20.0)[SHOCK]
+    state = run_monitor(lambda sample: UNSURE, SHOCK + 1, offset=20.0)[SHOCK]
     evidence = state.evidence
     assert evidence is not None
     back = SHOCK - evidence.onsets[::-1]
     assert back[0] == 0 and back[-1] <= 100 < 1.25 * back[-1] + 1
     np.testing.assert_array_equal(np.diff(back), np.maximum(1, np.round(0.25 * back[:-1])))
     first = next(each for each in state.history if each.number == evidence.onsets[0])
-    grown = evidence.prior.covariance - first.before.parameters.covariance
-    np.testing.assert_allclose(grown, np.eye(3), atol=1e-9)
+    growth = evidence.prior.covariance - first.before.parameters.covariance
+    np.testing.assert_allclose(growth, np.eye(3), atol=1e-9)
 
 
-@pytest.mark.parametrize(("shock", "learned"), [(78, True), (81, False)])
-def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, learned):
+@pytest.mark.parametrize(("shock", "is_learned"), [(78, True), (81, False)])
+def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, is_learned):
     """In the first 0.8 s, of 80 samples; later it is an alarm, and not learned."""
-    states = judged(lambda sample: UNSURE, shock + 1, shock=shock)
+    states = run_monitor(lambda sample: UNSURE, shock + 1, shock=shock)
     state, before = states[shock], states[shock - 1].observer.spectrum.samples
-    assert state.observer.spectrum.samples == before + learned
-    assert bool(state.alarm_ticks) == (state.evidence is not None) == (not learned)
+    assert state.observer.spectrum.samples == before + is_learned
+    assert bool(state.alarm_ticks) == (state.evidence is not None) == (not is_learned)
 
 
 @pytest.mark.parametrize("missing", [(), (12,), (14, 15), (12, 13, 15)])
@@ -257,7 +262,7 @@ LATER = {
 
 
 @pytest.mark.parametrize("name", LATER)
-def test_a_name_follows_what_is_certain_and_is_taken_back_if_it_fits_no_longer(name):
+def test_a_diagnosis_is_revised_confirmed_or_withdrawn(name):
     """Judged every 48 ms; confirmed at once by what it cannot be."""
     before, now, becomes = LATER[name]
     states = changes_at(24, before, now, SHOCK + 40)
@@ -267,26 +272,26 @@ def test_a_name_follows_what_is_certain_and_is_taken_back_if_it_fits_no_longer(n
     assert bool(unexplained) == (becomes == "unexplained")
     if unexplained:
         assert SHOCK + 24 <= min(unexplained) < SHOCK + 30
-    found = states[max(states)].diagnosis
-    assert (found is None) == (becomes in ("unexplained", "withdrawn"))
-    if found is not None:
-        assert found.fault == (now if becomes == "revised" else before).fault
-        assert found.confirmed == (becomes == "confirmed")
-        since = next(state for state in states.values() if state.diagnosis is found)
-        assert found.tick == since.ticks - 1 or becomes == "kept"
+    result = states[max(states)].diagnosis
+    assert (result is None) == (becomes in ("unexplained", "withdrawn"))
+    if result is not None:
+        assert result.fault == (now if becomes == "revised" else before).fault
+        assert result.confirmed == (becomes == "confirmed")
+        since = next(state for state in states.values() if state.diagnosis is result)
+        assert result.tick == since.ticks - 1 or becomes == "kept"
 
 
-def test_kinds_that_cannot_be_told_apart_are_said():
+def test_indistinguishable_kinds_are_listed():
     """Those likelier than one in a thousand, the likeliest first, which need not be named."""
-    alike = replace(LOCKED, kind_confidences=(0.3, 0.6995, 0.0005))
-    found = judged(lambda sample: alike, SHOCK + 1)[SHOCK].diagnosis
-    assert found is not None and found.kinds == ("free", "locked")
-    assert found.kind_confidence == 0.3
+    undecided = replace(LOCKED, kind_confidences=(0.3, 0.6995, 0.0005))
+    result = run_monitor(lambda sample: undecided, SHOCK + 1)[SHOCK].diagnosis
+    assert result is not None and result.kinds == ("free", "locked")
+    assert result.kind_confidence == 0.3
 
 
 @pytest.mark.parametrize("inflation", [1.0, 2.0])
 @pytest.mark.parametrize(("part", "contradicts"), [(0.98, False), (1.02, True)])
-def test_what_contradicts_a_named_failure_confirms_it(part, inflation, contradicts):
+def test_a_contradiction_confirms_a_diagnosed_failure(part, inflation, contradicts):
     """Its energy grows at once by more than five samples of three outputs make in 100 hours.
 
     Chance is as much larger as the residuals were before; by that the monitor goes on to test, not
@@ -302,17 +307,17 @@ def test_what_contradicts_a_named_failure_confirms_it(part, inflation, contradic
     assert last.decision.inflation == (inflation if contradicts else 25.0)
 
 
-def test_a_named_failure_that_is_never_certain_again_is_given_up():
+def test_a_diagnosis_that_stays_uncertain_is_given_up():
     """After twice the time of confirmation."""
     states = changes_at(10, LOCKED, UNSURE)
-    last = max(named(states))
+    last = max(isolated_faults(states))
     assert SHOCK + 200 <= last + 1 < SHOCK + 205
     assert states[last + 1].unexplained and states[last + 1].diagnosis is None
 
 
-def test_a_confirmed_failure_is_believed_from_its_onset_on():
+def test_a_confirmed_failure_is_modelled_from_its_onset_on():
     """The monitor goes on as if its model had been known: states by that model, tick by tick."""
-    states = judged(lambda sample: replace(LOCKED, inflation=4.0))
+    states = run_monitor(lambda sample: replace(LOCKED, inflation=4.0))
     last = states[max(states)]
     after, state = usual().with_diagnosis(last)
     # What shook the failed plant with four times the variance shakes the one that is believed.
@@ -336,7 +341,7 @@ def test_a_confirmed_failure_is_believed_from_its_onset_on():
 
 
 @pytest.mark.parametrize(
-    ("found", "known"),
+    ("result", "known"),
     [
         (make_decision(Fault(2, "locked")), (Fault(0, "free"), Fault(2, "locked"))),
         (make_decision(Fault(0, "locked")), (Fault(0, "locked"),)),
@@ -344,10 +349,10 @@ def test_a_confirmed_failure_is_believed_from_its_onset_on():
     ],
     ids=["another", "the same, further", "sound again"],
 )
-def test_what_was_known_of_other_actuators_stays_known(found, known):
+def test_known_faults_of_other_actuators_remain(result, known):
     """A new name replaces what was known of its own actuator alone."""
     before = monitor(usual().nominal, [Fault(0, "free")], usual().config)
-    states = judged(lambda _: found)
+    states = run_monitor(lambda _: result)
     after, _ = before.with_diagnosis(states[max(states)])
     assert after.faults == known
 
@@ -365,8 +370,8 @@ def of_carts(command: float = 0.0, supply: float = 0.0, scale: float = 0.0) -> M
 
 
 def direction(seed: int) -> np.ndarray:
-    way = np.random.default_rng([seed, 1]).normal(size=3)
-    return way / np.linalg.norm(way)
+    vector = np.random.default_rng([seed, 1]).normal(size=3)
+    return vector / np.linalg.norm(vector)
 
 
 def since(tick: int) -> float:
@@ -379,7 +384,7 @@ TIMES: dict[str, Callable[[int], float]] = {
     "growing": since,
     "hums as the dither": lambda tick: float(np.sin(2 * np.pi * HZ * since(tick))),
 }
-STRANGE = {
+DISTURBANCES = {
     ("act", "constant"): (1e-3, 0.1, 2),
     ("act", "growing"): (1e-3, 0.1, 0),
     ("read", "growing"): (1.0, 1e4, 0),
@@ -396,11 +401,11 @@ And how many of fifty flights may name an actuator: two forces of 21 mm, weak by
 NIGHT = [pytest.mark.long, pytest.mark.night]
 
 
-@pytest.mark.parametrize("flights", [1, pytest.param(50, marks=NIGHT)])
-@pytest.mark.parametrize(("where", "when"), STRANGE)
-def test_what_no_failure_of_an_actuator_explains_names_none(where, when, flights):
+@pytest.mark.parametrize("runs", [1, pytest.param(50, marks=NIGHT)])
+@pytest.mark.parametrize(("where", "when"), DISTURBANCES)
+def test_disturbances_do_not_isolate_an_actuator(where, when, runs):
     """Of any direction and size, from hardly seen to a hundred times what is seen at once."""
-    least, largest, most = STRANGE[where, when]
+    least, largest, most = DISTURBANCES[where, when]
 
     def is_isolated(seed: int) -> bool:
         size = np.exp(np.random.default_rng([seed, 2]).uniform(np.log(least), np.log(largest)))
@@ -412,13 +417,13 @@ def test_what_no_failure_of_an_actuator_explains_names_none(where, when, flights
         states = simulate(of_carts(), seed, END, **how)
         return any(state.diagnosis is not None for state in states)
 
-    assert sum(map(is_isolated, range(flights))) <= (most if flights == 50 else 0)
+    assert sum(map(is_isolated, range(runs))) <= (most if runs == 50 else 0)
 
 
 @pytest.mark.parametrize(
     ("seeds", "least"), [((5, 8), 2), pytest.param(range(20), 18, marks=NIGHT)]
 )
-def test_a_lock_after_a_bump_is_named_and_dated_after_it_or_none_is(seeds, least):
+def test_a_lock_after_a_bump_is_isolated_with_its_onset_or_not_at_all(seeds, least):
     """Somebody pushes for 30 ms; 0.6 s later an actuator locks.
 
     In one of 20 flights as weak at first. The first actuator's lock is seen too late for a test.
@@ -431,11 +436,11 @@ def test_a_lock_after_a_bump_is_named_and_dated_after_it_or_none_is(seeds, least
 
         states = simulate(of_carts(), seed, ONSET + 400, fault=lock, fails=ONSET + 120, act=bumped)
         assert states[ONSET + 120].alarm_ticks
-        found = [state.diagnosis for state in states if state.diagnosis is not None]
-        assert {each.fault.actuator for each in found} <= {lock.actuator}
-        assert {each.fault for each in found[-1:]} <= {lock}
-        assert all(each.onset_tick > ONSET + 80 for each in found)
-        least -= bool(found)
+        result = [state.diagnosis for state in states if state.diagnosis is not None]
+        assert {each.fault.actuator for each in result} <= {lock.actuator}
+        assert {each.fault for each in result[-1:]} <= {lock}
+        assert all(each.onset_tick > ONSET + 80 for each in result)
+        least -= bool(result)
     assert least <= 0
 
 
@@ -449,7 +454,7 @@ EVENTS: dict[str, tuple[Cause, str, Callable[[float, np.ndarray], np.ndarray]]] 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 @pytest.mark.parametrize("name", EVENTS)
-def test_a_cause_that_is_no_failure_is_named_and_no_actuator_is(name, seed):
+def test_a_cause_is_identified_and_no_actuator_is_isolated(name, seed):
     """By failures alone, half of what all do would be one's weakness."""
     cause, where, event = EVENTS[name]
 
@@ -469,7 +474,7 @@ FAILS_S = 1.5
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("fault", [Fault(1, "locked"), Fault(2, "free")])
-def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault, seed):
+def test_isolation_and_confirmation_take_the_same_time_at_each_rate(fault, seed):
     """An alarm within a tenth of a second; a name a period of the dither later; then a second.
 
     Beside what the next verdict takes to come, and a sample or two, which are of one tick here.
@@ -482,9 +487,9 @@ def test_a_failure_is_named_and_confirmed_after_the_same_time_at_each_rate(fault
         filters = [state.observer.whitening for state in states[:fails]]
         made = np.flatnonzero([now is not then for then, now in pairwise(filters)])
         assert (made[1:] % 50 == 0).all()  # after it has learned, of as many samples at any rate
-        found = [state.diagnosis for state in states if state.diagnosis is not None]
-        assert {each.fault for each in found} == {fault}
-        first, last = found[0], found[-1]
+        result = [state.diagnosis for state in states if state.diagnosis is not None]
+        assert {each.fault for each in result} == {fault}
+        first, last = result[0], result[-1]
         alarms_s.append(first.alarm_tick * period_s - FAILS_S)
         waited_s = (first.tick - first.alarm_tick) * period_s
         assert 1 / HZ <= waited_s + period_s / 2 < 1 / HZ + DECISION_PERIOD_S + 2 * period_s

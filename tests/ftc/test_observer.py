@@ -60,9 +60,9 @@ def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, n
     walk = np.diag(rates**2 * PERIOD_S)
     mean, P = state.parameters.mean, state.parameters.covariance
     spectrum = state.spectrum.covariance
-    found = {"X": X, "residual": np.zeros(p), "mean": mean, "P": P, "spectrum": spectrum}
+    result = {"X": X, "residual": np.zeros(p), "mean": mean, "P": P, "spectrum": spectrum}
     if y is None:
-        return found | {"memory": np.stack([*state.memory[1:], np.zeros_like(Y)]), "P": P + walk}
+        return result | {"memory": np.stack([*state.memory[1:], np.zeros_like(Y)]), "P": P + walk}
     Y[0] = y - Y[0]
     memory = np.stack([*state.memory[1:], Y])
     white = np.einsum("qp,qcp->cp", state.whitening, memory[::-1])
@@ -70,18 +70,18 @@ def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, n
     S = np.eye(p) + G.T @ P @ G
     e = white[0] - G.T @ mean
     residual = np.linalg.solve(np.linalg.cholesky(S), e)
-    found |= {"memory": memory, "residual": residual}
+    result |= {"memory": memory, "residual": residual}
     known = state.spectrum.samples * PERIOD_S >= LEARNS_S
     if state.measured + 1 <= ORDER or (known and residual @ residual > LARGEST):
-        return found
+        return result
     K = np.linalg.solve(S, G.T @ P).T
     without = np.eye(J + p) - K @ G.T
     mean, P = mean + K @ e, without @ P @ without.T + K @ K.T
-    left = Y[0] - np.einsum("j,jp->p", mean[:J], Y[1:]) - mean[J:]
-    recent = np.stack([*state.spectrum.recent[1:], left])
+    residuals = Y[0] - np.einsum("j,jp->p", mean[:J], Y[1:]) - mean[J:]
+    recent = np.stack([*state.spectrum.recent[1:], residuals])
     share = 1 / min(state.spectrum.samples + 1, FORGETS_S / PERIOD_S)
-    spectrum = (1 - share) * spectrum + share * recent[::-1] * left
-    return found | {"mean": mean, "P": P + walk, "spectrum": spectrum}
+    spectrum = (1 - share) * spectrum + share * recent[::-1] * residuals
+    return result | {"mean": mean, "P": P + walk, "spectrum": spectrum}
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -99,12 +99,12 @@ def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch
         samples, before = state.spectrum.samples, u
         state, _ = kalman.step(state, v, given)
         gated += given is not None and state.spectrum.samples == samples
-        found = {name: getattr(state, name) for name in ("X", "residual", "memory")}
-        found |= {"mean": state.parameters.mean, "P": state.parameters.covariance}
-        found |= {"spectrum": state.spectrum.covariance}
+        result = {name: getattr(state, name) for name in ("X", "residual", "memory")}
+        result |= {"mean": state.parameters.mean, "P": state.parameters.covariance}
+        result |= {"spectrum": state.spectrum.covariance}
         for name, value in expected.items():
             tiny = 1e-9 * np.abs(value).max()
-            np.testing.assert_allclose(found[name], value, rtol=1e-9, atol=tiny, err_msg=name)
+            np.testing.assert_allclose(result[name], value, rtol=1e-9, atol=tiny, err_msg=name)
         if sample % 40 == 30:
             state = kalman.with_spectrum(state)
     assert gated > 2 * ORDER
@@ -122,7 +122,7 @@ def test_a_random_step_adds_its_variance_and_leaves_the_root_triangular(seed):
     np.testing.assert_array_equal(np.triu(after.root, 1), 0.0)
 
 
-def test_after_relearning_the_machine_is_what_it_has_shown_since():
+def test_relearning_follows_the_new_residuals():
     """Louder, and its sensors off: of what was known a quarter of the time of learning counts."""
     kalman, rng = cart_observer(replace(CERTAIN, offset=3.0)), np.random.default_rng(0)
     known = observe(kalman, rng.standard_normal((400, 2)), np.zeros((400, 2)))[-1]
@@ -136,11 +136,11 @@ def test_after_relearning_the_machine_is_what_it_has_shown_since():
     np.testing.assert_allclose(state.spectrum.covariance[0], expected, rtol=0.02)
 
 
-def strongest(left: np.ndarray, u: np.ndarray) -> np.ndarray:
+def strongest(remaining: np.ndarray, u: np.ndarray) -> np.ndarray:
     """The most that cart 0, believed weak by half, may have of its force, while it has `left`."""
     weak = Fault(0, "weak", 0.5)
     kalman = cart_observer(replace(CERTAIN, gain=0.02), weak, weak=(weak,))
-    y = outputs(carts(1), 2, u * np.column_stack([left, np.ones(len(u))]))
+    y = outputs(carts(1), 2, u * np.column_stack([remaining, np.ones(len(u))]))
     y += np.random.default_rng(0).standard_normal(y.shape)
     states = observe(kalman, y, u)
     [(_, doubted)] = kalman.strongest(kalman.after_alarm(states[-1]))
@@ -158,18 +158,18 @@ def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_weak_actuator_has_left_is_followed(seed):
+def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
     """While it fails further, stays, comes back and becomes twice as strong as ever.
 
     Commanded by the inverse of the most that it may have, or as a healthy one, it does at most a
     tenth more than a healthy one.
     """
     u = np.cumsum(3e-2 * np.random.default_rng(seed).standard_normal((700, 2)), axis=0)
-    left = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
-    seen = strongest(left, u)[50:]
-    does = left[50:] / np.minimum(seen, 1.0)
-    assert (does / np.maximum(1.0, left[50:])).max() < 1.1
-    assert (seen - left[50:]).max() < 0.25
+    remaining = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
+    seen = strongest(remaining, u)[50:]
+    does = remaining[50:] / np.minimum(seen, 1.0)
+    assert (does / np.maximum(1.0, remaining[50:])).max() < 1.1
+    assert (seen - remaining[50:]).max() < 0.25
 
 
 # The filter of a model's errors, against least squares in one go.
@@ -177,22 +177,22 @@ def test_what_a_weak_actuator_has_left_is_followed(seed):
 J, P, OFFSET = 4, 2, 3.0
 
 
-def tracked(regressors, white) -> tuple[Parameters, np.ndarray]:
+def estimate(regressors, white) -> tuple[Parameters, np.ndarray]:
     """By an observer without a spectrum, of a model that predicts the regressors of each sample."""
     M, N = np.zeros((J + 1, 0, 1)), np.zeros((J + 1, P, 1))
     none = np.zeros((0, 0)), M, np.zeros((P, 0)), N, np.zeros((0, 0))
     model = UncertainModel(*none, 1, None, 0.0, J + 1)
     kalman, plain = Observer(model, FdiConfig(uncertainty=CERTAIN), 0.01), np.ones((1, P))
-    found, innovations = Parameters.prior(J, P, replace(CERTAIN, offset=OFFSET)), []
+    result, innovations = Parameters.prior(J, P, replace(CERTAIN, offset=OFFSET)), []
     for H, e in zip(regressors, white, strict=True):
         predicted, memory = np.vstack([np.zeros(P), H[:J]]), np.zeros((1, J + 1, P))
         spectrum = Spectrum(e[None], e[None], 0)
-        before = ObserverState(0, H[:J], memory, found, spectrum, plain, plain, e, 1)
+        before = ObserverState(0, H[:J], memory, result, spectrum, plain, plain, e, 1)
         with patch.object(UncertainModel, "step", return_value=(predicted, H[:J])):
             after, _ = kalman.step(before, np.zeros(1), e)
-        found = after.parameters
+        result = after.parameters
         innovations.append(after.residual)
-    return found, np.array(innovations)
+    return result, np.array(innovations)
 
 
 def solved(regressors, white) -> tuple[np.ndarray, np.ndarray]:
@@ -221,11 +221,11 @@ def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     moving = rng.normal(size=(J, 1)) * size + rng.normal(size=(8, J, P))
     regressors = np.concatenate([moving, np.broadcast_to(np.eye(P), (8, P, P))], axis=1)
     white = np.einsum("r,nrp->np", true, regressors) + rng.standard_normal((8, P))
-    found, innovations = tracked(regressors, white)
+    result, innovations = estimate(regressors, white)
     mean, root = solved(regressors, white)
     deviation = np.linalg.norm(root, axis=1)
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), deviation, rtol=1e-3)
-    assert np.abs((found.mean - mean) / deviation).max() < 1e-2
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covariance)), deviation, rtol=1e-3)
+    assert np.abs((result.mean - mean) / deviation).max() < 1e-2
     assert np.abs(innovations).max() < 6.0
 
 
@@ -250,7 +250,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, np.pi])
-def test_what_can_be_predicted_exactly_is_weighed_a_hundredfold(turn):
+def test_a_singular_spectrum_is_amplified_a_hundredfold(turn):
     """A constant, and sinusoids: their autocovariances are singular."""
     lags = np.cos(turn * np.arange(LAGS + 1))[:, None]
     weights = Spectrum(0 * lags, lags, 1000).filter()
@@ -258,7 +258,7 @@ def test_what_can_be_predicted_exactly_is_weighed_a_hundredfold(turn):
     assert 20 < weights[0, 0] < 101
 
 
-def test_what_was_fitted_to_few_residuals_is_as_large_as_new_ones_are():
+def test_the_variance_is_corrected_for_the_fit_to_few_residuals():
     """Fitted to 100 samples of white noise, the filter leaves unit variance in the next ones."""
     rng, squares = np.random.default_rng(1), []
     for _ in range(60):
@@ -270,7 +270,7 @@ def test_what_was_fitted_to_few_residuals_is_as_large_as_new_ones_are():
 
 
 @pytest.mark.parametrize("slow", [0.02, 0.05, 0.2])
-def test_slow_inputs_are_noise_to_a_filter_that_is_decoupled_from_them(slow):
+def test_a_decoupled_filter_whitens_slow_inputs(slow):
     """Fifty times the noise, by a critically damped filter of second order: of unit variance.
 
     Its gain is smaller: noise alone is less of it, and the likelihood pays for that.
@@ -299,7 +299,7 @@ def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz)
     """Sums of the latest M residuals, plain and turned by the dither, over the deviation of M."""
     rng = np.random.default_rng(seed)
     test = ResidualTest(2, 0.2 * 3600 / PERIOD_S, PERIOD_S, dither_hz)
-    found = []
+    result = []
     for _ in range(40):
         offset = rng.normal(size=2) * rng.uniform(0, 0.3)
         recent = rng.standard_normal((test.windows[-1], 2)) + offset
@@ -313,14 +313,14 @@ def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz)
             chi4 = 2 * (np.abs(turned) ** 2).sum() / M if swinging else 0.0
             if chi2 > test.threshold or chi4 > test.demodulated_threshold:
                 exceeding.append(M)
-        found.append(test.alarm(recent))
-        assert found[-1] == min(exceeding, default=0)
-    assert len(set(found)) > 3
+        result.append(test.alarm(recent))
+        assert result[-1] == min(exceeding, default=0)
+    assert len(set(result)) > 3
 
 
 @dithers
 @pytest.mark.parametrize("outputs", [2, 8])
-def test_the_rate_of_false_alarms_is_kept_and_not_by_far(outputs, dither_hz):
+def test_the_rate_of_false_alarms_is_at_most_as_stated(outputs, dither_hz):
     """Samples of white noise that are in alarm: at most as many as stated, and not below a third.
 
     The latest samples of independent records, so that the count is binomial.
@@ -328,6 +328,6 @@ def test_the_rate_of_false_alarms_is_kept_and_not_by_far(outputs, dither_hz):
     kalman = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
     rng = np.random.default_rng(outputs)
     records, shape = 4000, kalman.start().shape
-    found = sum(kalman.alarm(rng.standard_normal(shape)) > 0 for _ in range(records))
-    assert found <= binom.ppf(0.999, records, 0.02)
-    assert found >= binom.ppf(0.001, records, 0.02 / 2)
+    result = sum(kalman.alarm(rng.standard_normal(shape)) > 0 for _ in range(records))
+    assert result <= binom.ppf(0.999, records, 0.02)
+    assert result >= binom.ppf(0.001, records, 0.02 / 2)

@@ -21,7 +21,7 @@ from tests.ftc.hexapod import EQUAL, diagnosis
 STILL = np.zeros(12)
 
 
-def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
+def test_the_reconfigured_goal_contains_the_diagnoses():
     nominal = hexapod_rig().nominal
     known = [
         diagnosis(Fault(0, "locked"), 3e-6),
@@ -70,30 +70,30 @@ def error_prediction(duration_s: float = 0.4) -> tuple[Rig, Any, ErrorPrediction
 def test_the_predicted_error_is_that_of_the_linear_loop(kind):
     """The controller, stepped against the model, errs as the closed loop in matrices does."""
     rig, controller, ahead = error_prediction()
-    exact, left = copy.copy(controller), 0.5 if kind == "weak" else 0.0
+    exact, remaining = copy.copy(controller), 0.5 if kind == "weak" else 0.0
     exact.drives = DirectDrive()  # converters round
-    found = ahead.rms(exact, exact.start(), Scenario(1.0, [Fault(2, kind, left)], STILL))
+    result = ahead.rms(exact, exact.start(), Scenario(1.0, [Fault(2, kind, remaining)], STILL))
     arguments = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
     expected = rig.predict(ahead.references, **arguments).rms_after / rig.nominal.noise
-    assert found == pytest.approx(np.linalg.norm(expected), rel=1e-6)
+    assert result == pytest.approx(np.linalg.norm(expected), rel=1e-6)
 
 
-def test_what_the_model_is_off_now_stays():
+def test_the_present_model_error_is_constant():
     """A reading that is 3 urad from the model's is 3 urad from it all the time, and integrated."""
     rig, exact, ahead = error_prediction()
     resting = replace(ahead, references=np.zeros((1, 2)), output=np.array([3e-6, 0.0]))
-    found = resting.rms(exact, exact.start(), Scenario(1.0, [], STILL))
-    assert found == pytest.approx(3e-6 / rig.nominal.noise[0])
+    result = resting.rms(exact, exact.start(), Scenario(1.0, [], STILL))
+    assert result == pytest.approx(3e-6 / rig.nominal.noise[0])
 
 
 @given(part=st.floats(0.0, 2.0))
-def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
+def test_a_prediction_ends_once_the_error_is_large_enough(part):
     """What is returned then lies between what was enough and the error to its end."""
     _, exact, short = error_prediction(0.04)
     case = Scenario(1.0, [Fault(2, "free")], STILL)
     whole = short.rms(exact, exact.start(), case)
-    found = short.rms(exact, exact.start(), case, part * whole)
-    assert part * whole * (1 - 1e-12) <= found <= whole if part < 1 else found == whole
+    result = short.rms(exact, exact.start(), case, part * whole)
+    assert part * whole * (1 - 1e-12) <= result <= whole if part < 1 else result == whole
 
 
 # Decisions by errors that are given.
@@ -102,8 +102,8 @@ def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
 def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
     """Whether it does, and what was predicted; cases of probability and error to stay and to go."""
     requested: list = []
-    errors: dict[Any, float] = {("stays", p): stays for p, stays, _ in cases}
-    errors |= {("goes", p): goes for p, _, goes in cases}
+    errors: dict[Any, float] = {("stays", p): present for p, present, _ in cases}
+    errors |= {("goes", p): candidate for p, _, candidate in cases}
 
     class Table(ErrorPrediction):
         def rms(self, controller, state, case, enough=np.inf):
@@ -111,10 +111,12 @@ def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
             requested.append((controller, case.probability))
             return min(errors[controller, case.probability], enough)
 
-    stays: Any = ("stays", None)
-    goes: Any = ("goes", None)
+    present: Any = ("stays", None)
+    candidate: Any = ("goes", None)
     table = Table(**vars(error_prediction()[2]))
-    return table.should_switch(stays, goes, [Scenario(p, [], STILL) for p, *_ in cases]), requested
+    return table.should_switch(
+        present, candidate, [Scenario(p, [], STILL) for p, *_ in cases]
+    ), requested
 
 
 COSTS = st.floats(1e-3, 1e3)
@@ -123,22 +125,22 @@ COSTS = st.floats(1e-3, 1e3)
 @example(p=0.9, costs=(0.1, 0.1, 1.0, 1.0))  # smaller than noise of two rows
 @example(p=0.9, costs=(0.1, 0.1, 2.0, 2.0))
 @given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
-def test_it_goes_over_if_the_expected_error_is_no_larger(p, costs):
-    found, _ = should_switch((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
-    staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
-    assert found == (going <= max(staying, np.sqrt(2)))
+def test_it_switches_if_the_expected_error_is_no_larger(p, costs):
+    result, _ = should_switch((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
+    stay_cost, switch_cost = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
+    assert result == (switch_cost <= max(stay_cost, np.sqrt(2)))
 
 
 def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
     assert not should_switch((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
 
 
-def test_what_cannot_be_is_not_predicted_and_does_not_count():
+def test_impossible_scenarios_are_not_predicted():
     """Nor are more cases of staying, once those before them cost as much as to go."""
-    decided, requested = should_switch((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
-    assert decided and requested == [("goes", 1.0), ("stays", 1.0)]
-    decided, requested = should_switch((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
-    assert decided and ("stays", 0.1) not in requested
+    switches, requested = should_switch((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
+    assert switches and requested == [("goes", 1.0), ("stays", 1.0)]
+    switches, requested = should_switch((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
+    assert switches and ("stays", 0.1) not in requested
 
 
 @pytest.mark.long
@@ -146,17 +148,19 @@ def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
     """The references of the last second, the latest first, and two cases that are all there is."""
     rig, seen = Rig.hexapod(), []
 
-    def declined(self: ErrorPrediction, _stays: Any, _goes: Any, cases: list[Scenario]) -> bool:
+    def declined(
+        self: ErrorPrediction, _present: Any, _candidate: Any, cases: list[Scenario]
+    ) -> bool:
         seen.append((self, cases))
         return False
 
-    monkeypatch.setattr(ErrorPrediction, "goes_over", declined)
+    monkeypatch.setattr(ErrorPrediction, "should_switch", declined)
     path = rig.path("circle", duration_s=2.5)
     run = rig.fly(rig.supervisor(), path, failures=[Failure(1, "locked", 1.5)])
     ahead, cases = seen[0]
     assert len(ahead.references) * rig.period_s == pytest.approx(1.0, rel=0.02)
-    named = int(np.searchsorted(run.time_s, run.diagnoses[0].time_s))
-    latest = path[named - 10 : named + 1]
+    isolated = int(np.searchsorted(run.time_s, run.diagnoses[0].time_s))
+    latest = path[isolated - 10 : isolated + 1]
     assert np.abs(latest - ahead.references[0]).max(axis=1).min() < 1e-12
     assert sum(case.probability for case in cases) == pytest.approx(1.0)
     assert [len(case.faults) for case in cases] == [1, 0]

@@ -16,21 +16,21 @@ from ftc.fdi.diagnosis import FdiConfig
 from tests.ftc.small_stage import DESIRED, LOADED, READ, STILL, N, stage
 
 
-def test_a_monitor_that_would_not_come_to_an_end_is_refused():
+def test_a_monitor_with_endless_samples_is_rejected():
     with pytest.raises(ValueError, match="config must have samples of at most 10000 ticks"):
         monitor(stage().nominal, config=FdiConfig(sample_s=3600.0))
 
 
-def test_a_plant_of_which_one_command_is_felt_at_once_is_refused():
-    whole = stage().nominal
+def test_a_plant_with_feedthrough_is_rejected():
+    healthy = stage().nominal
     through = np.zeros((2, N))
     through[0, 1] = 1e-3
-    plant = control.ss(whole.plant.A, whole.plant.B, whole.plant.C, through)
+    plant = control.ss(healthy.plant.A, healthy.plant.B, healthy.plant.C, through)
     with pytest.raises(ValueError, match="no feedthrough"):
-        replace(whole, plant=plant)
+        replace(healthy, plant=plant)
 
 
-def test_without_a_sensor_check_a_gap_is_refused():
+def test_without_a_sensor_check_a_gap_is_rejected():
     controller = stage().plain
     for gap in (np.full(2, np.nan), np.ma.array(READ.output, mask=[True, False])):
         with pytest.raises(ValueError, match=r"measurement\.output must "):
@@ -42,13 +42,13 @@ def arrays(value: Any) -> list[np.ndarray]:
     if isinstance(value, control.StateSpace):
         return [getattr(value, part) for part in "ABCD"]
     if isinstance(value, tuple):
-        return [found for each in value for found in arrays(each)]
+        return [item for each in value for item in arrays(each)]
     return [value] if isinstance(value, np.ndarray) else []
 
 
 def made_of(kind: type) -> dict[str, Any]:
     s, ones = stage(), np.ones(N)
-    given = {
+    arguments = {
         NominalModel: s.model | LOADED,
         ControlTask: vars(s.task),
         OracleController: s.oracle,
@@ -56,29 +56,31 @@ def made_of(kind: type) -> dict[str, Any]:
         Goal: {"joint_weight": ones, "locked_at": {0: 1.0}, "effectiveness": {1: 0.5}},
         SensorCheck: {"period_s": 1e-3, "limits": np.ones(2)},
     }
-    return deepcopy(given[kind])
+    return deepcopy(arguments[kind])
 
 
 @pytest.mark.parametrize(
     "kind", [NominalModel, ControlTask, OracleController, Dither, Goal, SensorCheck]
 )
-def test_what_is_frozen_does_not_change_with_what_it_was_made_of(kind):
-    def kept() -> dict[str, bytes]:
-        return {key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(held).items()}
+def test_frozen_objects_do_not_change_with_their_arguments(kind):
+    def snapshot() -> dict[str, bytes]:
+        return {
+            key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(instance).items()
+        }
 
-    given = made_of(kind)
-    held = kind(**given)
-    before = kept()
-    for value in given.values():
+    arguments = made_of(kind)
+    instance = kind(**arguments)
+    before = snapshot()
+    for value in arguments.values():
         for array in arrays(value):
             array[:] = 7.0
         if isinstance(value, dict):
             value.clear()
-    assert kept() == before
-    assert is_dataclass(held)
-    for key, value in vars(held).items():
+    assert snapshot() == before
+    assert is_dataclass(instance)
+    for key, value in vars(instance).items():
         with pytest.raises(FrozenInstanceError):
-            setattr(held, key, value)
+            setattr(instance, key, value)
         for array in arrays(value):
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 0.0

@@ -13,7 +13,7 @@ from ftc.sensors import SensorState
 
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
-NAMED = "the task's sensor", "the commands are held"
+MESSAGES = "the task's sensor", "the commands are held"
 STUCK = 35  # ticks of the usual time
 SOON = 10  # ticks of a slower loop, for which random readings repeat now and then
 
@@ -85,17 +85,17 @@ def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
     assert [state.usable for state in slow] == [True] * 5 + [False] * 3
 
 
-def test_a_machine_at_rest_may_repeat_itself_and_one_without_noise_always():
+def test_readings_may_repeat_at_rest_and_without_noise():
     """Commands that stand still say nothing of the sensor."""
     still = [np.zeros(2)] * 100
     assert all(state.usable for state in read(still, moving=False))
-    said = read(still)[-1].sentence(PERIOD_S, *NAMED)
-    assert said == "the task's sensor repeats one value since 0.001 s: the commands are held"
+    text = read(still)[-1].sentence(PERIOD_S, *MESSAGES)
+    assert text == "the task's sensor repeats one value since 0.001 s: the commands are held"
     assert all(state.usable for state in read(still, SensorCheck(PERIOD_S, noisy=False)))
 
 
 @pytest.mark.parametrize("rows", [[0], [0, 1]])
-def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
+def test_a_repeated_reading_is_usable_but_not_new(rows):
     """Nor is one of which a row repeats: that row is of another time than the others."""
     readings = noise(20)
     readings[10][rows] = readings[9][rows]
@@ -104,10 +104,12 @@ def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
     assert [state.new for state in states] == [tick != 10 for tick in range(20)]
     assert states[-1].repeated == (len(rows) == 2)
     if len(rows) == 2:
-        assert states[-1].sentence(PERIOD_S, *NAMED) == "the task's sensor is usable (1 repeated)"
+        assert (
+            states[-1].sentence(PERIOD_S, *MESSAGES) == "the task's sensor is usable (1 repeated)"
+        )
 
 
-def test_after_a_loss_the_value_before_it_is_no_reading():
+def test_after_a_loss_a_repeated_reading_is_not_usable():
     """The commands are held, and do not change."""
     check, sent = CHECK, np.ones(3)
     state = check.step(check.start(2), np.ones(2), np.zeros(3))

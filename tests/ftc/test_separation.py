@@ -91,26 +91,26 @@ def random_dither(seed: int, n: int = 3, hz: float = 10.0) -> Dither:
 FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
-def swing(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
+def phasor_of(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
     """Steady phasor of the states, (s,), under commands of amplitudes (n,)."""
     model, z = fault_model(nominal, faults), np.exp(2j * np.pi * hz * nominal.period_s)
     return np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
 
 
-def test_two_actuators_are_as_far_apart_as_the_nearest_of_their_failures():
+def test_the_distance_of_actuators_is_that_of_their_nearest_failures():
     """And an actuator from no failure as its nearest one, whichever of the two happens."""
-    found = separations(mechanism(0), random_dither(0), 1.0)
-    between = found.between_actuators
+    result = separations(mechanism(0), random_dither(0), 1.0)
+    between = result.between_actuators
     for i, j in np.ndindex(3, 3):
         rows, columns = (slice(3 * k, 3 * k + 3) for k in (i, j))
-        both = found.distance[rows, columns].min(), found.distance[columns, rows].min()
-        assert between[i, j] == (found.from_none[rows].min() if i == j else min(both))
+        both = result.distance[rows, columns].min(), result.distance[columns, rows].min()
+        assert between[i, j] == (result.from_none[rows].min() if i == j else min(both))
 
 
 def change(nominal: NominalModel, dither: Dither, fault: Fault) -> Any:
     """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
     how = nominal, dither.frequency_hz, dither.amplitude * np.array(dither.direction)
-    return fault_model(nominal).C @ (swing(*how, fault) - swing(*how))
+    return fault_model(nominal).C @ (phasor_of(*how, fault) - phasor_of(*how))
 
 
 NIGHT = [pytest.mark.long, pytest.mark.night]
@@ -122,9 +122,7 @@ NIGHT = [pytest.mark.long, pytest.mark.night]
 @pytest.mark.parametrize(
     ("servo", "tolerance"), [(False, 0.02), pytest.param(True, 0.1, marks=NIGHT)]
 )
-def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
-    row, seed, servo, tolerance, monkeypatch
-):
+def test_for_long_times_separations_equal_the_isolability(row, seed, servo, tolerance, monkeypatch):
     """The transient fades in the sum; what is left is the energy of a sinusoid, T / 2 |a|^2.
 
     With any time of onset, as there, an explanation that begins at the end explains no more than no
@@ -132,24 +130,24 @@ def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
     """
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
     monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
-    found = separations(nominal, dither, time_s)
+    result = separations(nominal, dither, time_s)
     onset, times = 20, np.arange(round(time_s / nominal.period_s)) * nominal.period_s
     commanded = np.vstack([np.zeros((onset, 3)), [dither.at(time) for time in times]])
-    states = fault_model(nominal, [found.faults[row]]).states(commanded)[:-1]
+    states = fault_model(nominal, [result.faults[row]]).states(commanded)[:-1]
     bank, outputs = hypothesis_bank(nominal), states @ fault_model(nominal).C.T
     each_tick = nominal.period_s, 1
-    expected, from_none = distances(bank, found.faults[row], onset, outputs, commanded, each_tick)
-    nearest = np.minimum(found.distance[row], found.from_none[row]).reshape(-1, 3)
-    others = np.arange(3) != found.faults[row].actuator
+    expected, from_none = distances(bank, result.faults[row], onset, outputs, commanded, each_tick)
+    nearest = np.minimum(result.distance[row], result.from_none[row]).reshape(-1, 3)
+    others = np.arange(3) != result.faults[row].actuator
     slack = tolerance * from_none
     # Which loss still counts as weak differs: weak and free go together.
     np.testing.assert_allclose(nearest[others, 0], expected[others, 0], atol=slack)
     lost = nearest[others, 1:].min(axis=1), expected[others, 1:].min(axis=1)
     np.testing.assert_allclose(*lost, atol=slack)
-    assert found.from_none[row] == pytest.approx(from_none, rel=tolerance)
+    assert result.from_none[row] == pytest.approx(from_none, rel=tolerance)
 
 
-def drawn(
+def random_phasors(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
 ) -> Any:
     """Phasors of a machine with errors, shape (9, p)."""
@@ -181,30 +179,30 @@ def drawn(
         pytest.param(1, True, marks=pytest.mark.long),
     ],
 )
-def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, servo):
+def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo):
     """Means and covariances of phasors of machines with random errors, and of noise; no calculus.
 
     Gains, springs and damping of each machine are drawn, and its own change is taken.
     """
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
-    draws, rng = 200, np.random.default_rng(seed)
+    samples, rng = 200, np.random.default_rng(seed)
     small = Uncertainty(0.01, 0.01, 0.05, delay_s=1e-4)
     rows = [0, 1, 5, 8]
-    phasors = np.stack([drawn(nominal, dither, small, rng)[rows] for _ in range(draws)])
+    phasors = np.stack([random_phasors(nominal, dither, small, rng)[rows] for _ in range(samples)])
     values = np.concatenate([np.real(phasors), np.imag(phasors)], axis=-1)
     by_noise = 2 * nominal.period_s / T * np.eye(2)
-    found = separations(nominal, dither, T, small)
+    result = separations(nominal, dither, T, small)
     nearest = np.array([change(nominal, dither, FAULTS[row]) for row in rows])
     means = np.concatenate([np.real(nearest), np.imag(nearest)], axis=-1)
     for i, first in enumerate(rows):
         for j, second in enumerate(rows):
-            if found.faults[second].kind == "weak" or i == j:
+            if result.faults[second].kind == "weak" or i == j:
                 continue
             S = np.kron(np.eye(2), by_noise)
             S = S + (np.cov(values[:, i].T) + np.cov(values[:, j].T)) / 2
             gap = means[i] - means[j]
             expected = np.sqrt(gap @ np.linalg.solve(S, gap))
-            assert found.distance[first, second] == pytest.approx(expected, rel=0.15)
+            assert result.distance[first, second] == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
@@ -215,40 +213,40 @@ def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo
     None of these is nearer, or much nearer where the losses of a servo are interpolated.
     """
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5 + seed
-    found, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
-    assert list(found.faults) == FAULTS
-    happens = size * np.array([change(nominal, dither, fault) for fault in FAULTS])
-    np.testing.assert_allclose(found.from_none, np.linalg.norm(happens, axis=1), rtol=1e-6)
+    result, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
+    assert list(result.faults) == FAULTS
+    signatures = size * np.array([change(nominal, dither, fault) for fault in FAULTS])
+    np.testing.assert_allclose(result.from_none, np.linalg.norm(signatures, axis=1), rtol=1e-6)
     for other in range(3):
         losses = [Fault(other, "weak", 1 - lost) for lost in np.linspace(0.01, 0.95, 95)]
         weak = size * np.array([change(nominal, dither, fault) for fault in losses])
         between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * np.sqrt(2)
-        for row, own in enumerate(happens):
-            sure = np.linalg.norm(own - happens[3 * other : 3 * other + 2], axis=1)
-            np.testing.assert_allclose(found.distance[row, 3 * other : 3 * other + 2], sure)
+        for row, own in enumerate(signatures):
+            sure = np.linalg.norm(own - signatures[3 * other : 3 * other + 2], axis=1)
+            np.testing.assert_allclose(result.distance[row, 3 * other : 3 * other + 2], sure)
             grid = np.linalg.norm(own - weak, axis=1).min()
-            slack = tolerance * found.from_none[row]
-            assert grid - between - slack <= found.distance[row, 3 * other + 2] <= grid + slack
+            slack = tolerance * result.from_none[row]
+            assert grid - between - slack <= result.distance[row, 3 * other + 2] <= grid + slack
 
 
-def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
+def test_failures_at_the_threshold_are_confused_once_in_a_thousand():
     assert norm.cdf(-SEPARATION_THRESHOLD / 2) == pytest.approx(1e-3, rel=0.01)
 
 
 # Motions that tell failures apart, and sensors that do.
 
 
-def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
+def test_groups_are_indistinguishable_and_a_sensor_separates_them():
     """In step, twins leave the same gap; in turn, gaps of opposite sign."""
     nominal, known = twins(), (1.0,)
     step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
-    found = separations(nominal, step, *known)
-    assert found.indistinguishable_actuators() == ((0, 1),) and found.least == 0.0
-    assert found.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
+    result = separations(nominal, step, *known)
+    assert result.indistinguishable_actuators() == ((0, 1),) and result.least == 0.0
+    assert result.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
     # Uncoupled, each stands still when locked and when free.
-    assert not found.distance[[0, 3, 6], [1, 4, 7]].any()
+    assert not result.distance[[0, 3, 6], [1, 4, 7]].any()
     in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
-    assert in_turn.indistinguishable_actuators() == () and found.isolable() == ()
+    assert in_turn.indistinguishable_actuators() == () and result.isolable() == ()
     assert [fault.actuator for fault in in_turn.isolable()] == [0, 0, 0, 1, 1, 1]
 
     sum_again, third, first = np.eye(1, 6)[0] + np.eye(1, 6, 1)[0], np.eye(1, 6, 2)[0], np.eye(6)[0]
@@ -271,8 +269,8 @@ def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, 
     for each in ranked:
         slack, (row, noise) = 1e-6 * before.distance.max(), encoders[each.name]
         C = np.vstack([nominal.plant.C, row])
-        beside = nominal.measured(C, np.append(nominal.noise, noise))
-        alone = separations(beside, dither, *known)
+        extended = nominal.measured(C, np.append(nominal.noise, noise))
+        alone = separations(extended, dither, *known)
         np.testing.assert_allclose(each.separations.distance, alone.distance, atol=slack)
         assert (each.separations.distance >= before.distance - slack).all()
         assert (each.separations.from_none >= before.from_none - slack).all()
@@ -280,9 +278,9 @@ def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, 
     assert order == sorted(order) and len(ranked) == 3
 
 
-def spent(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
+def used_fractions(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
     """Commands, motions of actuators and of the first output, in units of what is allowed."""
-    x = swing(nominal, hz, commanded)
+    x = phasor_of(nominal, hz, commanded)
     parts = commanded / 1e-3, nominal.displacement @ x / 1e-3, nominal.plant.C[:1] @ x / 1e-4
     return np.abs(np.concatenate(parts))
 
@@ -301,7 +299,7 @@ def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, un
     u = best.dither.amplitude * np.array(best.dither.direction)
     assert np.abs(J @ u).max() < 1e-12 * np.abs(J).max()
     assert best.dither.frequency_hz in frequencies
-    used = spent(nominal, u, best.dither.frequency_hz)
+    used = used_fractions(nominal, u, best.dither.frequency_hz)
     assert used.max() == pytest.approx(1.0, rel=1e-9)
     np.testing.assert_allclose(best.displacement, 1e-3 * used[3:6], rtol=1e-6)
     np.testing.assert_allclose(best.task_motion, 1e-4 * used[6:], rtol=1e-6)
@@ -311,31 +309,31 @@ def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, un
     for number in range(50):
         k = number % 2
         other = N @ rng.normal(size=N.shape[1])
-        other /= spent(nominal, other, frequencies[k]).max()
-        found = separations_at(responses, k, other)
-        reached = [each.between_actuators[best.separable] for each in (found, best.separations)]
+        other /= used_fractions(nominal, other, frequencies[k]).max()
+        result = separations_at(responses, k, other)
+        reached = [each.between_actuators[best.separable] for each in (result, best.separations)]
         assert reached[0].min() <= reached[1].min() * (1 + 1e-6)
 
 
-def test_a_task_that_leaves_no_freedom_gets_no_dither():
+def test_a_task_without_null_space_gets_no_dither():
     nominal = mechanism(0)
     cost = Cost(1e-3, np.asarray(nominal.plant.C), 1e-4)
     for none in (np.zeros((3, 0)), np.zeros((3, 3))):
-        found = designed_dither(nominal, none, [5.0], cost, 1.0)
-        assert found.dither.amplitude == 0.0 and found.separations.least == 0.0
-        assert len(found.separations.undetected()) == 9
+        result = designed_dither(nominal, none, [5.0], cost, 1.0)
+        assert result.dither.amplitude == 0.0 and result.separations.least == 0.0
+        assert len(result.separations.undetected()) == 9
 
 
-def test_for_the_hexapod_the_heave_is_found():
+def test_for_the_hexapod_the_dither_is_the_heave():
     """All struts alike: by symmetry pointing stays still, and each strut has a direction."""
     nominal, J_m = hexapod_rig().nominal, jacobian()[MAJOR]
     known, cost = (0.2, LOOSE), Cost(0.5e-6, np.asarray(nominal.plant.C), 1e-7)
-    found = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
-    np.testing.assert_allclose(found.dither.direction, HEAVE, atol=1e-3)
-    assert found.task_motion.max() < 1e-10
-    heave = separations(nominal, replace(found.dither, direction=HEAVE), *known)
-    assert found.separable.all()
-    assert found.separations.least == pytest.approx(heave.least, rel=1e-3)
+    result = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
+    np.testing.assert_allclose(result.dither.direction, HEAVE, atol=1e-3)
+    assert result.task_motion.max() < 1e-10
+    heave = separations(nominal, replace(result.dither, direction=HEAVE), *known)
+    assert result.separable.all()
+    assert result.separations.least == pytest.approx(heave.least, rel=1e-3)
 
 
 # Symmetric machines: a choice among equals does not hang on the last bits of numbers.
@@ -347,16 +345,16 @@ def test_a_dither_is_the_same_however_its_freedom_is_given():
     J = rng.normal(size=(1, 4))
     P = np.eye(4) - np.linalg.pinv(J) @ J
     cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
-    found = [
+    result = [
         designed_dither(nominal, P @ mix, [4.0, 16.0], cost, 0.5, LOOSE).dither
         for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
     ]
-    for each in found[1:]:
-        assert each.frequency_hz == found[0].frequency_hz
-        np.testing.assert_allclose(each.direction, found[0].direction, atol=1e-6)
+    for each in result[1:]:
+        assert each.frequency_hz == result[0].frequency_hz
+        np.testing.assert_allclose(each.direction, result[0].direction, atol=1e-6)
 
 
-def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
+def test_equally_good_sensors_keep_their_order():
     """Each is of one of the twins and of the third mass, and separates as much."""
     nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     for seed in range(12):
@@ -382,17 +380,19 @@ def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.nd
     return states[:ticks], commanded[:ticks]
 
 
-def apart(fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN) -> tuple[np.ndarray, float]:
+def distances_of(
+    fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN
+) -> tuple[np.ndarray, float]:
     """From each failure, and from none, after so many ticks of a failure."""
     simulate = dithered(ONSET + ticks, DITHER, fault)
     return isolability(hexapod_rig().nominal, fault, ONSET, *simulate, uncertainty)
 
 
-def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
+def test_gauges_on_the_struts_separate_all_without_a_dither():
     fault, bench = Fault(2, "free"), hexapod_rig().control.testbed.bench
     seen = nominal_model(hexapod_rig().model, bench, strut_sensors=True)
-    found, _ = isolability(seen, fault, ONSET, *dithered(ONSET + 100, STILL, fault))
-    assert np.delete(found, 2, axis=0).min() > 100
+    result, _ = isolability(seen, fault, ONSET, *dithered(ONSET + 100, STILL, fault))
+    assert np.delete(result, 2, axis=0).min() > 100
 
 
 def test_the_distance_from_no_failure_is_that_of_the_outputs():
@@ -401,14 +401,14 @@ def test_the_distance_from_no_failure_is_that_of_the_outputs():
     states, commanded = dithered(1700, DITHER, fault)
     healthy = fault_model(hexapod_rig().nominal)
     distance = (states - healthy.states(commanded)[:-1]) @ healthy.C.T
-    _, found = apart(fault, 200)
-    assert 0.9 < found / np.linalg.norm(distance) < 1.0
+    _, result = distances_of(fault, 200)
+    assert 0.9 < result / np.linalg.norm(distance) < 1.0
 
 
-def test_an_uncertain_model_tells_less():
+def test_an_uncertain_model_separates_less():
     fault = Fault(2, "locked")
-    sure, from_none = apart(fault, 100)
-    unsure, from_none_unsure = apart(fault, 100, TYPICAL)
+    sure, from_none = distances_of(fault, 100)
+    unsure, from_none_unsure = distances_of(fault, 100, TYPICAL)
     assert sure[2, KINDS.index("locked")] == unsure[2, KINDS.index("locked")] == 0.0
     others = np.delete(np.arange(6), 2)
     assert (unsure[others] < sure[others] + 1e-6).all()
@@ -418,7 +418,7 @@ def test_an_uncertain_model_tells_less():
 @pytest.mark.parametrize("kind", KINDS)
 def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
     """Of the same evidence: as many onsets a second, and noise of the same density."""
-    found = []
+    result = []
     for period_s in (5e-4, 1e-3, 2e-3):
         plant = mechanism(1)
         density = np.sqrt(2e-3 / period_s)
@@ -431,9 +431,9 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
         failed = after.states(commanded[onset:], after.onset @ before[-1])
         states = np.vstack([before[:-1], failed[:-1]])
         far, from_none = isolability(seen, fault, onset, states, commanded, LOOSE)
-        found.append([*np.delete(far, 1, axis=0).ravel(), from_none])
-    for other in (found[0], found[2]):
-        np.testing.assert_allclose(other, found[1], rtol=0.05)
+        result.append([*np.delete(far, 1, axis=0).ravel(), from_none])
+    for other in (result[0], result[2]):
+        np.testing.assert_allclose(other, result[1], rtol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -445,9 +445,7 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
         pytest.param(Cause("scale"), 0.0, 0.0, 1.0, 1.2, marks=pytest.mark.long),
     ],
 )
-def test_what_is_no_failure_is_far_from_every_failure(
-    cause, offset_m, drift_m_per_s, supply, scale
-):
+def test_causes_are_far_from_every_failure(cause, offset_m, drift_m_per_s, supply, scale):
     """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
     until, nominal = ONSET + 200, hexapod_rig().nominal
     since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
@@ -457,5 +455,5 @@ def test_what_is_no_failure_is_far_from_every_failure(
     moved = healthy.states(np.where(began, supply, 1.0) * commanded + more)[:-1] @ healthy.C.T
     outputs = np.where(began, scale, 1.0) * moved
     period = nominal.period_s, 4
-    found, from_none = distances(bank, cause, ONSET, outputs, commanded, period, TYPICAL)
-    assert 40 < found.min() < from_none
+    result, from_none = distances(bank, cause, ONSET, outputs, commanded, period, TYPICAL)
+    assert 40 < result.min() < from_none

@@ -45,7 +45,7 @@ def displacements(states) -> np.ndarray:
     return np.array([drives.displacements(state.inputs) for state in states])
 
 
-def test_a_supervisor_says_when_the_task_is_lost():
+def test_a_supervisor_reports_a_lost_task():
     controller = supervisor()
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
     assert controller.is_possible(locked)
@@ -53,33 +53,33 @@ def test_a_supervisor_says_when_the_task_is_lost():
     assert controller.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
 
 
-def test_of_one_actuator_stands_what_was_settled_last():
+def test_the_last_confirmed_diagnosis_of_an_actuator_is_active():
     weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
     assert replace(supervisor().start(), confirmed=(weak, locked)).active_diagnoses == [locked]
 
 
-def test_what_is_named_is_flown_around_and_what_is_settled_stays():
+def test_isolated_failures_reconfigure_and_confirmed_ones_remain():
     """Another strut after it: both are flown around, and the monitor goes on from the first."""
-    named = diagnosis(Fault(1, "locked"), 3e-6)
-    settled, other = replace(named, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
-    sound, first, known, both = supervised(None, named, settled, other)
-    assert sound.current is supervisor().first and sound.diagnoses == ()
+    isolated = diagnosis(Fault(1, "locked"), 3e-6)
+    settled, other = replace(isolated, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
+    healthy, first, known, both = supervised(None, isolated, settled, other)
+    assert healthy.current is supervisor().first and healthy.diagnoses == ()
     assert goal_of(first).locked_at == goal_of(known).locked_at == {1: 3e-6}
-    assert (first.confirmed, first.diagnoses, after(first)) == ((), (named,), 0)
-    assert (known.confirmed, known.diagnoses, after(known)) == ((settled,), (named, settled), 1)
+    assert (first.confirmed, first.diagnoses, after(first)) == ((), (isolated,), 0)
+    assert (known.confirmed, known.diagnoses, after(known)) == ((settled,), (isolated, settled), 1)
     assert goal_of(both).locked_at == {1: 3e-6, 4: 0.0}
     assert (both.confirmed, both.active_diagnoses) == ((settled,), [settled, other])
-    assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
+    assert [state.ticks for state in (healthy, first, known, both)] == [1, 2, 3, 4]
 
 
-def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
-    named = diagnosis(Fault(1, "locked"), 3e-6)
-    _, withdrawn = supervised(named, None)
+def test_a_withdrawn_diagnosis_restores_the_controller():
+    isolated = diagnosis(Fault(1, "locked"), 3e-6)
+    _, withdrawn = supervised(isolated, None)
     assert goal_of(withdrawn) == supervisor().first.mapping.goal
-    assert (withdrawn.diagnoses, withdrawn.confirmed, after(withdrawn)) == ((named,), (), 0)
+    assert (withdrawn.diagnoses, withdrawn.confirmed, after(withdrawn)) == ((isolated,), (), 0)
 
 
-def test_the_others_make_up_at_once_for_what_a_named_one_loses():
+def test_the_others_compensate_at_once_for_an_isolated_actuator():
     (commanded_m,) = displacements(supervised(None))
     (now_m,) = displacements(supervised(diagnosis(Fault(2, "free"), float(commanded_m[2]))))
     assert now_m[2] == commanded_m[2] and abs(commanded_m[2]) > 1e-6
@@ -87,7 +87,7 @@ def test_the_others_make_up_at_once_for_what_a_named_one_loses():
     np.testing.assert_allclose(pointing_of(now_m), pointing_of(commanded_m), atol=6e-8)
 
 
-def test_without_a_name_the_supervisor_is_its_controller_with_the_dither_to_the_bit():
+def test_without_a_diagnosis_the_supervisor_is_its_controller_to_the_bit():
     controller = supervisor(DITHER)
     state, alone = (
         replace(controller.start(), monitor=Script((None,) * 9)),
@@ -100,7 +100,7 @@ def test_without_a_name_the_supervisor_is_its_controller_with_the_dither_to_the_
         np.testing.assert_array_equal(state.inputs, alone.inputs)
 
 
-def test_commands_stand_while_the_task_is_lost():
+def test_commands_are_constant_while_the_task_is_lost():
     """Four locked struts leave nothing to point with: that is confirmed before anything stops."""
     locked = [diagnosis(Fault(k, "locked"), confirmed=True) for k in (0, 3, 1)]
     last = diagnosis(Fault(4, "locked"))
@@ -116,19 +116,21 @@ def test_commands_stand_while_the_task_is_lost():
     assert set(goal_of(states[7]).locked_at) == {1, 3, 4}
 
 
-@pytest.mark.parametrize(("kind", "keeps"), [("locked", True), ("free", False)])
-def test_a_locked_actuator_keeps_its_command_and_a_free_one_loses_it(kind, keeps):
+@pytest.mark.parametrize(("kind", "is_retained"), [("locked", True), ("free", False)])
+def test_a_locked_actuator_keeps_its_command_and_a_free_one_loses_it(kind, is_retained):
     """So that nothing jumps, whenever the lock opens or the force returns."""
-    named = diagnosis(Fault(2, kind), 3e-6)
-    says = (None,) * 5 + (named,) * FADE + (replace(named, confirmed=True),) + (None,) * FADE
-    command = displacements(supervised(*says))[:, 2]
+    isolated = diagnosis(Fault(2, kind), 3e-6)
+    script = (
+        (None,) * 5 + (isolated,) * FADE + (replace(isolated, confirmed=True),) + (None,) * FADE
+    )
+    command = displacements(supervised(*script))[:, 2]
     assert abs(command[4]) > 1e-6
     assert np.abs(np.diff(command[5:])).max() < 0.01 * abs(command[4]) + 1e-8
-    assert command[-1] == (command[5] if keeps else 0.0)
+    assert command[-1] == (command[5] if is_retained else 0.0)
 
 
 @pytest.mark.parametrize("confirmed", [False, True])
-def test_one_that_works_again_is_used_once_that_is_confirmed(confirmed):
+def test_a_recovered_actuator_is_used_after_confirmation(confirmed):
     again = diagnosis(Fault(2, "weak", 1.0))
     last = replace(again, confirmed=True) if confirmed else None
     *_, waits, last = supervised(diagnosis(Fault(2, "free"), confirmed=True), again, last)
@@ -136,22 +138,22 @@ def test_one_that_works_again_is_used_once_that_is_confirmed(confirmed):
     assert bool(last.active_diagnoses) != confirmed
 
 
-def test_one_out_of_use_gets_a_quarter_of_the_dither():
+def test_an_actuator_out_of_use_gets_a_quarter_of_the_dither():
     """One that works again is seen by it, and hardly felt before the others know."""
     failed = diagnosis(Fault(2, "free"), confirmed=True)
     about = replace(DITHER, offset=(1e-5,) * 6)
-    says = (*(None,) * 5, failed, *(None,) * (FADE + 100))
-    last = displacements(supervised(*says, dither=about))[-100:, 2]
+    script = (*(None,) * 5, failed, *(None,) * (FADE + 100))
+    last = displacements(supervised(*script, dither=about))[-100:, 2]
     assert np.ptp(last) == pytest.approx(2 * 0.25 * DITHER.amplitude, rel=0.1)
     assert abs(last.mean()) < 1e-8
 
 
-def pointing(*says: Diagnosis | None) -> np.ndarray:
+def pointing(*script: Diagnosis | None) -> np.ndarray:
     """Of the linear healthy machine under a monitor that says this, (N, 2)."""
     nominal, controller = hexapod_rig().nominal, supervisor()
     model, x = fault_model(nominal), np.zeros(12)
-    state, seen = replace(controller.start(), monitor=Script(says)), []
-    for _ in says:
+    state, seen = replace(controller.start(), monitor=Script(script)), []
+    for _ in script:
         y = nominal.noise * (model.C @ x)
         state = controller.step(state, DESIRED, reading(y))
         x = model.A @ x + model.B @ controller.first.drives.displacements(state.inputs)
@@ -165,38 +167,41 @@ def undisturbed(ticks: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("strut", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 5))])
-def test_a_wrong_name_of_a_healthy_actuator_hardly_moves_the_pointing(strut):
+def test_a_wrong_diagnosis_hardly_moves_the_pointing(strut):
     """By less than 2 urad, where its command, which fades, is worth 30 and more."""
     wrong = diagnosis(Fault(strut, "free"))
-    says = (None,) * 600 + (wrong,) * 400 + (replace(wrong, confirmed=True),) + (None,) * 600
-    change = 1e6 * np.abs(pointing(*says) - undisturbed(len(says)))
+    script = (None,) * 600 + (wrong,) * 400 + (replace(wrong, confirmed=True),) + (None,) * 600
+    change = 1e6 * np.abs(pointing(*script) - undisturbed(len(script)))
     assert 0 < change.max() < 2
 
 
-def test_the_status_says_what_is_believed_and_done():
+def test_the_status_describes_diagnosis_and_reaction():
     start, locked = supervisor().start(), Diagnosis.known(Fault(2, "locked"), 1e-6)
     again = Diagnosis.known(Fault(2, "weak", 1.0))
     confirmed = replace(start, confirmed=(locked,))
     assert replace(start, confirmed=(locked, again)).status == start.status
 
-    def watching(state, **changed):
+    def with_monitor(state, **changed):
         return replace(state, monitor_state=replace(state.monitor_state, **changed))
 
-    doubt = replace(locked, confirmed=False, kinds=("locked", "free"))
-    for state, words in (
+    unconfirmed = replace(locked, confirmed=False, kinds=("locked", "free"))
+    for state, text in (
         (start, "assumed healthy"),
         (confirmed, "strut3 is locked; the other actuators perform the task"),
-        (watching(start, diagnosis=doubt), "strut3 is locked or free, not yet confirmed"),
+        (with_monitor(start, diagnosis=unconfirmed), "strut3 is locked or free, not yet confirmed"),
         (replace(confirmed, task_lost=True), "the major task is lost"),
         (replace(confirmed, rejected=locked), "expected to give a smaller error"),
-        (watching(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
-        (watching(start, relearns=3), "learned as part of the machine"),
-        (watching(start, causes=(None,)), "explained by a slow disturbance, which is no failure"),
-        (watching(start, causes=(Cause("offset", 3),)), "an offset of strut4"),
-        (watching(start, causes=(Cause("supply"),)), "a change of the gain of all commands"),
-        (watching(start, causes=(Cause("scale"),)), "a change of the scale of all sensors"),
+        (with_monitor(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
+        (with_monitor(start, relearns=3), "learned as part of the machine"),
+        (
+            with_monitor(start, causes=(None,)),
+            "explained by a slow disturbance, which is no failure",
+        ),
+        (with_monitor(start, causes=(Cause("offset", 3),)), "an offset of strut4"),
+        (with_monitor(start, causes=(Cause("supply"),)), "a change of the gain of all commands"),
+        (with_monitor(start, causes=(Cause("scale"),)), "a change of the scale of all sensors"),
     ):
-        assert words in state.status
+        assert text in state.status
 
 
 # In physics.
@@ -208,21 +213,21 @@ def rig(seed: int | None = None) -> Rig:
 
 
 @pytest.mark.long
-def test_an_actuator_that_works_again_is_given_back_without_a_step():
+def test_a_recovered_actuator_is_used_again_without_a_step():
     path, opens = rig(3).path("circle", duration_s=6.0), [Event("lock_released", 1.3, 1)]
     run = rig(3).fly(rig(3).supervisor(), path, events=opens)
-    named = run.diagnoses[0]
-    assert named.actuator == "strut2" and named.withdrawn_s is not None
-    assert 2.4 < named.withdrawn_s < 3.4  # a second to confirm it
+    isolated = run.diagnoses[0]
+    assert isolated.actuator == "strut2" and isolated.withdrawn_s is not None
+    assert 2.4 < isolated.withdrawn_s < 3.4  # a second to confirm it
     assert 1 not in [each.fault.actuator for each in run.state.active_diagnoses]
     assert not run.state.current.mapping.unused[1]
-    back = round(named.withdrawn_s / rig(3).period_s)
+    back = round(isolated.withdrawn_s / rig(3).period_s)
     steps = np.abs(np.diff(run.inputs, axis=0)).max(axis=1)
     assert steps[back - 1 : back + 2].max() < 3 * np.quantile(steps[: back - 200], 0.99)
 
 
 @pytest.mark.long
-def test_what_another_run_has_learned_lets_a_failure_at_once_be_named():
+def test_a_calibration_lets_an_early_failure_be_isolated():
     """A lock 0.3 s after the start, within 0.3 s; else it is learned as part of the machine."""
     own = rig(5)
     controller = own.supervisor()
@@ -261,7 +266,7 @@ def after_a_lock():
 
 
 @pytest.mark.parametrize("name", ["same goal", "another goal"])
-def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
+def test_a_supervisor_takes_over_the_diagnoses_without_a_step(name):
     """Against the tick that the former one would have done."""
     controller, (state, reference, seen) = controllers()[name], after_a_lock()
     transferred = controller.transfer(state)
@@ -276,7 +281,7 @@ def test_a_supervisor_takes_over_what_is_known_and_no_strut_steps(name):
     assert np.abs(np.delete(change, 3)).max() <= 2 * LSB_PERCENT
 
 
-def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
+def test_after_a_controller_the_spectrum_is_learned_without_a_step():
     path, controller = rig().path("circle", duration_s=0.3), rig().controller()
     run, other = rig().fly(controller, path), controllers()["another goal"]
     taken_over = other.transfer(run.state)
@@ -284,6 +289,6 @@ def test_after_a_controller_the_machine_is_learned_and_no_strut_steps():
     assert not taken_over.diagnoses and not taken_over.active_diagnoses
     assert taken_over.current is other.first
     seen = Measurement(run.measured[-1], np.zeros(6))
-    goes_on = controller.step(run.state, path[-1], seen).inputs
-    change = other.step(taken_over, path[-1], seen).inputs - goes_on
+    continued = controller.step(run.state, path[-1], seen).inputs
+    change = other.step(taken_over, path[-1], seen).inputs - continued
     assert np.abs(change).max() <= 1.5 * LSB_PERCENT

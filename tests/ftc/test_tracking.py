@@ -71,36 +71,36 @@ def peak(track: Tracking) -> float:
 @pytest.mark.long
 def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7():
     """Below it all loops are further from instability, above it nearer than allowed."""
-    found = arm().margins[0].crossover_hz
+    result = arm().margins[0].crossover_hz
     assert peak(arm()) <= LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=1.05 * found)) > LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=0.95 * found)) < LARGEST_PEAK
+    assert peak(closed("arm", (0, 1), crossover_hz=1.05 * result)) > LARGEST_PEAK
+    assert peak(closed("arm", (0, 1), crossover_hz=0.95 * result)) < LARGEST_PEAK
 
 
 def test_the_loops_stay_stable_after_each_possible_lock():
     """Closed-loop eigenvalues; that of the locked actuator, which stands, is one."""
-    tried = 0
+    tested = 0
     for k in range(7):
         lock = Fault(k, "locked")
         if not is_possible(arm().classified([lock])):
             continue
-        tried += 1
+        tested += 1
         mapping = arm().mapping(replace(SEVEN, locked_at={k: 0.0}))
         closed_loop = control.feedback(open_loop(arm(), mapping, [lock]), np.eye(2))
         assert np.abs(closed_loop.poles()).max() < 1 + 1e-9
-    assert tried >= 5
+    assert tested >= 5
 
 
 @pytest.mark.parametrize(
-    ("name", "major", "options", "said"),
+    ("name", "major", "options", "message"),
     [  # the first would be NaN, and a dither that is to lie above it, too
         ("arm", (0, 1), {"crossover_hz": 2e-5}, "the loop of row 0 has no crossover: a motion"),
         ("hand", (3, 5), {}, "cannot do the major task"),
         ("hand", (3, 4), {"sense": "both", "noise": [1e-5] * 4}, "one positive number or 6"),
     ],
 )
-def test_what_cannot_be_tracked_is_refused_with_the_reason(name, major, options, said):
-    with pytest.raises((TaskLost, ValueError), match=said):
+def test_a_task_that_cannot_be_tracked_is_rejected_with_the_reason(name, major, options, message):
+    with pytest.raises((TaskLost, ValueError), match=message):
         closed(name, major, **options)
 
 
@@ -163,7 +163,7 @@ def test_the_posture_is_that_of_the_simulated_machine():
 
 @pytest.mark.parametrize("lock", [None, 0], ids=["healthy", "locked"])
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
-def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
+def test_the_diagnosis_outputs_of_closed_loops_are_linear(sense, lock):
     """Commands on curved loops strain linear ones, whose servos share that by their stiffness.
 
     The oracle minimizes the strain energy of the four servos over the motions that the linear
@@ -205,7 +205,7 @@ def test_both_sensors_together_are_those_of_each_alone():
     assert (joints.nominal.noise != noise[:2]).all()
 
 
-def test_the_reference_is_demanded_at_once_unless_that_is_declined():
+def test_the_reference_is_fed_forward_unless_disabled():
     """Before any error was measured: the compensators add what is missing."""
     reference = np.array([1e-3, -2e-3])
     assert arm().feedforward

@@ -38,7 +38,7 @@ A = np.array(
     ]
 )
 B = np.array([[0.0004, 0.0011], [0, 0], [-1.4161, 0.2621], [-0.0633, -0.1205]])
-LEFT = np.array([[aileron, rudder] for aileron in (1, 0.5, 0) for rudder in (1, 0.5, 0)])
+REMAINING = np.array([[aileron, rudder] for aileron in (1, 0.5, 0) for rudder in (1, 0.5, 0)])
 """Parts of their effectiveness that the actuators have left in models 1 to 9."""
 
 GRID = np.array([[20 - i, 20 - j] for i in range(21) for j in range(21)]) / 20
@@ -77,9 +77,11 @@ INPUT_NOISE, OUTPUT_NOISE = 0.01, 0.03
 """Widths of the uniform noise of example 6.2, on the states' rates and on the two angles [deg]."""
 
 
-def model(left: ArrayLike, outputs: int = 4, unit: float = 1.0) -> control.StateSpace:
+def model(remaining: ArrayLike, outputs: int = 4, unit: float = 1.0) -> control.StateSpace:
     """Of an aircraft with these parts left; the first states are measured."""
-    return control.ss(A, B * np.asarray(left), unit * np.eye(outputs, 4), np.zeros((outputs, 2)))
+    return control.ss(
+        A, B * np.asarray(remaining), unit * np.eye(outputs, 4), np.zeros((outputs, 2))
+    )
 
 
 def output_distance(
@@ -87,8 +89,8 @@ def output_distance(
 ) -> float:
     """H-infinity norm of the difference of two models, whitened by the noise of the outputs."""
     jw = 1j * FREQUENCIES
-    apart = first(jw, squeeze=False) - second(jw, squeeze=False)
-    whitened = np.moveaxis(apart, -1, 0) / noise[:, None]
+    difference = first(jw, squeeze=False) - second(jw, squeeze=False)
+    whitened = np.moveaxis(difference, -1, 0) / noise[:, None]
     return float(np.linalg.norm(whitened, 2, axis=(1, 2)).max())
 
 
@@ -110,13 +112,13 @@ def input_fault_model(faults: Sequence[Fault] = ()) -> FaultModel:
     by what is left; locked, it stays where the last command before had put it, as a control surface
     that is stuck.
     """
-    left, stuck = np.ones(2), np.zeros(2)
+    remaining, stuck = np.ones(2), np.zeros(2)
     for fault in faults:
         if fault.kind == "locked":
             stuck[fault.actuator] = 1.0
         else:
-            left[fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
-    B = PLANT.B * left
+            remaining[fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
+    B = PLANT.B * remaining
     return FaultModel(
         A=np.block([[PLANT.A, B * stuck], [np.zeros((2, 4)), np.diag(stuck)]]),
         B=np.vstack([B * (1 - stuck), np.diag(1 - stuck)]),
@@ -137,12 +139,12 @@ def commands() -> np.ndarray:
     return np.column_stack([(t % (2 * np.pi) >= np.pi) + 0.3, np.sin(2 * t) + 1.5])
 
 
-def measured(left: ArrayLike, rng: np.random.Generator, gusts: bool) -> np.ndarray:
+def measured(remaining: ArrayLike, rng: np.random.Generator, gusts: bool) -> np.ndarray:
     """Example 6.2's measured angles [deg] of an aircraft, with or without noise on the rates."""
     plant, u = sampled(), commands()
     w = INPUT_NOISE * rng.uniform(-0.5, 0.5, (len(u), 4)) * gusts
     y = control.forced_response(
-        plant, inputs=np.hstack([u * np.asarray(left), w]).T, return_states=False
+        plant, inputs=np.hstack([u * np.asarray(remaining), w]).T, return_states=False
     )
     return y.outputs.T + OUTPUT_NOISE * rng.uniform(-0.5, 0.5, (len(u), 2))
 
@@ -157,7 +159,9 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
     C = DEGREES * np.eye(2, 4)
     L = solve_continuous_are(A.T, C.T, 1e-4 * np.eye(4), 0.04 * np.eye(2)) @ C.T / 0.04
     F, u = A - L @ C, commands()
-    filters = [control.ss(F, np.hstack([B * left, L]), C, np.zeros((2, 4))) for left in LEFT]
+    filters = [
+        control.ss(F, np.hstack([B * remaining, L]), C, np.zeros((2, 4))) for remaining in REMAINING
+    ]
     driven, signals = [each[:, :2] for each in filters], []
     for i, each in enumerate(filters):
         others = driven[:i] + driven[i + 1 :]
@@ -175,15 +179,17 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
 # Ours.
 
 
-def test_the_published_distances_are_ours_at_unit_noise():
+def test_the_published_distances_are_reproduced_at_unit_noise():
     """Figure 6's norms are d per unit input energy if each output has white noise of density 1."""
-    ours = [[output_distance(model(a), model(b), np.ones(4)) for b in LEFT] for a in LEFT]
-    assert np.abs(np.array(ours) - NORMS).max() < READING
+    computed = [
+        [output_distance(model(a), model(b), np.ones(4)) for b in REMAINING] for a in REMAINING
+    ]
+    assert np.abs(np.array(computed) - NORMS).max() < READING
 
 
-def test_the_published_decisions_are_met_but_for_exact_ties():
+def test_the_published_decisions_are_reproduced_except_exact_ties():
     """Of the 441, 80 lie midway between models; there round-off decided in Varga's figure."""
-    lost = GRID[:, None] - LEFT
+    lost = GRID[:, None] - REMAINING
     Q = solve_continuous_lyapunov(A.T, -np.eye(4))
     jw = 1j * FREQUENCIES[:, None, None] * np.eye(4)
     G = np.linalg.solve(jw - A, np.broadcast_to(B, (len(jw), 4, 2)))
@@ -201,13 +207,13 @@ def test_the_published_decisions_are_met_but_for_exact_ties():
         assert (nearest.sum(axis=0) >= MATCHES[name]).all()
 
 
-def test_the_distance_bounds_the_isolability_of_a_flight():
+def test_the_distance_bounds_the_isolability_of_a_run():
     """The d of example 6.2's commands is below root(energy) times the distance per input energy."""
     bank, u = input_fault_bank(), commands()[:600]
     half = input_fault_model([Fault(0, "weak", 0.5)])
     by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, outputs_of(half, u), u, (PERIOD_S, 1))
     per_energy = output_distance(
-        model(LEFT[0], 2, DEGREES), model(LEFT[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
+        model(REMAINING[0], 2, DEGREES), model(REMAINING[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
     )
     bound = per_energy * np.sqrt((u[:, 0] ** 2).sum() * PERIOD_S)
     assert 0.02 * bound < d < bound
@@ -216,10 +222,10 @@ def test_the_distance_bounds_the_isolability_of_a_flight():
 
 @pytest.mark.long
 @pytest.mark.parametrize("gusts", [False, True])
-def test_nine_kalman_filters_choose_the_right_model_as_published(gusts):
+def test_nine_kalman_filters_choose_the_correct_model_as_published(gusts):
     """Figure 9's pattern, zeros on the diagonal: right from 0.2 s on, for each aircraft."""
-    for k, left in enumerate(LEFT):
-        y = measured(left, np.random.default_rng(k), gusts)
+    for k, remaining in enumerate(REMAINING):
+        y = measured(remaining, np.random.default_rng(k), gusts)
         assert (kalman_decisions(y)[20:] == k).all()
 
 
@@ -231,15 +237,15 @@ def whitening(gusts: bool) -> np.ndarray:
     """From the residuals of one sound flight of 10 s, seed 1000."""
     if not gusts:
         return WHITE
-    return spectrum_of(sound_residuals(1000, gusts), order=10).filter()
+    return spectrum_of(healthy_residuals(1000, gusts), order=10).filter()
 
 
-def sound_residuals(seed: int, gusts: bool) -> np.ndarray:
-    y = measured(LEFT[0], np.random.default_rng(seed), gusts)
+def healthy_residuals(seed: int, gusts: bool) -> np.ndarray:
+    y = measured(REMAINING[0], np.random.default_rng(seed), gusts)
     return y / SIGMA - outputs_of(input_fault_model(), commands())
 
 
-def judged(
+def decide_at(
     bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE
 ) -> Decision:
     """At this tick, with onsets at growing distances back to the start of the record."""
@@ -249,67 +255,69 @@ def judged(
     return decide(bank, gathered(bank, record, prior, filtered, onsets), tick)
 
 
-def names(verdict: Decision) -> bool:
+def isolates(decision: Decision) -> bool:
     """Whether an actuator would be named, by the settings of a monitor."""
-    sure = verdict.actuator_confidence >= CONFIDENCE
-    return sure and verdict.unexplained <= LARGEST_UNEXPLAINED
+    sure = decision.actuator_confidence >= CONFIDENCE
+    return sure and decision.unexplained <= LARGEST_UNEXPLAINED
 
 
-def assert_found(verdict: Decision, actuator: int, left: float, error: float = 1e-3) -> None:
+def assert_isolated(
+    decision: Decision, actuator: int, remaining: float, error: float = 1e-3
+) -> None:
     """The actuator would be named, as weak as it is, and what is left is noise."""
-    assert names(verdict)
-    assert verdict.inflation < 1.5
-    assert verdict.fault.actuator == actuator
-    assert verdict.fault.effectiveness == pytest.approx(left, abs=error)
+    assert isolates(decision)
+    assert decision.inflation < 1.5
+    assert decision.fault.actuator == actuator
+    assert decision.fault.effectiveness == pytest.approx(remaining, abs=error)
 
 
 @pytest.mark.parametrize("gusts, errors", [(False, (0.08, 1e-3)), (True, (0.08, 0.015))])
 @pytest.mark.parametrize("k", ALONE)
-def test_the_bank_names_one_weak_actuator_and_how_weak_it_is(k, gusts, errors):
+def test_the_bank_isolates_one_weak_actuator_and_its_effectiveness(k, gusts, errors):
     """0.2 and 3 s after onset, with process noise or without."""
-    y = measured(LEFT[k], np.random.default_rng(k), gusts)
+    y = measured(REMAINING[k], np.random.default_rng(k), gusts)
     for tick, error in zip((20, 300), errors, strict=True):
-        verdict = judged(input_fault_bank(), y, tick, whitening(gusts))
-        assert_found(verdict, int(LEFT[k, 0] == 1), LEFT[k].min(), error)
+        decision = decide_at(input_fault_bank(), y, tick, whitening(gusts))
+        assert_isolated(decision, int(REMAINING[k, 0] == 1), REMAINING[k].min(), error)
 
 
 def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
     """0.7 of the aileron, no rudder lost: the nine filters' choice wanders, to rudders, too."""
     y = measured((0.7, 1.0), np.random.default_rng(0), gusts=False)
-    assert_found(judged(input_fault_bank(), y, 300), 0, 0.7)
+    assert_isolated(decide_at(input_fault_bank(), y, 300), 0, 0.7)
     assert len(set(kalman_decisions(y)[100:])) > 2
 
 
 @pytest.mark.parametrize("k", TOGETHER)
-def test_two_actuators_weakened_together_leave_what_is_no_noise_until_one_is_known(k):
+def test_two_weak_actuators_leave_residuals_until_one_is_known(k):
     """The bank has no such hypothesis; its best one may still be named.
 
     The limit of the unexplained part is relative: the outputs move so far that a hundred times the
     noise is little of it. With the loss of the aileron known, that of the rudder is found.
     """
-    y = measured(LEFT[k], np.random.default_rng(k), gusts=False)
-    early, *later = (judged(input_fault_bank(), y, tick) for tick in (20, 100, 300))
+    y = measured(REMAINING[k], np.random.default_rng(k), gusts=False)
+    early, *later = (decide_at(input_fault_bank(), y, tick) for tick in (20, 100, 300))
     assert early.inflation > 2
-    assert all(verdict.inflation > 100 for verdict in later)
-    bank = input_fault_bank(Fault(0, "weak", float(LEFT[k, 0])))
-    assert_found(judged(bank, y, 300), 1, LEFT[k, 1])
+    assert all(decision.inflation > 100 for decision in later)
+    bank = input_fault_bank(Fault(0, "weak", float(REMAINING[k, 0])))
+    assert_isolated(decide_at(bank, y, 300), 1, REMAINING[k, 1])
 
 
 def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
     """Whether the residual test raises one in a sound flight of 10 s."""
     test = ResidualTest(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
-    recent, left = test.start(), sound_residuals(seed, gusts)
-    for residual in whitened(filtered, left):
+    recent, remaining = test.start(), healthy_residuals(seed, gusts)
+    for residual in whitened(filtered, remaining):
         recent = np.vstack([recent[1:], residual])
         if test.alarm(recent):
             return True
     return False
 
 
-def test_process_noise_raises_an_alarm_only_if_it_is_taken_for_white():
+def test_process_noise_raises_an_alarm_only_if_treated_as_white():
     """Its residuals drift; whitened by the spectrum of another flight they are noise."""
-    y, bank = measured(LEFT[0], np.random.default_rng(0), True), input_fault_bank()
-    assert not names(judged(bank, y, 100, whitening(True)))
+    y, bank = measured(REMAINING[0], np.random.default_rng(0), True), input_fault_bank()
+    assert not isolates(decide_at(bank, y, 100, whitening(True)))
     assert alarms(0, True, WHITE)
     assert not alarms(0, True, whitening(True))
     assert not alarms(0, False, WHITE)
