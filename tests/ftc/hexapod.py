@@ -1,4 +1,4 @@
-"""The hexapod's controllers and its supervisor in a loop without physics."""
+"""Controllers and supervisor of the hexapod in loops without physics."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -31,7 +31,7 @@ def jacobian() -> np.ndarray:
 
 
 def pointing_of(displacements: np.ndarray) -> np.ndarray:
-    """By the linear model, (2,)."""
+    """Return the pointing angles (2,) by the linear model."""
     return jacobian()[MAJOR] @ displacements
 
 
@@ -59,14 +59,14 @@ def reading(output: np.ndarray) -> Measurement:
 
 
 def steady(controller, state, ticks: int, secondary_reference=None):
-    """The compensators see no error: what they ask stands still."""
+    """Step a controller without an error, so that its demand is constant."""
     for _ in range(ticks):
         state = controller.step(state, DESIRED, reading(DESIRED), secondary_reference)
     return state
 
 
 def pulled(controller, secondary_reference=None):
-    """Some way out, by an error that lasts a tenth of a second."""
+    """Displace the mechanism by an error that lasts a tenth of a second."""
     state = controller.start()
     for _ in range(100):
         state = controller.step(state, DESIRED, reading(0.7 * DESIRED), secondary_reference)
@@ -75,7 +75,7 @@ def pulled(controller, secondary_reference=None):
 
 @cache
 def out(form: DisplacementForm = "absolute"):
-    """State of the controller of the healthy machine, some way out."""
+    """Return the displaced state of the controller of the healthy machine."""
     return pulled(controller(EQUAL, form))
 
 
@@ -85,7 +85,7 @@ def diagnosis(fault: Fault, displacement_m: float = 0.0, *, confirmed: bool = Fa
 
 @dataclass(frozen=True)
 class Script:
-    """A monitor that says what it is told to, tick after tick, and counts whom it came after."""
+    """Monitor that returns scripted diagnoses and counts the confirmed ones before it."""
 
     script: tuple[Diagnosis | None, ...]
     after: int = 0
@@ -93,15 +93,15 @@ class Script:
 
     @property
     def nominal(self):
-        """Of the healthy machine."""
+        """Model of the healthy machine."""
         return hexapod_rig().nominal
 
     def step(self, state, measured, commanded_m):
-        """The next that it says."""
+        """Return the state with the next scripted diagnosis."""
         return replace(state, ticks=state.ticks + 1, diagnosis=self.script[state.ticks])
 
     def with_diagnosis(self, state):
-        """Itself, one failure later."""
+        """Return the monitor after one more confirmed failure."""
         return replace(self, after=self.after + 1), replace(state, diagnosis=None)
 
 
@@ -112,9 +112,9 @@ def far_out(dither: Dither | None):
 
 
 def supervised(*script: Diagnosis | None, dither: Dither | None = None) -> list[Any]:
-    """The supervisor's states from far out, tick by tick, under a monitor that says this."""
+    """Return the supervisor's states, from a displaced one, with scripted diagnoses."""
     states = [replace(far_out(dither), monitor=Script(script))]
-    for tick in range(len(script)):  # a sensor that repeats itself to the bit is stuck
+    for tick in range(len(script)):  # exactly repeated readings would count as stuck
         seen = reading(DESIRED * (1 + 1e-9 * (tick % 2)))
         states.append(supervisor(dither).step(states[-1], DESIRED, seen))
     return states[1:]

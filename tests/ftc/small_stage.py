@@ -1,4 +1,4 @@
-"""A stage with three drives, small enough for thousands of calls, and all about it."""
+"""Stage with three drives, small enough for thousands of calls, and its controllers."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -37,42 +37,42 @@ LOADED |= {"friction": (np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N)
 
 
 class Stage:
-    """The stage as a :class:`ftc.control.geometry.MechanismModel`; postures are displacements."""
+    """:class:`ftc.control.geometry.MechanismModel` of the stage; postures are displacements."""
 
     nominal = STILL
 
     def jacobians(self, posture: np.ndarray) -> Any:
-        """Constant."""
+        """Return the constant Jacobians."""
         return SimpleNamespace(J_T=J, J_C=np.zeros((0, N)), active=np.arange(N), stiffness=None)
 
     def displacements(self, posture: np.ndarray) -> np.ndarray:
-        """The posture itself."""
+        """Return the posture itself."""
         return posture
 
     def task(self, posture: np.ndarray) -> np.ndarray:
-        """Linear."""
+        """Return the linear task."""
         return J @ posture
 
     def moved(
         self, posture: np.ndarray, displacements: np.ndarray, fixed: np.ndarray
     ) -> np.ndarray:
-        """Where it is told to."""
+        """Return the commanded posture."""
         return displacements
 
 
 class Still:
-    """A machine that does not move, whose sensors have noise, or count in whole numbers."""
+    """Machine at rest with noisy sensors of floats or integers."""
 
     def __init__(self, of: Any = float) -> None:
         self.rng, self.of = np.random.default_rng(1), of
 
     def measure(self) -> Measurement:
-        """Noise."""
+        """Return noise."""
         size = 1.0 if self.of is int else 1e-3
         return Measurement((size * self.rng.normal(size=M1)).astype(self.of), np.zeros(N, self.of))
 
     def apply(self, inputs: np.ndarray) -> None:
-        """Nothing."""
+        """Ignore the inputs."""
 
 
 def possible(faults: Any) -> bool:
@@ -81,7 +81,7 @@ def possible(faults: Any) -> bool:
 
 @cache
 def stage() -> Any:
-    """Models of the stage, controllers of two of its three outputs, and what they are made of."""
+    """Return models and controllers of the stage, and their arguments."""
     eye, none, s = np.eye(N), np.zeros((N, N)), SimpleNamespace()
     s.lower, s.drive = np.hstack([-1e4 * eye, -100.0 * eye]), 1e4 * eye
     s.A, s.B = np.vstack([np.hstack([none, eye]), s.lower]), np.vstack([none, s.drive])
@@ -117,7 +117,7 @@ def stage() -> Any:
 
 
 def simulate(controller: Any) -> Any:
-    """What a controller sends in a few ticks, from rest."""
+    """Return the inputs that a controller sends in a few ticks from rest."""
     state = controller.start()
     sent = []
     for _ in range(3):

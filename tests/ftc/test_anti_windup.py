@@ -1,4 +1,4 @@
-"""Limits in the loop: integrators do not run away from what is achieved, and it stays stable."""
+"""Anti-windup: integrators stay near the achieved demand, and loops with limits stay stable."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,7 +18,7 @@ from tests.profiles import examples
 SEEDS = st.integers(0, 2**32 - 1)
 PERIOD_S = 0.01
 INTEGRATOR = control.ss([[1.0]], [[PERIOD_S]], [[5.0]], [[0.0]], PERIOD_S)
-"""5 / s, by Euler's rule."""
+"""Integrator 5 / s, discretized by Euler's rule."""
 
 
 def controller_for(mapping: Any, handover_s: float = 0.0, *, anti_windup: bool = True) -> Any:
@@ -27,7 +27,7 @@ def controller_for(mapping: Any, handover_s: float = 0.0, *, anti_windup: bool =
 
 
 def driven(controller: PrioritizedController, reference: float, ticks: int, state=None):
-    """The loop around a plant that does at once what it is commanded; major task, (ticks, 2)."""
+    """Return the major task (ticks, 2) of a loop with an ideal plant, and the last state."""
     mapping, outputs = controller.mapping, []
     state = controller.start() if state is None else state
     for _ in range(ticks):
@@ -40,9 +40,9 @@ def driven(controller: PrioritizedController, reference: float, ticks: int, stat
 
 @pytest.mark.parametrize("anti_windup", [True, False])
 def test_an_integrator_stays_near_the_achieved_demand(anti_windup):
-    """The demand is ahead by the error at most: K e dt = L (u - u_a), and L is about K dt.
+    """The demand leads by at most the error: K e dt = L (u - u_a), and L is about K dt.
 
-    Four time constants 1 / K after the target has become attainable, the task is there.
+    The task reaches its target four time constants 1 / K after that has become attainable.
     """
     controller = controller_for(limited(serial(3)), anti_windup=anti_windup)
     reached, state = driven(controller, 10.0, 500)
@@ -72,7 +72,7 @@ def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
 
 @given(SEEDS, st.integers(0, 2), st.integers(0, 3))
 def test_compensators_with_back_calculation_are_stable(seed, integrators, others):
-    """Double integrators and unstable compensators too: all poles of A - L C within the circle."""
+    """All poles of A - L C are stable, also for double integrators and unstable compensators."""
     rng, order = np.random.default_rng(seed), integrators + others
     A = np.diag(np.concatenate([np.ones(integrators), rng.uniform(-1.1, 0.9, others)]))
     if integrators == 2:
@@ -110,7 +110,7 @@ def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits
 
 @given(SEEDS)
 def test_a_mapping_with_limits_takes_over_without_a_step(seed):
-    """Commands within the limits are those of the new mapping, whatever it would do itself."""
+    """After a transfer the new mapping reproduces previous commands within the limits."""
     own, rng = serial(seed), np.random.default_rng(seed)
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
     controller = controller_for(mapping, handover_s=0.1)

@@ -1,4 +1,4 @@
-"""What the bank says of each hypothesis, against Gaussians written out in full."""
+"""Evidence of each hypothesis of the bank, against Gaussians written out in full."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ seeds = pytest.mark.parametrize("seed", range(3))
 
 
 def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.ndarray]:
-    """What a standard deviation of the constant and of the growth of a cause adds, (N, p) each."""
+    """Return the effects (N, p) of one standard deviation of a cause's constant and growth."""
     nominal, ticks, u = record.nominal, record.ticks, record.u
     plain, since = outputs(nominal, ticks, u), np.arange(len(u)) - onset
     on = (since >= 0)[:, None]
@@ -38,13 +38,13 @@ def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.nda
 
 
 def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np.ndarray:
-    """What each parameter but the offsets changes of the outputs, by simulation, (R - p, N, p)."""
+    """Simulate the effects (R - p, N, p) of all parameters except the offsets."""
     nominal, ticks, u = record.nominal, record.ticks, record.u
     cause, fault = (fault, None) if isinstance(fault, Cause) else (None, fault)
     plain = outputs(nominal, ticks, u, fault, onset)
     tiny = 1e-4
     small = replace(WRONG, **{k: tiny * v for k, v in vars(WRONG).items()})
-    step = 1e-3 * tiny  # perturbed() goes a thousandth of a deviation
+    step = 1e-3 * tiny  # perturbed() steps by a thousandth of a deviation
     result = [
         (outputs(each, ticks, u, fault, onset) - plain) / step for each in perturbed(nominal, small)
     ]
@@ -54,7 +54,7 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
         own = [plain * 0] * 2 if cause is None else caused(record, cause, onset, WRONG)
         return np.array([*result, plain * 0, *own, plain * 0])
     later = outputs(nominal, ticks, u, fault, onset + 1) - plain
-    later[onset] = 0.0  # within its sample it is not dated
+    later[onset] = 0.0  # no onset within a sample
     push = nominal.plant.B[:, fault.actuator]
     direction = np.roll(push, -len(push) // 2)
     direction = direction / np.linalg.norm(nominal.plant.C @ direction / nominal.noise)
@@ -88,7 +88,7 @@ def random_whitening(seed: int) -> np.ndarray:
 
 
 def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
-    """H, P and e: residuals e = H theta + noise of all samples, theta of covariance P."""
+    """Return H, P and e: residuals e = H theta + noise, with theta of covariance P."""
     failed = None if isinstance(fault, Cause) else fault
     seen = outputs(record.nominal, record.ticks, record.u, failed, onset)
     rows = [whitened(whitening, each).ravel() for each in sensitivities(record, fault, onset)]
@@ -99,9 +99,9 @@ def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, w
 
 
 def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
-    """Energy, log of the root of the determinant, and parameters, of one hypothesis, in full.
+    """Return energy, log root determinant and parameters of one hypothesis, written out in full.
 
-    Where the best onset or part lost is not in its cell, energy and parameters are the best within.
+    If the best onset or lost fraction is outside its cell, the result is the best one within.
     """
     H, P, e = regression(record, fault, onset, prior, whitening)
     S = np.eye(len(e)) + H @ P @ H.T
@@ -125,9 +125,9 @@ def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, 
 @pytest.mark.parametrize("ticks", [1, pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2, 3))])
 def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, ticks):
-    """Against simulations of each hypothesis and of each of its errors, written out in full.
+    """The reference simulates each hypothesis and its errors, written out in full.
 
-    So are causes that are no failures: an offset of an actuator that grows, the supply, the scale.
+    Causes are included: a growing offset of an actuator, the supply, the scale.
     """
     nominal = carts(seed)
     record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
@@ -150,7 +150,7 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, tick
 @pytest.mark.parametrize("gain", [0.1, 1.0, 7.0])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain):
-    """Their log ratio, of filters of any gain, is that of the Gaussians of what was measured."""
+    """For filters of any gain the log ratio is that of the Gaussians of the measurements."""
     record = Record.of(carts(seed), 2, seed)
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
     prior = random_prior(len(bank.base_model.M) - 1, seed)
@@ -189,14 +189,14 @@ def test_a_weak_actuator_loses_a_fraction_of_its_remaining_force():
         hypothesis_bank(carts(0), [Fault(k, "locked") for k in range(2)])
 
 
-# What is compiled of the evidence.
+# Compiled steps of the evidence.
 
 ARRAYS = ("X", "memory", "information", "score", "energy")
 
 
 @seeds
 def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
-    """Whoever keeps a state may step from it again; a sample that is no evidence adds none."""
+    """A step leaves its argument unchanged; an unmeasured sample adds no evidence."""
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
@@ -220,7 +220,7 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
 
 @seeds
 def test_information_that_rounding_made_indefinite_leaves_finite_numbers(seed):
-    """Regressors a trillion times the noise: 1 is lost beside their squares, and pivots are not."""
+    """With regressors a trillion times the noise 1 is lost in round-off; pivots stay positive."""
     rows = 1e12 * np.random.default_rng(seed).normal(size=(9, 2))
     information = rows @ rows.T
     assert np.linalg.eigvalsh(np.eye(9) + information)[0] < 0

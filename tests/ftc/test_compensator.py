@@ -1,4 +1,4 @@
-"""Loops of compensators: minimal realizations, frequency responses, and what is read off them."""
+"""Loops of compensators: minimal realizations, frequency responses and stability margins."""
 
 import control
 import numpy as np
@@ -18,7 +18,7 @@ FREQUENCY_RAD_S = np.geomspace(5.0, 3000.0, 200)
 
 
 def masses(seed: int, k: int = 5, m: int = 2) -> control.StateSpace:
-    """Coupled masses behind a hold, one of which no spring holds: a double pole at z = 1."""
+    """Return sampled coupled masses, one of them without a spring: a double pole at z = 1."""
     rng = np.random.default_rng(seed)
     shapes = np.linalg.qr(rng.normal(size=(k, k)))[0]
     stiffness = shapes @ np.diag([0.0, *rng.uniform(1e2, 1e5, k - 1)]) @ shapes.T
@@ -30,7 +30,7 @@ def masses(seed: int, k: int = 5, m: int = 2) -> control.StateSpace:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_response_is_the_solution_of_its_linear_system_at_each_frequency(seed):
-    """Double poles included, and behind a compensator whose states differ by ten decades."""
+    """The loops have double poles, and compensator states that differ by ten decades."""
     low_pass = control.ss(control.tf([1e5], [1, 4e2, 1e5, 0]))
     channel = control.c2d(low_pass, PERIOD_S, "tustin")
     L = masses(seed) * control.append(channel, channel)
@@ -71,7 +71,7 @@ def test_a_loop_whose_gain_stays_below_one_has_infinite_margins():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_response_that_is_real_to_round_off_has_its_gain_margin(seed):
-    """Modes that cancel leave round-off of either sign: of one frequency another than of many."""
+    """Cancelling modes leave round-off of either sign, which differs in batches."""
     rng = np.random.default_rng(seed)
     turns = 0.9 * np.exp(1j * rng.uniform(0.01, 1.0, size=3))
     A = block_diag(*(np.array([[z.real, -z.imag], [z.imag, z.real]]) for z in turns))
@@ -82,7 +82,7 @@ def test_a_response_that_is_real_to_round_off_has_its_gain_margin(seed):
 
 
 def test_a_slow_loop_has_the_margins_of_a_fast_one():
-    """Time scaled 20 times: crossovers of slow arms lie below 0.1 Hz, and so may the peak."""
+    """Time is scaled 20 times: crossovers and peaks of slow arms may lie below 0.1 Hz."""
     loops = []
     for slower in (1.0, 20.0):
         lag = control.tf([1.0], [slower**2, slower, 0.0])  # corner and integrator at 1 rad/s
@@ -94,11 +94,11 @@ def test_a_slow_loop_has_the_margins_of_a_fast_one():
     assert peaks[1] == pytest.approx(peaks[0], rel=1e-3)
 
 
-# What no input excites or no output sees plays no part in a loop.
+# Uncontrollable or unobservable modes do not matter to a loop.
 
 
 def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
-    """Decaying motions that are driven and seen, and integrators that are one or the other only.
+    """Return a plant of stable minimal modes and uncontrollable or unobservable integrators.
 
     The states are mixed by a random transformation of moderate condition.
     """
@@ -106,8 +106,12 @@ def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
     n = driven + 2 * hidden
     A = np.zeros((n, n))
     A[:driven, :driven] = rng.uniform(-1, 1, (driven, driven)) - 3 * np.eye(driven)
-    A[driven : driven + hidden, :driven] = rng.uniform(-1, 1, (hidden, driven))  # driven, not seen
-    A[:driven, driven + hidden :] = rng.uniform(-1, 1, (driven, hidden))  # seen, not driven
+    A[driven : driven + hidden, :driven] = rng.uniform(
+        -1, 1, (hidden, driven)
+    )  # controllable, not observable
+    A[:driven, driven + hidden :] = rng.uniform(
+        -1, 1, (driven, hidden)
+    )  # observable, not controllable
     B, C = np.zeros((n, 2)), np.zeros((2, n))
     B[:driven], C[:, :driven] = rng.uniform(-1, 1, (driven, 2)), rng.uniform(-1, 1, (2, driven))
     T = np.linalg.qr(rng.standard_normal((n, n)))[0] @ np.diag(rng.uniform(0.5, 2.0, n))
@@ -117,7 +121,7 @@ def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
 
 @given(st.integers(0, 999), st.integers(1, 5), st.integers(0, 3), st.sampled_from([1e-9, 1e9]))
 def test_undamped_hidden_modes_are_removed(seed, driven, hidden, unit):
-    """The response stays, and every pole that is left decays, whatever the unit of the inputs."""
+    """The response is unchanged and all remaining poles are stable, for any unit of the inputs."""
     whole = plant(seed, driven, hidden)
     part = minimal(whole)
     assert part.nstates <= driven
@@ -131,7 +135,7 @@ def test_undamped_hidden_modes_are_removed(seed, driven, hidden, unit):
 
 
 def test_an_unstable_controllable_and_observable_mode_stays():
-    """A pendulum that stands upright is for the loop to hold."""
+    """An upright pendulum has to be stabilized by the loop."""
     upright = control.ss([[0, 1], [4, 0]], [[0], [1]], [[1, 0]], 0)
     np.testing.assert_allclose(sorted(minimal(upright).poles().real), [-2, 2], atol=1e-9)
 

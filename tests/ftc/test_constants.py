@@ -1,4 +1,4 @@
-"""The page on the diagnosis has each constant with the value that the code has."""
+"""Constants on the page of the diagnosis agree with the code."""
 
 import re
 from importlib import import_module
@@ -11,7 +11,7 @@ import ftc.fdi
 PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text()
 ROWS = re.findall(r"^\| `(\w+)\.([\w.]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", PAGE, re.MULTILINE)
 RULES = "observer", "monitor", "decision"
-"""Files whose every constant is one of the diagnosis; of the others those that decide."""
+"""Files whose constants are all on the page."""
 
 
 @pytest.mark.parametrize(("file", "name", "value_text", "unit", "reason"), ROWS)
@@ -34,4 +34,4 @@ def test_every_constant_of_the_rules_is_on_the_page(file):
 
 
 ROUND_OFF = {"_LEAST_OFFSET", "_MOST_SAMPLES", "_TIE"}
-"""They keep round-off and memory within bounds, and decide nothing."""
+"""Constants against round-off and memory growth, which are not on the page."""

@@ -1,4 +1,4 @@
-"""One mapping takes over from another: no command steps, no task is lost; actuators out of use."""
+"""Bumpless transfer between mappings, and commands of actuators out of use."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
     if form == "absolute" or "locked" not in name:
         assert np.abs(bare - sent).max() > 20 * LSB_PERCENT
     state = first = steady(after, after.transfer(state), 1)
-    # The first tick of the fade, and the converters' last bit.
+    # The first tick of the fade, and the quantization of the converters.
     assert np.abs(first.inputs[survivors] - sent).max() <= 1.5 * LSB_PERCENT
     if form != "absolute":
         return
@@ -70,7 +70,7 @@ def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
     for _ in range(FADE):
         state = steady(after, state, 1)
         moved.append(surviving_m(state) - surviving_m(first))
-    # Six struts' last bits, 10 nm each at most, through J_m.
+    # Quantization of six struts, 10 nm each at most, through J_m.
     assert np.abs(moved @ J_m.T).max() < 6e-8
     for later in (state, steady(after, state, FADE)):
         own = after.mapping.displacements(later.previous_command.demand, later.pose)[survivors]
@@ -91,13 +91,13 @@ def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
 
 
 def test_the_command_of_a_known_weak_actuator_is_scaled():
-    """Twice the command at half the strength is the same displacement, pose and handover."""
+    """Twice the command at half the force gives the same displacement, pose and transfer."""
     aware = controller(replace(EQUAL, effectiveness={4: 0.5}))
     expected, state = out(), pulled(aware)
     twice = expected.inputs * [1, 1, 1, 1, 2, 1]
     np.testing.assert_allclose(state.inputs, twice, atol=2 * LSB_PERCENT)
     assert abs(state.inputs[4]) > 40 * LSB_PERCENT
-    # Six struts' last bits, 20 nm each at most, through J.
+    # Quantization of six struts, 20 nm each at most, through J.
     result, same = state.pose, expected.pose
     np.testing.assert_allclose(result.translation_m, same.translation_m, atol=4e-8)
     angles = pointing_angles(result.rotation), pointing_angles(same.rotation)
@@ -114,7 +114,7 @@ LOST = {"locked": Goal(EQUAL.joint_weight, locked_at={2: -4e-6}), "without force
 
 
 def moving(controller, state: ControllerState, ticks: int) -> list[ControllerState]:
-    """States while the detector reads errors of another size at each tick."""
+    """Return the states while the detector reads random errors."""
     rng, states = np.random.default_rng(0), []
     for _ in range(ticks):
         seen = reading(DESIRED * rng.uniform(0.8, 1.2))
@@ -131,7 +131,7 @@ def moving(controller, state: ControllerState, ticks: int) -> list[ControllerSta
     ],
 )
 def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):
-    """Whatever the others do, for longer than a handover takes; a second transfer keeps it, too."""
+    """The command does not depend on the other commands, the time, or a second transfer."""
     after, state = controller(LOST[name], form), out(form)
     later = moving(after, after.transfer(state, retained=ALL), FADE + 20)
     later += moving(after, after.transfer(later[-1], retained=ALL), 5)
@@ -153,10 +153,10 @@ def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
 
 @pytest.mark.parametrize("remaining", [0.0, 0.3, 1.0])
 def test_the_others_take_over_the_remaining_effect_of_a_weak_actuator(remaining):
-    """Statics: they and what is left of its force cause the same major task, tick by tick."""
+    """With the remaining force of the weak one they produce the same static task at each tick."""
     after, start, second = controller(WITHOUT_2), out(), np.arange(6) == 2
     u = after.drives.displacements(start.inputs)
-    lost = np.where(second, (1 - remaining) * u, 0.0)  # at the very moment of the failure
+    lost = np.where(second, (1 - remaining) * u, 0.0)  # at the onset of the failure
     caused, state = [], after.transfer(start, lost, np.where(second, remaining, 0.0))
     for _ in range(FADE + 2):
         state = steady(after, state, 1)
@@ -167,7 +167,7 @@ def test_the_others_take_over_the_remaining_effect_of_a_weak_actuator(remaining)
 
 
 def test_a_second_failure_while_the_first_one_fades_moves_nothing():
-    """What is left of the first command fades with the second, unless both are kept."""
+    """The rest of the first command fades with the second, unless both are retained."""
     first, second = controller(WITHOUT_2), controller(replace(EQUAL, locked_at={2: 0.0, 5: 0.0}))
     acting = np.array([0, 0, 0.3, 0, 0, 0.4])
     state = out()
@@ -193,7 +193,7 @@ def tied_controller(system: ConstrainedSystem, goal: Goal, *form) -> Prioritized
 
 @pytest.mark.parametrize("form", ["absolute", "incremental"])
 def test_an_inadmissible_displacement_fades_once(form):
-    """Of actuators tied by a loop: a second handover, half way, continues the first one."""
+    """For actuators tied by a loop, a second transfer during the first one continues it."""
     tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
     controller = tied_controller(tied, Goal((1.0,) * 3), form)
     state = controller.transfer(replace(controller.start(), inputs=np.array([0.5, -0.5, 0.0])))
@@ -209,7 +209,7 @@ def test_an_inadmissible_displacement_fades_once(form):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_free_actuator_in_closed_loops_is_commanded_to_its_position(seed):
-    """Then its servo and the others agree, whether it is free, sound after all, or works again."""
+    """The servo then agrees with the others, even if it is healthy or works again."""
     rng = np.random.default_rng(seed)
     C = rng.normal(size=(1, 4))
     system = ConstrainedSystem(rng.normal(size=(2, 4)), C, np.arange(4))
@@ -217,7 +217,7 @@ def test_a_free_actuator_in_closed_loops_is_commanded_to_its_position(seed):
     state = controller.transfer(replace(controller.start(), inputs=rng.normal(size=4)))
     for tick in range(160):
         state = controller.step(state, np.ones(1), Measurement(np.zeros(1), np.zeros(4)))
-        if tick == 0:  # before that what it was commanded fades
+        if tick == 0:  # its previous command is still fading
             assert abs(C @ state.inputs) > 1e-3
     np.testing.assert_allclose(C @ state.inputs, 0, atol=1e-9)
     assert abs(state.inputs[2]) > 1e-2 and controller.mapping.followed(np.zeros(4)) is not None
@@ -227,7 +227,7 @@ def test_a_free_actuator_in_closed_loops_is_commanded_to_its_position(seed):
 
 
 def test_the_stepped_loop_is_the_linear_one_of_python_control():
-    """Where nothing saturates and nothing fails."""
+    """The loop has neither saturation nor failures."""
     own, gain = stage(), stage().mapping().major_gain()
     P = control.c2d(own.plant, PERIOD_S, "zoh")
     model = FaultModel(P.A, P.B, P.C, np.eye(P.nstates), np.zeros(P.nstates))

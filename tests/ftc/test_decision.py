@@ -1,4 +1,4 @@
-"""What is concluded from the evidence: probabilities, parts lost, states."""
+"""Decisions from the evidence: probabilities, lost fractions, states."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
 
 
 def decided(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
-    """Evidence and verdict at the end of a record."""
+    """Return the evidence and the decision at the end of a record."""
     bank, p = bank or hypothesis_bank(record.nominal, (), uncertainty, 2), record.y.shape[1]
     prior = Parameters.prior(len(bank.base_model.M) - 1, p, uncertainty)
     evidence = gathered(bank, record, prior, np.ones((1, p)), onsets)
@@ -27,7 +27,7 @@ def decided(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how
 def failed_state(
     nominal: NominalModel, fault: Fault, record: Record, onset: int, nudge: np.ndarray | float = 0.0
 ):
-    """By the model, after all samples, and where it began at the onset."""
+    """Return the state of the failed plant after all samples, and that at the onset."""
     sent, cut = np.repeat(record.u, record.ticks, axis=0), onset * record.ticks
     after = fault_model(nominal, [fault])
     at_onset = after.onset @ fault_model(nominal).states(sent[:cut])[-1] + nudge
@@ -35,7 +35,7 @@ def failed_state(
 
 
 def random_fault(rng: np.random.Generator, n: int) -> Fault:
-    """A failure by the bank's prior."""
+    """Sample a failure from the prior of the bank."""
     actuator, kind_index = int(rng.integers(n)), int(rng.integers(1 + len(LOST)))
     if kind_index == 0:
         return Fault(actuator, "locked")
@@ -47,9 +47,9 @@ def random_fault(rng: np.random.Generator, n: int) -> Fault:
 
 @pytest.mark.parametrize("noise", [2e-3, pytest.param(6e-3, marks=pytest.mark.long)])
 def test_confidence_is_the_rate_of_correct_decisions(noise):
-    """As many verdicts are right as they claim: any actuator, kind, or no failure.
+    """The rate of correct decisions is their mean confidence: any actuator, kind, or no failure.
 
-    Failures and health are drawn as the prior has them; what is named is the likelier.
+    Failures and health are sampled from the prior; the more likely one is the decision.
     """
     rng, claimed, correct = np.random.default_rng(5), [], []
     bank = hypothesis_bank(carts(1, 3, noise), (), CERTAIN, 2)
@@ -62,7 +62,7 @@ def test_confidence_is_the_rate_of_correct_decisions(noise):
         claimed.append(max(decision.fault_free_confidence, decision.actuator_confidence))
         isolated = None if healthy else decision.fault.actuator
         correct.append(isolated == (None if fault is None else fault.actuator))
-    assert 0.5 < np.mean(claimed) < 0.95  # it is not a foregone conclusion
+    assert 0.5 < np.mean(claimed) < 0.95  # the decisions are not trivial
     low, high = binom.interval(0.998, len(claimed), np.mean(claimed))
     assert low <= np.sum(correct) <= high
 
@@ -70,12 +70,12 @@ def test_confidence_is_the_rate_of_correct_decisions(noise):
 @pytest.mark.parametrize("uncertainty", [WRONG, WIDER])
 @pytest.mark.parametrize("disturbed", [True, False])
 def test_without_evidence_the_probabilities_are_the_priors(disturbed, uncertainty):
-    """Something else, that is no failure, is part of none."""
+    """Causes and disturbances count as no failure."""
     silent = Record(carts(1, 4), 2, np.zeros((0, 4)), np.zeros((0, 4)))
     _, decision = decided(silent, uncertainty=uncertainty, disturbed=disturbed)
     assert decision.fault_free_confidence == pytest.approx(1 / 2)
     assert decision.actuator_confidence == pytest.approx(1 / 2 / 4)
-    # Locked, free, and three models of weak: each is as likely as the other.
+    # Locked, free, and three weak models are equally likely.
     assert decision.kind_confidences == pytest.approx((1 / 5, 1 / 5, 3 / 5))
 
 
@@ -83,7 +83,7 @@ def test_without_evidence_the_probabilities_are_the_priors(disturbed, uncertaint
     ("remaining", "lost"), [*((1, x) for x in (0.05, 0.3, 0.45, 0.8, 0.86)), (0.6, 0.3)]
 )
 def test_a_loss_between_the_models_is_estimated(remaining, lost):
-    """Of what is left: of a healthy actuator, or of one that is known to be weak."""
+    """The loss is relative to the remaining force, of a healthy or a known weak actuator."""
     before = [Fault(1, "weak", remaining)] if remaining < 1 else []
     fault = Fault(1, "weak", remaining * (1 - lost))
     record = Record.of(carts(2, 3), 2, 3, fault, 20, 60, size=5e-2, before=before)
@@ -108,7 +108,7 @@ def test_the_state_of_a_decision_is_that_of_the_failed_plant(kind):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_lock_off_the_models_position_is_estimated(seed):
-    """As an output sees it by three deviations of its noise: friction let the plant go there."""
+    """Friction moved the plant by three standard deviations of an output's noise."""
     nominal, fault = carts(4), Fault(0, "locked")
     record = Record.of(nominal, 2, seed, fault, 20, 60)
     direction = nominal.plant.B[2:, 0] / np.linalg.norm(
@@ -125,14 +125,14 @@ def test_a_lock_off_the_models_position_is_estimated(seed):
 
 
 def locked(y_more: np.ndarray, seed: int = 0):
-    """Evidence and verdict of a lock at the 20th of 60 samples, with something added."""
+    """Return evidence and decision of a lock at sample 20 of 60, with an added signal."""
     record = Record.of(carts(3), 2, seed, Fault(0, "locked"), 20, 60, size=5e-2)
     return decided(replace(record, y=record.y + y_more), np.arange(18, 23))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_inflation_divides_the_log_likelihoods(seed):
-    """Nine times the noise's variance more after the onset: the residuals are ten times it."""
+    """Added noise of nine times the variance after the onset gives an inflation of ten."""
     _, decision = locked(np.zeros((60, 2)), seed)
     assert decision.unexplained == 0.0
     assert decision.inflation == pytest.approx(1.0, abs=0.3)
@@ -146,7 +146,7 @@ def test_the_inflation_divides_the_log_likelihoods(seed):
 
 
 def test_the_unexplained_fraction_is_that_of_the_energy():
-    """Half of what is seen without it, where a square wave adds as much as the lock does."""
+    """The fraction is a half if a square wave adds as much energy as the lock."""
     energy = locked(np.zeros((60, 2)))[0].marginal()[0]
     gained = energy[0, 0] - energy[1:-1].min()
     wave = np.where(np.arange(60) % 2, 1.0, -1.0) * (np.arange(60) >= 20)
@@ -156,7 +156,7 @@ def test_the_unexplained_fraction_is_that_of_the_energy():
 
 
 def test_the_parameter_deviation_does_not_depend_on_sensor_offsets():
-    """Fifty standard deviations of noise off, they ask for no other machine."""
+    """Offsets of fifty standard deviations of noise do not change the plant parameters."""
     record = Record.of(carts(3, 3), 2, 4, Fault(1, "weak", 0.4), onset=6)
     sure, unsure = (
         decided(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]

@@ -1,4 +1,4 @@
-"""The plant with failed actuators, derived from the healthy one, against MuJoCo and mechanics."""
+"""Models of the plant with failed actuators, against MuJoCo and mechanics."""
 
 from dataclasses import replace
 from functools import partial
@@ -30,7 +30,7 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 def simulate(
     plant: Plant, nominal: NominalModel, fault: Fault | None, onset: int, sent: np.ndarray
 ):
-    """Displacements of MuJoCo's plant and of its model, which both fail at a tick, (N, n) each."""
+    """Return displacements (N, n) of MuJoCo's plant and of its model, failing at a tick."""
     model, x, moved, expected = fault_model(nominal), np.zeros(nominal.plant.nstates), [], []
     for tick, command in enumerate(sent):
         if fault is not None and tick == onset:
@@ -50,7 +50,7 @@ def simulate(
 @kinds
 @pytest.mark.parametrize("strut", range(6))
 def test_the_hexapod_moves_as_mujocos_with_a_failed_strut(strut, kind, model):
-    """By the healthy machine's model alone; a lock takes the speed by an impact, and stays."""
+    """The model is that of the healthy machine; a lock stops by an impact and stays locked."""
     nominal, rng = hexapod_rig().nominal, np.random.default_rng(strut)
     time_s = np.arange(240)[:, None] * nominal.period_s
     waves = [np.sin(2 * np.pi * (hz * time_s + rng.uniform(size=6))) for hz in (0.5, 5, 20, 35)]
@@ -62,7 +62,7 @@ def test_the_hexapod_moves_as_mujocos_with_a_failed_strut(strut, kind, model):
 
 
 def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring(model):
-    """Force and spring gone: the same rates as in MuJoCo's own linearization."""
+    """Without force and spring its rates agree with MuJoCo's own linearization."""
     nominal, broken, k = hexapod_rig().nominal, Plant(model), 6
     healthy = broken.linear()
     broken.break_loose(4)
@@ -96,7 +96,7 @@ def test_a_plant_without_positions_and_velocities_is_rejected():
 @kinds
 @pytest.mark.parametrize("n", [2, 5])
 def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
-    """Onset, load that is no longer held, and the commands after it, to rounding."""
+    """Onset, released load and later commands agree to rounding."""
     plant, sent = servo_carts(n, n), random_walk(n, 400, np.random.default_rng(0))
     fault = Fault(1, kind, 0.4 * (kind == "weak"))
     before, after = fault_model(plant.nominal()), fault_model(plant.nominal(), [fault])
@@ -106,7 +106,7 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
 
 
 def test_a_weak_servo_rests_where_its_forces_balance():
-    """Springs and servos against loads: K x = kp left u + load, as statics has it."""
+    """Static equilibrium of springs and servos against loads: K x = kp remaining u + load."""
     plant, u = servo_carts(3, 4), np.array([1e-3, -2e-3, 5e-4])
     remaining = np.array([1.0, 0.4, 1.0])
     stiffness = plant.structure + np.diag(remaining * plant.kp)
@@ -124,9 +124,9 @@ def test_a_weak_servo_rests_where_its_forces_balance():
     "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 8))]
 )
 def test_a_failed_servo_is_isolated_despite_model_errors(seed, kind):
-    """Masses, springs and servos wrong by some percent, two to five of them loaded.
+    """Masses, springs and servos have errors of some percent; two to five servos are loaded.
 
-    Up to the confirmation: what springs leave of a free cart is known as little.
+    The run ends at the confirmation: the springs of a free cart are as uncertain.
     """
     n = 2 + seed % 4
     model, rng = servo_carts(n, seed), np.random.default_rng(seed)
@@ -139,10 +139,7 @@ def test_a_failed_servo_is_isolated_despite_model_errors(seed, kind):
     sent = random_walk(n, 900, rng)
     y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
     fdi_monitor, diagnoses = monitor(model.nominal()), []
-    state, late = (
-        fdi_monitor.start(),
-        np.vstack([0 * sent[:1], sent[:-1]]),
-    )  # what came before each tick
+    state, late = fdi_monitor.start(), np.vstack([0 * sent[:1], sent[:-1]])  # previous commands
     for measured, u in zip(y, late, strict=True):
         state = fdi_monitor.step(state, measured, u)
         diagnoses += [state.diagnosis] if state.diagnosis else []
@@ -154,7 +151,7 @@ def test_a_failed_servo_is_isolated_despite_model_errors(seed, kind):
 
 
 def model_of(plant: Plant, noise: float, period_s: float) -> NominalModel:
-    """A plant's linear model to the displacements."""
+    """Return a plant's linear model to the displacements."""
     linear = plant.linear()
     return NominalModel(
         control.ss(linear.A, linear.B, linear.C_active, 0),
@@ -180,7 +177,7 @@ def model_of(plant: Plant, noise: float, period_s: float) -> NominalModel:
 def test_dampers_are_stepped_as_the_integrator_steps_them(
     integrator, eulerdamp, damping, kv, implicit
 ):
-    """A commanded jump of a healthy plant, then of one without its servo, to 1 % of the motion."""
+    """Step responses of a healthy plant and of one without a servo agree to 1 %."""
     lifted = models.model(
         "lifted",
         ('timestep="1e-4" integrator="Euler"', f'timestep="1e-3" integrator="{integrator}"'),
@@ -204,7 +201,7 @@ STEP_S = 1e-3
 
 @pytest.mark.parametrize("force", [0.1, 0.4, 0.9, -2.0])
 def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
-    """Stuck it creeps at force times softness over rate; slipping it loses the limit."""
+    """Sticking it creeps at force times softness over rate; slipping it is slowed by the limit."""
     plant = control.ss([[0, 1], [0, 0]], [[0], [1 / MASS]], [[1, 0]], 0)
     one, seen = np.ones(1), np.array([[1.0, 0.0]])
     friction = np.eye(1) / MASS, np.eye(1), LIMIT * one, SOFTNESS * one, RATE * one
@@ -217,7 +214,7 @@ def test_a_block_sticks_below_the_limit_and_slips_above_it(force):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
-    """Forces f minimize f'K f / 2 + f'c: bounded least squares, of a coupled random K."""
+    """Forces f minimize f'K f / 2 + f'c: bounded least squares with a coupled random K."""
     rng, n = np.random.default_rng(seed), 4
     root, nominal = rng.normal(size=(n, n)), servo_carts(n, seed).nominal()
     M = root @ root.T + np.eye(n)
@@ -236,13 +233,13 @@ def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
 
 
 FRICTION_FAULTS = [[], [Fault(1, "locked")], [Fault(0, "free")]]
-"""Faults of carts that rub."""
+"""Faults of carts with dry friction."""
 
 
 def uncertain_model_of(
     nominal: NominalModel, faults: list[Fault], ticks: int = 4
 ) -> UncertainModel:
-    """Its model, with an error that is none, and limits that may be half of what they are."""
+    """Return the uncertain model with one zero error and limits of 50 % uncertainty."""
     plant = partial(fault_model, nominal)
     return uncertain_model(plant, faults, others=[plant], friction=0.5, ticks=ticks)
 
@@ -253,7 +250,7 @@ def wave(sample: int) -> np.ndarray:
 
 @pytest.mark.parametrize("faults", FRICTION_FAULTS)
 def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
-    """Of the model to rounding; of a smaller limit exactly, of the state to first order."""
+    """The model agrees to rounding, a smaller limit exactly, a changed state to first order."""
     ticks, n, nominal = 4, 3, carts_with_friction(2, 0.15)
     truth = fault_model(nominal, faults)
     other = fault_model(carts_with_friction(2, [0.075, 0.15, 0.15]), faults)
@@ -297,7 +294,7 @@ def test_models_with_friction_move_together_as_each_alone():
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 @pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
 def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
-    """Sticking, slipping and creeping alike, before and after a failure; the lock is a soft one."""
+    """The model sticks, slips and creeps like the plant before and after a failure; the lock is soft."""
     file = models.saved(tmp_path, "rubbing_arm", ("implicitfast", integrator))
     arm = load_model(file, add_locks=True)
     data = mujoco.MjData(arm)
@@ -311,11 +308,11 @@ def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fa
     size = np.abs(moved).max()
     error, without = np.abs(moved - expected), np.abs(moved - smooth)
     assert error.max() < 0.02 * size
-    assert error[:150].max() < 3e-3 * size  # Euler makes the dampers of joints alone implicit
+    assert error[:150].max() < 3e-3 * size  # Euler makes only the dampers of joints implicit
     assert without[:150].max() > 0.1 * size
 
 
-# What a weak actuator's commands still move it by at rest, against statics.
+# Static share of a weak actuator, against statics.
 
 SEEDS, NUMBERS = st.integers(0, 2**16), st.integers(1, 4)
 LEFT = st.floats(0.01, 1.0)
@@ -324,7 +321,7 @@ LEFT = st.floats(0.01, 1.0)
 @examples(30)
 @given(SEEDS, NUMBERS, LEFT)
 def test_a_weak_servo_reaches_its_command_within_the_compliance_of_its_load(seed, n, remaining):
-    """Of stiffness e k against a load s: e k / (s + e k), which of a stiff servo is almost one."""
+    """The share for stiffness e k against a load s is e k / (s + e k), near one if stiff."""
     plant = servo_carts(n, seed)
     for k in range(n):
         others = np.where(np.arange(n) == k, 0.0, plant.kp)
@@ -336,7 +333,7 @@ def test_a_weak_servo_reaches_its_command_within_the_compliance_of_its_load(seed
 
 @pytest.mark.parametrize("servo", [False, True])
 def test_without_force_no_command_moves_and_a_healthy_one_moves_all(servo):
-    """A coil moves by the force that is left: its spring stays what it was."""
+    """A coil moves in proportion to its remaining force, since its spring is unchanged."""
     assert static_share(carts(0), Fault(0, "weak", 0.3)) == pytest.approx(0.3)
     nominal = servo_carts(2, 0).nominal() if servo else carts(0)
     assert static_share(nominal, Fault(0, "weak", 0.0)) == 0.0
@@ -347,7 +344,7 @@ def test_without_force_no_command_moves_and_a_healthy_one_moves_all(servo):
 
 
 def test_a_mass_that_nothing_holds_is_moved_by_the_force_that_is_left():
-    """At rest its response has no limit: the ratio does, at frequencies that go to zero."""
+    """The static response is unbounded, but the ratio has a limit at frequency zero."""
     plant = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [3.0]], [[1.0, 0.0]], 0)
     floating = NominalModel(plant, np.eye(1, 2), np.ones(1), period_s=2e-3, step_s=1e-3)
     assert abs(static_share(floating, Fault(0, "weak", 0.3)) - 0.3) < 1e-9
@@ -355,7 +352,7 @@ def test_a_mass_that_nothing_holds_is_moved_by_the_force_that_is_left():
 
 @pytest.mark.parametrize("ticks_a_second", [2000, 1000, 500, 250])
 def test_a_motion_without_restoring_force_does_not_depend_on_the_control_rate(ticks_a_second):
-    """In a hundred seconds, by 3 m/s^2 against a damper of 5 /s; a servo beside it is at rest."""
+    """The response is evaluated after a hundred seconds: 3 m/s^2 against a damper of 5 /s."""
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.diag([0.0, -900.0]), np.diag([-5.0, -30.0])]])
     plant = control.ss(A, np.vstack([np.zeros((2, 2)), np.diag([3.0, 900.0])]), np.eye(1, 4), 0)
     slides = NominalModel(plant, np.eye(2, 4), np.ones(1), 1 / ticks_a_second, step_s=5e-4)

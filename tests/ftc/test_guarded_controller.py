@@ -1,4 +1,4 @@
-"""Somebody else's controller in the loop: each way to fail ends in a sentence, none in a hang."""
+"""Guarded controllers: each kind of failure is reported in a sentence and never hangs."""
 
 import contextlib
 import re
@@ -18,30 +18,30 @@ REFERENCE = np.random.default_rng(0).normal(size=(TICKS, 2))
 
 
 class State(NamedTuple):
-    """Time, and what is sent."""
+    """Tick and the inputs to send."""
 
     tick: int
     inputs: Any
 
 
 class Proportional:
-    """What goes out is a function of what comes in; at one tick it does something else."""
+    """Proportional controller that calls `bad` at one tick."""
 
     def __init__(self, task: ControlTask) -> None:
         self.gain = np.linalg.pinv(task.major_jacobian)
 
     def start(self) -> State:
-        """At rest."""
+        """Return the state at rest."""
         return State(0, np.zeros(3))
 
     def step(self, state: State, reference: np.ndarray, measurement: Measurement) -> Any:
-        """As the error is."""
+        """Return inputs in proportion to the error."""
         assert measurement.output.dtype == measurement.displacement.dtype == float
         inputs = self.gain @ (reference - measurement.output)
         return self.bad(inputs) if state.tick == BAD else State(state.tick + 1, inputs)
 
     def bad(self, inputs: np.ndarray) -> Any:
-        """Of the tick BAD."""
+        """Return the state of the tick BAD."""
         return State(BAD + 1, inputs)
 
 
@@ -99,7 +99,7 @@ HERE = r"\(test_guarded_controller.py, line \d+\)"
     ],
 )
 def test_after_a_failure_the_last_inputs_are_held_and_the_reason_is_reported(bad, sentence):
-    """Before it the run is bit for bit that of a controller that does not fail."""
+    """Before the failure the run equals that of a controller without failure to the bit."""
     healthy, failed = run(Proportional), run(failing(bad), limit_s=0.05)
     assert healthy.state.failure is None
     assert np.array_equal(failed.inputs[:BAD], healthy.inputs[:BAD])
@@ -123,7 +123,7 @@ def test_a_controller_gets_floats_for_integer_readings():
 
 
 def test_after_a_missing_reading_a_controller_continues():
-    """In the tick of the gap alone its commands stand, and it is not asked."""
+    """The commands are held and the step is not called only in the tick of the gap."""
 
     class Blinking(Still):
         ticks = 0
@@ -138,7 +138,7 @@ def test_after_a_missing_reading_a_controller_continues():
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
-    """It gets copies, and copies are taken of what it returns."""
+    """Arguments and returned inputs are copied."""
 
     class Overwriting(Proportional):
         sent, calls = np.zeros(3), 0
@@ -160,7 +160,7 @@ def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
 
 
 def test_the_clock_is_stopped_between_steps():
-    """However long a run takes: only single steps are limited."""
+    """The limit applies to single steps, not to the whole run."""
     slow = failing(lambda self, u: time.sleep(0.03) or State(BAD, u))  # at all ticks from BAD on
     before = signal.getsignal(signal.SIGALRM)
     assert run(slow, limit_s=0.3).state.failure is None

@@ -1,4 +1,4 @@
-"""No hostile argument of `ftc` ends in anything but one sentence or finite numbers."""
+"""Hostile arguments of `ftc` give one error message or finite numbers."""
 
 from dataclasses import replace
 from functools import cache
@@ -38,7 +38,7 @@ AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
 
 
 def monitor_step(state: Any, measured: Any, commanded: Any) -> Any:
-    """What a monitor knows after steps with these."""
+    """Return residuals and commands of a monitor after steps with these arguments."""
     fdi_monitor = stage().fdi_monitor
     for _ in range(3 * fdi_monitor.ticks):
         state = fdi_monitor.step(state, measured, commanded)
@@ -46,7 +46,7 @@ def monitor_step(state: Any, measured: Any, commanded: Any) -> Any:
 
 
 def nominal_model_of(lower: Any, drive: Any, C: Any) -> Any:
-    """A model of a plant in numbers; what python-control refuses itself is not ours."""
+    """Return the response of a model given by matrices; translate errors of python-control."""
     try:
         rows = [np.eye(N, 2 * N, N), np.asarray(lower)]
         plant = control.ss(np.vstack(rows), np.vstack([np.zeros((N, N)), drive]), C, 0)
@@ -59,29 +59,29 @@ def nominal_model_of(lower: Any, drive: Any, C: Any) -> Any:
 
 
 def friction_model(push: Any, rows: Any, limit: Any, softness: Any, rate: Any) -> Any:
-    """A model with friction in numbers."""
+    """Return a model with friction given by arrays."""
     return NominalModel(**stage().model, friction=(push, rows, limit, softness, rate))
 
 
 def goal_of(joint_weight: Any, secondary_weight: Any, locked_at: Any, effectiveness: Any) -> Any:
-    """A goal in numbers."""
+    """Return a goal given by numbers."""
     return Goal(joint_weight, secondary_weight, {0: locked_at}, effectiveness={1: effectiveness})
 
 
 def tracking_of(A: Any, B: Any, C_twist: Any, C_active: Any) -> Any:
-    """Tracking with a linear model in numbers."""
+    """Return tracking with a linear model given by matrices."""
     linear = SimpleNamespace(A=A, B=B, C_twist=C_twist, C_active=C_active)
     return tracking(**{**room().special["tracking"], "linear": linear})
 
 
 TRUSTED = {
-    # Only loops and controllers make them.
+    # Made only by loops and controllers.
     *("LoopRun", "NestedState", "Sensors", "Sensors.after", "Sensors.sentence"),
     *("SupervisorState", "Diagnosis", "Fault.of"),
-    # `fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked.
+    # Used by `fjh` or `tracking` with checked arguments.
     *("Stage", "steps", "one_tick", "mapping_for", "Tracking", "explanation"),
     *("deciding_sentence", "is_possible", "SensorCheck.start", "SensorCheck.step", "Cost.limits"),
-    # Controllers call these, and give them what they have checked.
+    # Called by controllers with checked arguments.
     *(f"LocalGeometry.{name}" for name in ("jacobians", "twist", "moved")),
     *(f"MechanismGeometry.{name}" for name in ("jacobians", "twist", "moved")),
     *("PrioritizedMapping.displacements", "PrioritizedMapping.tick", "PrioritizedMapping.followed"),
@@ -106,12 +106,12 @@ TARGETS = public(
 
 
 def equal_weights(kinematics: Any) -> Any:
-    """Another allocation, of the mechanism of these tests."""
+    """Return another allocation for the mechanism of these tests."""
     return kinematics.velocity_mapping([0, 1], [2])
 
 
 def after_some_samples(config: FdiConfig) -> Any:
-    """What a monitor knows after some samples of zeros."""
+    """Return residuals and estimates of a monitor after some samples of zeros."""
     fdi_monitor = monitor(stage().nominal, config=config)
     state = fdi_monitor.start()
     for _ in range(min(3 * fdi_monitor.ticks, 100)):
@@ -120,7 +120,7 @@ def after_some_samples(config: FdiConfig) -> Any:
 
 
 def broken(nominal: NominalModel) -> Any:
-    """What a model does after failures."""
+    """Return models with and without failures."""
     faulty = fault_model(nominal, [Fault(0, "locked"), Fault(1, "free")])
     return (
         fault_model(nominal),
@@ -131,13 +131,13 @@ def broken(nominal: NominalModel) -> Any:
 
 
 def mapped(mapping: Any) -> Any:
-    """Gains of a mapping, and its displacements."""
+    """Return gains and displacements of a mapping."""
     gain = mapping.major_gain()
     return gain, mapping.displacements(np.full(gain.shape[1], 0.1), STILL, STILL)
 
 
 def on_three(geometry: Any) -> Any:
-    """Where three displacements lead."""
+    """Return the pose for three displacements."""
     return geometry.moved(geometry.nominal, STILL), geometry.system.J_T
 
 
@@ -147,7 +147,7 @@ def separated(result: Any) -> Any:
 
 @cache
 def room() -> Room:
-    """All of the small stage."""
+    """Return valid arguments of the small stage by parameter name."""
     s = stage()
     gained = control.ss(s.plant.A, s.plant.B @ s.plain.mapping.major_gain(), s.plant.C, 0)
     sampled, C = control.c2d(gained, PERIOD_S), np.asarray(s.plant.C)
@@ -271,7 +271,7 @@ def room() -> Room:
     }
     gaps = {"Measurement": ("output", "displacement"), "GuardedController.step": ("measurement",)}
     gaps |= {"Supervisor.step": ("measurement",)}
-    gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy takes masks off, not we
+    gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy removes the masks
     return Room(
         found=TARGETS,
         good=good,
@@ -285,5 +285,5 @@ def room() -> Room:
     )
 
 
-test_a_hostile_argument_is_reported_or_harmless = one_by_one(room, TARGETS)
+test_a_hostile_argument_is_named_or_harmless = one_by_one(room, TARGETS)
 test_so_are_two_of_them = two_at_once(room)

@@ -1,4 +1,4 @@
-"""The loop of any controller and machine, and the same with a linear plant, setting by setting."""
+"""Loops of a controller with a machine, and with a linear plant for several settings."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +16,7 @@ from tests.ftc.small_stage import Still, stage
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
 def test_one_tick_after_the_other_is_the_loop(kind):
-    """Written out here, to the bit."""
+    """The reference is a loop written out here, equal to the bit."""
     rig = Rig.hexapod()
     controller: Any = getattr(rig, kind)()
     reference = rig.path("circle", duration_s=0.04)
@@ -34,22 +34,22 @@ def test_one_tick_after_the_other_is_the_loop(kind):
 
 
 class UserController:
-    """A controller that a user brings: it knows of no feedforward."""
+    """Controller of a user without a feedforward argument."""
 
     def start(self) -> Any:
-        """At zero."""
+        """Return zero inputs."""
         return SimpleNamespace(inputs=np.zeros(2))
 
     def step(self, state, reference, measurement):
-        """The reference."""
+        """Return the reference as inputs."""
         return SimpleNamespace(inputs=reference)
 
 
 class WithFeedforward(UserController):
-    """One that does."""
+    """Controller of a user with a feedforward argument."""
 
     def step(self, state, reference, measurement, *, feedforward=None):
-        """The feedforward, if there is one."""
+        """Return the feedforward as inputs, or else the reference."""
         return super().step(state, reference if feedforward is None else feedforward, measurement)
 
 
@@ -69,7 +69,7 @@ def test_feedforward_reaches_the_controllers_that_take_it():
 
 @pytest.mark.parametrize("has_friction", [False, True])
 def test_a_batch_of_settings_is_each_setting_alone(has_friction):
-    """Limits of demands, anti-windup and starts of a stage; dry friction of carts on servos."""
+    """The settings are demand limits, anti-windup and start; the other plant has dry friction."""
     rng, small = np.random.default_rng(0), stage()
     settings: dict[str, Any] = {}
     nominal, disturbance = carts_with_friction(0), None

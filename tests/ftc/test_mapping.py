@@ -1,4 +1,4 @@
-"""From a major task to the actuators: limits, compiled ticks, gains."""
+"""Mapping from a major task to the actuators: limits, compiled ticks, gains."""
 
 from collections.abc import Callable
 from copy import copy
@@ -29,9 +29,9 @@ SEEDS = st.integers(0, 2**32 - 1)
 @examples(40)
 @given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
 def test_the_achieved_task_is_the_nearest_within_the_limits(seed, locked_at):
-    """An independent bounded solver finds the same error, stuck actuators included.
+    """An independent bounded solver finds the same error, locked actuators included.
 
-    Whatever the others are told to do beside it, beyond their limits or not.
+    It does not depend on the secondary reference, within or beyond the limits.
     """
     own, rng = serial(seed), np.random.default_rng(seed + 1)
     demand, secondary = rng.normal(size=2), rng.choice([0.0, 10.0]) * rng.normal(size=5)
@@ -53,7 +53,7 @@ def test_the_achieved_task_is_the_nearest_within_the_limits(seed, locked_at):
 
 @given(SEEDS)
 def test_limits_that_are_not_reached_change_nothing(seed):
-    """Nor does an infinite limit beside one: many arms have joints that turn without end."""
+    """Limits may be infinite for some joints, since many arms have continuous joints."""
     own, rng = serial(seed), np.random.default_rng(seed + 1)
     demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
     unlimited = limited(own, None)
@@ -105,7 +105,7 @@ def test_around_a_lock_off_centre_the_others_close_the_loops_and_do_the_task(see
 # A tick in one compiled call is the mapping by its objects, on five robots.
 
 ROBOTS = {"arm": (3, 4, 5), "hand": (3, 4), "arms": (3, 4, 5), "platform": (3, 4)}
-"""Bundled ones and their major rows, beside the hexapod."""
+"""Bundled robots and their major rows, in addition to the hexapod."""
 
 
 @cache
@@ -114,25 +114,25 @@ def mechanism(name: str) -> Mechanism:
 
 
 def by_objects(mapping: PrioritizedMapping[Any]) -> PrioritizedMapping[Any]:
-    """The same mapping without compiled ticks."""
+    """Return a copy of the mapping without compiled ticks."""
     other = copy(mapping)
     vars(other).update(_ticks=[None, None])
     return other
 
 
 def goal_of(rng: np.random.Generator, n: int, rows: int, *, fails: bool) -> Goal:
-    """Random weights, and perhaps an actuator that stands, off centre or not."""
+    """Sample a goal with random weights and, with `fails`, a locked actuator."""
     secondary = tuple(rng.uniform(0.5, 2.0, rows)) if rng.random() < 0.5 else None
     locked = {int(rng.integers(n)): float(rng.choice([0.0, 1e-4]))} if fails else {}
     return Goal(tuple(rng.uniform(0.5, 2.0, n)), secondary, locked_at=locked)
 
 
 Ticks = tuple[PrioritizedMapping[Any], Callable[[], tuple[Any, ...]]]
-"""A mapping, and random arguments of its tick."""
+"""Mapping and a function that samples arguments of its tick."""
 
 
 def robot_ticks(name: str, rng: np.random.Generator) -> Ticks:
-    """Of a bundled robot."""
+    """Return the mapping of a bundled robot and a sampler of ticks."""
     model, major = mechanism(name), ROBOTS[name]
     n = len(model.nominal.displacements)
     goal = goal_of(rng, n, 6 - len(major), fails=name != "hand" and rng.random() < 0.5)
@@ -150,7 +150,7 @@ def robot_ticks(name: str, rng: np.random.Generator) -> Ticks:
 
 
 def hexapod_ticks(rng: np.random.Generator) -> Ticks:
-    """Of the hexapod, in all forms, with limits or not."""
+    """Return a mapping of the hexapod in a random form and a sampler of ticks."""
     model = load_model()
     form = str(rng.choice(["absolute", "incremental", "gauss_newton"]))
     goal = goal_of(rng, 6, 4, fails=form != "incremental" and rng.random() < 0.5)
@@ -174,7 +174,7 @@ def hexapod_ticks(rng: np.random.Generator) -> Ticks:
 )
 @pytest.mark.parametrize("name", ["hexapod", *ROBOTS])
 def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mappings, ticks):
-    """Ten thousand of them, if it is to take long."""
+    """The long test compares ten thousand ticks."""
     rng, compiled = np.random.default_rng(0), 0
     for _ in range(mappings):
         mapping, sample_tick = hexapod_ticks(rng) if name == "hexapod" else robot_ticks(name, rng)
@@ -193,7 +193,7 @@ def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mapping
 
 @pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
 def test_the_secondary_gain_is_the_effect_of_a_reference(weights):
-    """A small reference at the nominal pose moves the commands by the gain, the task not at all."""
+    """A small reference at the nominal pose moves the commands by the gain, but not the task."""
     goal = Goal(
         joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,
         secondary_weight=(1.0,) * 4 if "secondary" in weights else None,

@@ -1,4 +1,4 @@
-"""The believed model beside the plant: its errors, the spectrum of residuals, and the alarm."""
+"""Observer: model errors, spectrum of the residuals, and alarms."""
 
 from dataclasses import replace
 from unittest.mock import patch
@@ -30,7 +30,7 @@ WRONG = replace(
     CERTAIN, gain=0.05, damping=0.2, offset=3.0, offset_rate=0.8, drift_rate=0.3, delay_s=1e-3
 )
 
-# A sample of carts, against the same written in covariances and sums of numpy.
+# Samples of carts, against covariances and sums of numpy.
 
 
 def cart_observer(uncertainty: Uncertainty, *faults: Fault, **options) -> Observer:
@@ -39,7 +39,7 @@ def cart_observer(uncertainty: Uncertainty, *faults: Fault, **options) -> Observ
 
 
 def observe(kalman: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverState]:
-    """After each of N samples of outputs (N, p) under commands (N, n)."""
+    """Return the states after each of N samples of outputs (N, p) and commands (N, n)."""
     states, before = [kalman.start()], np.zeros(2)
     for measured, command in zip(y, u, strict=True):
         states.append(kalman.step(states[-1], np.array([*command, *before, 1.0]), measured)[0])
@@ -51,7 +51,7 @@ LARGEST, LEARNS_S, FORGETS_S = 9.0, 0.3, 0.5
 
 
 def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
-    """The sample by the Kalman filter in Joseph's form, a Riccati step, and a mean of products."""
+    """Compute a sample by a Kalman filter in Joseph's form, and a mean of products."""
     p, J = len(model.C), len(model.M) - 1
     moving = np.concatenate([state.X[0], v])
     X = np.array([model.A @ x + M @ moving for x, M in zip(state.X, model.M, strict=True)])
@@ -86,7 +86,7 @@ def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, n
 
 @pytest.mark.parametrize("seed", range(4))
 def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch):
-    """Also one that is not measured, one too large to learn from, and those after either."""
+    """Unmeasured samples, gated ones and those after them are included."""
     monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples forget
     monkeypatch.setattr(observer, "LEARNING_S", LEARNS_S)
     record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
@@ -112,7 +112,7 @@ def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_random_step_adds_its_variance_and_leaves_the_root_triangular(seed):
-    """Of some parameters, known or not: a step of zero, and a root with empty columns."""
+    """The steps include zeros, and the root may have empty columns."""
     rng = np.random.default_rng(seed)
     root = np.tril(rng.normal(size=(6, 6))) * np.sign(rng.integers(0, 3, 6))
     deviations = 10.0 ** rng.uniform(-3, 1, 6) * rng.integers(0, 2, 6)
@@ -123,7 +123,7 @@ def test_a_random_step_adds_its_variance_and_leaves_the_root_triangular(seed):
 
 
 def test_relearning_follows_the_new_residuals():
-    """Louder, and its sensors off: of what was known a quarter of the time of learning counts."""
+    """Noise and offsets are larger; the known spectrum counts a quarter of the learning time."""
     kalman, rng = cart_observer(replace(CERTAIN, offset=3.0)), np.random.default_rng(0)
     known = observe(kalman, rng.standard_normal((400, 2)), np.zeros((400, 2)))[-1]
     v, zero = np.append(np.zeros(4), 1.0), np.array([40.0, -60.0])
@@ -144,14 +144,14 @@ def strongest(remaining: np.ndarray, u: np.ndarray) -> np.ndarray:
     y += np.random.default_rng(0).standard_normal(y.shape)
     states = observe(kalman, y, u)
     [(_, doubted)] = kalman.strongest(kalman.after_alarm(states[-1]))
-    assert doubted >= 1.0  # at an alarm it may be healthy, whatever was believed
+    assert doubted >= 1.0  # at an alarm it may be healthy
     seen = [kalman.strongest(state) for state in states]
     assert all(actuator == 0 for [(actuator, _)] in seen)
     return np.array([most for [(_, most)] in seen])
 
 
 def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
-    """From half of its force: evidence that is older counts for nothing."""
+    """Evidence of half its force is forgotten after that time."""
     seen = strongest(np.full(260, 0.5), np.zeros((260, 2)))
     assert np.diff(seen).min() > 0
     assert seen[50] < 0.9 and 1.0 <= seen[200] < 1.1
@@ -159,10 +159,10 @@ def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
-    """While it fails further, stays, comes back and becomes twice as strong as ever.
+    """The actuator gets weaker, recovers, and becomes twice as strong as a healthy one.
 
-    Commanded by the inverse of the most that it may have, or as a healthy one, it does at most a
-    tenth more than a healthy one.
+    Commanded by the inverse of its largest effectiveness, it exceeds a healthy one by at most a
+    tenth.
     """
     u = np.cumsum(3e-2 * np.random.default_rng(seed).standard_normal((700, 2)), axis=0)
     remaining = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
@@ -172,13 +172,13 @@ def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
     assert (seen - remaining[50:]).max() < 0.25
 
 
-# The filter of a model's errors, against least squares in one go.
+# The filter of model errors, against batch least squares.
 
 J, P, OFFSET = 4, 2, 3.0
 
 
 def estimate(regressors, white) -> tuple[Parameters, np.ndarray]:
-    """By an observer without a spectrum, of a model that predicts the regressors of each sample."""
+    """Estimate by an observer without a spectrum, whose model predicts the given regressors."""
     M, N = np.zeros((J + 1, 0, 1)), np.zeros((J + 1, P, 1))
     none = np.zeros((0, 0)), M, np.zeros((P, 0)), N, np.zeros((0, 0))
     model = UncertainModel(*none, 1, None, 0.0, J + 1)
@@ -196,7 +196,7 @@ def estimate(regressors, white) -> tuple[Parameters, np.ndarray]:
 
 
 def solved(regressors, white) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and root of the covariance by least squares of all samples, the prior as further ones.
+    """Return mean and root of the covariance by batch least squares, with the prior as rows.
 
     Rows by size and pivots of columns keep each row's accuracy (Powell and Reid, 1969).
     """
@@ -211,9 +211,9 @@ def solved(regressors, white) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
-    """A motion that shows one direction far better than the others, as least squares has it.
+    """The motion determines one direction far better than the others.
 
-    A covariance that is updated by a difference is indefinite after three such samples.
+    A covariance updated by differences is indefinite after three such samples.
     """
     rng = np.random.default_rng(seed)
     true = np.append(np.ones(J), np.full(P, OFFSET)) * rng.standard_normal(J + P)
@@ -236,7 +236,7 @@ LAGS = 6
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
-    """Its weights, but for the first, predict; what is left has unit variance."""
+    """The later weights are those of the prediction; the filtered residuals have unit variance."""
     rng = np.random.default_rng(seed)
     residuals = np.cumsum(rng.standard_normal((300, 2)), axis=0) % 3.0
     spectrum = spectrum_of(residuals, LAGS)
@@ -251,7 +251,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, np.pi])
 def test_a_singular_spectrum_is_amplified_a_hundredfold(turn):
-    """A constant, and sinusoids: their autocovariances are singular."""
+    """The autocovariances of a constant and of sinusoids are singular."""
     lags = np.cos(turn * np.arange(LAGS + 1))[:, None]
     weights = Spectrum(0 * lags, lags, 1000).filter()
     assert np.isfinite(weights).all()
@@ -259,7 +259,7 @@ def test_a_singular_spectrum_is_amplified_a_hundredfold(turn):
 
 
 def test_the_variance_is_corrected_for_the_fit_to_few_residuals():
-    """Fitted to 100 samples of white noise, the filter leaves unit variance in the next ones."""
+    """A filter fitted to 100 samples of white noise gives unit variance in the next ones."""
     rng, squares = np.random.default_rng(1), []
     for _ in range(60):
         spectrum = spectrum_of(rng.standard_normal((100, 1)), 10)
@@ -271,9 +271,9 @@ def test_the_variance_is_corrected_for_the_fit_to_few_residuals():
 
 @pytest.mark.parametrize("slow", [0.02, 0.05, 0.2])
 def test_a_decoupled_filter_whitens_slow_inputs(slow):
-    """Fifty times the noise, by a critically damped filter of second order: of unit variance.
+    """Inputs of fifty times the noise, by a critically damped filter, get unit variance.
 
-    Its gain is smaller: noise alone is less of it, and the likelihood pays for that.
+    The gain is smaller, so that pure noise is attenuated, and the likelihood accounts for it.
     """
     noise = Spectrum(np.zeros((LAGS + 1, 1)), np.eye(LAGS + 1, 1), 10**6)
     lags = slow * np.arange(LAGS + 1)
@@ -282,12 +282,12 @@ def test_a_decoupled_filter_whitens_slow_inputs(slow):
     assert plain @ inputs @ plain > 1000
     assert 0.6 < decoupled @ inputs @ decoupled < 1.001
     assert decoupled[0] < plain[0] and (decoupled**2).sum() < (plain**2).sum()
-    # What is faster is still seen: at 30 times the corner, by half of its power and more.
+    # Faster signals remain visible: at 30 times the corner with at least half the amplitude.
     fast = np.exp(1j * min(30 * slow, np.pi) * np.arange(LAGS + 1))
     assert abs(fast @ decoupled) > 0.5 * abs(fast @ plain)
 
 
-# When residuals are more than noise: rates of false alarms, and what is seen how soon.
+# Alarms and rates of false alarms.
 
 TICK_S = 4e-3
 dithers = pytest.mark.parametrize("dither_hz", [None, 20.0])
@@ -296,7 +296,7 @@ dithers = pytest.mark.parametrize("dither_hz", [None, 20.0])
 @pytest.mark.parametrize("seed", range(4))
 @dithers
 def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz):
-    """Sums of the latest M residuals, plain and turned by the dither, over the deviation of M."""
+    """The sums of the latest M residuals are plain and demodulated, and scaled by root M."""
     rng = np.random.default_rng(seed)
     test = ResidualTest(2, 0.2 * 3600 / PERIOD_S, PERIOD_S, dither_hz)
     result = []
@@ -321,9 +321,9 @@ def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz)
 @dithers
 @pytest.mark.parametrize("outputs", [2, 8])
 def test_the_rate_of_false_alarms_is_at_most_as_stated(outputs, dither_hz):
-    """Samples of white noise that are in alarm: at most as many as stated, and not below a third.
+    """The fraction of white-noise samples in alarm is at most as stated, and at least half of it.
 
-    The latest samples of independent records, so that the count is binomial.
+    The samples are from independent records, so that the count is binomial.
     """
     kalman = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
     rng = np.random.default_rng(outputs)

@@ -1,4 +1,4 @@
-"""What follows from a diagnosis: another goal, and whether to go over to a controller for it."""
+"""Reconfiguration after a diagnosis: the new goal, and the decision to switch controllers."""
 
 import copy
 from dataclasses import replace
@@ -37,11 +37,11 @@ def test_the_reconfigured_goal_contains_the_diagnoses():
     )
     np.testing.assert_array_equal(locked, 0.0)
     assert free[2] == pytest.approx(2e-6, rel=1e-2)  # no more than it was commanded
-    assert weak[5] == 0.0  # it is already where it will be, or further
+    assert weak[5] == 0.0  # it has already reached its final displacement
 
 
 def test_a_weak_coil_is_commanded_more_with_care():
-    """Twice as much at the most; what has less than half of its force is left alone."""
+    """The command is at most doubled; an actuator with less than half its force is not used."""
     nominal, commanded_m = hexapod_rig().nominal, np.full(6, 8e-6)
     most = diagnosis(Fault(5, "weak", 0.501), 4e-6, confirmed=True)
     goal = goal_after(EQUAL, [most], nominal, "locked")
@@ -58,7 +58,7 @@ def test_a_weak_coil_is_commanded_more_with_care():
 
 @cache
 def error_prediction(duration_s: float = 0.4) -> tuple[Rig, Any, ErrorPrediction]:
-    """The rig, its controller, and a circle ahead."""
+    """Return the rig, its controller, and the prediction for a circle."""
     rig = Rig.hexapod()
     path = rig.path("circle", duration_s=0.4)[: round(duration_s / rig.period_s)]
     still = np.zeros((3 * len(path), 6))
@@ -68,7 +68,7 @@ def error_prediction(duration_s: float = 0.4) -> tuple[Rig, Any, ErrorPrediction
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
 def test_the_predicted_error_is_that_of_the_linear_loop(kind):
-    """The controller, stepped against the model, errs as the closed loop in matrices does."""
+    """The stepped controller has the error of the closed loop in matrices."""
     rig, controller, ahead = error_prediction()
     exact, remaining = copy.copy(controller), 0.5 if kind == "weak" else 0.0
     exact.drives = DirectDrive()  # converters round
@@ -79,7 +79,7 @@ def test_the_predicted_error_is_that_of_the_linear_loop(kind):
 
 
 def test_the_present_model_error_is_constant():
-    """A reading that is 3 urad from the model's is 3 urad from it all the time, and integrated."""
+    """A difference of 3 urad between reading and model is assumed constant."""
     rig, exact, ahead = error_prediction()
     resting = replace(ahead, references=np.zeros((1, 2)), output=np.array([3e-6, 0.0]))
     result = resting.rms(exact, exact.start(), Scenario(1.0, [], STILL))
@@ -88,7 +88,7 @@ def test_the_present_model_error_is_constant():
 
 @given(part=st.floats(0.0, 2.0))
 def test_a_prediction_ends_once_the_error_is_large_enough(part):
-    """What is returned then lies between what was enough and the error to its end."""
+    """The partial error lies between the threshold and the full error."""
     _, exact, short = error_prediction(0.04)
     case = Scenario(1.0, [Fault(2, "free")], STILL)
     whole = short.rms(exact, exact.start(), case)
@@ -96,18 +96,18 @@ def test_a_prediction_ends_once_the_error_is_large_enough(part):
     assert part * whole * (1 - 1e-12) <= result <= whole if part < 1 else result == whole
 
 
-# Decisions by errors that are given.
+# Decisions by given errors.
 
 
 def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
-    """Whether it does, and what was predicted; cases of probability and error to stay and to go."""
+    """Return the decision and the predictions, for cases (probability, error now, error then)."""
     requested: list = []
     errors: dict[Any, float] = {("stays", p): present for p, present, _ in cases}
     errors |= {("goes", p): candidate for p, _, candidate in cases}
 
     class Table(ErrorPrediction):
         def rms(self, controller, state, case, enough=np.inf):
-            """As little of it as is enough."""
+            """Return the given error, at most `enough`."""
             requested.append((controller, case.probability))
             return min(errors[controller, case.probability], enough)
 
@@ -136,7 +136,7 @@ def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
 
 
 def test_impossible_scenarios_are_not_predicted():
-    """Nor are more cases of staying, once those before them cost as much as to go."""
+    """The present controller is evaluated only until its error exceeds that of the candidate."""
     switches, requested = should_switch((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
     assert switches and requested == [("goes", 1.0), ("stays", 1.0)]
     switches, requested = should_switch((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
@@ -145,7 +145,7 @@ def test_impossible_scenarios_are_not_predicted():
 
 @pytest.mark.long
 def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
-    """The references of the last second, the latest first, and two cases that are all there is."""
+    """The prediction replays the last second in reverse, for two scenarios of probability one."""
     rig, seen = Rig.hexapod(), []
 
     def declined(

@@ -1,4 +1,4 @@
-"""Laws of the loop beside `test_hostile.py`: gaps, frozen arrays, clocks, memory."""
+"""Laws of the loop in addition to `test_hostile.py`: gaps, frozen arrays, clocks, memory."""
 
 import pickle
 import time
@@ -38,7 +38,7 @@ def test_without_a_sensor_check_a_gap_is_rejected():
 
 
 def arrays(value: Any) -> list[np.ndarray]:
-    """All that are held."""
+    """Return all arrays within a value."""
     if isinstance(value, control.StateSpace):
         return [getattr(value, part) for part in "ABCD"]
     if isinstance(value, tuple):
@@ -87,7 +87,7 @@ def test_frozen_objects_do_not_change_with_their_arguments(kind):
 
 
 def test_no_clock_is_read(monkeypatch):
-    """Time goes by ticks: a clock that goes backwards changes nothing."""
+    """Time is counted in ticks: a clock that runs backwards has no effect."""
 
     def simulate() -> list[list[float]]:
         rng, sent = np.random.default_rng(0), []
@@ -106,7 +106,7 @@ def test_no_clock_is_read(monkeypatch):
 
 
 def test_a_state_does_not_grow_with_its_ticks():
-    """What is kept of thousands of ticks is what is kept of hundreds of samples."""
+    """The memory after thousands of ticks is that after hundreds of samples."""
     supervisor = stage().supervisor
     rng, state, sizes = np.random.default_rng(0), supervisor.start(), []
     for tick in range(6000):

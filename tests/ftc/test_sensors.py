@@ -1,4 +1,4 @@
-"""When a reading is usable: a rule of numbers, ranges and repetitions, and what it costs."""
+"""Usable readings: a rule of numbers, ranges and repetitions."""
 
 from dataclasses import replace
 from typing import Any
@@ -19,7 +19,7 @@ SOON = 10  # ticks of a slower loop, for which random readings repeat now and th
 
 
 def read(readings: Any, check: SensorCheck = CHECK, moving: bool = True) -> list[SensorState]:
-    """States after each reading, commands changing or not."""
+    """Return the states after each reading, with or without changing commands."""
     state, states = check.start(2), []
     for tick, reading in enumerate(readings):
         state = check.step(state, reading, np.full(3, float(tick * moving)))
@@ -41,7 +41,7 @@ NO_NUMBERS = [
 
 @given(st.lists(st.tuples(st.integers(-2, 13), st.integers(0, 9)), max_size=80))
 def test_the_rule_is_that_of_a_few_lines(spec):
-    """An oracle that looks at the whole record, in which each row takes one of a few values."""
+    """The reference evaluates the whole record, whose rows take one of a few values."""
     values = np.random.default_rng(1).normal(size=(10, 2))
     readings = [
         NO_NUMBERS[kind] if kind >= 0 else np.array([values[n % 5, 0], values[n, 1]])
@@ -73,7 +73,7 @@ def test_the_rule_is_that_of_a_few_lines(spec):
 
 @pytest.mark.parametrize("period_s", [0.5e-3, 1e-3, 2e-3])
 def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
-    """But for five repetitions, for which a slow loop waits."""
+    """Slow loops wait for five repetitions instead."""
     check = SensorCheck(period_s)
     stuck = read([np.ones(2)] * 100, check)
     gone = read([*noise(1), *[None] * 100, *noise(9, seed=1)], check)
@@ -86,7 +86,7 @@ def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
 
 
 def test_readings_may_repeat_at_rest_and_without_noise():
-    """Commands that stand still say nothing of the sensor."""
+    """Constant commands give no information on the sensor."""
     still = [np.zeros(2)] * 100
     assert all(state.usable for state in read(still, moving=False))
     text = read(still)[-1].sentence(PERIOD_S, *MESSAGES)
@@ -96,7 +96,7 @@ def test_readings_may_repeat_at_rest_and_without_noise():
 
 @pytest.mark.parametrize("rows", [[0], [0, 1]])
 def test_a_repeated_reading_is_usable_but_not_new(rows):
-    """Nor is one of which a row repeats: that row is of another time than the others."""
+    """A reading with one repeated row is not new either: the rows are of different times."""
     readings = noise(20)
     readings[10][rows] = readings[9][rows]
     states = read(readings)
@@ -110,7 +110,7 @@ def test_a_repeated_reading_is_usable_but_not_new(rows):
 
 
 def test_after_a_loss_a_repeated_reading_is_not_usable():
-    """The commands are held, and do not change."""
+    """The commands are held and do not change."""
     check, sent = CHECK, np.ones(3)
     state = check.step(check.start(2), np.ones(2), np.zeros(3))
     for reading in [None] * 30 + [np.ones(2)] * 100:

@@ -1,4 +1,4 @@
-"""Which failures look alike, in steady states and transients; motions and sensors that end it."""
+"""Separation of failures in steady states and transients, and its design."""
 
 from dataclasses import replace
 from functools import cache
@@ -41,14 +41,14 @@ from tests.random_systems import bits
 seeds = pytest.mark.parametrize("seed", range(3))
 servos = pytest.mark.parametrize("servo", [False, True])
 
-# Random mechanisms on springs and servos, and motions that try them.
+# Random mechanisms on springs and servos, and their dithers.
 
 LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
 
 
 @cache
 def mechanism(seed: int, *, servo: bool = False, n: int = 3, outputs: int = 2) -> NominalModel:
-    """Well damped masses on springs, or on servos, more of them than actuators at odd seeds."""
+    """Return well-damped masses on springs or servos, with a passive one at odd seeds."""
     rng = np.random.default_rng(seed)
     k = n + seed % 2
     half = rng.normal(size=(k, k))
@@ -73,7 +73,7 @@ def mechanism(seed: int, *, servo: bool = False, n: int = 3, outputs: int = 2) -
 
 @cache
 def twins() -> NominalModel:
-    """Two equal masses, one sensor of their sum, and a third that it does not see."""
+    """Return two equal masses with one sensor of their sum, and an unobserved third mass."""
     A = np.block([[np.zeros((3, 3)), np.eye(3)], [-4000.0 * np.eye(3), -30.0 * np.eye(3)]])
     B = np.vstack([np.zeros((3, 3)), 4000.0 * np.eye(3)])
     C = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
@@ -92,13 +92,13 @@ FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in K
 
 
 def phasor_of(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
-    """Steady phasor of the states, (s,), under commands of amplitudes (n,)."""
+    """Return the steady phasor (s,) of the states for commands of amplitudes (n,)."""
     model, z = fault_model(nominal, faults), np.exp(2j * np.pi * hz * nominal.period_s)
     return np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
 
 
 def test_the_distance_of_actuators_is_that_of_their_nearest_failures():
-    """And an actuator from no failure as its nearest one, whichever of the two happens."""
+    """The diagonal is that of an actuator and no failure; the smaller of both directions counts."""
     result = separations(mechanism(0), random_dither(0), 1.0)
     between = result.between_actuators
     for i, j in np.ndindex(3, 3):
@@ -108,7 +108,7 @@ def test_the_distance_of_actuators_is_that_of_their_nearest_failures():
 
 
 def change(nominal: NominalModel, dither: Dither, fault: Fault) -> Any:
-    """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
+    """Return the change of the steady phasor (p,) of the whitened outputs by a failure."""
     how = nominal, dither.frequency_hz, dither.amplitude * np.array(dither.direction)
     return fault_model(nominal).C @ (phasor_of(*how, fault) - phasor_of(*how))
 
@@ -123,10 +123,10 @@ NIGHT = [pytest.mark.long, pytest.mark.night]
     ("servo", "tolerance"), [(False, 0.02), pytest.param(True, 0.1, marks=NIGHT)]
 )
 def test_for_long_times_separations_equal_the_isolability(row, seed, servo, tolerance, monkeypatch):
-    """The transient fades in the sum; what is left is the energy of a sinusoid, T / 2 |a|^2.
+    """The transient becomes negligible against the energy of the sinusoid, T / 2 |a|^2.
 
-    With any time of onset, as there, an explanation that begins at the end explains no more than no
-    failure does. Between the losses of a servo's force, both interpolate, in other places.
+    With free onsets, an explanation that starts at the end equals no failure. Both interpolate
+    between losses of a servo's force, but at different points.
     """
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
     monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
@@ -140,7 +140,7 @@ def test_for_long_times_separations_equal_the_isolability(row, seed, servo, tole
     nearest = np.minimum(result.distance[row], result.from_none[row]).reshape(-1, 3)
     others = np.arange(3) != result.faults[row].actuator
     slack = tolerance * from_none
-    # Which loss still counts as weak differs: weak and free go together.
+    # The limit between weak and free differs: compare their minimum.
     np.testing.assert_allclose(nearest[others, 0], expected[others, 0], atol=slack)
     lost = nearest[others, 1:].min(axis=1), expected[others, 1:].min(axis=1)
     np.testing.assert_allclose(*lost, atol=slack)
@@ -150,7 +150,7 @@ def test_for_long_times_separations_equal_the_isolability(row, seed, servo, tole
 def random_phasors(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
 ) -> Any:
-    """Phasors of a machine with errors, shape (9, p)."""
+    """Sample a machine with errors; return its phasors, shape (9, p)."""
     n, k = nominal.actuators, nominal.plant.nstates // 2
     plant = nominal.plant
     more = spread.stiffness * rng.normal(size=(n, 1)) * nominal.displacement
@@ -180,9 +180,9 @@ def random_phasors(
     ],
 )
 def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo):
-    """Means and covariances of phasors of machines with random errors, and of noise; no calculus.
+    """Means and covariances are those of phasors of sampled machines, and of noise.
 
-    Gains, springs and damping of each machine are drawn, and its own change is taken.
+    Gains, springs and damping of each machine are sampled, and its own change is computed.
     """
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
     samples, rng = 200, np.random.default_rng(seed)
@@ -208,9 +208,9 @@ def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo)
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
 @seeds
 def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo, tolerance):
-    """By amplitude and root of time; to the nearest loss of force, by a fine grid of losses.
+    """The distance grows with amplitude and root of time; losses of force are compared on a fine grid.
 
-    None of these is nearer, or much nearer where the losses of a servo are interpolated.
+    No grid point is nearer, or much nearer if the losses of a servo are interpolated.
     """
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5 + seed
     result, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
@@ -233,17 +233,17 @@ def test_failures_at_the_threshold_are_confused_once_in_a_thousand():
     assert norm.cdf(-SEPARATION_THRESHOLD / 2) == pytest.approx(1e-3, rel=0.01)
 
 
-# Motions that tell failures apart, and sensors that do.
+# Motions and sensors that separate failures.
 
 
 def test_groups_are_indistinguishable_and_a_sensor_separates_them():
-    """In step, twins leave the same gap; in turn, gaps of opposite sign."""
+    """In phase, twins have the same signature; in antiphase, signatures of opposite sign."""
     nominal, known = twins(), (1.0,)
     step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     result = separations(nominal, step, *known)
     assert result.indistinguishable_actuators() == ((0, 1),) and result.least == 0.0
     assert result.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
-    # Uncoupled, each stands still when locked and when free.
+    # Uncoupled, each is at rest both locked and free.
     assert not result.distance[[0, 3, 6], [1, 4, 7]].any()
     in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
     assert in_turn.indistinguishable_actuators() == () and result.isolable() == ()
@@ -260,7 +260,7 @@ def test_groups_are_indistinguishable_and_a_sensor_separates_them():
 @servos
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, servo):
-    """It can be ignored; with an uncertain model, too."""
+    """An additional sensor could be ignored, also with an uncertain model."""
     nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
     known = 0.5, LOOSE
     before = separations(nominal, dither, *known)
@@ -279,7 +279,7 @@ def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, 
 
 
 def used_fractions(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
-    """Commands, motions of actuators and of the first output, in units of what is allowed."""
+    """Return commands and motions of actuators and first output relative to their limits."""
     x = phasor_of(nominal, hz, commanded)
     parts = commanded / 1e-3, nominal.displacement @ x / 1e-3, nominal.plant.C[:1] @ x / 1e-4
     return np.abs(np.concatenate(parts))
@@ -289,7 +289,7 @@ def used_fractions(nominal: NominalModel, commanded: np.ndarray, hz: float) -> n
 @pytest.mark.parametrize("uncertainty", [Uncertainty(), LOOSE], ids=["exact", "uncertain"])
 @pytest.mark.parametrize("seed", range(2))
 def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, uncertainty, servo):
-    """And that costs what it may, and keeps the null space."""
+    """The designed dither uses its limits and lies in the null space."""
     nominal = mechanism(seed, servo=servo)
     plant, known = nominal.plant, (0.5, uncertainty)
     J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output, at rest
@@ -325,7 +325,7 @@ def test_a_task_without_null_space_gets_no_dither():
 
 
 def test_for_the_hexapod_the_dither_is_the_heave():
-    """All struts alike: by symmetry pointing stays still, and each strut has a direction."""
+    """By symmetry the heave does not move the pointing, and every strut has its own direction."""
     nominal, J_m = hexapod_rig().nominal, jacobian()[MAJOR]
     known, cost = (0.2, LOOSE), Cost(0.5e-6, np.asarray(nominal.plant.C), 1e-7)
     result = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
@@ -336,11 +336,11 @@ def test_for_the_hexapod_the_dither_is_the_heave():
     assert result.separations.least == pytest.approx(heave.least, rel=1e-3)
 
 
-# Symmetric machines: a choice among equals does not hang on the last bits of numbers.
+# Symmetric machines: ties do not depend on round-off.
 
 
 def test_a_dither_is_the_same_however_its_freedom_is_given():
-    """Any columns that span it will do; the search begins with directions, not with coordinates."""
+    """Any spanning columns give the same dither, because the search starts from directions."""
     nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
     J = rng.normal(size=(1, 4))
     P = np.eye(4) - np.linalg.pinv(J) @ J
@@ -355,7 +355,7 @@ def test_a_dither_is_the_same_however_its_freedom_is_given():
 
 
 def test_equally_good_sensors_keep_their_order():
-    """Each is of one of the twins and of the third mass, and separates as much."""
+    """Each sensor measures one of the twins and the third mass, with equal separations."""
     nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -366,14 +366,14 @@ def test_equally_good_sensors_keep_their_order():
             assert [int(each.name) for each in ranked] == list(order)
 
 
-# Transients: the hexapod on its spiral, whose strut fails after 1.5 s.
+# Transients: the hexapod on its spiral with a failure after 1.5 s.
 
 ONSET = 1500
 
 
 @cache
 def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.ndarray, np.ndarray]:
-    """The loop on a part of the spiral from 6 s on."""
+    """Simulate the loop on the spiral from 6 s on; return states and commands."""
     rig = hexapod_rig()
     path = rig.control.testbed.bench.spiral_rad((ticks + 1) * rig.period_s, begin_s=6.0)
     states, commanded = linear_run(rig, path, dither, faults, ONSET)
@@ -383,7 +383,7 @@ def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.nd
 def distances_of(
     fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN
 ) -> tuple[np.ndarray, float]:
-    """From each failure, and from none, after so many ticks of a failure."""
+    """Return the distances from each failure and from none, `ticks` after a failure."""
     simulate = dithered(ONSET + ticks, DITHER, fault)
     return isolability(hexapod_rig().nominal, fault, ONSET, *simulate, uncertainty)
 
@@ -396,7 +396,7 @@ def test_gauges_on_the_struts_separate_all_without_a_dither():
 
 
 def test_the_distance_from_no_failure_is_that_of_the_outputs():
-    """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
+    """The distance is summed over ticks; means over four ticks lose some percent."""
     fault = Fault(0, "free")
     states, commanded = dithered(1700, DITHER, fault)
     healthy = fault_model(hexapod_rig().nominal)
@@ -417,7 +417,7 @@ def test_an_uncertain_model_separates_less():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
-    """Of the same evidence: as many onsets a second, and noise of the same density."""
+    """The evidence is the same: equal onsets per second and equal noise density."""
     result = []
     for period_s in (5e-4, 1e-3, 2e-3):
         plant = mechanism(1)
@@ -446,7 +446,7 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
     ],
 )
 def test_causes_are_far_from_every_failure(cause, offset_m, drift_m_per_s, supply, scale):
-    """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
+    """On the spiral, d exceeds 6.2 within 0.2 s of the onset, before the loops react."""
     until, nominal = ONSET + 200, hexapod_rig().nominal
     since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
     commanded, began = dithered(until)[1], since_s >= 0

@@ -1,4 +1,4 @@
-"""What a supervisor believes and does: diagnoses are flown around, settled and withdrawn."""
+"""Supervisor: reconfiguration, confirmation and withdrawal of diagnoses."""
 
 from dataclasses import replace
 from functools import cache
@@ -24,7 +24,7 @@ from tests.ftc.hexapod import (
     supervisor,
 )
 
-# Under a monitor that says what it is told to.
+# With scripted diagnoses.
 
 FADE = 500
 """Ticks of a handover."""
@@ -35,12 +35,12 @@ def goal_of(state) -> Goal:
 
 
 def after(state) -> int:
-    """After how many settled failures this state's monitor watches."""
+    """Return the number of confirmed failures of this state's monitor."""
     return state.monitor.after
 
 
 def displacements(states) -> np.ndarray:
-    """Commanded, (N, 6)."""
+    """Return the commanded displacements (N, 6)."""
     drives = supervisor().first.drives
     return np.array([drives.displacements(state.inputs) for state in states])
 
@@ -49,7 +49,9 @@ def test_a_supervisor_reports_a_lost_task():
     controller = supervisor()
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
     assert controller.is_possible(locked)
-    assert not controller.is_possible([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
+    assert not controller.is_possible(
+        [*locked, Fault(4, "locked")]
+    )  # struts 3 and 6 act in the same direction
     assert controller.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
 
 
@@ -59,7 +61,7 @@ def test_the_last_confirmed_diagnosis_of_an_actuator_is_active():
 
 
 def test_isolated_failures_reconfigure_and_confirmed_ones_remain():
-    """Another strut after it: both are flown around, and the monitor goes on from the first."""
+    """After a second failure the goal has both, and the monitor continues from the first."""
     isolated = diagnosis(Fault(1, "locked"), 3e-6)
     settled, other = replace(isolated, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
     healthy, first, known, both = supervised(None, isolated, settled, other)
@@ -83,7 +85,7 @@ def test_the_others_compensate_at_once_for_an_isolated_actuator():
     (commanded_m,) = displacements(supervised(None))
     (now_m,) = displacements(supervised(diagnosis(Fault(2, "free"), float(commanded_m[2]))))
     assert now_m[2] == commanded_m[2] and abs(commanded_m[2]) > 1e-6
-    now_m[2] = 0.0  # which is all that is left of what it is told
+    now_m[2] = 0.0  # the failed actuator loses its command
     np.testing.assert_allclose(pointing_of(now_m), pointing_of(commanded_m), atol=6e-8)
 
 
@@ -101,7 +103,7 @@ def test_without_a_diagnosis_the_supervisor_is_its_controller_to_the_bit():
 
 
 def test_commands_are_constant_while_the_task_is_lost():
-    """Four locked struts leave nothing to point with: that is confirmed before anything stops."""
+    """With four locked struts the task is lost, after confirmation of the last one."""
     locked = [diagnosis(Fault(k, "locked"), confirmed=True) for k in (0, 3, 1)]
     last = diagnosis(Fault(4, "locked"))
     again = diagnosis(Fault(0, "weak", 1.0), confirmed=True)
@@ -118,7 +120,7 @@ def test_commands_are_constant_while_the_task_is_lost():
 
 @pytest.mark.parametrize(("kind", "is_retained"), [("locked", True), ("free", False)])
 def test_a_locked_actuator_keeps_its_command_and_a_free_one_loses_it(kind, is_retained):
-    """So that nothing jumps, whenever the lock opens or the force returns."""
+    """The inputs do not jump when the lock opens or the force returns."""
     isolated = diagnosis(Fault(2, kind), 3e-6)
     script = (
         (None,) * 5 + (isolated,) * FADE + (replace(isolated, confirmed=True),) + (None,) * FADE
@@ -139,7 +141,7 @@ def test_a_recovered_actuator_is_used_after_confirmation(confirmed):
 
 
 def test_an_actuator_out_of_use_gets_a_quarter_of_the_dither():
-    """One that works again is seen by it, and hardly felt before the others know."""
+    """A recovery is detected by this motion with little disturbance of the task."""
     failed = diagnosis(Fault(2, "free"), confirmed=True)
     about = replace(DITHER, offset=(1e-5,) * 6)
     script = (*(None,) * 5, failed, *(None,) * (FADE + 100))
@@ -149,7 +151,7 @@ def test_an_actuator_out_of_use_gets_a_quarter_of_the_dither():
 
 
 def pointing(*script: Diagnosis | None) -> np.ndarray:
-    """Of the linear healthy machine under a monitor that says this, (N, 2)."""
+    """Return the pointing (N, 2) of the linear healthy machine with scripted diagnoses."""
     nominal, controller = hexapod_rig().nominal, supervisor()
     model, x = fault_model(nominal), np.zeros(12)
     state, seen = replace(controller.start(), monitor=Script(script)), []
@@ -168,7 +170,7 @@ def undisturbed(ticks: int) -> np.ndarray:
 
 @pytest.mark.parametrize("strut", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 5))])
 def test_a_wrong_diagnosis_hardly_moves_the_pointing(strut):
-    """By less than 2 urad, where its command, which fades, is worth 30 and more."""
+    """The pointing moves by less than 2 urad, although the fading command corresponds to 30 and more."""
     wrong = diagnosis(Fault(strut, "free"))
     script = (None,) * 600 + (wrong,) * 400 + (replace(wrong, confirmed=True),) + (None,) * 600
     change = 1e6 * np.abs(pointing(*script) - undisturbed(len(script)))
@@ -204,7 +206,7 @@ def test_the_status_describes_diagnosis_and_reaction():
         assert text in state.status
 
 
-# In physics.
+# In simulation.
 
 
 @cache
@@ -228,7 +230,7 @@ def test_a_recovered_actuator_is_used_again_without_a_step():
 
 @pytest.mark.long
 def test_a_calibration_lets_an_early_failure_be_isolated():
-    """A lock 0.3 s after the start, within 0.3 s; else it is learned as part of the machine."""
+    """A lock 0.3 s after the start is isolated within 0.3 s; otherwise it would be learned."""
     own = rig(5)
     controller = own.supervisor()
     learned = own.fly(controller, own.path("circle", duration_s=2.0), seed=1).state
@@ -246,19 +248,19 @@ def test_a_calibration_lets_an_early_failure_be_isolated():
         controller.calibrated(run.state)
 
 
-# A pilot that takes over in flight.
+# A supervisor that takes over during a run.
 
 
 @cache
 def controllers():
-    """A supervisor, and one of another goal."""
+    """Return supervisors of the same and of another goal."""
     other = rig().supervisor(goal=Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)))
     return {"same goal": rig().supervisor(), "another goal": other}
 
 
 @cache
 def after_a_lock():
-    """A state 0.15 s after a strut was locked, and a tick that follows."""
+    """Return a state 0.15 s after a lock, and reference and reading of the next tick."""
     path = rig().path("circle", duration_s=1.05)
     run = rig().fly(controllers()["same goal"], path, failures=[Failure(3, "locked", 0.9)])
     assert [each.fault.actuator for each in run.state.active_diagnoses] == [3]
@@ -267,7 +269,7 @@ def after_a_lock():
 
 @pytest.mark.parametrize("name", ["same goal", "another goal"])
 def test_a_supervisor_takes_over_the_diagnoses_without_a_step(name):
-    """Against the tick that the former one would have done."""
+    """The reference is the tick of the previous supervisor."""
     controller, (state, reference, seen) = controllers()[name], after_a_lock()
     transferred = controller.transfer(state)
     for each in ("active_diagnoses", "diagnoses", "confirmed", "withdrawn", "ticks", "task_lost"):
@@ -277,7 +279,7 @@ def test_a_supervisor_takes_over_the_diagnoses_without_a_step(name):
     assert goal_of(transferred).joint_weight == controller.first.mapping.goal.joint_weight
     change = controller.step(transferred, reference, seen).inputs
     change = change - controllers()["same goal"].step(state, reference, seen).inputs
-    # The first tick of the fade, and the converters' last bit.
+    # The first tick of the fade, and the quantization of the converters.
     assert np.abs(np.delete(change, 3)).max() <= 2 * LSB_PERCENT
 
 

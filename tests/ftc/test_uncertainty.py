@@ -1,4 +1,4 @@
-"""What each error of a model does to its outputs, against plants that really have that error."""
+"""Effects of model errors on the outputs, against plants with these errors."""
 
 from dataclasses import replace
 from functools import partial
@@ -17,7 +17,7 @@ machines = pytest.mark.parametrize(("seed", "servo"), [(0, False), (1, True), (2
 
 
 def struts(seed: int, servo: bool) -> Struts:
-    """Of a few hertz, a servo's stiffer than its structure."""
+    """Return struts of a few hertz, with servos stiffer than the structure."""
     rng = np.random.default_rng(seed)
     half, command_gain = rng.normal(size=(3, 3)), rng.uniform(200, 1000, 3)
     return Struts(
@@ -34,14 +34,14 @@ def struts(seed: int, servo: bool) -> Struts:
 
 
 def measured_model(body: Struts) -> NominalModel:
-    """Its model; the last sensor sees a mixture."""
+    """Return the model of a body; its last sensor measures the sum of the positions."""
     C = np.eye(3, 6)
     C[-1, :3] = 1.0
     return body.nominal().measured(C, np.full(3, 1e-3))
 
 
 def with_error(body: Struts, error: str, size: float, actuator: int) -> Struts:
-    """The machine with that error."""
+    """Return the machine with one error."""
     more = 1 + size * (np.arange(3) == actuator)
     if error == "inertia":
         return replace(body, mass=body.mass * (1 + size))
@@ -51,11 +51,11 @@ def with_error(body: Struts, error: str, size: float, actuator: int) -> Struts:
 
 
 SENT = np.cumsum(0.1 * np.random.default_rng(7).standard_normal((100, 3)), axis=0)
-"""Commands of samples, a random walk."""
+"""Commands of the samples, a random walk."""
 
 
 def predicted(nominal: NominalModel, uncertainty, fault: Fault | None, of: int) -> np.ndarray:
-    """Outputs (N, 1 + J, p) of samples of so many ticks, of the model and for each error."""
+    """Return outputs (N, 1 + J, p) of samples of `of` ticks, and their change by each error."""
     model = uncertain_model(
         partial(fault_model, nominal),
         [fault] if fault else [],
@@ -75,9 +75,9 @@ def predicted(nominal: NominalModel, uncertainty, fault: Fault | None, of: int) 
 @failures
 @pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
 def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, fault, error):
-    """Another mass, spring, damper or force in Newton's equations, healthy and failed alike.
+    """The errors are in mass, spring, damper or force of healthy and failed machines.
 
-    A servo's own stiffness and damping are lost with it, the structure's stay; loads are given.
+    The stiffness and damping of a servo are lost with it, unlike those of the structure.
     """
     body = struts(seed, servo)
     result = predicted(measured_model(body), replace(CERTAIN, **{error: 0.01}), fault, 4)
@@ -94,7 +94,7 @@ def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo
     ("fault", "of", "close"), [*((f, 1, 1e-9) for f in FAULTS), (None, 4, 0.1)]
 )
 def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, fault, of, close):
-    """In a sample of four ticks the command before holds for a quarter of it, whichever it is."""
+    """In a sample of four ticks the previous command applies for a quarter of it."""
     nominal, sent = measured_model(struts(seed, servo)), np.repeat(SENT, of, axis=0)
     late = np.vstack([np.zeros(3), sent[:-1]])
     result = predicted(nominal, replace(CERTAIN, delay_s=2e-3), fault, of)[:, 1]

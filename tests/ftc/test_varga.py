@@ -1,9 +1,9 @@
-"""An outside benchmark: Varga's examples 6.1 and 6.2, an F-16 and its nine models, and what we say.
+"""External benchmark: Varga's examples 6.1 and 6.2, an F-16 and its nine models.
 
 A. Varga, Solving Fault Diagnosis Problems: Linear Synthesis Techniques (Springer, 2017), examples
 6.1 and 6.2; the same in FDITOOLS User's Guide V1.0 (github.com/andreasvarga/FDITools,
-fditoolsdoc.pdf), examples 6, 15 and 16. He prints no table: the numbers below are the coordinates
-of the lines in the guide's vector figures 4 and 6, turned into values by the figures' own axes.
+fditoolsdoc.pdf), examples 6, 15 and 16. There is no published table: the numbers below are the
+coordinates of the lines in the guide's vector figures 4 and 6, converted by the figures' axes.
 States: sideslip, roll angle, roll rate, yaw rate; inputs: aileron, rudder.
 """
 
@@ -27,7 +27,7 @@ from ftc.fdi.uncertainty import uncertain_model
 from tests.ftc.carts import Record, gathered, outputs_of
 from tests.ftc.spectra import spectrum_of, whitened
 
-# The aircraft and what was published of it.
+# The aircraft and its published data.
 
 A = np.array(
     [
@@ -39,7 +39,7 @@ A = np.array(
 )
 B = np.array([[0.0004, 0.0011], [0, 0], [-1.4161, 0.2621], [-0.0633, -0.1205]])
 REMAINING = np.array([[aileron, rudder] for aileron in (1, 0.5, 0) for rudder in (1, 0.5, 0)])
-"""Parts of their effectiveness that the actuators have left in models 1 to 9."""
+"""Remaining effectiveness of the actuators in models 1 to 9."""
 
 GRID = np.array([[20 - i, 20 - j] for i in range(21) for j in range(21)]) / 20
 """The 441 aircraft of example 6, each assigned to the nearest of the nine models."""
@@ -49,7 +49,7 @@ MATCHES = {
     "H-infinity": [28, 50, 27, 62, 110, 59, 26, 54, 25],
     "H2": [30, 55, 29, 56, 107, 59, 26, 54, 25],
 }
-"""Figure 4: how many of the 441 are nearest to each model, by three distances. Whole numbers."""
+"""Figure 4: number of the 441 aircraft nearest to each model, by three distances."""
 
 NORMS = np.array(
     [
@@ -67,10 +67,10 @@ NORMS = np.array(
 """Figure 6: H-infinity norms of the differences of the nine models."""
 
 READING = 0.01
-"""Of NORMS: heights that must be equal by symmetry differ by up to 0.006 in the figure."""
+"""Accuracy of NORMS: heights that are equal by symmetry differ by up to 0.006 in the figure."""
 
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 90), np.linspace(3.9, 4.3, 60)])
-"""[rad]/[s], close together where the aircraft's mode is."""
+"""Frequencies [rad/s], dense near the mode of the aircraft."""
 
 PERIOD_S, END_S, DEGREES = 0.01, 10.0, 180 / np.pi
 INPUT_NOISE, OUTPUT_NOISE = 0.01, 0.03
@@ -78,7 +78,7 @@ INPUT_NOISE, OUTPUT_NOISE = 0.01, 0.03
 
 
 def model(remaining: ArrayLike, outputs: int = 4, unit: float = 1.0) -> control.StateSpace:
-    """Of an aircraft with these parts left; the first states are measured."""
+    """Return an aircraft with this effectiveness; the first states are measured."""
     return control.ss(
         A, B * np.asarray(remaining), unit * np.eye(outputs, 4), np.zeros((outputs, 2))
     )
@@ -87,7 +87,7 @@ def model(remaining: ArrayLike, outputs: int = 4, unit: float = 1.0) -> control.
 def output_distance(
     first: control.StateSpace, second: control.StateSpace, noise: np.ndarray
 ) -> float:
-    """H-infinity norm of the difference of two models, whitened by the noise of the outputs."""
+    """Return the H-infinity norm of the difference of two models in units of output noise."""
     jw = 1j * FREQUENCIES
     difference = first(jw, squeeze=False) - second(jw, squeeze=False)
     whitened = np.moveaxis(difference, -1, 0) / noise[:, None]
@@ -95,7 +95,7 @@ def output_distance(
 
 
 def sampled() -> control.StateSpace:
-    """The sound aircraft with commands and noise held for a tick, inputs [commands; noise]."""
+    """Return the healthy aircraft, sampled with a hold, with inputs [commands; noise]."""
     whole = control.ss(A, np.hstack([B, np.eye(4)]), DEGREES * np.eye(2, 4), np.zeros((2, 6)))
     return control.c2d(whole, PERIOD_S)
 
@@ -106,11 +106,10 @@ ALONE, TOGETHER = [1, 2, 3, 6], [4, 5, 7, 8]  # models with one actuator weak, w
 
 
 def input_fault_model(faults: Sequence[Fault] = ()) -> FaultModel:
-    """The sampled aircraft with faults of its inputs, states [x; last commands].
+    """Return the sampled aircraft with faults of its inputs, states [x; last commands].
 
-    An actuator acts through its column of B alone: free, the column is zero; weak, it is multiplied
-    by what is left; locked, it stays where the last command before had put it, as a control surface
-    that is stuck.
+    An actuator acts through its column of B: free, the column is zero; weak, it is multiplied by
+    the effectiveness; locked, the last command before the fault stays, as of a stuck surface.
     """
     remaining, stuck = np.ones(2), np.zeros(2)
     for fault in faults:
@@ -129,18 +128,18 @@ def input_fault_model(faults: Sequence[Fault] = ()) -> FaultModel:
 
 
 def input_fault_bank(*faults: Fault) -> HypothesisBank:
-    """Hypotheses of one more fault of an input beside those that are known."""
+    """Return the hypotheses of one more fault of an input in addition to the known ones."""
     return bank_of(partial(uncertain_model, input_fault_model), 2, faults)
 
 
 def commands() -> np.ndarray:
-    """Example 6.2's at all ticks: a square wave of period 2 pi + 0.3, a sine of period pi + 1.5."""
+    """Return example 6.2's commands: a square wave of period 2 pi plus 0.3, a sine plus 1.5."""
     t = np.arange(round(END_S / PERIOD_S) + 1) * PERIOD_S
     return np.column_stack([(t % (2 * np.pi) >= np.pi) + 0.3, np.sin(2 * t) + 1.5])
 
 
 def measured(remaining: ArrayLike, rng: np.random.Generator, gusts: bool) -> np.ndarray:
-    """Example 6.2's measured angles [deg] of an aircraft, with or without noise on the rates."""
+    """Simulate example 6.2's measured angles [deg], with or without noise on the rates."""
     plant, u = sampled(), commands()
     w = INPUT_NOISE * rng.uniform(-0.5, 0.5, (len(u), 4)) * gusts
     y = control.forced_response(
@@ -150,7 +149,7 @@ def measured(remaining: ArrayLike, rng: np.random.Generator, gusts: bool) -> np.
 
 
 def kalman_decisions(y: np.ndarray) -> np.ndarray:
-    """Which of the models 0..8 Varga's nine Kalman filters choose at each tick of records (N, 2).
+    """Return the model 0..8 chosen by Varga's nine Kalman filters at each tick of a record (N, 2).
 
     Example 6.2, first design: noise intensities 1e-4 and 0.04, each filter divided by its smallest
     H-infinity norm over the other models, 0.9 |r| plus 0.1 times the root of |r|^2 filtered by
@@ -176,7 +175,7 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
     return np.argmin(signals, axis=0)
 
 
-# Ours.
+# Results of this library.
 
 
 def test_the_published_distances_are_reproduced_at_unit_noise():
@@ -188,7 +187,7 @@ def test_the_published_distances_are_reproduced_at_unit_noise():
 
 
 def test_the_published_decisions_are_reproduced_except_exact_ties():
-    """Of the 441, 80 lie midway between models; there round-off decided in Varga's figure."""
+    """80 of the 441 lie midway between models; round-off decided these in Varga's figure."""
     lost = GRID[:, None] - REMAINING
     Q = solve_continuous_lyapunov(A.T, -np.eye(4))
     jw = 1j * FREQUENCIES[:, None, None] * np.eye(4)
@@ -223,7 +222,7 @@ def test_the_distance_bounds_the_isolability_of_a_run():
 @pytest.mark.long
 @pytest.mark.parametrize("gusts", [False, True])
 def test_nine_kalman_filters_choose_the_correct_model_as_published(gusts):
-    """Figure 9's pattern, zeros on the diagonal: right from 0.2 s on, for each aircraft."""
+    """Figure 9's pattern, zeros on the diagonal: correct from 0.2 s on for each aircraft."""
     for k, remaining in enumerate(REMAINING):
         y = measured(remaining, np.random.default_rng(k), gusts)
         assert (kalman_decisions(y)[20:] == k).all()
@@ -234,7 +233,7 @@ WHITE = np.ones((1, 2))  # without process noise nothing needs a filter
 
 @cache
 def whitening(gusts: bool) -> np.ndarray:
-    """From the residuals of one sound flight of 10 s, seed 1000."""
+    """Return the whitening filter of one healthy run of 10 s, seed 1000."""
     if not gusts:
         return WHITE
     return spectrum_of(healthy_residuals(1000, gusts), order=10).filter()
@@ -248,7 +247,7 @@ def healthy_residuals(seed: int, gusts: bool) -> np.ndarray:
 def decide_at(
     bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE
 ) -> Decision:
-    """At this tick, with onsets at growing distances back to the start of the record."""
+    """Decide at a tick, with onsets at growing distances back to the start of the record."""
     back = {0, *np.geomspace(1, tick, 10).round().astype(int).tolist()}
     record = Record(None, 1, commands()[: tick + 1], y[: tick + 1] / SIGMA)
     onsets, prior = tick - np.array(sorted(back, reverse=True)), Parameters.prior(0, 2, CERTAIN)
@@ -256,7 +255,7 @@ def decide_at(
 
 
 def isolates(decision: Decision) -> bool:
-    """Whether an actuator would be named, by the settings of a monitor."""
+    """Return whether an actuator would be isolated with the settings of a monitor."""
     sure = decision.actuator_confidence >= CONFIDENCE
     return sure and decision.unexplained <= LARGEST_UNEXPLAINED
 
@@ -264,7 +263,7 @@ def isolates(decision: Decision) -> bool:
 def assert_isolated(
     decision: Decision, actuator: int, remaining: float, error: float = 1e-3
 ) -> None:
-    """The actuator would be named, as weak as it is, and what is left is noise."""
+    """Check that the actuator is isolated with its effectiveness, and the residuals are noise."""
     assert isolates(decision)
     assert decision.inflation < 1.5
     assert decision.fault.actuator == actuator
@@ -274,7 +273,7 @@ def assert_isolated(
 @pytest.mark.parametrize("gusts, errors", [(False, (0.08, 1e-3)), (True, (0.08, 0.015))])
 @pytest.mark.parametrize("k", ALONE)
 def test_the_bank_isolates_one_weak_actuator_and_its_effectiveness(k, gusts, errors):
-    """0.2 and 3 s after onset, with process noise or without."""
+    """The decisions are 0.2 and 3 s after the onset, with or without process noise."""
     y = measured(REMAINING[k], np.random.default_rng(k), gusts)
     for tick, error in zip((20, 300), errors, strict=True):
         decision = decide_at(input_fault_bank(), y, tick, whitening(gusts))
@@ -282,7 +281,7 @@ def test_the_bank_isolates_one_weak_actuator_and_its_effectiveness(k, gusts, err
 
 
 def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
-    """0.7 of the aileron, no rudder lost: the nine filters' choice wanders, to rudders, too."""
+    """With 0.7 of the aileron the choice of the nine filters wanders, also to the rudder."""
     y = measured((0.7, 1.0), np.random.default_rng(0), gusts=False)
     assert_isolated(decide_at(input_fault_bank(), y, 300), 0, 0.7)
     assert len(set(kalman_decisions(y)[100:])) > 2
@@ -290,10 +289,10 @@ def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
 
 @pytest.mark.parametrize("k", TOGETHER)
 def test_two_weak_actuators_leave_residuals_until_one_is_known(k):
-    """The bank has no such hypothesis; its best one may still be named.
+    """The bank has no such hypothesis; its best one may still be isolated.
 
-    The limit of the unexplained part is relative: the outputs move so far that a hundred times the
-    noise is little of it. With the loss of the aileron known, that of the rudder is found.
+    The limit of the unexplained energy is relative: a hundred times the noise is little of these
+    large motions. With the loss of the aileron known, that of the rudder is isolated.
     """
     y = measured(REMAINING[k], np.random.default_rng(k), gusts=False)
     early, *later = (decide_at(input_fault_bank(), y, tick) for tick in (20, 100, 300))
@@ -304,7 +303,7 @@ def test_two_weak_actuators_leave_residuals_until_one_is_known(k):
 
 
 def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
-    """Whether the residual test raises one in a sound flight of 10 s."""
+    """Return whether the residual test raises an alarm in a healthy run of 10 s."""
     test = ResidualTest(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
     recent, remaining = test.start(), healthy_residuals(seed, gusts)
     for residual in whitened(filtered, remaining):
@@ -315,7 +314,7 @@ def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
 
 
 def test_process_noise_raises_an_alarm_only_if_treated_as_white():
-    """Its residuals drift; whitened by the spectrum of another flight they are noise."""
+    """The residuals drift; whitened by the spectrum of another run they are noise."""
     y, bank = measured(REMAINING[0], np.random.default_rng(0), True), input_fault_bank()
     assert not isolates(decide_at(bank, y, 100, whitening(True)))
     assert alarms(0, True, WHITE)
