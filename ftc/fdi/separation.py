@@ -197,7 +197,7 @@ class Separations:
         kind = "free" if kind == "loose" else kind
         return any((fault.actuator, fault.kind) == (actuator, kind) for fault in self.isolable())
 
-    def indistinguishable_actuators(self) -> tuple[tuple[int, ...], ...]:
+    def indistinguishable(self) -> tuple[tuple[int, ...], ...]:
         """Return groups of actuators linked by pairs below :data:`SEPARATION_THRESHOLD`."""
         count, label = connected_components(
             self.between_actuators < SEPARATION_THRESHOLD, directed=False

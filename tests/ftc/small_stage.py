@@ -100,18 +100,11 @@ def stage() -> Any:
     s.make_controller, s.plain = make_controller, make_controller()
     s.task = ControlTask(s.nominal, J, (0, 1), GOAL, DRIVES, LIMITS, np.ones(M1))
     s.guarded = GuardedController("own", lambda _: s.plain, s.task)
-    s.supervised = {
-        "goal": GOAL,
-        "controller": make_controller,
-        "monitor": s.fdi_monitor,
-        "is_possible": possible,
-    }
+    s.supervised = {"goal": GOAL, "controller": make_controller, "is_possible": possible}
+    s.supervised |= {"monitor": s.fdi_monitor}
     s.supervisor = Supervisor(**s.supervised)
-    s.oracle = {
-        "initial": s.plain,
-        "reconfigured": make_controller(Goal((1.0,) * N, free=(0,))),
-        "tick": 1,
-    }
+    reconfigured = make_controller(Goal((1.0,) * N, free=(0,)))
+    s.oracle = {"initial": s.plain, "reconfigured": reconfigured, "tick": 1}
     s.oracle |= {"lost_displacements": STILL, "acting": STILL, "secondary": lambda time_s: STILL}
     return s
 

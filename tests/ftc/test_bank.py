@@ -62,10 +62,7 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
     if fault.kind == "locked":
         further = outputs(nominal, ticks, u, fault, onset, displaced=1.5 * direction) - plain
     else:
-        remaining, parts = (
-            fault.effectiveness,
-            [],
-        )  # with a quarter more and a quarter less of it lost
+        remaining, parts = fault.effectiveness, []  # a quarter more and a quarter less lost
         for other in (min(remaining + 0.25, 1.0), max(remaining - 0.25, 0.0)):
             about = replace(fault, kind="weak", effectiveness=other)
             parts.append(outputs(nominal, ticks, u, about, onset))
@@ -137,12 +134,10 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, tick
     counted = np.zeros(3, dtype=int)
     for h, fault in enumerate([None, *bank.faults, *bank.causes, None]):
         for k, onset in enumerate(ONSETS[: 1 if fault is None else None]):
-            expected_energy, root, best, beyond = written_out(
-                record, fault, onset, prior, whitening
-            )
+            expected, root, best, beyond = written_out(record, fault, onset, prior, whitening)
             counted[beyond] += 1
             assert log_det[h, k] == pytest.approx(root, rel=1e-3, abs=1e-4)
-            assert energy[h, k] == pytest.approx(expected_energy, rel=1e-3)
+            assert energy[h, k] == pytest.approx(expected, rel=1e-3)
             np.testing.assert_allclose(parameters[h, k], best, atol=5e-3 * np.abs(best).max())
     assert counted[0] > 3 and counted[1] > 0
 

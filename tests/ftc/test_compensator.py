@@ -106,12 +106,9 @@ def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
     n = driven + 2 * hidden
     A = np.zeros((n, n))
     A[:driven, :driven] = rng.uniform(-1, 1, (driven, driven)) - 3 * np.eye(driven)
-    A[driven : driven + hidden, :driven] = rng.uniform(
-        -1, 1, (hidden, driven)
-    )  # controllable, not observable
-    A[:driven, driven + hidden :] = rng.uniform(
-        -1, 1, (driven, hidden)
-    )  # observable, not controllable
+    # Controllable but not observable modes, then observable but not controllable ones.
+    A[driven : driven + hidden, :driven] = rng.uniform(-1, 1, (hidden, driven))
+    A[:driven, driven + hidden :] = rng.uniform(-1, 1, (driven, hidden))
     B, C = np.zeros((n, 2)), np.zeros((2, n))
     B[:driven], C[:, :driven] = rng.uniform(-1, 1, (driven, 2)), rng.uniform(-1, 1, (2, driven))
     T = np.linalg.qr(rng.standard_normal((n, n)))[0] @ np.diag(rng.uniform(0.5, 2.0, n))

@@ -173,11 +173,8 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     state = out()
     half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
     retained_state = steady(second, second.transfer(half, retained=ALL), 2 * FADE)
-    states = [
-        half,
-        retained_state,
-        steady(second, second.transfer(retained_state, acting=acting), FADE + 2),
-    ]
+    last = steady(second, second.transfer(retained_state, acting=acting), FADE + 2)
+    states = [half, retained_state, last]
     remaining = np.where(acting, acting, 1.0)
     caused = [pointing_of(remaining * second.drives.displacements(each.inputs)) for each in states]
     np.testing.assert_allclose(caused, [caused[0]] * 3, atol=8e-8)
@@ -199,9 +196,8 @@ def test_an_inadmissible_displacement_fades_once(form):
     state = controller.transfer(replace(controller.start(), inputs=np.array([0.5, -0.5, 0.0])))
     difference, still = [], Measurement(np.zeros(1), np.zeros(3))
     for tick in range(160):
-        state = controller.step(
-            controller.transfer(state) if tick == 50 else state, np.zeros(1), still
-        )
+        state = controller.transfer(state) if tick == 50 else state
+        state = controller.step(state, np.zeros(1), still)
         difference.append(state.inputs[0] - state.inputs[1])
     assert difference[0] == pytest.approx(1.0) and difference[-1] == pytest.approx(0.0, abs=1e-12)
     assert np.abs(np.diff(difference)).max() < 0.02

@@ -236,9 +236,7 @@ FRICTION_FAULTS = [[], [Fault(1, "locked")], [Fault(0, "free")]]
 """Faults of carts with dry friction."""
 
 
-def uncertain_model_of(
-    nominal: NominalModel, faults: list[Fault], ticks: int = 4
-) -> UncertainModel:
+def uncertain(nominal: NominalModel, faults: list[Fault], ticks: int = 4) -> UncertainModel:
     """Return the uncertain model with one zero error and limits of 50 % uncertainty."""
     plant = partial(fault_model, nominal)
     return uncertain_model(plant, faults, others=[plant], friction=0.5, ticks=ticks)
@@ -254,7 +252,7 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     ticks, n, nominal = 4, 3, carts_with_friction(2, 0.15)
     truth = fault_model(nominal, faults)
     other = fault_model(carts_with_friction(2, [0.075, 0.15, 0.15]), faults)
-    model = uncertain_model_of(nominal, faults, ticks)
+    model = uncertain(nominal, faults, ticks)
     assert (len(model.M), model.first_limit) == (2 + n, 2)
     X, runs = np.zeros((2 + n, 2 * n)), np.zeros((3, 2 * n))
     X[1] = 1e-9 * np.random.default_rng(0).normal(size=2 * n)
@@ -277,9 +275,7 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
 
 
 def test_models_with_friction_move_together_as_each_alone():
-    models = [
-        uncertain_model_of(carts_with_friction(2, 0.15), faults) for faults in FRICTION_FAULTS
-    ]
+    models = [uncertain(carts_with_friction(2, 0.15), faults) for faults in FRICTION_FAULTS]
     alone = [np.zeros((len(model.M), 6)) for model in models]
     X = np.array(alone)[:, None]
     for sample in range(20):
@@ -294,7 +290,7 @@ def test_models_with_friction_move_together_as_each_alone():
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 @pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
 def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
-    """The model sticks, slips and creeps like the plant before and after a failure; the lock is soft."""
+    """The model sticks, slips and creeps like the plant, before and after a failure."""
     file = models.saved(tmp_path, "rubbing_arm", ("implicitfast", integrator))
     arm = load_model(file, add_locks=True)
     data = mujoco.MjData(arm)

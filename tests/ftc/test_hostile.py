@@ -90,17 +90,10 @@ TRUSTED = {
     *("DirectDrive.inputs", "DirectDrive.displacements"),
 }
 TARGETS = public(
-    *(
-        ftc,
-        loops.sensitivity_peak,
-        loops.circle_margin,
-        tracking_gain,
-        monitor_step,
-        friction_model,
-    ),
+    *(ftc, loops.sensitivity_peak, loops.circle_margin, tracking_gain, monitor_step),
     *(resting_displacements, FdiConfig, Diagnosis, Dither, MechanismGeometry, Fault, NominalModel),
     *(fault_model, monitor, Uncertainty, fdi.separations, Cost, fdi.designed_dither, static_gain),
-    *(fdi.ranked_sensors, fdi.static_share, nominal_model_of, goal_of, tracking_of),
+    *(fdi.ranked_sensors, fdi.static_share, nominal_model_of, goal_of, tracking_of, friction_model),
     trusted=TRUSTED,
 )
 
@@ -122,12 +115,8 @@ def after_some_samples(config: FdiConfig) -> Any:
 def broken(nominal: NominalModel) -> Any:
     """Return models with and without failures."""
     faulty = fault_model(nominal, [Fault(0, "locked"), Fault(1, "free")])
-    return (
-        fault_model(nominal),
-        replace(faulty, dry_friction=None),
-        nominal.noise,
-        nominal.displacement,
-    )
+    faulty = replace(faulty, dry_friction=None)
+    return fault_model(nominal), faulty, nominal.noise, nominal.displacement
 
 
 def mapped(mapping: Any) -> Any:
@@ -176,12 +165,8 @@ def room() -> Room:
         **{"drives": ftc.DirectDrive(), "handover_s": 0.1, "demand_limit": 1.0},
         **{"anti_windup": True, "reference_feedforward": True},
         **{"name": "own", "task": s.task, "factory": lambda task: s.plain},
-        **{
-            "goal": GOAL,
-            "path": np.ones((4, 2)),
-            "diagnosis_outputs": lambda read, *_: read.output,
-        },
-        "estimate": lambda *_: DESIRED,
+        **{"goal": GOAL, "path": np.ones((4, 2)), "estimate": lambda *_: DESIRED},
+        "diagnosis_outputs": lambda read, *_: read.output,
         **{"sensor_check": ftc.SensorCheck(PERIOD_S), "dither": sinusoid, "diagnoses": known},
         **{"time_s": 0.5, "nominal": s.nominal, "faults": faults, "fault": faults[0]},
         **{"machine": machine, "geometry": s.geometry},
@@ -256,10 +241,8 @@ def room() -> Room:
         "Manipulability": lambda report: report.worst_gain,
         "LoopRun": lambda run: (run.measured, run.inputs),
         "Fault": lambda fault: fault_model(s.nominal, [fault]),
-        **{
-            "FdiConfig": after_some_samples,
-            "Monitor": lambda fdi_monitor: fdi_monitor.start().last_commanded,
-        },
+        "FdiConfig": after_some_samples,
+        "Monitor": lambda result: result.start().last_commanded,
         "SensorCheck": lambda check: check.step(check.start(2), None, STILL).unusable_ticks,
         **{"Dither": lambda dither: dither.at(0.1), "Separations": separated},
         "DitherDesign": lambda design: separated(design.separations),

@@ -114,9 +114,8 @@ def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
     present: Any = ("stays", None)
     candidate: Any = ("goes", None)
     table = Table(**vars(error_prediction()[2]))
-    return table.should_switch(
-        present, candidate, [Scenario(p, [], STILL) for p, *_ in cases]
-    ), requested
+    scenarios = [Scenario(p, [], STILL) for p, *_ in cases]
+    return table.should_switch(present, candidate, scenarios), requested
 
 
 COSTS = st.floats(1e-3, 1e3)
@@ -148,9 +147,7 @@ def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
     """The prediction replays the last second in reverse, for two scenarios of probability one."""
     rig, seen = Rig.hexapod(), []
 
-    def declined(
-        self: ErrorPrediction, _present: Any, _candidate: Any, cases: list[Scenario]
-    ) -> bool:
+    def declined(self: ErrorPrediction, _now: Any, _then: Any, cases: list[Scenario]) -> bool:
         seen.append((self, cases))
         return False
 

@@ -208,7 +208,7 @@ def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo)
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
 @seeds
 def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo, tolerance):
-    """The distance grows with amplitude and root of time; losses of force are compared on a fine grid.
+    """Distances grow with amplitude and root of time; losses of force lie on a fine grid.
 
     No grid point is nearer, or much nearer if the losses of a servo are interpolated.
     """
@@ -241,12 +241,12 @@ def test_groups_are_indistinguishable_and_a_sensor_separates_them():
     nominal, known = twins(), (1.0,)
     step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     result = separations(nominal, step, *known)
-    assert result.indistinguishable_actuators() == ((0, 1),) and result.least == 0.0
+    assert result.indistinguishable() == ((0, 1),) and result.least == 0.0
     assert result.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
     # Uncoupled, each is at rest both locked and free.
     assert not result.distance[[0, 3, 6], [1, 4, 7]].any()
     in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
-    assert in_turn.indistinguishable_actuators() == () and result.isolable() == ()
+    assert in_turn.indistinguishable() == () and result.isolable() == ()
     assert [fault.actuator for fault in in_turn.isolable()] == [0, 0, 0, 1, 1, 1]
 
     sum_again, third, first = np.eye(1, 6)[0] + np.eye(1, 6, 1)[0], np.eye(1, 6, 2)[0], np.eye(6)[0]

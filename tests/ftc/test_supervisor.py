@@ -49,9 +49,8 @@ def test_a_supervisor_reports_a_lost_task():
     controller = supervisor()
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
     assert controller.is_possible(locked)
-    assert not controller.is_possible(
-        [*locked, Fault(4, "locked")]
-    )  # struts 3 and 6 act in the same direction
+    # Struts 3 and 6 act in the same direction.
+    assert not controller.is_possible([*locked, Fault(4, "locked")])
     assert controller.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
 
 
@@ -91,10 +90,8 @@ def test_the_others_compensate_at_once_for_an_isolated_actuator():
 
 def test_without_a_diagnosis_the_supervisor_is_its_controller_to_the_bit():
     controller = supervisor(DITHER)
-    state, alone = (
-        replace(controller.start(), monitor=Script((None,) * 9)),
-        controller.first.start(),
-    )
+    state = replace(controller.start(), monitor=Script((None,) * 9))
+    alone = controller.first.start()
     for tick in range(9):
         seen = reading(DESIRED * (0.5 + tick / 9))
         state = controller.step(state, DESIRED, seen)
@@ -122,9 +119,8 @@ def test_commands_are_constant_while_the_task_is_lost():
 def test_a_locked_actuator_keeps_its_command_and_a_free_one_loses_it(kind, is_retained):
     """The inputs do not jump when the lock opens or the force returns."""
     isolated = diagnosis(Fault(2, kind), 3e-6)
-    script = (
-        (None,) * 5 + (isolated,) * FADE + (replace(isolated, confirmed=True),) + (None,) * FADE
-    )
+    confirmed = replace(isolated, confirmed=True)
+    script = (*(None,) * 5, *(isolated,) * FADE, confirmed, *(None,) * FADE)
     command = displacements(supervised(*script))[:, 2]
     assert abs(command[4]) > 1e-6
     assert np.abs(np.diff(command[5:])).max() < 0.01 * abs(command[4]) + 1e-8
@@ -170,7 +166,7 @@ def undisturbed(ticks: int) -> np.ndarray:
 
 @pytest.mark.parametrize("strut", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 5))])
 def test_a_wrong_diagnosis_hardly_moves_the_pointing(strut):
-    """The pointing moves by less than 2 urad, although the fading command corresponds to 30 and more."""
+    """The pointing moves by less than 2 urad; the fading command corresponds to 30 or more."""
     wrong = diagnosis(Fault(strut, "free"))
     script = (None,) * 600 + (wrong,) * 400 + (replace(wrong, confirmed=True),) + (None,) * 600
     change = 1e6 * np.abs(pointing(*script) - undisturbed(len(script)))
@@ -195,10 +191,7 @@ def test_the_status_describes_diagnosis_and_reaction():
         (replace(confirmed, rejected=locked), "expected to give a smaller error"),
         (with_monitor(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
         (with_monitor(start, relearns=3), "learned as part of the machine"),
-        (
-            with_monitor(start, causes=(None,)),
-            "explained by a slow disturbance, which is no failure",
-        ),
+        (with_monitor(start, causes=(None,)), "by a slow disturbance, which is no failure"),
         (with_monitor(start, causes=(Cause("offset", 3),)), "an offset of strut4"),
         (with_monitor(start, causes=(Cause("supply"),)), "a change of the gain of all commands"),
         (with_monitor(start, causes=(Cause("scale"),)), "a change of the scale of all sensors"),

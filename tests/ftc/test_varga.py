@@ -38,7 +38,7 @@ A = np.array(
     ]
 )
 B = np.array([[0.0004, 0.0011], [0, 0], [-1.4161, 0.2621], [-0.0633, -0.1205]])
-REMAINING = np.array([[aileron, rudder] for aileron in (1, 0.5, 0) for rudder in (1, 0.5, 0)])
+EFFECT = np.array([[aileron, rudder] for aileron in (1, 0.5, 0) for rudder in (1, 0.5, 0)])
 """Remaining effectiveness of the actuators in models 1 to 9."""
 
 GRID = np.array([[20 - i, 20 - j] for i in range(21) for j in range(21)]) / 20
@@ -79,9 +79,8 @@ INPUT_NOISE, OUTPUT_NOISE = 0.01, 0.03
 
 def model(remaining: ArrayLike, outputs: int = 4, unit: float = 1.0) -> control.StateSpace:
     """Return an aircraft with this effectiveness; the first states are measured."""
-    return control.ss(
-        A, B * np.asarray(remaining), unit * np.eye(outputs, 4), np.zeros((outputs, 2))
-    )
+    C = unit * np.eye(outputs, 4)
+    return control.ss(A, B * np.asarray(remaining), C, np.zeros((outputs, 2)))
 
 
 def output_distance(
@@ -158,9 +157,7 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
     C = DEGREES * np.eye(2, 4)
     L = solve_continuous_are(A.T, C.T, 1e-4 * np.eye(4), 0.04 * np.eye(2)) @ C.T / 0.04
     F, u = A - L @ C, commands()
-    filters = [
-        control.ss(F, np.hstack([B * remaining, L]), C, np.zeros((2, 4))) for remaining in REMAINING
-    ]
+    filters = [control.ss(F, np.hstack([B * e, L]), C, np.zeros((2, 4))) for e in EFFECT]
     driven, signals = [each[:, :2] for each in filters], []
     for i, each in enumerate(filters):
         others = driven[:i] + driven[i + 1 :]
@@ -180,15 +177,13 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
 
 def test_the_published_distances_are_reproduced_at_unit_noise():
     """Figure 6's norms are d per unit input energy if each output has white noise of density 1."""
-    computed = [
-        [output_distance(model(a), model(b), np.ones(4)) for b in REMAINING] for a in REMAINING
-    ]
+    computed = [[output_distance(model(a), model(b), np.ones(4)) for b in EFFECT] for a in EFFECT]
     assert np.abs(np.array(computed) - NORMS).max() < READING
 
 
 def test_the_published_decisions_are_reproduced_except_exact_ties():
     """80 of the 441 lie midway between models; round-off decided these in Varga's figure."""
-    lost = GRID[:, None] - REMAINING
+    lost = GRID[:, None] - EFFECT
     Q = solve_continuous_lyapunov(A.T, -np.eye(4))
     jw = 1j * FREQUENCIES[:, None, None] * np.eye(4)
     G = np.linalg.solve(jw - A, np.broadcast_to(B, (len(jw), 4, 2)))
@@ -212,7 +207,7 @@ def test_the_distance_bounds_the_isolability_of_a_run():
     half = input_fault_model([Fault(0, "weak", 0.5)])
     by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, outputs_of(half, u), u, (PERIOD_S, 1))
     per_energy = output_distance(
-        model(REMAINING[0], 2, DEGREES), model(REMAINING[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
+        model(EFFECT[0], 2, DEGREES), model(EFFECT[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
     )
     bound = per_energy * np.sqrt((u[:, 0] ** 2).sum() * PERIOD_S)
     assert 0.02 * bound < d < bound
@@ -223,7 +218,7 @@ def test_the_distance_bounds_the_isolability_of_a_run():
 @pytest.mark.parametrize("gusts", [False, True])
 def test_nine_kalman_filters_choose_the_correct_model_as_published(gusts):
     """Figure 9's pattern, zeros on the diagonal: correct from 0.2 s on for each aircraft."""
-    for k, remaining in enumerate(REMAINING):
+    for k, remaining in enumerate(EFFECT):
         y = measured(remaining, np.random.default_rng(k), gusts)
         assert (kalman_decisions(y)[20:] == k).all()
 
@@ -240,18 +235,18 @@ def whitening(gusts: bool) -> np.ndarray:
 
 
 def healthy_residuals(seed: int, gusts: bool) -> np.ndarray:
-    y = measured(REMAINING[0], np.random.default_rng(seed), gusts)
+    y = measured(EFFECT[0], np.random.default_rng(seed), gusts)
     return y / SIGMA - outputs_of(input_fault_model(), commands())
 
 
 def decide_at(
-    bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE
+    bank: HypothesisBank, y: np.ndarray, tick: int, weights: np.ndarray = WHITE
 ) -> Decision:
     """Decide at a tick, with onsets at growing distances back to the start of the record."""
     back = {0, *np.geomspace(1, tick, 10).round().astype(int).tolist()}
     record = Record(None, 1, commands()[: tick + 1], y[: tick + 1] / SIGMA)
     onsets, prior = tick - np.array(sorted(back, reverse=True)), Parameters.prior(0, 2, CERTAIN)
-    return decide(bank, gathered(bank, record, prior, filtered, onsets), tick)
+    return decide(bank, gathered(bank, record, prior, weights, onsets), tick)
 
 
 def isolates(decision: Decision) -> bool:
@@ -260,24 +255,22 @@ def isolates(decision: Decision) -> bool:
     return sure and decision.unexplained <= LARGEST_UNEXPLAINED
 
 
-def assert_isolated(
-    decision: Decision, actuator: int, remaining: float, error: float = 1e-3
-) -> None:
+def assert_isolated(decision: Decision, actuator: int, left: float, error: float = 1e-3) -> None:
     """Check that the actuator is isolated with its effectiveness, and the residuals are noise."""
     assert isolates(decision)
     assert decision.inflation < 1.5
     assert decision.fault.actuator == actuator
-    assert decision.fault.effectiveness == pytest.approx(remaining, abs=error)
+    assert decision.fault.effectiveness == pytest.approx(left, abs=error)
 
 
 @pytest.mark.parametrize("gusts, errors", [(False, (0.08, 1e-3)), (True, (0.08, 0.015))])
 @pytest.mark.parametrize("k", ALONE)
 def test_the_bank_isolates_one_weak_actuator_and_its_effectiveness(k, gusts, errors):
     """The decisions are 0.2 and 3 s after the onset, with or without process noise."""
-    y = measured(REMAINING[k], np.random.default_rng(k), gusts)
+    y = measured(EFFECT[k], np.random.default_rng(k), gusts)
     for tick, error in zip((20, 300), errors, strict=True):
         decision = decide_at(input_fault_bank(), y, tick, whitening(gusts))
-        assert_isolated(decision, int(REMAINING[k, 0] == 1), REMAINING[k].min(), error)
+        assert_isolated(decision, int(EFFECT[k, 0] == 1), EFFECT[k].min(), error)
 
 
 def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
@@ -294,12 +287,12 @@ def test_two_weak_actuators_leave_residuals_until_one_is_known(k):
     The limit of the unexplained energy is relative: a hundred times the noise is little of these
     large motions. With the loss of the aileron known, that of the rudder is isolated.
     """
-    y = measured(REMAINING[k], np.random.default_rng(k), gusts=False)
+    y = measured(EFFECT[k], np.random.default_rng(k), gusts=False)
     early, *later = (decide_at(input_fault_bank(), y, tick) for tick in (20, 100, 300))
     assert early.inflation > 2
     assert all(decision.inflation > 100 for decision in later)
-    bank = input_fault_bank(Fault(0, "weak", float(REMAINING[k, 0])))
-    assert_isolated(decide_at(bank, y, 300), 1, REMAINING[k, 1])
+    bank = input_fault_bank(Fault(0, "weak", float(EFFECT[k, 0])))
+    assert_isolated(decide_at(bank, y, 300), 1, EFFECT[k, 1])
 
 
 def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
@@ -315,7 +308,7 @@ def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
 
 def test_process_noise_raises_an_alarm_only_if_treated_as_white():
     """The residuals drift; whitened by the spectrum of another run they are noise."""
-    y, bank = measured(REMAINING[0], np.random.default_rng(0), True), input_fault_bank()
+    y, bank = measured(EFFECT[0], np.random.default_rng(0), True), input_fault_bank()
     assert not isolates(decide_at(bank, y, 100, whitening(True)))
     assert alarms(0, True, WHITE)
     assert not alarms(0, True, whitening(True))
