@@ -33,7 +33,7 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
         path: Desired outputs, tick by tick.
 
     Raises:
-        ValueError: The demands exceed floating-point range.
+        ValueError: The demands exceed 1e120.
     """
     model = fault_model(nominal)
     m1 = len(nominal.noise)
@@ -54,7 +54,7 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
         x = _recursion(closed, np.zeros(len(A)), driven[:-1] @ B.T)
         demands = (driven - x @ K.T) * nominal.noise
     if not check.is_moderate(demands):
-        raise ValueError("path must have moderate demands by this gain, got larger ones")
+        raise ValueError(f"path must have demands below {check.LARGEST:g} by this gain, got more")
     return demands
 
 

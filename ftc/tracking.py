@@ -405,8 +405,8 @@ def _singular(J_m: Array, rows: tuple[int, ...], least: float) -> str:
         return ""
     worst = rows[greatest(np.abs(U[:, -1]))]
     return (
-        f"the posture is nearly singular, as the actuators move row {worst} by "
-        f"{moved[-1] / moved[0]:.1g} of what they move others; start at another pose, or leave it "
+        f"the posture is nearly singular: the actuators move row {worst} only "
+        f"{moved[-1] / moved[0]:.1g} times as far as others; start at another pose, or leave it "
         "out of the major rows"
     )
 
@@ -416,7 +416,7 @@ def _slowest_mode(linear: Any) -> str:
     pole, motion = _mode(linear, np.real)
     hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
     if decay_per_s < -_DECAYS * abs(pole):
-        return f"{motion} grows by {-decay_per_s:.2g} 1/s: stiffen what holds it (kp)"
+        return f"{motion} grows by {-decay_per_s:.2g} 1/s: increase its stiffness (kp)"
     decays = f"decays by {decay_per_s:.2g} 1/s only"
     if decay_per_s < _DECAYS * abs(pole):
         decays = "does not decay"

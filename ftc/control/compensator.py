@@ -104,7 +104,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
 
     Raises:
         UnstableLoop: The sampled loop would be unstable.
-        NoResponse: The plant's gain at the crossover is zero or exceeds floating-point range.
+        NoResponse: The plant's gain at the crossover is zero, infinite or not a number.
     """
     import control  # late, as above
 
@@ -129,7 +129,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
     sampled_plant = control.c2d(plant, period_s, method="zoh")
     if not check.is_moderate(sampled_plant.A):
-        raise NoResponse("plant must move by moderate numbers in a period, got more")
+        raise NoResponse(f"plant must move by less than {check.LARGEST:g} in a period, got more")
     L = sampled_plant * G_d
     if np.abs(control.feedback(L, 1).poles()).max() >= 1:
         raise UnstableLoop(

@@ -292,7 +292,7 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
 
     Raises:
         ValueError: An actuator is loose but the model has no `spring`, or is locked but not moved
-            by its command; or the motion in a tick exceeds floating-point range.
+            by its command; or the motion in a tick exceeds 1e120.
     """
     P, lower, drive = _accelerations(nominal, faults)
     k, n = len(P), nominal.actuators
@@ -320,8 +320,8 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     )
     if not all(map(check.is_moderate, (model.A, model.B, model.C, model.onset, model.drift))):
         raise ValueError(
-            "nominal must move by moderate numbers in a tick, got more by its plant, displacement, "
-            "loads or noise"
+            f"nominal must move by less than {check.LARGEST:g} in a tick, got more by its plant, "
+            "displacement, loads or noise"
         )
     return model
 
